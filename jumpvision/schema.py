@@ -1,0 +1,172 @@
+"""Declared values: unit, meaning and allowed range beside the default, and one validator for all of them.
+
+A section of a TOML file, the parameters of a stage and the parameters of a force term are frozen dataclasses whose
+fields are made by `param`. The same declaration validates files, prints the tables of the documentation and gives
+fits their bounds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import types
+from collections.abc import Iterable, Mapping
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+REQUIRED: Any = dataclasses.MISSING
+
+
+class InputError(ValueError):
+    """Bad input, with every problem found: each names file, section, key, value and what is allowed."""
+
+    def __init__(self, problems: Iterable[str]):
+        self.problems = list(problems)
+        super().__init__("\n".join(self.problems))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # keeps .problems when the error crosses a process boundary
+        return (type(self), (self.problems,))
+
+
+def param(
+    default: Any,
+    unit: str,
+    meaning: str,
+    *,
+    lo: float = -math.inf,
+    hi: float = math.inf,
+    choices: tuple[str, ...] = (),
+    open_lo: bool = False,
+) -> Any:
+    """A dataclass field with its unit ("" = none), meaning and allowed values: lo <= value <= hi (lo < value if open_lo).
+
+    default: the value, REQUIRED, or a tuple (taken as it is). For a list the bounds hold for every entry.
+    """
+    metadata = {"unit": unit, "meaning": meaning, "lo": lo, "hi": hi, "choices": choices, "open_lo": open_lo}
+    if default is REQUIRED:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def closest(name: str, names: Iterable[str]) -> str:
+    """`; did you mean 'x'?` for the nearest known name, else the list of what is allowed."""
+    names = list(names)
+    near = difflib.get_close_matches(name, names, n=1)
+    if near:
+        return f"; did you mean '{near[0]}'?"
+    return f"; allowed: {', '.join(sorted(names))}" if len(names) <= 30 else ""
+
+
+def type_of(cls: type, name: str) -> tuple[Any, bool]:
+    """The plain type of a field and whether None is allowed."""
+    hint = get_type_hints(cls)[name]
+    if get_origin(hint) in (Union, types.UnionType):
+        rest = [t for t in get_args(hint) if t is not type(None)]
+        return rest[0], True
+    return hint, False
+
+
+def allowed(meta: Mapping[str, Any]) -> str:
+    """What a field may hold, in words: `in [0, 1] m`, `> 0 kg`, `one of 'a', 'b'`."""
+    if meta["choices"]:
+        return "one of " + ", ".join(f"'{c}'" for c in meta["choices"])
+    lo, hi, unit = meta["lo"], meta["hi"], f" {meta['unit']}" if meta["unit"] else ""
+    if math.isinf(lo) and math.isinf(hi):
+        return f"a finite number{unit and ' in' + unit}"
+    if math.isinf(hi):
+        return f"{'>' if meta['open_lo'] else '>='} {lo:g}{unit}"
+    return f"in {'(' if meta['open_lo'] else '['}{lo:g}, {hi:g}]{unit}"
+
+
+def check_value(value: Any, hint: Any, meta: Mapping[str, Any]) -> tuple[Any, str]:
+    """The value as its declared type and "", or the value and what is wrong with it."""
+    base = get_origin(hint) or hint
+    if base is float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            return value, f"must be a number ({meta['meaning']})"
+        value = float(value)
+        low = value <= meta["lo"] if meta["open_lo"] else value < meta["lo"]
+        if not math.isfinite(value) or low or value > meta["hi"]:
+            return value, f"must be {allowed(meta)} ({meta['meaning']})"
+    elif base is int:
+        if isinstance(value, bool) or not isinstance(value, int):
+            return value, f"must be a whole number ({meta['meaning']})"
+        if not meta["lo"] <= value <= meta["hi"]:
+            return value, f"must be {allowed(meta)} ({meta['meaning']})"
+    elif base is bool:
+        if not isinstance(value, bool):
+            return value, f"must be true or false ({meta['meaning']})"
+    elif base is str:
+        if not isinstance(value, str):
+            return value, f"must be text in quotes ({meta['meaning']})"
+        if meta["choices"] and value not in meta["choices"]:
+            return value, f"must be {allowed(meta)} ({meta['meaning']})"
+    elif base is tuple:
+        if not isinstance(value, (list, tuple)):
+            return value, f"must be a list ({meta['meaning']})"
+        item = get_args(hint)[0]
+        out = []
+        for v in value:
+            v, problem = check_value(v, item, meta)
+            if problem:
+                return value, problem
+            out.append(v)
+        return tuple(out), ""
+    elif base is dict:
+        if not isinstance(value, dict):
+            return value, f"must be a table ({meta['meaning']})"
+    return value, ""
+
+
+def read(cls: type, table: Any, where: str, *, extra: Iterable[str] = ()) -> tuple[Any, list[str]]:
+    """(object or None, problems): `table` as a `cls`, with every problem found.
+
+    where: how a message names the table, e.g. `run-3/experiment.toml: [robot]`. extra: keys to leave alone.
+    """
+    if not isinstance(table, Mapping):
+        return None, [f"{where} = {table!r}: must be a table"]
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    problems, values = [], {}
+    for key, value in table.items():
+        if key in extra:
+            continue
+        if key not in fields:
+            problems.append(f"{where} {key} = {_short(value)}: unknown key{closest(key, fields)}")
+            continue
+        hint, _ = type_of(cls, key)
+        values[key], problem = check_value(value, hint, fields[key].metadata)
+        if problem:
+            problems.append(f"{where} {key} = {_short(value)}: {problem}")
+    for name, f in fields.items():
+        if name not in table and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING:
+            problems.append(f"{where} {name}: missing; give {name} = ... ({describe(f)})")
+    if problems:
+        return None, problems
+    obj = cls(**values)
+    if hasattr(obj, "check"):  # rules between fields
+        problems = [f"{where} {p}" for p in obj.check()]
+    return (None, problems) if problems else (obj, [])
+
+
+def describe(field: dataclasses.Field[Any]) -> str:
+    m = field.metadata
+    return f"{m['meaning']}; {allowed(m)}" if m["choices"] or m["unit"] else m["meaning"]
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def table_of(cls: type) -> list[dict[str, str]]:
+    """Rows name, default, unit, allowed, meaning: the parameter table of help, `params` and the documentation."""
+    return [
+        {
+            "name": f.name,
+            "default": "required" if f.default is dataclasses.MISSING else repr(f.default),
+            "unit": f.metadata["unit"],
+            "allowed": allowed(f.metadata) if type_of(cls, f.name)[0] is not bool else "true, false",
+            "meaning": f.metadata["meaning"],
+        }
+        for f in dataclasses.fields(cls)
+    ]
