@@ -134,6 +134,10 @@ def read(cls: type, table: Any, where: str, *, extra: Iterable[str] = ()) -> tup
             problems.append(f"{where} {key} = {_short(value)}: unknown key{closest(key, fields)}")
             continue
         hint, _ = type_of(cls, key)
+        if dataclasses.is_dataclass(hint):
+            values[key], inner = read(hint, value, where.replace("]", f".{key}]"))
+            problems += inner
+            continue
         values[key], problem = check_value(value, hint, fields[key].metadata)
         if problem:
             problems.append(f"{where} {key} = {_short(value)}: {problem}")

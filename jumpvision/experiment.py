@@ -1,0 +1,285 @@
+"""Experiment and campaign folders: read, inherited, validated as a whole; never written to.
+
+`open_experiment` and `open_campaign` raise InputError with every problem found (file, section, key, value, what is
+allowed), so that a folder is mended in one go.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, ClassVar
+
+from .schema import InputError, check_value, closest, read
+from .sections import SECTIONS, Header, Section
+
+EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
+
+
+@dataclass(frozen=True)
+class ModelSpec(Section):
+    """[model]: the simulation to be questioned, as a list of mechanisms with parameters (PHYSICS vocabulary)."""
+
+    name: ClassVar[str] = "model"
+    terms: tuple[str, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    fit: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # re-fittable parameters: (low, high)
+    sigma: Mapping[str, float] = field(default_factory=dict)  # priors on given parameters
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One validated experiment folder.
+
+    sections: by TOML name, only those given. params: stage name -> table of parameters, not yet checked.
+    campaign: the folder whose campaign.toml it inherits, or None.
+    """
+
+    path: Path
+    name: str
+    header: Header
+    sections: Mapping[str, Any]
+    params: Mapping[str, Mapping[str, Any]]
+    campaign: Path | None = None
+
+    @property
+    def ground(self) -> str:
+        return self.header.ground
+
+    def section(self, cls: type) -> Any:
+        """The section of this type, or None."""
+        return self.sections.get(cls.name)
+
+    def file(self, section: Any) -> Path:
+        """Where a section's recording lies (a glob stays a pattern)."""
+        return self.path / section.file
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A folder of experiments, in the order of their folder names."""
+
+    path: Path
+    experiments: tuple[Experiment, ...]
+    excluded: Mapping[str, str] = field(default_factory=dict)  # experiment name -> reason
+
+
+def is_campaign(path: Path) -> bool:
+    """A campaign is a folder without experiment.toml of its own that holds experiment folders or a campaign.toml."""
+    return not (path / EXPERIMENT).exists() and ((path / CAMPAIGN).exists() or any(path.glob(f"*/{EXPERIMENT}")))
+
+
+def open_experiment(path: str | os.PathLike[str], **options: Any) -> Experiment:
+    """The experiment folder at `path`, inheriting campaign.toml of the folder above; options as in open_campaign."""
+    folder = _folder(path)
+    if not (folder / EXPERIMENT).exists():
+        raise InputError([f"{folder}: no {EXPERIMENT} in this folder; write one, with the recordings it names"])
+    defaults, problems = _defaults(folder.resolve().parent)
+    experiment, more = _read(folder, defaults, **options)
+    if problems or more or experiment is None:
+        raise InputError(problems + more)
+    return experiment
+
+
+def open_campaign(
+    path: str | os.PathLike[str],
+    *,
+    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Campaign:
+    """Every experiment folder below `path`.
+
+    pipeline: parameters by stage, under those of the folder. overrides: by section or stage, over them.
+    Raises InputError with the problems of all experiments.
+    """
+    folder = _folder(path)
+    defaults, problems = _defaults(folder.resolve())
+    found: list[Experiment] = []
+    excluded: dict[str, str] = {}
+    names: dict[str, Path] = {}
+    for file in sorted(folder.glob(f"*/{EXPERIMENT}")):
+        experiment, more = _read(file.parent, defaults, pipeline=pipeline, overrides=overrides)
+        problems += more
+        if experiment is None:
+            continue
+        if experiment.name in names:
+            problems.append(
+                f"{file}: name = '{experiment.name}': also the name of {names[experiment.name]}; names must be unique"
+            )
+        names[experiment.name] = file
+        if experiment.header.exclude:
+            excluded[experiment.name] = experiment.header.exclude
+        else:
+            found.append(experiment)
+    if not names and not problems:
+        problems.append(f"{folder}: no experiment folders (folders with an {EXPERIMENT}) in this campaign")
+    if problems:
+        raise InputError(problems)
+    return Campaign(folder, tuple(found), excluded)
+
+
+def _folder(path: str | os.PathLike[str]) -> Path:
+    folder = Path(path)
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        raise InputError([f"{folder}: {what}; give an experiment folder (with {EXPERIMENT}) or a folder of them"])
+    return folder
+
+
+def _toml(file: Path) -> tuple[dict[str, Any], list[str]]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8-sig")), []
+    except tomllib.TOMLDecodeError as e:
+        return {}, [f"{file}: not valid TOML: {e}"]
+    except UnicodeDecodeError as e:
+        return {}, [f"{file}: not UTF-8 text (byte {e.start}); save it as UTF-8"]
+    except OSError as e:
+        return {}, [f"{file}: cannot be read: {e.strerror}"]
+
+
+def _defaults(folder: Path) -> tuple[tuple[Path | None, dict[str, Any]], list[str]]:
+    """campaign.toml of a folder as (folder, tables)."""
+    file = folder / CAMPAIGN
+    if not file.exists():
+        return (None, {}), []
+    table, problems = _toml(file)
+    if "name" in table:
+        problems.append(f"{file}: name = {table['name']!r}: an experiment's own key; remove it from {CAMPAIGN}")
+    return (folder, table), problems
+
+
+def merged(low: Mapping[str, Any], high: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of `high` over those of `low`, key by key."""
+    out = dict(low)
+    for key, value in high.items():
+        both = isinstance(value, Mapping) and isinstance(out.get(key), Mapping)
+        out[key] = merged(out[key], value) if both else value
+    return out
+
+
+def _read(
+    folder: Path,
+    defaults: tuple[Path | None, Mapping[str, Any]],
+    *,
+    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+) -> tuple[Experiment | None, list[str]]:
+    file = folder / EXPERIMENT
+    own, problems = _toml(file)
+    if problems:
+        return None, problems
+    campaign, inherited = defaults
+    table = merged({"params": pipeline or {}}, merged(inherited, own))
+    overrides = overrides or {}
+    table = merged(table, {k: v for k, v in overrides.items() if k != "params"})
+    table["params"] = merged(table["params"], overrides.get("params", {}))
+
+    where = f"{file}:"
+    header, more = read(
+        Header, {k: v for k, v in table.items() if k in _HEADER or not isinstance(v, Mapping)}, where
+    )
+    problems += more
+    sections: dict[str, Any] = {}
+    for key, value in table.items():
+        if not isinstance(value, Mapping) or key in _HEADER or key == "params":
+            if key in SECTIONS or key in ("model", "params") and not isinstance(value, Mapping):
+                problems.append(f"{where} {key} = {value!r}: must be a table, written [{key}]")
+            continue
+        if key == "model":
+            sections[key], more = _model(value, f"{where} [model]")
+        elif key in SECTIONS:
+            sections[key], more = read(SECTIONS[key], value, f"{where} [{key}]")
+        else:
+            more = [f"{where} [{key}]: unknown section{closest(key, [*SECTIONS, 'model', 'params'])}"]
+        problems += more
+    for key, section in sections.items():
+        if section is not None and hasattr(section, "file"):
+            problem = _file_problem(folder, campaign, section.file)
+            if problem:
+                problems.append(f"{where} [{key}] file = '{section.file}': {problem}")
+    problems += _params(table["params"], where)
+    if header is None or problems:
+        return None, problems
+    name = header.name or folder.resolve().name
+    if not name.strip(". ") or any(c in name for c in '/\\:*?"<>|\0'):
+        return None, [f"{where} name = '{name}': must be usable as a folder name"]
+    return Experiment(folder, name, header, sections, table["params"], campaign), []
+
+
+_HEADER = {f.name for f in fields(Header)}
+
+
+def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
+    """Why a recording cannot be used; "" when it can."""
+    if not file:
+        return "must name a file"
+    root = os.path.abspath(campaign or folder)
+    target = os.path.abspath(folder / file)
+    if os.path.commonpath([root, target]) != root:
+        return f"lies outside {root}; move the recording there, or put a link to it there"
+    if any(c in file for c in "*?["):
+        return "" if glob.glob(str(folder / file)) else f"no file in {folder} matches this pattern"
+    path = folder / file
+    if not path.exists():
+        return f"no such file in {folder}{closest(file, [p.name for p in folder.iterdir()])}"
+    if path.is_file() and path.stat().st_size == 0:
+        return "is empty (0 bytes)"
+    return ""
+
+
+def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list[str]]:
+    from .physics.parameters import MECHANISMS, ModelParameters
+
+    declared = {f.name: f for f in fields(ModelParameters)}
+    problems: list[str] = []
+    terms = table.get("terms", ())
+    if not isinstance(terms, list | tuple) or not all(isinstance(t, str) for t in terms):
+        problems.append(f"{where} terms = {terms!r}: must be a list of mechanisms")
+        terms = ()
+    problems += [
+        f"{where} terms: unknown mechanism '{t}'{closest(t, MECHANISMS)}" for t in terms if t not in MECHANISMS
+    ]
+    values = {k: v for k, v in table.items() if k not in ("terms", "fit", "sigma")}
+    parameters, more = read(ModelParameters, values, where)
+    problems += more
+    fit, sigma = table.get("fit", {}), table.get("sigma", {})
+    for part, entries in (("fit", fit), ("sigma", sigma)):
+        at = f"{where[:-1]}.{part}]"
+        if not isinstance(entries, Mapping):
+            problems.append(f"{at} = {entries!r}: must be a table")
+            continue
+        for key, value in entries.items():
+            if key not in declared:
+                problems.append(f"{at} {key}: unknown parameter{closest(key, declared)}")
+            elif part == "sigma":
+                _, problem = check_value(value, float, {**declared[key].metadata, "lo": 0.0, "hi": float("inf")})
+                problems += [f"{at} {key} = {value!r}: {problem}"] if problem else []
+            elif not (isinstance(value, list | tuple) and len(value) == 2):
+                problems.append(f"{at} {key} = {value!r}: must be [low, high]")
+            else:
+                for v in value:
+                    _, problem = check_value(v, float, declared[key].metadata)
+                    problems += [f"{at} {key} = {value!r}: {problem}"] if problem else []
+                if not problems and not value[0] < value[1]:
+                    problems.append(f"{at} {key} = {value!r}: low must be below high")
+    if problems or parameters is None:
+        return None, problems
+    given = {k: float(getattr(parameters, k)) for k in values}
+    return ModelSpec(tuple(terms), given, {k: tuple(map(float, v)) for k, v in fit.items()}, dict(sigma)), []
+
+
+def _params(table: Mapping[str, Any], where: str) -> list[str]:
+    """Problems of [params.*] tables; the stages declare what is allowed."""
+    from .stages.params import PARAMS
+
+    problems = []
+    for stage, values in table.items():
+        if stage not in PARAMS:
+            problems.append(f"{where} [params.{stage}]: unknown stage{closest(stage, PARAMS)}")
+        else:
+            problems += read(PARAMS[stage], values, f"{where} [params.{stage}]")[1]
+    return problems

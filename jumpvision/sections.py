@@ -1,0 +1,279 @@
+"""The sections of experiment.toml and campaign.toml: what each key means, its unit and its allowed range.
+
+Every section is optional, and so is nearly every key, until a stage needs it: `need` then names what is missing.
+SI units throughout. Sections that name a recording carry `file`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+from .schema import REQUIRED, InputError, describe, param
+
+
+class MissingKey(InputError):
+    """A stage needs a key, or a section, that the folder does not give."""
+
+
+class Section:
+    """One table of the file; `name` is its TOML name."""
+
+    name: ClassVar[str]
+
+
+def need(section: Any, *keys: str) -> list[Any]:
+    """The values of `keys`, in order; MissingKey naming every one that is absent."""
+    by_name = {f.name: f for f in fields(section)}
+    missing = [k for k in keys if getattr(section, k) is None]
+    if missing:
+        raise MissingKey(
+            [f"[{section.name}] {k}: missing; give {k} = ... ({describe(by_name[k])})" for k in missing]
+        )
+    return [getattr(section, k) for k in keys]
+
+
+@dataclass(frozen=True)
+class Header:
+    """The keys above the first section."""
+
+    schema: int = param(1, "", "version of this file format", lo=1, hi=1)
+    name: str = param("", "", "unique in a campaign; default: the folder's name")
+    ground: str = param("granular", "", "what the robot stands on", choices=("hard", "granular"))
+    group: str = param("", "", "trials of one condition share a group")
+    exclude: str = param("", "", "a reason: the experiment is skipped and listed with it")
+
+
+@dataclass(frozen=True)
+class RobotSigma(Section):
+    """Standard uncertainties of the robot's values; 0 takes the value as exact."""
+
+    name: ClassVar[str] = "robot.sigma"
+    motor_mass: float = param(0.0, "kg", "standard uncertainty", lo=0)
+    rod_mass: float = param(0.0, "kg", "standard uncertainty", lo=0)
+    foot_mass: float = param(0.0, "kg", "standard uncertainty", lo=0)
+    spring_stiffness: float = param(0.0, "N/m", "standard uncertainty", lo=0)
+    spring_damping: float = param(0.0, "N s/m", "standard uncertainty", lo=0)
+    foot_radius: float = param(0.0, "m", "standard uncertainty", lo=0)
+    gravity: float = param(0.0, "m/s^2", "standard uncertainty", lo=0)
+
+
+@dataclass(frozen=True)
+class Robot(Section):
+    """Masses, spring and foot."""
+
+    name: ClassVar[str] = "robot"
+    motor_mass: float | None = param(None, "kg", "actuator and carriage", lo=0, hi=1e4, open_lo=True)
+    rod_mass: float | None = param(None, "kg", "thrust rod", lo=0, hi=1e4, open_lo=True)
+    foot_mass: float = param(0.0, "kg", "foot", lo=0, hi=1e3)
+    spring_stiffness: float | None = param(None, "N/m", "spring between rod and foot", lo=0, hi=1e8, open_lo=True)
+    spring_damping: float = param(0.0, "N s/m", "viscous damping of the spring", lo=0, hi=1e6)
+    foot_radius: float | None = param(None, "m", "radius of the flat disc foot", lo=0, hi=1.0, open_lo=True)
+    gravity: float = param(9.81, "m/s^2", "along the rail", lo=0, hi=30.0, open_lo=True)
+    sigma: RobotSigma = param(RobotSigma(), "", "standard uncertainties of the values above")
+
+
+@dataclass(frozen=True)
+class Motor(Section):
+    """Feedback loop and limits of the motor."""
+
+    name: ClassVar[str] = "motor"
+    kp: float | None = param(None, "N/m", "position gain", lo=0)
+    kd: float | None = param(None, "N s/m", "velocity gain", lo=0)
+    max_force: float | None = param(None, "N", "force limit", lo=0, open_lo=True)
+    max_speed: float | None = param(None, "m/s", "speed limit", lo=0, open_lo=True)
+    stroke: float | None = param(None, "m", "travel", lo=0, hi=10.0, open_lo=True)
+
+
+PHASES = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi, "delayed_stutter": 0.5 * math.pi, "sine": 0.0}
+
+
+@dataclass(frozen=True)
+class Actuation(Section):
+    """X_m(t) = A [sin(2 pi f t + phase) - sin(phase)], t from `start`."""
+
+    name: ClassVar[str] = "actuation"
+    kind: str = param("sine", "", "jump type", choices=("single", "stutter", "delayed_stutter", "sine", "custom", "none"))
+    frequency: float | None = param(None, "Hz", "forcing frequency", lo=0, hi=1000.0, open_lo=True)
+    amplitude: float | None = param(None, "m", "forcing amplitude A", lo=0, hi=1.0, open_lo=True)
+    phase: float | None = param(None, "rad", "start phase; default by kind", lo=-10.0, hi=10.0)
+    cycles: float = param(1.0, "", "number of cycles", lo=0, hi=1e5, open_lo=True)
+    delay: float = param(0.0, "s", "pause between the two half cycles", lo=0, hi=100.0)
+    dwell_gain: float = param(1.0, "", "position gain during the delay / normal gain", lo=0, hi=1.0)
+    start: float = param(0.0, "s", "start of the motion on the common clock", lo=-1e6, hi=1e9)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the law is a known motion."""
+        return self.kind not in ("none", "custom")
+
+    @property
+    def start_phase(self) -> float:
+        return PHASES.get(self.kind, 0.0) if self.phase is None else self.phase
+
+    @property
+    def stop(self) -> float:
+        """End of the motor's motion on the common clock [s]; `start` where the law is not known."""
+        return self.start + (self.cycles / need(self, "frequency")[0] + self.delay if self.moves else 0.0)
+
+    def check(self) -> list[str]:
+        """A pause needs the one cycle that it divides."""
+        if self.delay and self.cycles != 1:
+            return [f"delay = {self.delay}: needs cycles = 1 (the pause divides one cycle); cycles = {self.cycles}"]
+        return []
+
+
+@dataclass(frozen=True)
+class Bed(Section):
+    """The granular bed."""
+
+    name: ClassVar[str] = "bed"
+    volume_fraction: float | None = param(None, "", "solid volume / bulk volume", lo=0.3, hi=0.8)
+    solid_volume: float | None = param(None, "m^3", "total volume of the grains", lo=0, hi=100.0, open_lo=True)
+    length: float | None = param(None, "m", "bed length", lo=0, hi=100.0, open_lo=True)
+    width: float | None = param(None, "m", "bed width", lo=0, hi=100.0, open_lo=True)
+    grain_density: float = param(1000.0, "kg/m^3", "density of a grain", lo=1.0, hi=3e4)
+    grain_diameter: float | None = param(None, "m", "grain diameter", lo=0, hi=0.1, open_lo=True)
+
+
+SCALE = {"lo": 0.0, "hi": 0.01, "open_lo": True}
+RATE = {"lo": 0.0, "hi": 1e7, "open_lo": True}
+
+
+@dataclass(frozen=True)
+class RodVideo(Section):
+    """Film of a ball on the rod."""
+
+    name: ClassVar[str] = "rod_video"
+    file: str = param(REQUIRED, "", "video, image sequence (glob or folder), TIFF stack, .mraw, .cine, .seq")
+    frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
+    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    ball_diameter: float | None = param(None, "m", "diameter of the ball", lo=0, hi=0.5, open_lo=True)
+    exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
+    start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
+    up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
+    exclude_frames: tuple[str, ...] = param((), "", "frames to leave out: 'first:last reason', both included")
+
+    def check(self) -> list[str]:
+        """Every entry reads 'first:last reason' or 'frame reason'."""
+        bad = [e for e in self.exclude_frames if not _EXCLUDE.match(e)]
+        return [f"exclude_frames entry {e!r}: must read 'first:last reason', e.g. '120:135 lamp flicker'" for e in bad]
+
+    def excluded(self) -> dict[int, str]:
+        """Reason by frame number."""
+        out = {}
+        for entry in self.exclude_frames:
+            first, last, reason = _EXCLUDE.match(entry).groups()  # type: ignore[union-attr]
+            for i in range(int(first), int(last or first) + 1):
+                out[i] = "excluded: " + (reason.strip() or "by the user")
+        return out
+
+
+_EXCLUDE = re.compile(r"^\s*(\d+)(?::(\d+))?((?:\s.*)?)$")
+
+
+@dataclass(frozen=True)
+class Calibration(Section):
+    """Lens and camera geometry, for any film."""
+
+    name: ClassVar[str] = "calibration"
+    k1: float = param(0.0, "1/px^2", "radial distortion: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1, hi=1)
+    k2: float = param(0.0, "1/px^4", "radial distortion, fourth order", lo=-1, hi=1)
+    centre: tuple[float, ...] = param((), "px", "column, row of the distortion centre; default the image centre")
+    marks: tuple[tuple[float, ...], ...] = param((), "", "[[px, py, x_m, y_m], ...]: known points (x right, y up)")
+    tilt: float = param(0.0, "rad", "angle of the rail against the image axis, counter-clockwise", lo=-1.6, hi=1.6)
+
+    def check(self) -> list[str]:
+        """Two numbers in the centre, four in a mark, two marks or none."""
+        out = []
+        if self.centre and len(self.centre) != 2:
+            out.append(f"centre = {list(self.centre)}: must be [column, row]")
+        if any(len(m) != 4 for m in self.marks) or len(self.marks) == 1:
+            out.append("marks: must be two or more entries [px, py, x_m, y_m]")
+        return out
+
+
+@dataclass(frozen=True)
+class BedImage(Section):
+    """Back-lit side view of the bed."""
+
+    name: ClassVar[str] = "bed_image"
+    file: str = param(REQUIRED, "", "image file")
+    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
+
+
+@dataclass(frozen=True)
+class GrainVideo(Section):
+    """Side-wall film of the grains under the foot."""
+
+    name: ClassVar[str] = "grain_video"
+    file: str = param(REQUIRED, "", "video, image sequence (glob or folder), TIFF stack, .mraw, .cine, .seq")
+    frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
+    scale: float | None = param(None, "m/px", "metres per pixel; without it the field is in px", **SCALE)
+    foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
+    axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
+    foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
+    start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
+
+
+@dataclass(frozen=True)
+class FileSection(Section):
+    """A section that only names a file."""
+
+    file: str = param(REQUIRED, "", "file in the experiment's folder")
+
+
+class RodTrack(FileSection):
+    """time_s,height_m[,sigma_m]: an already tracked rod."""
+
+    name = "rod_track"
+
+
+class MotorLog(FileSection):
+    """time_s,position_m[,force_N]: X_m from the encoder."""
+
+    name = "motor_log"
+
+
+class ContactLog(FileSection):
+    """time_s,contact (0/1)."""
+
+    name = "contact_log"
+
+
+class IntrusionLog(FileSection):
+    """time_s,depth_m,force_N."""
+
+    name = "intrusion_log"
+
+
+class CraterDepth(FileSection):
+    """Depth map (.npz, .npy, TIFF) in metres."""
+
+    name = "crater_depth"
+
+
+class PivField(FileSection):
+    """A velocity field computed elsewhere."""
+
+    name = "piv_field"
+
+
+@dataclass(frozen=True)
+class CraterImage(FileSection):
+    """Laser line over a crater."""
+
+    name: ClassVar[str] = "crater_image"
+    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+
+
+SECTIONS: dict[str, type[Section]] = {
+    s.name: s
+    for s in (
+        Robot, Motor, Actuation, Bed, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
+        IntrusionLog, CraterDepth, PivField, CraterImage,
+    )
+}  # fmt: skip
