@@ -10,7 +10,7 @@ import glob
 import os
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -50,14 +50,9 @@ class Experiment:
     def ground(self) -> str:
         return self.header.ground
 
-    def section(self, cls: type) -> Any:
+    def section(self, cls: type[Section]) -> Any:
         """The section of this type, or None."""
         return self.sections.get(cls.name)
-
-    def file(self, section: Any) -> Path:
-        """Where a section's recording lies (a glob stays a pattern)."""
-        return self.path / section.file
-
 
 @dataclass(frozen=True)
 class Campaign:
@@ -197,10 +192,12 @@ def _read(
             more = [f"{where} [{key}]: unknown section{closest(key, [*SECTIONS, 'model', 'params'])}"]
         problems += more
     for key, section in sections.items():
-        if section is not None and hasattr(section, "file"):
-            problem = _file_problem(folder, campaign, section.file)
-            if problem:
-                problems.append(f"{where} [{key}] file = '{section.file}': {problem}")
+        file_name = table[key].get("file")
+        if isinstance(file_name, str) and "file" in {f.name for f in fields(SECTIONS.get(key, Header))}:
+            problem = _file_problem(folder, campaign, file_name)
+            problems += [f"{where} [{key}] file = '{file_name}': {problem}"] if problem else []
+            if section is not None:
+                sections[key] = replace(section, path=(folder / file_name).absolute())
     problems += _params(table["params"], where)
     if header is None or problems:
         return None, problems
@@ -261,11 +258,10 @@ def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list
             elif not (isinstance(value, list | tuple) and len(value) == 2):
                 problems.append(f"{at} {key} = {value!r}: must be [low, high]")
             else:
-                for v in value:
-                    _, problem = check_value(v, float, declared[key].metadata)
-                    problems += [f"{at} {key} = {value!r}: {problem}"] if problem else []
-                if not problems and not value[0] < value[1]:
-                    problems.append(f"{at} {key} = {value!r}: low must be below high")
+                wrong = [p for p in (check_value(v, float, declared[key].metadata)[1] for v in value) if p]
+                if not wrong and not value[0] < value[1]:
+                    wrong = ["low must be below high"]
+                problems += [f"{at} {key} = {value!r}: {p}" for p in wrong[:1]]
     if problems or parameters is None:
         return None, problems
     given = {k: float(getattr(parameters, k)) for k in values}
@@ -274,7 +270,7 @@ def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list
 
 def _params(table: Mapping[str, Any], where: str) -> list[str]:
     """Problems of [params.*] tables; the stages declare what is allowed."""
-    from .stages.params import PARAMS
+    from .params import PARAMS
 
     problems = []
     for stage, values in table.items():

@@ -125,7 +125,7 @@ def read(cls: type, table: Any, where: str, *, extra: Iterable[str] = ()) -> tup
     """
     if not isinstance(table, Mapping):
         return None, [f"{where} = {table!r}: must be a table"]
-    fields = {f.name: f for f in dataclasses.fields(cls)}
+    fields = {f.name: f for f in dataclasses.fields(cls) if f.metadata}
     problems, values = [], {}
     for key, value in table.items():
         if key in extra:
@@ -173,4 +173,5 @@ def table_of(cls: type) -> list[dict[str, str]]:
             "meaning": f.metadata["meaning"],
         }
         for f in dataclasses.fields(cls)
+        if f.metadata
     ]

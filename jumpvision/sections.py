@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, ClassVar
 
 from .schema import REQUIRED, InputError, describe, param
@@ -22,6 +23,14 @@ class Section:
     """One table of the file; `name` is its TOML name."""
 
     name: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class FileSection(Section):
+    """A section that names a recording; `path` is where it lies (a glob stays a pattern)."""
+
+    file: str = param(REQUIRED, "", "file in the experiment's folder")
+    path: Path = Path()  # not a key of the file: set when the folder is read
 
 
 def need(section: Any, *keys: str) -> list[Any]:
@@ -143,11 +152,10 @@ RATE = {"lo": 0.0, "hi": 1e7, "open_lo": True}
 
 
 @dataclass(frozen=True)
-class RodVideo(Section):
+class RodVideo(FileSection):
     """Film of a ball on the rod."""
 
     name: ClassVar[str] = "rod_video"
-    file: str = param(REQUIRED, "", "video, image sequence (glob or folder), TIFF stack, .mraw, .cine, .seq")
     frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
     ball_diameter: float | None = param(None, "m", "diameter of the ball", lo=0, hi=0.5, open_lo=True)
@@ -196,34 +204,25 @@ class Calibration(Section):
 
 
 @dataclass(frozen=True)
-class BedImage(Section):
+class BedImage(FileSection):
     """Back-lit side view of the bed."""
 
     name: ClassVar[str] = "bed_image"
-    file: str = param(REQUIRED, "", "image file")
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
     floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
 
 
 @dataclass(frozen=True)
-class GrainVideo(Section):
+class GrainVideo(FileSection):
     """Side-wall film of the grains under the foot."""
 
     name: ClassVar[str] = "grain_video"
-    file: str = param(REQUIRED, "", "video, image sequence (glob or folder), TIFF stack, .mraw, .cine, .seq")
     frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
     scale: float | None = param(None, "m/px", "metres per pixel; without it the field is in px", **SCALE)
     foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
     axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
-
-
-@dataclass(frozen=True)
-class FileSection(Section):
-    """A section that only names a file."""
-
-    file: str = param(REQUIRED, "", "file in the experiment's folder")
 
 
 class RodTrack(FileSection):

@@ -1,0 +1,12 @@
+"""The stages: records in, record out. Importing this package registers all of them, in the order they run."""
+
+from .track import track  # isort: skip
+from .rod import rod  # isort: skip
+from .bed import bed  # isort: skip
+from .piv import piv  # isort: skip
+from .flow import flow  # isort: skip
+from .fit import fit  # isort: skip
+from .simulate import simulate  # isort: skip
+from .summary import summary  # isort: skip
+
+__all__ = ["bed", "fit", "flow", "piv", "rod", "simulate", "summary", "track"]

@@ -1,0 +1,1 @@
+"""Particle image velocimetry of grain films: pixels and frames in, displacement fields with uncertainty out."""

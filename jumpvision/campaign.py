@@ -1,0 +1,245 @@
+"""Run the stages of one experiment or of a whole campaign: parallel over experiments, resumable, nothing lost.
+
+A failed stage is reported with its reason; stages that do not depend on it, and the other experiments, go on.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from . import __version__
+from .experiment import Campaign, Experiment
+from .pipeline import STAGES, Step, Workspace, sha256, sweep_leftovers, write_aside
+from .progress import HOOK, Hook
+from .records import Summary, plain
+from .schema import InputError
+
+Report = Callable[["Outcome"], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to do: stages by name (None: all that have inputs), where results and cache lie, how."""
+
+    results: Path
+    cache: Path
+    stages: tuple[str, ...] | None = None
+    pictures: bool = True
+    verify: bool = False
+    debug: bool = False
+    command: str = ""
+
+
+@dataclass
+class Outcome:
+    """What became of one experiment."""
+
+    name: str
+    results: Path
+    steps: list[Step] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    not_run: list[str] = field(default_factory=list)  # stages without inputs, and why
+    seconds: float = 0.0
+    summary: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def computed(self) -> int:
+        return sum(s.state == "computed" for s in self.steps)
+
+    @property
+    def warnings(self) -> list[str]:
+        return [f"{s.stage}: {w}" for s in self.steps for w in s.warnings]
+
+
+def run_experiment(experiment: Experiment, plan: Plan, results: Path) -> Outcome:
+    """Every stage of the plan that has inputs, then the pictures; errors are kept in the outcome, not raised."""
+    from . import stages  # noqa: F401  registers
+
+    if plan.pictures:
+        from .report import pictures  # noqa: F401
+
+    began = time.perf_counter()
+    workspace = Workspace(experiment, results, plan.cache, verify=plan.verify)
+    outcome = Outcome(experiment.name, results)
+    asked = plan.stages is not None
+    blamed: set[int] = set()
+    for output, made in wanted(plan):
+        why = workspace.missing(output)
+        if why:
+            if asked and made.name in (plan.stages or ()):
+                outcome.errors.append(f"{experiment.path / 'experiment.toml'}: {why}")
+            else:
+                outcome.not_run.append(why)
+            continue
+        try:
+            workspace.make(output)
+        except Exception as e:
+            if plan.debug and not isinstance(e, InputError):
+                raise
+            workspace.withdraw(output)
+            if id(e) not in blamed:  # a stage below failed already: said once
+                blamed.add(id(e))
+                outcome.errors += explain(e, made.name, experiment.path)
+    outcome.steps = workspace.steps
+    if Summary in workspace.made:
+        outcome.summary = workspace.made[Summary].values
+    if workspace.made:
+        write_provenance(workspace, plan.command)
+    outcome.seconds = time.perf_counter() - began
+    return outcome
+
+
+def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
+    """The stages of a plan, then (if asked) pictures of what those stages make."""
+    chosen = {o: s for o, s in STAGES.items() if not s.picture and (plan.stages is None or s.name in plan.stages)}
+    yield from chosen.items()
+    if plan.pictures:
+        for output, made in STAGES.items():
+            if made.picture and made.inputs[0].type in chosen:
+                yield output, made
+
+
+def explain(error: Exception, stage: str, path: Path) -> list[str]:
+    """An error in words a user can act on: the experiment, the stage and what is wrong."""
+    if isinstance(error, InputError):
+        return list(error.problems)
+    where = f"{path}: {stage}: "
+    if isinstance(error, OSError) and error.strerror:
+        return [f"{where}{error.strerror}" + (f": {error.filename}" if error.filename else "")]
+    if isinstance(error, ValueError):
+        return [where + str(error)]
+    return [f"{where}unexpected {type(error).__name__}: {error} (run again with --debug to see where)"]
+
+
+def write_provenance(workspace: Workspace, command: str) -> None:
+    """provenance.json: versions, parameters, inputs and outputs with SHA-256, command."""
+    from importlib.metadata import version
+
+    packages = ("numpy", "scipy", "pandas", "xarray", "numba", "opencv-python-headless", "scikit-image", "av")
+    stages = {s.name: s for s in STAGES.values()}
+    done = [stages[s.stage] for s in workspace.steps]
+    data = {
+        "versions": {
+            "jumpvision": __version__,
+            "python": platform.python_version(),
+            **{p: version(p) for p in packages},
+            "stages": {s.name: s.version for s in done if not s.picture},
+        },
+        "parameters": {s.name: asdict(workspace.parameters(s)) for s in done if s.params},
+        "inputs": dict(sorted(workspace.inputs.items())),
+        "outputs": {
+            f.name: sha256(f) for f in sorted(workspace.results.iterdir()) if f.is_file() and f.name in workspace.outputs
+        },
+        "warnings": [f"{s.stage}: {w}" for s in workspace.steps for w in s.warnings],
+        "command": command,
+    }
+    import json
+
+    write_aside(workspace.results / "provenance.json", json.dumps(plain(data), indent=1) + "\n")
+
+
+def run_campaign(campaign: Campaign, plan: Plan, *, workers: int, done: Report) -> list[Outcome]:
+    """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order."""
+    sweep_leftovers(plan.results, plan.cache)
+    jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
+    outcomes: dict[str, Outcome] = {}
+    if workers <= 1 or len(jobs) <= 1:
+        for name, job in jobs.items():
+            outcomes[name] = run_experiment(*job)
+            done(outcomes[name])
+        return list(outcomes.values())
+    # films first: the longest jobs must not start last
+    order = sorted(jobs, key=lambda n: -sum(hasattr(s, "frame_rate") for s in jobs[n][0].sections.values()))
+    context = multiprocessing.get_context("spawn")  # fork is unsafe under OpenMP and OpenCV threads
+    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context, initializer=_worker) as pool:
+        futures = {pool.submit(run_experiment, *jobs[n]): n for n in order}
+        try:
+            for future in as_completed(futures):
+                name = futures[future]
+                try:
+                    outcomes[name] = future.result()
+                except BrokenProcessPool:
+                    outcomes[name] = Outcome(name, plan.results / name, errors=[
+                        f"{jobs[name][0].path}: a worker process was killed (out of memory?); run again to resume"])  # fmt: skip
+                done(outcomes[name])
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return [outcomes[n] for n in jobs]
+
+
+def _worker() -> None:
+    """One thread a worker: the processes are the parallel work."""
+    import cv2
+
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    cv2.setNumThreads(1)
+
+
+def run_single(experiment: Experiment, plan: Plan, *, hook: Hook | None) -> Outcome:
+    """One experiment in this process, its files in the results folder itself, with progress."""
+    sweep_leftovers(plan.results, plan.cache)
+    token = HOOK.set(hook)
+    try:
+        return run_experiment(experiment, plan, plan.results)
+    finally:
+        HOOK.reset(token)
+
+
+JUMP_COLUMNS = (
+    "jump_height_m", "sigma_m", "simulated_height_m", "flight_height_m", "flight_time_s", "lift_off_s", "n_jumps",
+    "mu", "mu_sigma", "beta_deg", "beta_deg_sigma", "added_mass_kg", "added_mass_kg_sigma",
+)  # fmt: skip
+
+
+def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment, failed and excluded ones with their reason."""
+    by_name = {o.name: o for o in outcomes}
+    rows = []
+    for e in campaign.experiments:
+        a, o = e.sections.get("actuation"), by_name[e.name]
+        rows.append(
+            {
+                "experiment": e.name,
+                "group": e.header.group or None,
+                "kind": a.kind if a else None,
+                "frequency_hz": a.frequency if a else None,
+                "delay_s": a.delay if a else None,
+                "volume_fraction": o.summary.get("volume_fraction"),
+                **{c: o.summary.get(c) for c in JUMP_COLUMNS},
+                "problem": o.errors[0] if o.errors else None,
+            }
+        )
+    rows += [{"experiment": n, "problem": f"excluded: {why}"} for n, why in campaign.excluded.items()]
+    return rows
+
+
+def write_jumps(rows: list[dict[str, Any]], results: Path) -> None:
+    """jumps.csv."""
+    import io
+
+    import pandas as pd
+
+    text = io.StringIO()
+    pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
+    write_aside(results / "jumps.csv", text.getvalue())
+
+
+def truth_of(folder: Path) -> Mapping[str, Any]:
+    """truth.json of a synthetic folder, for showing beside the results only; {} for a recorded one."""
+    import json
+
+    file = folder / "truth.json"
+    try:
+        return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
+    except ValueError:
+        return {}

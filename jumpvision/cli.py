@@ -1,0 +1,228 @@
+"""The command line: arguments to stages. No science, and nothing heavy imported before a command runs."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, CycloptsError, Parameter
+
+from . import __version__
+
+DONE, FAILED, BAD_CALL = 0, 1, 2
+
+app = App(
+    name="jumpvision",
+    help="From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",
+    help_epilogue="Start with: jumpvision run data_samples/loose_sand",
+    version=__version__,
+)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Options:
+    """Options of every command that works on a folder."""
+
+    results: Annotated[Path | None, Parameter(help="Folder for the results [default: <parent of PATH>/results/<name>].")] = None
+    cache: Annotated[Path | None, Parameter(help="Folder for intermediate results [default: RESULTS/.cache].")] = None
+    set: Annotated[
+        tuple[str, ...], Parameter(name="--set", help="Override a value: stage.key=value or section.key=value.")
+    ] = ()
+    json: Annotated[bool, Parameter(negative="", help="Machine-readable result on stdout.")] = False
+    workers: Annotated[int | None, Parameter(help="Processes for a campaign [default: the cores].")] = None
+    verify: Annotated[bool, Parameter(negative="", help="Hash every input again, whatever its date says.")] = False
+    pictures: Annotated[bool, Parameter(help="Draw figures beside the results.")] = True
+    debug: Annotated[bool, Parameter(negative="", help="Show the traceback of an unexpected error.")] = False
+
+
+OPTIONS = Options()
+
+
+@app.command
+def run(path: Path, *, pipeline: Path | None = None, options: Options = OPTIONS) -> int:
+    """Every stage that has inputs, for one experiment or a whole campaign, then report.html.
+
+    Example: jumpvision run data_samples/loose_sand
+
+    Parameters
+    ----------
+    path
+        An experiment folder (with experiment.toml) or a folder of them.
+    pipeline
+        TOML file with the stages to run and their parameters, e.g. pipelines/granular.toml.
+    """
+    return _work(path, None, options, pipeline=pipeline, page=True)
+
+
+def _stage_command(name: str, text: str) -> None:
+    def command(path: Path, *, options: Options = OPTIONS) -> int:
+        return _work(path, (name,), options)
+
+    command.__doc__ = f"{text}\n\nExample: jumpvision {name} data_samples/hard_ground"
+    command.__name__ = name
+    app.command(command, name=name)
+
+
+for _name, _text in {
+    "track": "Ball on the rod: position, height and uncertainty in every frame (track.csv).",
+    "bed": "Height of the bed and its volume fraction (bed.json).",
+    "piv": "Velocity field of the grains (piv.nc).",
+    "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
+    "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",
+    "simulate": "The model driven by the measured motor (simulation.csv).",
+}.items():
+    _stage_command(_name, _text)
+
+
+@app.command
+def check(path: Path, *, options: Options = OPTIONS) -> int:
+    """Validate a folder: every problem with file, section, key, value and remedy.
+
+    Example: jumpvision check data_samples/loose_sand
+    """
+    from . import show
+
+    campaign = _open(path, options)
+    rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
+    rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
+    show.result({"path": str(path), "problems": [], "experiments": rows}, rows, as_json=options.json)
+    return DONE
+
+
+@app.command
+def report(path: Path, *, options: Options = OPTIONS) -> int:
+    """One self-contained HTML page with the figures, from the results (computing what is missing).
+
+    Example: jumpvision report data_samples/hard_ground
+    """
+    return _work(path, None, options, page=True)
+
+
+@app.command
+def synth(kind: str = "samples", out: Path = Path("data_samples"), *, seed: int = 2026) -> int:
+    """Virtual laboratory: write experiment folders whose truth is known (truth.json).
+
+    Example: jumpvision synth samples my_samples
+
+    Parameters
+    ----------
+    kind
+        hard_ground, loose_sand or samples (both).
+    out
+        Folder to write into; existing experiments there are not overwritten.
+    """
+    from . import show
+    from .lab import samples
+
+    folders = samples.write(kind, out, seed=seed, progress=show.line)
+    show.line(f"wrote {', '.join(str(f) for f in folders)}")
+    return DONE
+
+
+@app.command
+def params(stage: str | None = None, *, json: bool = False) -> int:
+    """Tables of all parameters: default, unit, allowed values and meaning.
+
+    Example: jumpvision params piv
+    """
+    from . import show
+    from .schema import InputError, closest, table_of
+    from .params import PARAMS
+
+    if stage is not None and stage not in PARAMS:
+        raise InputError([f"params {stage}: unknown stage{closest(stage, PARAMS)}"])
+    rows = [{"stage": s, **row} for s, cls in PARAMS.items() if stage in (None, s) for row in table_of(cls)]
+    show.result(rows, rows, as_json=json)
+    return DONE
+
+
+@app.command
+def doctor(*, json: bool = False) -> int:
+    """Versions, codecs and cores, for a report of a problem.
+
+    Example: jumpvision doctor
+    """
+    from . import show
+
+    facts = show.doctor()
+    show.result(facts, [{"what": k, "found": v} for k, v in facts.items()], as_json=json)
+    return DONE
+
+
+def _open(path: Path, options: Options, pipeline: dict[str, Any] | None = None) -> Any:
+    """The campaign at `path`; a single experiment is a campaign of one."""
+    from .experiment import Campaign, is_campaign, open_campaign, open_experiment
+    from .overrides import parse
+
+    given: dict[str, Any] = {"overrides": parse(options.set), "pipeline": pipeline}
+    if path.is_dir() and is_campaign(path):
+        return open_campaign(path, **given)
+    experiment = open_experiment(path, **given)
+    if experiment.header.exclude:
+        return Campaign(path, (), {experiment.name: experiment.header.exclude})
+    return Campaign(path, (experiment,))
+
+
+def _work(
+    path: Path, stages: tuple[str, ...] | None, options: Options, *, pipeline: Path | None = None, page: bool = False
+) -> int:
+    from . import show
+    from .campaign import Plan, jumps_table, run_campaign, run_single, write_jumps
+    from .experiment import is_campaign
+    from .overrides import read_pipeline
+
+    definition = read_pipeline(pipeline) if pipeline else {}
+    campaign = _open(path, options, definition.get("params"))
+    results = options.results or path.absolute().parent / "results" / path.absolute().name
+    plan = Plan(
+        results=results,
+        cache=options.cache or results / ".cache",
+        stages=stages or definition.get("stages"),
+        pictures=options.pictures,
+        verify=options.verify,
+        debug=options.debug,
+        command="jumpvision " + shlex.join(sys.argv[1:]),
+    )
+    single = not is_campaign(path)
+    with show.Progress(len(campaign.experiments)) as progress:
+        if single and campaign.experiments:
+            outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
+        else:
+            workers = options.workers or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+            outcomes = run_campaign(campaign, plan, workers=workers or 1, done=progress.experiment)
+    rows = jumps_table(campaign, outcomes)
+    if not single and stages is None:
+        write_jumps(rows, results)
+    made = []
+    if page and any(o.steps for o in outcomes):
+        from .report.page import write_report
+
+        made.append(write_report(campaign, outcomes, rows, results, single=single))
+    show.outcome(campaign, outcomes, rows, results, made, as_json=options.json, single=single)
+    return FAILED if any(o.errors for o in outcomes) else DONE
+
+
+def main() -> None:
+    """Entry point: exit 0 done, 1 something failed, 2 wrong call or bad input."""
+    from .schema import InputError
+
+    try:
+        code = app(exit_on_error=False, print_error=False)
+    except InputError as e:
+        print("\n".join(f"jumpvision: {p}" for p in e.problems), file=sys.stderr)
+        code = BAD_CALL
+    except CycloptsError as e:
+        print(f"jumpvision: {e}", file=sys.stderr)
+        print("jumpvision: see jumpvision --help", file=sys.stderr)
+        code = BAD_CALL
+    except KeyboardInterrupt:
+        print("jumpvision: interrupted; run the same command again to resume", file=sys.stderr)
+        code = 130
+    except BrokenPipeError:
+        code = FAILED
+    sys.exit(code)

@@ -1,0 +1,92 @@
+"""The one shape of a fitted number, and the one way a nonlinear fit is solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted value with its standard uncertainty.
+
+    unit: "" for a pure number. n: samples used. chi2: sum of squared residuals over sigma (not divided by the
+    degrees of freedom). reason: empty when good, else why value and sigma are NaN.
+    """
+
+    value: float
+    sigma: float
+    unit: str
+    n: int
+    chi2: float
+    reason: str = ""
+
+    def entry(self) -> dict[str, float | str | int | None]:
+        """The entry of fits.json: value, sigma, unit, n, chi2; a NaN becomes None, as JSON has no NaN."""
+
+        def finite(a: float) -> float | None:
+            return float(a) if math.isfinite(a) else None
+
+        return {
+            "value": finite(self.value),
+            "sigma": finite(self.sigma),
+            "unit": self.unit,
+            "n": int(self.n),
+            "chi2": finite(self.chi2),
+        }
+
+
+def scatter_factor(chi2: float, dof: int) -> float:
+    """sqrt(max(1, chi2 / dof)): what every sigma of a fit is multiplied with.
+
+    The stated errors of the data are believed until the scatter contradicts them; sigmas are never shrunk. Where the
+    stated errors are right the sigmas are on average larger by about 0.2/sqrt(dof) of their value.
+    """
+    return math.sqrt(max(1.0, chi2 / dof)) if dof > 0 else 1.0
+
+
+def least_squares_fit(
+    residual: Callable[[Array], Array], start: ArrayLike, *, scale: ArrayLike | float = 1.0
+) -> tuple[Array, Array, float] | None:
+    """(parameters, covariance, chi2) of the least squares of residual(p) = (y - model)/sigma, or None.
+
+    start: first guess, shape (p,). scale: size of a change of each parameter that matters. The covariance is inv(J'J)
+    for unit-variance residuals, without scatter_factor. None when the solver fails or a parameter is undetermined.
+    """
+    start = np.asarray(start, dtype=float)
+    try:
+        fit = least_squares(residual, start, method="trf", x_scale=np.broadcast_to(scale, start.shape))
+    except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
+        return None
+    jac = fit.jac * np.broadcast_to(scale, start.shape)  # scaled, so that the rank below has a meaning
+    if not fit.success or np.linalg.matrix_rank(jac) < start.size:
+        return None
+    half = np.broadcast_to(scale, start.shape)
+    cov = np.linalg.inv(jac.T @ jac) * half[:, None] * half[None, :]
+    return fit.x, cov, float(2.0 * fit.cost)
+
+
+def checked(name: str, **arrays: ArrayLike) -> list[Array]:
+    """The arrays as 1-D floats of one length; ValueError naming the one that is not. name: the caller."""
+    out = [np.asarray(a, dtype=float) for a in arrays.values()]
+    for key, a in zip(arrays, out):
+        if a.ndim != 1 or a.size != out[0].size:
+            shapes = ", ".join(f"{k} {b.shape}" for k, b in zip(arrays, out))
+            raise ValueError(f"{name}: {key} has shape {a.shape}; all must be 1-D of one length, got {shapes}")
+    return out
+
+
+def checked_sigma(name: str, sigma: Array) -> None:
+    """ValueError when a sigma is zero or negative: a weight 1/sigma^2 would be infinite."""
+    bad = np.flatnonzero(sigma <= 0.0)
+    if bad.size:
+        raise ValueError(
+            f"{name}: sigma[{bad[0]}] = {sigma.flat[bad[0]]:g} must be > 0; give the standard uncertainty of each sample"
+        )

@@ -1,0 +1,108 @@
+"""The film of the white ball on the rod: what the 200 fps camera of the thesis sees, with the true ball centres.
+
+Pixel coordinates: column x, row y downwards, centres at integers. Compile time about 2 s.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from .sensor import blur, texture
+
+Array = NDArray[np.float64]
+
+_STEP = 1 / 256  # px, spacing of the tabulated profile
+_EXPOSURE_POINTS = 9
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)  # over a pixel: exact to 1e-6 for a lens blur >= 0.5 px
+
+
+def balls(
+    rows: Array, column: float, *, radius: float, shape: tuple[int, int], blur_px: float, limb: float, side_light: float
+) -> Array:
+    """Coverage times shading of the ball, shape (frame, row, column); 1 inside an unshaded ball.
+
+    rows: (frame, sub-exposure) rows of the centre [px], averaged over sub-exposures: the streak of a moving ball.
+    column, radius [px]. blur_px: spread of the lens blur [px]. limb: how much darker the ball's edge is than its middle;
+    side_light: relative brightness change from the middle to the upper edge.
+    """
+    reach = radius + 6 * blur_px
+    table = _disc_profile(radius, blur_px, math.ceil(reach / _STEP) + 2)
+    return _draw(rows, column, shape[0], shape[1], table, reach, radius, limb, side_light)
+
+
+@nb.njit(cache=True)
+def _disc_profile(radius, sigma, n):  # type: ignore[no-untyped-def]
+    """A disc blurred by a Gaussian, against distance from its centre: exact in y (erf), Simpson in x."""
+    m = 2000
+    out = np.empty(n)
+    du = 2.0 * radius / m
+    for i in range(n):
+        rho = i * _STEP
+        total = 0.0
+        for j in range(m + 1):
+            u = -radius + j * du
+            weight = 1.0 if j == 0 or j == m else (4.0 if j % 2 else 2.0)
+            chord = math.sqrt(max(radius * radius - u * u, 0.0))
+            total += weight * math.exp(-0.5 * ((u - rho) / sigma) ** 2) * math.erf(chord / (sigma * math.sqrt(2.0)))
+        out[i] = total * du / 3.0 / (sigma * math.sqrt(2.0 * math.pi))
+    return out
+
+
+@nb.njit(cache=True)
+def _draw(rows, column, height, width, table, reach, radius, limb, side_light):  # type: ignore[no-untyped-def]
+    n, subs = rows.shape
+    out = np.zeros((n, height, width))
+    k = len(_NODES)
+    for f in range(n):
+        for s in range(subs):
+            for i in range(max(int(rows[f, s] - reach), 0), min(int(rows[f, s] + reach) + 2, height)):
+                for j in range(max(int(column - reach), 0), min(int(column + reach) + 2, width)):
+                    total = 0.0
+                    for a in range(k):
+                        dy = i + 0.5 * _NODES[a] - rows[f, s]
+                        for b in range(k):
+                            dx = j + 0.5 * _NODES[b] - column
+                            rho = math.sqrt(dx * dx + dy * dy)
+                            if rho < reach:
+                                q = rho / _STEP
+                                m = int(q)
+                                value = table[m] + (q - m) * (table[m + 1] - table[m])
+                                value *= 1.0 - limb * (rho / radius) ** 2 - side_light * dy / radius
+                                total += 0.25 * _WEIGHTS[a] * _WEIGHTS[b] * value
+                    out[f, i, j] += total / subs
+    return out
+
+
+def exposure_times(start: float, rate: float, exposure: float, n: int) -> Array:
+    """Times inside the exposures of n frames, shape (n, sub-exposure) [s]: midpoints of equal parts."""
+    inside = (np.arange(_EXPOSURE_POINTS) + 0.5) / _EXPOSURE_POINTS * exposure
+    return np.asarray(start + np.arange(n)[:, None] / rate + inside)
+
+
+def scene(shape: tuple[int, int], *, streak_column: float, rng: np.random.Generator) -> Array:
+    """The still background, shape (row, column) [grey]: dark cloth, and the dim reflection of the rod."""
+    rows, columns = np.mgrid[: shape[0], : shape[1]].astype(float)
+    cloth = 13.0 + 1.5 * texture(shape, sigma=3.0, rng=rng) + 3.0 * rows / shape[0]
+    waves = 1.0 + 0.25 * texture(shape, sigma=9.0, rng=rng)[:, :1]
+    streak = 16.0 * waves * np.exp(-0.5 * ((columns - streak_column) / 1.3) ** 2)
+    return np.clip(cloth + blur(streak, 0.8), 0.0, None)
+
+
+def rod_film(
+    rows: Array,
+    column: float,
+    *,
+    radius: float,
+    shape: tuple[int, int],
+    brightness: float,
+    rng: np.random.Generator,
+) -> Array:
+    """Noise-free film, shape (frame, row, column) [grey]; rows (frame, sub-exposure) [px] as in `balls`."""
+    back = scene(shape, streak_column=column + 1.7 * radius, rng=rng)
+    shaded = balls(rows, column, radius=radius, shape=shape, blur_px=0.7, limb=0.15, side_light=0.04)
+    cover = balls(rows, column, radius=radius, shape=shape, blur_px=0.7, limb=0.0, side_light=0.0)
+    return np.asarray(back * (1.0 - cover) + brightness * shaded)

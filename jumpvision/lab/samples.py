@@ -1,0 +1,301 @@
+"""The project's sample data: `python -m jumpvision.lab.samples [OUT]` writes OUT/hard_ground and OUT/loose_sand.
+
+Everything is drawn from one seed per experiment, so the same call writes the same bytes. What is hidden from the
+analysis stands in the truth.json files. About one minute.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import logs, write
+from .bed_picture import bed_height, bed_picture
+from .grain_film import GrainCamera, View
+from .grain_flow import Flow
+from .jumper import Law, Motion, Robot, simulate
+from .rod_film import exposure_times, rod_film
+from .sensor import record
+
+Array = NDArray[np.float64]
+
+SEED = 20140630
+LOG_RATE, FILM_RATE, GRAIN_RATE = 1000.0, 200.0, 500.0  # 1/s
+FORCE_NOISE, TRACK_NOISE = 0.3, 5e-5  # N, m
+ROD_SCALE, ROD_EXPOSURE, BALL = 5e-4, 0.001, 0.0095  # m/px, s, m
+PHASE = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi, "delayed_stutter": 0.5 * math.pi}
+
+HARD_ROBOT = Robot(1.003, 0.175, 0.0, 5760.6, 1.368, 0.0381, 0.276 * 9.81)
+SAND_ROBOT = Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)
+BED = {"solid_volume": 0.045, "length": 0.56, "width": 0.56, "grain_density": 1000.0, "grain_diameter": 0.001}
+SAND_TERMS = ("two_resistance", "depth_drag", "added_mass")
+SAND_TRUTH = {"k1": 2100.0, "k2": 2100.0, "delta": 0.012, "b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.pi / 3}
+SINGLE, STUTTER = (4.5, 5.5, 6.5, 7.5, 8.5, 10.0), (4.5, 5.5, 7.0, 8.5, 10.0)  # Hz
+DELAYED, DELAY = 7.0, 0.1  # Hz, s
+START = 0.2  # s, of the motor, on the common clock
+
+
+def heights(motion: Motion) -> dict[str, Any]:
+    """The true numbers of a jump, named as in summary.json."""
+    return {
+        "jump_height_m": motion.jump_height,
+        "n_jumps": motion.n_jumps,
+        "lift_off_s": motion.lift_offs[0] if len(motion.lift_offs) else None,
+        "lift_offs_s": motion.lift_offs,
+        "flight_times_s": motion.flights,
+        "rest_rod_m": motion.rest,
+    }
+
+
+def write_rod_film(
+    folder: Path, motion: Motion, *, start: float, shape: tuple[int, int], zero_row: float, rng: np.random.Generator
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """rod.avi, as long as the motion; returns its [rod_video] section and its truth. zero_row: row of x_r = 0 [px]."""
+    n = int((motion.t[-1] - start) * FILM_RATE)
+    rows = zero_row - motion.at("rod", exposure_times(start, FILM_RATE, ROD_EXPOSURE, n)) / ROD_SCALE
+    column = 0.42 * shape[1] + 0.3
+    mean = rod_film(rows, column, radius=0.5 * BALL / ROD_SCALE, shape=shape, brightness=205.0, rng=rng)
+    write.film(folder / "rod.avi", record(mean, electrons_per_grey=45.0, read_noise=0.8, rng=rng), rate=FILM_RATE)
+    section = {
+        "file": "rod.avi",
+        "frame_rate": FILM_RATE,
+        "scale": ROD_SCALE,
+        "ball_diameter": BALL,
+        "exposure": ROD_EXPOSURE,
+        "start": start,
+    }
+    time = start + np.arange(n) / FILM_RATE + 0.5 * ROD_EXPOSURE
+    true = {"time_s": time, "rod_m": motion.at("rod", time), "x_px": column, "y_px": rows.mean(axis=1)}
+    return section, true
+
+
+def hard_ground(folder: Path) -> None:
+    """One stutter jump of the robot of thesis chapter II, filmed until it has rung down."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng([SEED, 0])
+    law = Law(8.2, 0.004, PHASE["stutter"], START)
+    e = 0.33
+    motion = simulate(HARD_ROBOT, law, ["landing_loss"], {"e": e}, ground="hard", duration=3.6)
+    section, film = write_rod_film(folder, motion, start=0.0, shape=(128, 60), zero_row=100.4, rng=rng)
+    write.table(
+        folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng)
+    )
+    write.table(folder / "contact.csv", logs.contact_log(motion, rate=LOG_RATE))
+    write.toml(
+        folder / "experiment.toml",
+        {
+            "schema": 1,
+            "ground": "hard",
+            "robot": _robot(HARD_ROBOT),
+            "actuation": _actuation("stutter", law),
+            "rod_video": section,
+            "motor_log": {"file": "motor.csv"},
+            "contact_log": {"file": "contact.csv"},
+            "model": {"terms": ["landing_loss"], "e": e},
+        },
+        comment="A stutter jump on hard ground, made by jumpvision.lab.samples; the truth is in truth.json.",
+    )
+    M = HARD_ROBOT.motor_mass + HARD_ROBOT.rod_mass
+    omega = math.sqrt(HARD_ROBOT.spring_stiffness / M)
+    true = {
+        "f_0_hz": omega / (2 * math.pi),
+        "zeta": HARD_ROBOT.spring_damping / (2 * M * omega),
+        "terms": ["landing_loss"],
+        "parameters": {"e": e},
+        "last_touchdown_s": (motion.lift_offs + motion.flights)[-1],
+    }
+    write.truth(folder / "truth.json", true | heights(motion) | {"film": film})
+
+
+def loose_sand(folder: Path) -> None:
+    """Single, stutter and delayed stutter jumps on loose sand, whose jammed cone the campaign's model lacks."""
+    folder.mkdir(parents=True, exist_ok=True)
+    conditions = [("single", f, 0.0) for f in SINGLE] + [("stutter", f, 0.0) for f in STUTTER]
+    conditions.append(("delayed_stutter", DELAYED, DELAY))
+    true: dict[str, Any] = {}
+    number = 1
+    for kind, frequency, delay in conditions:
+        for trial in ("1", "2", "film") if (kind, frequency) == ("stutter", 7.0) else ("1", "2"):
+            group = f"{kind}-{frequency}Hz"
+            name = f"{group}-{trial}"
+            law = Law(frequency, 0.01875, PHASE[kind], START, delay=delay)
+            rng = np.random.default_rng([SEED, number])
+            true[name] = _sand_jump(folder / name, kind, group, law, rng, filmed=trial == "film")
+            number += 1
+    write.toml(
+        folder / "campaign.toml",
+        {
+            "ground": "granular",
+            "robot": _robot(SAND_ROBOT),
+            "bed": BED,
+            "model": {
+                "terms": ["two_resistance", "inertial_drag"],
+                "k1": 2100.0,
+                "k2": 2100.0,
+                "delta": 0.012,
+                "alpha": 73.0,
+            },
+            "model.fit": {"alpha": [0.0, 300.0]},
+        },
+        comment="Jumps on loose poppy seeds, made by jumpvision.lab.samples; the truth is in truth.json.",
+    )
+    hidden = {"terms": SAND_TERMS, "parameters": SAND_TRUTH, "missing_in_model": ["added_mass", "depth_drag"]}
+    noise = {"track_m": TRACK_NOISE, "force_N": FORCE_NOISE, "encoder_m": logs.ENCODER_STEP}
+    write.truth(folder / "truth.json", {**hidden, "noise": noise, "experiments": true})
+
+
+def _sand_jump(
+    folder: Path, kind: str, group: str, law: Law, rng: np.random.Generator, *, filmed: bool
+) -> dict[str, Any]:
+    """One experiment folder; returns its line of the campaign's truth."""
+    folder.mkdir(exist_ok=True)
+    phi = round(0.57 + rng.uniform(-0.001, 0.001), 4)
+    k = 2100.0 * (1 + rng.uniform(-0.01, 0.01))
+    parameters = SAND_TRUTH | {"k1": k, "k2": k}
+    density = phi * BED["grain_density"]
+    motion = simulate(
+        SAND_ROBOT, law, SAND_TERMS, parameters, ground="granular", duration=1.8, bed_density=density
+    )
+    true = {"volume_fraction": phi, "parameters": parameters, "z_0_m": -motion.foot[0], **heights(motion)}
+    content: dict[str, Any] = {"group": group, "actuation": _actuation(kind, law)}
+    if filmed:
+        sections, seen = _films(folder, motion, phi, rng)
+        content |= sections
+    else:
+        seen = {"camera_zero_m": rng.uniform(-0.05, 0.05)}
+        content |= {"bed": {"volume_fraction": phi}, "rod_track": {"file": "rod_track.csv"}}
+        track = logs.rod_track(motion, rate=FILM_RATE, noise=TRACK_NOISE, zero=seen["camera_zero_m"], rng=rng)
+        write.table(folder / "rod_track.csv", track)
+    write.table(folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng))
+    write.toml(folder / "experiment.toml", content | {"motor_log": {"file": "motor.csv"}})
+    write.truth(folder / "truth.json", true | seen)
+    return true
+
+
+def _films(
+    folder: Path, motion: Motion, phi: float, rng: np.random.Generator
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Rod film, bed picture and grain film of one jump: their sections and their truth."""
+    rod, rod_true = write_rod_film(folder, motion, start=0.0025, shape=(236, 60), zero_row=140.7, rng=rng)
+    size = {name: BED[name] for name in ("solid_volume", "length", "width")}
+    bed = {"file": "bed.png", "scale": 5e-4, "floor_row": 620.0}
+    height = bed_height(phi, **size)
+    mean, surface = bed_picture(
+        height, scale=5e-4, floor_row=620.0, shape=(656, 420), grain_diameter=BED["grain_diameter"], rng=rng
+    )
+    write.picture(folder / "bed.png", record(mean, electrons_per_grey=40.0, read_noise=1.5, rng=rng))
+    grains, depth, grain_true = write_grain_film(folder, motion, phi * BED["grain_density"], rng)
+    sections = {
+        "rod_video": rod,
+        "bed_image": bed,
+        "grain_video": grains,
+        "params.flow": {"initial_depth": round(depth, 6)},
+    }
+    bed_true = {"height_m": height, "surface_sd_m": surface.std()}
+    return sections, {"film": rod_true, "bed": bed_true, "grain_film": grain_true}
+
+
+def write_grain_film(
+    folder: Path, motion: Motion, bed_density: float, rng: np.random.Generator
+) -> tuple[dict[str, Any], float, dict[str, Any]]:
+    """grains.mkv around the first landing and the push-off: its section, the foot's depth in frame 0 [m], its truth."""
+    n, exposure, subs = 58, 0.0005, 4
+    landing = motion.lift_offs[0] + motion.flights[0]
+    start = round(landing - 0.007, 3)
+    view = View(shape=(464, 396), scale=3e-4, surface_row=47.0, axis_column=195.5)
+    before = motion.t <= start
+    z_start = float(-motion.foot[before].min())
+    z_end = float(-motion.foot.min())
+    flow = Flow(
+        R=SAND_ROBOT.foot_radius,
+        mu=SAND_TRUTH["mu"],
+        theta=SAND_TRUTH["theta"],
+        C=SAND_TRUTH["C"],
+        beta=math.radians(45.0),
+        layer=0.008,
+        z_range=(z_start, z_end),
+    )
+    camera = GrainCamera(view, flow, z_start, diameter=BED["grain_diameter"], spread=0.15, rng=rng)
+    first = start + np.arange(n)[:, None] / GRAIN_RATE
+    depths = -motion.at("foot", first + (np.arange(subs) + 0.5) / subs * exposure)
+    frames = np.stack(
+        [record(camera.frame(z), electrons_per_grey=60.0, read_noise=1.0, rng=rng) for z in depths]
+    )
+    write.film(folder / "grains.mkv", frames, rate=GRAIN_RATE)
+
+    time = first[:, 0] + 0.5 * exposure
+    depth_0 = -float(motion.at("foot", time[:1])[0])
+    section = {
+        "file": "grains.mkv",
+        "frame_rate": GRAIN_RATE,
+        "scale": view.scale,
+        "foot_row": round(float(view.row(-depth_0)), 3),
+        "axis_column": view.axis_column,
+        "foot": "half",
+        "start": start,
+    }
+    true = {
+        "conventions": "foot_speed is downward; momentum and added mass are those of the half foot (pi r dr dh), zero "
+        "momentum while the grains rest; in_view: r up to the picture's edges, mean of both half-planes, from the "
+        "face to the lower edge; front: thickness below the face at 0.9 of the foot's speed or more, on the axis",
+        "beta_deg": 45.0,
+        "layer_m": flow.layer,
+        "mu": flow.mu,
+        "theta_deg": math.degrees(flow.theta),
+        "C": flow.C,
+        "surface_row_px": view.surface_row,
+        "exposure_s": exposure,
+        "frames": flow_truth(flow, view, motion, time, bed_density),
+        "pairs": flow_truth(flow, view, motion, time[:-1] + 0.5 / GRAIN_RATE, bed_density),
+    }
+    return section, depth_0, true
+
+
+def flow_truth(flow: Flow, view: View, motion: Motion, time: Array, bed_density: float) -> dict[str, Array]:
+    """Columns of the grain film's truth at the times given [s], shape (n,)."""
+    foot, rate = motion.at("foot", time), motion.at("foot_rate", time)
+    deepest = np.array([motion.foot[motion.t <= t].min() for t in time])
+    moving = (foot <= deepest + 1e-7) & (rate < 0)
+    out: dict[str, list[float]] = {}
+    for z, v, go in zip(-foot, -rate, moving):
+        row = flow.truth(
+            float(z),
+            float(v) if go else 0.0,
+            bed_density=bed_density,
+            left=(view.axis_column + 0.5) * view.scale,
+            right=(view.shape[1] - 0.5 - view.axis_column) * view.scale,
+            bottom=(view.shape[0] - 0.5 - float(view.row(-z))) * view.scale,
+        )
+        row["front_m"] = flow.front(float(z), 0.9)
+        for name, value in row.items():
+            out.setdefault(name, []).append(value)
+    columns = {name: np.array(values) for name, values in out.items()}
+    rows = np.asarray(view.row(foot))
+    still = {"time_s": time, "foot_row_px": rows, "foot_depth_m": -foot, "foot_speed_m_s": -rate}
+    return still | {"grains_move": moving} | columns
+
+
+def _robot(robot: Robot) -> Mapping[str, float]:
+    return {name: round(value, 9) for name, value in robot._asdict().items()}
+
+
+def _actuation(kind: str, law: Law) -> dict[str, Any]:
+    out = {"kind": kind, "frequency": law.frequency, "amplitude": law.amplitude, "start": law.start}
+    out["phase"] = round(law.phase, 8)
+    return out | ({"delay": law.delay} if law.delay else {})
+
+
+def main(out: str = "data_samples") -> None:
+    """Write both samples below `out`."""
+    hard_ground(Path(out) / "hard_ground")
+    loose_sand(Path(out) / "loose_sand")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])

@@ -1,0 +1,41 @@
+"""The laboratory's camera chip and lens: blur, photon and read noise, 8-bit rounding."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def record(mean: Array, *, electrons_per_grey: float, read_noise: float, rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Grey levels 0..255 of an image whose noise-free grey values are `mean`, any shape.
+
+    Variance below saturation: mean / electrons_per_grey + read_noise^2 + 1/12 [grey^2] (photons, read-out, rounding).
+    """
+    electrons = rng.poisson(np.maximum(mean, 0.0) * electrons_per_grey)
+    grey = electrons / electrons_per_grey + rng.normal(0.0, read_noise, mean.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def blur(image: Array, sigma: float) -> Array:
+    """Gaussian blur of the last two axes by sigma [px], edges repeated."""
+    reach = math.ceil(4 * sigma)
+    taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    taps /= taps.sum()
+    out = np.asarray(image, dtype=float)
+    for axis in (-2, -1):
+        pad = [(0, 0)] * out.ndim
+        pad[axis] = (reach, reach)
+        padded = np.pad(out, pad, mode="edge")
+        n = out.shape[axis]
+        out = sum(tap * np.take(padded, range(i, i + n), axis=axis) for i, tap in enumerate(taps))
+    return out
+
+
+def texture(shape: tuple[int, int], *, sigma: float, rng: np.random.Generator) -> Array:
+    """Smooth random pattern of zero mean and unit spread, correlated over about sigma [px]."""
+    field = blur(rng.normal(size=shape), sigma)
+    return (field - field.mean()) / field.std()

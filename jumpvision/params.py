@@ -1,0 +1,83 @@
+"""Parameters of every stage: default, unit, meaning and range, in one place and cheap to import."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .schema import param
+
+
+@dataclass(frozen=True)
+class TrackParams:
+    """How the ball is found in each frame."""
+
+    polarity: str = param("bright", "", "ball against the background", choices=("bright", "dark"))
+    method: str = param("disc", "", "disc fit, or the published threshold and centroid", choices=("disc", "threshold"))
+    search: float = param(1.5, "ball diameters", "half width of the moving search window", lo=0.6, hi=20.0)
+    seed: tuple[float, ...] = param((), "px", "column, row of the ball in the first frame; default: found by search")
+    diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
+
+    def check(self) -> list[str]:
+        """A seed is a point."""
+        return [f"seed = {list(self.seed)}: must be [column, row]"] if len(self.seed) not in (0, 2) else []
+
+
+@dataclass(frozen=True)
+class BedParams:
+    """How the bed surface is found."""
+
+    method: str = param("edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold"))
+    reference_height: float | None = param(None, "m", "bed height at reference_fraction, if V_s is unknown", lo=0, hi=10)
+    reference_fraction: float | None = param(None, "", "volume fraction at reference_height", lo=0.3, hi=0.8)
+
+
+@dataclass(frozen=True)
+class PivParams:
+    """Correlation windows and validation."""
+
+    window: int = param(32, "px", "width of the final correlation window", lo=8, hi=256)
+    step: int = param(8, "px", "distance between vectors", lo=1, hi=256)
+    gap: int = param(1, "frames", "frames between the two images of a pair", lo=1, hi=100)
+    foot_rows: float = param(16.0, "px", "rows of the foot's body used to follow its lower face", lo=4, hi=500)
+    median_threshold: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
+
+
+@dataclass(frozen=True)
+class FlowParams:
+    """Derivatives and the momentum integral."""
+
+    half_width: int = param(1, "vectors", "derivatives are planes over (2 half_width + 1)^2 vectors", lo=1, hi=10)
+    initial_depth: float = param(0.0, "m", "foot depth below the undisturbed surface in the first frame", lo=0, hi=1)
+    min_speed: float = param(0.05, "m/s", "added mass is left out below this foot speed", lo=0, hi=100)
+
+
+@dataclass(frozen=True)
+class FitParams:
+    """Fits to tracks, contact logs and velocity fields."""
+
+    layer: float = param(0.008, "m", "layer thickness Dz in beta = asin(a^Dz)", lo=0, hi=0.1, open_lo=True)
+    front: float = param(0.9, "", "share of the largest speed that counts as jammed", lo=0.5, hi=0.99)
+    column: float = param(0.005, "m", "half width of the central column", lo=0, hi=1, open_lo=True)
+    critical_fraction: float = param(0.605, "", "critical volume fraction phi_c for the theory values", lo=0.5, hi=0.7)
+    debounce: float = param(0.003, "s", "contact flickers shorter than this are ignored", lo=0, hi=0.1)
+    shortest_flight: float = param(0.03, "s", "shorter ballistic intervals are not counted as jumps", lo=0, hi=10)
+
+
+@dataclass(frozen=True)
+class SimulateParams:
+    """Integration of the model."""
+
+    tolerance: float = param(1e-7, "", "relative tolerance of the integrator", lo=1e-12, hi=1e-2)
+    driver: str = param("auto", "", "what drives the motor: log, law, or the law where both agree",
+                        choices=("auto", "log", "law"))  # fmt: skip
+    encoder_step: float = param(6.25e-6, "m", "resolution of the motor log", lo=0, hi=1e-2, open_lo=True)
+
+
+PARAMS = {
+    "track": TrackParams,
+    "bed": BedParams,
+    "piv": PivParams,
+    "flow": FlowParams,
+    "fit": FitParams,
+    "simulate": SimulateParams,
+}

@@ -1,0 +1,206 @@
+"""A model of the jumper: a list of mechanisms with parameters over the robot, the ground and the bed."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jumpvision.physics.cone import cone_mass_slope
+from jumpvision.physics.parameters import MECHANISMS, ModelParameters
+from jumpvision.physics.terms import STATIC, TERMS
+from jumpvision.schema import InputError, check_value, closest, param, type_of
+
+GROUNDS = ("hard", "granular")
+
+_EQUATION = {  # how a term reads on the line of the force it belongs to
+    "linear_penetration": "k z",
+    "two_resistance": "k1 min(z, delta) + k2 max(z - delta, 0)",
+    "rft_cone": "k1/(pi R^2) int A_flat dz + sigma_cone int A_cone dz",
+    "inertial_drag": "alpha v^2",
+    "depth_drag": "b m_a'(z) v^2",
+    "reintrusion_overshoot": "s z_g exp(-(z - z_g)/lam)",
+    "stop_go_overshoot": "s_p z_stop exp(-(z - z_stop)/lam)",
+    "viscous_friction": "c_v v_m",
+    "coulomb_friction": "F_c sign(v_m)",
+    "spring_hardening": "k_3 e^3",
+}
+
+
+@dataclass(frozen=True)
+class Model:
+    """Robot, ground and mechanisms. Raises InputError (a ValueError) with every problem found.
+
+    terms: identifiers of PHYSICS.md section 4; on granular ground exactly one static force among them. The robot's
+    values are those assumed; the mechanisms `payload`, `foot_mass`, `spring_stiffness`, `spring_damping` and `tilt`
+    correct them (properties m_m, m_f, k_s, c_s, g).
+    """
+
+    ground: str = param("granular", "", "ground", choices=GROUNDS)
+    terms: tuple[str, ...] = param((), "", "mechanisms")
+    parameters: ModelParameters = field(default_factory=ModelParameters)
+    motor_mass: float = param(1.125, "kg", "mass of the motor and its carriage", lo=0, open_lo=True)
+    rod_mass: float = param(0.175, "kg", "mass of the thrust rod", lo=0, open_lo=True)
+    foot_mass: float = param(0.04, "kg", "mass of the foot", lo=0)
+    spring_stiffness: float = param(3300.0, "N/m", "stiffness of the spring", lo=0, open_lo=True)
+    spring_damping: float = param(1.2, "N s/m", "damping of the spring", lo=0)
+    gravity: float = param(9.81, "m/s^2", "gravity along the rail", lo=0, open_lo=True)
+    foot_radius: float | None = param(None, "m", "radius of the foot", lo=0, open_lo=True)
+    volume_fraction: float | None = param(None, "", "volume fraction of the bed", lo=0, hi=1, open_lo=True)
+    grain_density: float | None = param(None, "kg/m^3", "density of a grain", lo=0, open_lo=True)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(self.terms))
+        if problems := list(self._problems()):
+            raise InputError(problems)
+
+    def __contains__(self, mechanism: str) -> bool:
+        return mechanism in self.terms
+
+    def _problems(self) -> Iterable[str]:
+        yield from _range_problems(self, "model", [f.name for f in dataclasses.fields(self) if f.name != "parameters"])
+        known = [t for t in self.terms if t in MECHANISMS]
+        for t in self.terms:
+            if t not in MECHANISMS:
+                yield f"model terms: unknown mechanism '{t}'{closest(t, MECHANISMS)}"
+            elif self.ground in GROUNDS and self.ground not in MECHANISMS[t].grounds:
+                yield f"model terms: '{t}' does not act on {self.ground} ground; remove it"
+        for t in sorted({t for t in known if self.terms.count(t) > 1}):
+            yield f"model terms: '{t}' is listed twice; list it once"
+        static = [t for t in known if t in STATIC]
+        if self.ground == "granular" and len(set(static)) != 1:
+            found = ", ".join(static) or "none"
+            yield f"model terms: granular ground needs exactly one static force of {', '.join(STATIC)}; found {found}"
+        needed = {n: t for t in reversed(known) for n in MECHANISMS[t].parameters}
+        missing = [n for n in needed if getattr(self.parameters, n) is None]
+        for n in missing:
+            about = ModelParameters.__dataclass_fields__[n].metadata["meaning"]
+            yield f"model {n}: missing; '{needed[n]}' needs it ({about})"
+        given = [n for n in ModelParameters.__dataclass_fields__ if n not in missing]
+        if wrong := list(_range_problems(self.parameters, "model", [n for n in given if n in needed])):
+            yield from wrong
+            return
+        symbols = {n for t in known if t in TERMS for n in inspect.signature(TERMS[t]).parameters}
+        values = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
+        lacking = [values[n] for n in values if n in symbols and getattr(self, values[n]) is None]
+        yield from (f"model {n}: missing; the cone needs it" for n in lacking)
+        if missing or lacking:
+            return
+        for name, value in (("m_m", "motor_mass"), ("k_s", "spring_stiffness"), ("g", "gravity")):
+            if getattr(self, name) <= 0:
+                yield f"model {value}: {getattr(self, name):g} after correction by a mechanism; must be > 0"
+        if self.m_f < 0 or (self.ground == "granular" and self.m_f == 0):
+            least = "> 0 on granular ground" if self.ground == "granular" else ">= 0"
+            yield f"model foot_mass: {self.m_f:g} kg; must be {least}: give the foot's mass"
+        if self.c_s < 0:
+            yield f"model spring_damping: {self.c_s:g} N s/m after correction; must be >= 0"
+        if "added_mass" in self:
+            p = self.parameters
+            slope = float(cone_mass_slope(np, 0.0, **{n: self.symbol(n) for n in ("C", "mu", "theta", *values)}))
+            drag = (p.alpha or 0.0) * ("inertial_drag" in self) + (p.b or 0.0) * ("depth_drag" in self) * slope
+            # alpha + (b - 1/2) dm_a/dz is linear in dm_a/dz, which falls from `slope` at the surface to 0
+            if drag < 0.5 * slope:
+                yield (
+                    f"model alpha, b: alpha + (b - 1/2) dm_a/dz = {drag - 0.5 * slope:g} kg/m < 0 at the surface would "
+                    "create energy; give 'depth_drag' with b >= 0.5, or 'inertial_drag' with a larger alpha"
+                )
+
+    # The robot as the mechanisms correct it, in the symbols of PHYSICS.md.
+    @property
+    def m_m(self) -> float:
+        """Mass of the motor with its payload [kg]."""
+        return self.motor_mass + self._extra("payload", "dm")
+
+    @property
+    def m_f(self) -> float:
+        """Mass of the foot [kg]."""
+        return self.foot_mass + self._extra("foot_mass", "dm_f")
+
+    @property
+    def M(self) -> float:
+        """Mass of motor and rod [kg]."""
+        return self.m_m + self.rod_mass
+
+    @property
+    def k_s(self) -> float:
+        """Stiffness of the spring [N/m]."""
+        return self.spring_stiffness + self._extra("spring_stiffness", "dk")
+
+    @property
+    def c_s(self) -> float:
+        """Damping of the spring [N s/m]."""
+        return self.spring_damping + self._extra("spring_damping", "dc")
+
+    @property
+    def g(self) -> float:
+        """Gravity along the rail [m/s^2]."""
+        return self.gravity + self._extra("tilt", "dg")
+
+    def _extra(self, mechanism: str, name: str) -> float:
+        return getattr(self.parameters, name) if mechanism in self else 0.0
+
+    def symbol(self, name: str) -> float:
+        """Value of a parameter or of R, phi, rho by its symbol in a force law."""
+        names = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
+        return getattr(self, names[name]) if name in names else getattr(self.parameters, name)
+
+    def forces(self, **state: ArrayLike) -> dict[str, NDArray[np.float64]]:
+        """{mechanism: force [N], positive up} of every force law of the model on a measured track.
+
+        state: the symbols of `terms.STATE` that the laws ask for (z, v, a, z_g, z_stop, v_m, e), arrays (n,) or
+        numbers. Laws of the ground hold while the foot intrudes: mask the rest. ValueError names a symbol that lacks.
+        """
+        arrays = {n: np.asarray(x, float) for n, x in state.items()}
+        out = {}
+        for t in self.terms:
+            if t not in TERMS:
+                continue
+            arguments: dict[str, Any] = {}
+            for n in list(inspect.signature(TERMS[t]).parameters)[1:]:
+                if n in arrays:
+                    arguments[n] = arrays[n]
+                elif n in ModelParameters.__dataclass_fields__ and n != "e" or n in ("R", "phi", "rho"):
+                    arguments[n] = self.symbol(n)
+                else:
+                    raise ValueError(f"forces: '{t}' needs {n}; give {n} = array")
+            out[t] = np.asarray(TERMS[t](np, **arguments))
+        return out
+
+    def __str__(self) -> str:
+        minus = [f" - {_EQUATION[t]}" for t in self.terms if t.endswith("_friction")]
+        spring = "F_s = -k e - c e'" + (f" - {_EQUATION['spring_hardening']}" if "spring_hardening" in self else "")
+        lines = [f"{self.ground} ground", f"  M y'' = -M g + F_s{''.join(minus)}", f"  {spring},  e = x_r - x_f"]
+        if self.ground == "granular":
+            over = [t for t in self.terms if t.endswith("_overshoot")]
+            drag = [t for t in self.terms if t.endswith("_drag")]
+            inertia = "(m_f + m_a(z))" if "added_mass" in self else "m_f"
+            lines.append(f"  {inertia} a_f = -(F_s + m_f g) + F_p{''.join(f' + {_EQUATION[t]}' for t in drag)}")
+            static = next(t for t in self.terms if t in STATIC)
+            lines.append("  F_p = " + " + ".join(_EQUATION[t] for t in (static, *over)))
+        lines.append(
+            f"  m_m = {self.m_m:g} kg, m_r = {self.rod_mass:g} kg, m_f = {self.m_f:g} kg, k = {self.k_s:g} N/m, "
+            f"c = {self.c_s:g} N s/m, g = {self.g:g} m/s^2"
+        )
+        for t in self.terms:
+            values = ", ".join(
+                f"{n} = {getattr(self.parameters, n):g} {ModelParameters.__dataclass_fields__[n].metadata['unit']}".strip()
+                for n in MECHANISMS[t].parameters
+            )
+            lines.append(f"  {t}: {values}")
+        return "\n".join(lines)
+
+
+def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:
+    for n in names:
+        value, f = getattr(record, n), type(record).__dataclass_fields__[n]
+        hint, optional = type_of(type(record), n)
+        if value is None and optional:
+            continue
+        _, problem = check_value(value, hint, f.metadata)
+        if problem:
+            yield f"{where} {n} = {value!r}: {problem}"

@@ -1,0 +1,376 @@
+"""A stage is its typed signature: inputs by type, parameters `p`, output by type, a version.
+
+`Workspace.make(Track)` walks back from the wanted record, computes what is missing or changed and keeps each result
+under the hash of its inputs, parameters and version. An entry is written aside and renamed, so a killed run leaves
+either a whole entry or none; checksums are verified when an entry is read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import inspect
+import json
+import os
+import shutil
+import socket
+import time
+import types
+import uuid
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from .experiment import Experiment
+from .records import Record
+from .schema import read
+from .sections import MissingKey, Section
+
+
+class StageWarning(UserWarning):
+    """Something a user should know about a result that stands all the same; kept with the result."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """One argument of a stage: a section of the experiment, a record, or the experiment itself."""
+
+    name: str
+    type: type
+    optional: bool
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A registered stage; calling it calls the function."""
+
+    name: str
+    function: Callable[..., Any]
+    version: int
+    inputs: tuple[Input, ...]
+    output: type
+    params: type | None
+    any_of: tuple[str, ...]
+    picture: bool = False  # a figure drawn from records, not a result that others need
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return self.function(*args, **kwargs)
+
+
+STAGES: dict[type, Stage] = {}  # by output type
+
+
+def stage(
+    *, version: int, any_of: tuple[str, ...] = (), picture: bool = False
+) -> Callable[[Callable[..., Any]], Stage]:
+    """Register a function as a stage. any_of: argument names of which at least one must be there."""
+
+    def register(function: Callable[..., Any]) -> Stage:
+        hints = get_type_hints(function)
+        inputs = []
+        for name in inspect.signature(function).parameters:
+            if name == "p":
+                continue
+            hint = hints[name]
+            optional = get_origin(hint) in (Union, types.UnionType)
+            plain = next(t for t in get_args(hint) if t is not type(None)) if optional else hint
+            inputs.append(Input(name, plain, optional))
+        made = Stage(
+            function.__name__, function, version, tuple(inputs), hints["return"], hints.get("p"), any_of, picture
+        )
+        if made.output in STAGES and STAGES[made.output].name != made.name:
+            raise TypeError(f"stages {STAGES[made.output].name} and {made.name} both make {made.output.__name__}")
+        STAGES[made.output] = made
+        return made
+
+    return register
+
+
+@dataclass
+class Step:
+    """What became of one stage in a run."""
+
+    stage: str
+    state: str  # "computed" | "cached"
+    seconds: float
+    warnings: list[str]
+    key: str
+
+
+class CorruptEntry(Exception):
+    """A cached file does not have the checksum of its receipt."""
+
+
+class Workspace:
+    """Results and cache of one experiment.
+
+    results: folder of the result files. cache: folder shared by the experiments of a campaign.
+    verify: hash every input again instead of trusting an unchanged size and modification time.
+    """
+
+    def __init__(self, experiment: Experiment, results: Path, cache: Path, *, verify: bool = False):
+        self.experiment, self.results, self.cache, self.verify = experiment, Path(results), Path(cache), verify
+        self.steps: list[Step] = []
+        self.inputs: dict[str, str] = {}  # relative path -> SHA-256
+        self.outputs: set[str] = set()  # names of the result files made
+        self._made: dict[type, tuple[str, Any]] = {}
+        self._failed: dict[type, Exception] = {}
+
+    # -- what can be made ------------------------------------------------------------------------------------
+
+    def missing(self, output: type) -> str:
+        """Why `output` cannot be made from this experiment: "" or the missing section, in words."""
+        made = STAGES[output]
+        absent = {i.name: i.type for i in made.inputs if not self._available(i.type)}
+        for i in made.inputs:
+            if i.name in absent and not i.optional:
+                return f"{made.name} needs {self._why(i.type)}"
+        if made.any_of and all(name in absent for name in made.any_of):
+            return f"{made.name} needs " + " or ".join(self._why(absent[n]) for n in made.any_of)
+        return ""
+
+    def _available(self, kind: type) -> bool:
+        if issubclass(kind, Section):
+            return self.experiment.section(kind) is not None
+        return kind is Experiment or not self.missing(kind)
+
+    def _why(self, kind: type) -> str:
+        return f"[{kind.name}]" if issubclass(kind, Section) else self.missing(kind)
+
+    # -- making ----------------------------------------------------------------------------------------------
+
+    def make(self, output: type) -> Any:
+        """The record, from the cache or computed, and its file in the results folder."""
+        return self._make(output)[1]
+
+    @property
+    def made(self) -> dict[type, Any]:
+        """The records made so far, by type."""
+        return {output: record for output, (_, record) in self._made.items()}
+
+    def withdraw(self, output: type) -> None:
+        """Remove the result file of an earlier run, which is no result of the inputs as they are now."""
+        (self.results / output.file).unlink(missing_ok=True)  # type: ignore[attr-defined]
+
+    def _make(self, output: type) -> tuple[str, Any]:
+        if output in self._made:
+            return self._made[output]
+        if output in self._failed:
+            raise self._failed[output]
+        try:
+            self._made[output] = self._resolve(output)
+        except Exception as e:
+            self._failed[output] = e
+            raise
+        return self._made[output]
+
+    def _resolve(self, output: type) -> tuple[str, Any]:
+        made = STAGES[output]
+        why = self.missing(output)
+        if why:
+            raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {why}"])
+        keys: dict[str, Any] = {}
+        arguments: dict[str, Any] = {}
+        for i in made.inputs:
+            keys[i.name], arguments[i.name] = self._input(i)
+        if made.params:
+            arguments["p"] = self.parameters(made)
+            keys["p"] = dataclasses.asdict(arguments["p"])
+        text = json.dumps([made.name, made.version, keys], sort_keys=True, default=str)
+        key = hashlib.sha256(text.encode()).hexdigest()
+        entry = self.cache / made.name / key[:24]
+        began = time.perf_counter()
+        try:
+            record, receipt = self._load(entry, output)
+            state = "cached"
+        except (FileNotFoundError, CorruptEntry) as e:
+            if isinstance(e, CorruptEntry):
+                warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)
+            record, receipt = self._compute(made, arguments, entry, key)
+            state = "computed"
+        self._publish(entry, output, receipt)
+        self.steps.append(Step(made.name, state, time.perf_counter() - began, receipt["warnings"], key))
+        return key, record
+
+    def parameters(self, made: Stage) -> Any:
+        """The parameters of a stage: defaults, then what the experiment gives."""
+        obj, problems = read(made.params, self.experiment.params.get(made.name, {}), f"[params.{made.name}]")  # type: ignore[arg-type]
+        if problems:  # found already when the folder was read
+            raise MissingKey(problems)
+        return obj
+
+    def _input(self, i: Input) -> tuple[Any, Any]:
+        """(what identifies it, the argument)."""
+        if i.type is Experiment:
+            e = self.experiment
+            return [e.name, e.header.group, e.ground], e
+        if issubclass(i.type, Section):
+            section = self.experiment.section(i.type)
+            if section is None:
+                return None, None
+            values = dataclasses.asdict(section)
+            path = values.pop("path", None)  # the same recording elsewhere is the same input
+            return ([values, self._hash(path)] if path else values), section
+        if not self._available(i.type):
+            return None, None
+        return self._make(i.type)
+
+    def _compute(self, made: Stage, arguments: Mapping[str, Any], entry: Path, key: str) -> tuple[Any, dict[str, Any]]:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", StageWarning)
+            try:
+                record = made.function(**arguments)
+            except MissingKey as e:
+                raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None
+            except Exception as e:
+                e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
+                raise
+        notes = [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+        for w in caught:
+            if not issubclass(w.category, StageWarning):
+                warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
+        aside = self.cache / f"writing-{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+        aside.mkdir(parents=True)
+        try:
+            record.save(aside)
+            receipt = {
+                "stage": made.name, "version": made.version, "key": key, "warnings": notes,
+                "outputs": {f.name: sha256(f) for f in sorted(aside.iterdir())},
+            }  # fmt: skip
+            (aside / "receipt.json").write_text(json.dumps(receipt, indent=1), encoding="utf-8")
+            _sync(aside)
+            entry.parent.mkdir(parents=True, exist_ok=True)
+            if entry.exists():  # another run was faster, or the entry is damaged: replace it
+                shutil.rmtree(entry, ignore_errors=True)
+            try:
+                os.rename(aside, entry)
+            except OSError:
+                if not (entry / "receipt.json").exists():
+                    raise
+        finally:
+            shutil.rmtree(aside, ignore_errors=True)
+        return record, receipt
+
+    def _load(self, entry: Path, output: type) -> tuple[Any, dict[str, Any]]:
+        """The record and receipt of a whole, undamaged entry."""
+        try:
+            receipt = json.loads((entry / "receipt.json").read_text(encoding="utf-8"))
+            for name, digest in receipt["outputs"].items():
+                if sha256(entry / name) != digest:
+                    raise CorruptEntry(f"{entry / name}: damaged in the cache")
+            return output.load(entry), receipt  # type: ignore[attr-defined]
+        except FileNotFoundError:
+            raise
+        except (ValueError, KeyError, OSError) as e:
+            raise CorruptEntry(f"{entry}: unreadable in the cache ({type(e).__name__})") from e
+
+    def _publish(self, entry: Path, output: type, receipt: Mapping[str, Any]) -> None:
+        """The result file beside the others; replaced in one step when it differs."""
+        self.results.mkdir(parents=True, exist_ok=True)
+        for name, digest in receipt["outputs"].items():
+            target = self.results / name
+            self.outputs.add(name)
+            if not target.exists() or self._hash_file(target) != digest:
+                copy_aside(entry / name, target)
+
+    # -- hashes ----------------------------------------------------------------------------------------------
+
+    def _hash(self, path: Path) -> str:
+        """SHA-256 of a recording: of a file, or of all files of a folder or pattern with their names."""
+        if path.is_file():
+            files = companions(path)
+        elif path.is_dir():
+            files = sorted(f for f in path.iterdir() if f.is_file())
+        else:
+            files = sorted(path.parent.glob(path.name))
+        digests = {}
+        for f in files:
+            digests[f.name] = self._hash_file(f)
+            self.inputs[os.path.relpath(f, self.experiment.path).replace(os.sep, "/")] = digests[f.name]
+        return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()
+
+    def _hash_file(self, path: Path) -> str:
+        """SHA-256 of a file, remembered while its size and modification time stay."""
+        s = path.stat()
+        memo = self.cache / "hashes" / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
+        stamp = [s.st_size, s.st_mtime_ns]
+        if not self.verify:
+            try:
+                known = json.loads(memo.read_text(encoding="utf-8"))
+                if known["stamp"] == stamp:
+                    return str(known["sha256"])
+            except (OSError, ValueError, KeyError, TypeError):
+                pass
+        digest = sha256(path)
+        write_aside(memo, json.dumps({"stamp": stamp, "sha256": digest}))
+        return digest
+
+
+def companions(path: Path) -> list[Path]:
+    """A recording and the header files that belong to it (Photron .cih, .cihx)."""
+    beside = [path.with_suffix(s) for s in (".cih", ".cihx", ".mraw") if path.suffix.lower() in (".mraw", ".cih", ".cihx")]
+    return [path, *(f for f in beside if f != path and f.is_file())]
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's content, in hex."""
+    with path.open("rb") as f:
+        return hashlib.file_digest(f, "sha256").hexdigest()
+
+
+def write_aside(path: Path, text: str) -> None:
+    """Write a text file in one step: it is whole, old or new, at any moment."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def copy_aside(source: Path, target: Path) -> None:
+    """Copy a file in one step."""
+    aside = target.with_name(f".{target.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
+    try:
+        shutil.copyfile(source, aside)
+        os.replace(aside, target)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def _sync(folder: Path) -> None:
+    """Make the entry's files durable before the rename that declares them whole."""
+    for f in folder.iterdir():
+        fd = os.open(f, os.O_RDWR)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+
+
+def sweep_leftovers(results: Path, cache: Path) -> None:
+    """Remove what killed runs of this machine left behind: aside folders and files of processes that are gone."""
+    for f in [*cache.glob(f"writing-{socket.gethostname()}-*"), *_tmp_files(results), *_tmp_files(cache / "hashes")]:
+        pid = int(f.name.split("-")[-2])
+        if not _alive(pid):
+            shutil.rmtree(f, ignore_errors=True) if f.is_dir() else f.unlink(missing_ok=True)
+
+
+def _tmp_files(folder: Path) -> Iterator[Path]:
+    for pattern in (".*-*-*.tmp", "*/.*-*-*.tmp"):
+        yield from (f for f in folder.glob(pattern) if f.name.split("-")[-2].isdigit())
+
+
+def _alive(pid: int) -> bool:
+    if os.name == "nt":  # no harmless signal there: such a file is removed by `jumpvision cache`
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

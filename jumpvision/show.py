@@ -1,0 +1,210 @@
+"""What a person sees in the terminal: results on stdout, progress and messages on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, Self
+
+from .campaign import Outcome, truth_of
+from .experiment import Campaign
+from .records import plain
+
+
+def line(text: str) -> None:
+    """One line on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+class Progress:
+    """Progress on stderr: a bar of frames for one experiment, one line an experiment for a campaign."""
+
+    def __init__(self, total: int):
+        self.total, self.done, self.began, self.bar = total, 0, time.perf_counter(), None
+        self.tasks: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.bar is not None:
+            self.bar.stop()
+
+    def frames(self, what: str, done: int, total: int | None) -> None:
+        """Hook of `progress.watch`."""
+        if not sys.stderr.isatty():
+            if total and done == total:
+                line(f"{what}: {done} done")
+            return
+        if self.bar is None:
+            from rich.console import Console
+            from rich.progress import Progress as Bar
+
+            self.bar = Bar(console=Console(stderr=True), transient=True)  # type: ignore[assignment]
+            self.bar.start()  # type: ignore[attr-defined]
+        if what not in self.tasks or done == 0:
+            self.tasks[what] = self.bar.add_task(what, total=total)  # type: ignore[attr-defined]
+        self.bar.update(self.tasks[what], completed=done)  # type: ignore[attr-defined]
+
+    def experiment(self, outcome: Outcome) -> None:
+        """One finished experiment, with the time left."""
+        self.done += 1
+        left = (time.perf_counter() - self.began) / self.done * (self.total - self.done)
+        state = "failed" if outcome.errors else "computed" if outcome.computed else "cached"
+        line(f"[{self.done}/{self.total}] {outcome.name}: {state} ({outcome.seconds:.1f} s; {left:.0f} s left)")
+
+
+def result(data: Any, rows: list[dict[str, Any]], *, as_json: bool) -> None:
+    """A result as JSON or as a table."""
+    if as_json:
+        print(json.dumps(plain(data), indent=1))
+    elif rows:
+        table(rows)
+
+
+def table(rows: list[dict[str, Any]], title: str | None = None) -> None:
+    """Rows with the same keys as a table that fits a terminal and a log file."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    numeric = {k for k in rows[0] if all(_is_number(r[k]) for r in rows if r[k] not in (None, ""))}
+    out = Table(title=title, title_justify="left", header_style="bold", box=None, pad_edge=False)
+    for key in rows[0]:
+        out.add_column(key, justify="right" if key in numeric else "left", no_wrap=key in numeric, overflow="fold")
+    for row in rows:
+        out.add_row(*(Text("" if v is None else str(v)) for v in row.values()))
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=max(100, console.measure(out).maximum))
+    console.print(out)
+
+
+def _is_number(value: Any) -> bool:
+    text = str(value).split(" ")[0]
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> str:
+    """`12.34 ± 0.05`: two significant figures of the uncertainty; "" when unknown."""
+    from math import floor, isfinite, log10
+
+    if value is None:
+        return ""
+    value *= factor
+    if not sigma or not isfinite(sigma):
+        return f"{value:.4g}"
+    sigma *= factor
+    digits = max(0, 1 - floor(log10(sigma)))
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
+
+
+QUANTITIES = (  # summary key, its sigma, heading, factor
+    ("jump_height_m", "sigma_m", "jump height [mm]", 1e3),
+    ("simulated_height_m", None, "simulated [mm]", 1e3),
+    ("volume_fraction", "sigma_volume_fraction", "phi", 1.0),
+    ("mu", "mu_sigma", "mu", 1.0),
+    ("beta_deg", "beta_deg_sigma", "beta [deg]", 1.0),
+    ("added_mass_kg", "added_mass_kg_sigma", "added mass [kg]", 1.0),
+    ("frequency_hz", "frequency_hz_sigma", "ring-down [Hz]", 1.0),
+    ("zeta", "zeta_sigma", "zeta", 1.0),
+)
+
+
+def overview(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment: what was measured, and the truth beside it where the folder is synthetic."""
+    rows = []
+    paths = {e.name: e.path for e in campaign.experiments}
+    known = {n: truth_of(p).get("summary", {}) for n, p in paths.items()}
+    for o in outcomes:
+        row: dict[str, Any] = {"experiment": o.name}
+        for key, sigma, heading, factor in QUANTITIES:
+            if any(x.summary.get(key) is not None for x in outcomes):
+                row[heading] = measured(o.summary.get(key), o.summary.get(sigma) if sigma else None, factor)
+                if any(key in t for t in known.values()):
+                    true = known[o.name].get(key)
+                    row[f"true {heading.split(' [')[0]}"] = None if true is None else f"{true * factor:.4g}"
+        rows.append(row)
+    return rows
+
+
+def outcome(
+    campaign: Campaign,
+    outcomes: list[Outcome],
+    rows: list[dict[str, Any]],
+    results: Path,
+    made: list[Path],
+    *,
+    as_json: bool,
+    single: bool,
+) -> None:
+    """The end of a command: table on stdout; what was done, skipped, warned of and failed on stderr."""
+    if as_json:
+        data = {
+            "results": str(results),
+            "experiments": [
+                {
+                    "name": o.name,
+                    "results": str(o.results),
+                    "stages": [{"stage": s.stage, "state": s.state, "seconds": s.seconds} for s in o.steps],
+                    "summary": o.summary,
+                    "warnings": o.warnings,
+                    "errors": o.errors,
+                    "not_run": o.not_run,
+                }
+                for o in outcomes
+            ],
+            "excluded": dict(campaign.excluded),
+        }
+        print(json.dumps(plain(data), indent=1))
+    elif any(o.summary for o in outcomes):
+        table(overview(campaign, [o for o in outcomes if o.summary or o.errors]))
+    for o in outcomes:
+        for text in o.warnings:
+            line(f"warning: {o.name}: {text}")
+    for name, why in campaign.excluded.items():
+        line(f"excluded: {name}: {why}")
+    if single and not as_json:
+        for o in outcomes:
+            for text in o.not_run:
+                line(f"not run: {text}")
+    for o in outcomes:
+        for text in o.errors:
+            line(f"error: {text}")
+    computed, failed = sum(o.computed for o in outcomes), sum(bool(o.errors) for o in outcomes)
+    cached = sum(len(o.steps) for o in outcomes) - computed
+    done = f"{computed} stage results computed, {cached} from the cache" if computed else f"nothing recomputed ({cached} from the cache)"
+    line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {done}")
+    line(f"results in {results}" + "".join(f"; open {m}" for m in made))
+
+
+def doctor() -> dict[str, str]:
+    """Versions, codecs and cores."""
+    import os
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    from . import __version__
+
+    facts = {"jumpvision": __version__, "python": platform.python_version(), "system": platform.platform()}
+    for p in ("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba", "opencv-python-headless", "scikit-image", "av",
+              "h5py", "matplotlib"):  # fmt: skip
+        try:
+            facts[p] = version(p)
+        except PackageNotFoundError:
+            facts[p] = "not installed"
+    try:
+        import av
+
+        codecs = {"ffv1", "h264", "hevc", "mjpeg", "rawvideo", "vp8", "vp9", "png"}
+        facts["video codecs"] = ", ".join(sorted(c for c in codecs if c in av.codecs_available))
+    except ImportError as e:
+        facts["video codecs"] = f"PyAV cannot be loaded: {e}"
+    facts["cores"] = str(os.cpu_count())
+    return facts

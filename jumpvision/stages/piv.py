@@ -1,0 +1,149 @@
+"""PIV: velocity field of the grains from the side-wall film, with the foot followed and masked."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..frames import Frames, open_frames
+from ..pipeline import StageWarning, stage
+from ..progress import watch
+from ..records import Piv
+from ..sections import GrainVideo, Robot
+from ..vision.foot import FootTrack, track_foot
+from ..vision.piv import MEASURED, REASONS, VectorField, piv_film
+from ..params import PivParams
+
+Array = NDArray[np.float64]
+
+
+@stage(version=1)
+def piv(film: GrainVideo, robot: Robot | None, *, p: PivParams) -> Piv:
+    """m/s where the film's scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y)."""
+    with open_frames(film.path, frame_rate=film.frame_rate, start=film.start) as frames:
+        if len(frames) <= p.gap:
+            raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
+        for text in frames.warnings:
+            warnings.warn(text, StageWarning, stacklevel=2)
+        foot = follow_foot(frames, film, robot, p)
+        fields = list(
+            piv_film(
+                frames, mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap, window=p.window, step=p.step,
+                median_threshold=p.median_threshold,
+            )
+        )  # fmt: skip
+        data = as_dataset(fields, frames.time, film, p)
+        if foot is not None:
+            add_foot(data, foot, frames.time, film, p)
+    return Piv(data)
+
+
+def follow_foot(frames: Frames, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:
+    """Row of the foot's lower face in every frame, where the first frame's is given."""
+    if film.foot_row is None or film.axis_column is None:
+        return None
+    half = half_width(film, robot)
+    found = track_foot(
+        watch(frames, "frames searched for the foot", len(frames)),
+        row=film.foot_row,
+        column=film.axis_column,
+        half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
+        depth=p.foot_rows,
+    )
+    lost = np.flatnonzero(~np.isfinite(found.row))
+    if lost.size:
+        warnings.warn(f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})", StageWarning, stacklevel=2)
+    return found
+
+
+def half_width(film: GrainVideo, robot: Robot | None) -> float | None:
+    """Half width of the foot in the picture [px], where foot radius and scale are known."""
+    return robot.foot_radius / film.scale if robot and robot.foot_radius and film.scale else None
+
+
+def foot_mask(
+    foot: FootTrack | None, shape: tuple[int, int], film: GrainVideo, robot: Robot | None
+) -> Callable[[int], NDArray[np.bool_] | None] | None:
+    """Usable pixels of frame i: not the foot's body; all columns are masked above the face if its width is unknown."""
+    if foot is None:
+        return None
+    half = half_width(film, robot)
+    rows, columns = np.arange(shape[0])[:, None], np.arange(shape[1])
+    beside = np.abs(columns - film.axis_column) > half + 1 if half else np.zeros(shape[1], bool)
+
+    def mask(i: int) -> NDArray[np.bool_]:
+        row = foot.row[i]
+        return beside | (rows > row + 1) if np.isfinite(row) else np.zeros(shape, bool)
+
+    return mask
+
+
+def as_dataset(fields: list[VectorField], time: Array, film: GrainVideo, p: PivParams) -> xr.Dataset:
+    """pivpy schema 1 from pixel fields: y up, origin as in the contract, SI where the scale is known."""
+    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
+    n = len(fields)
+    begin, end = time[:n], time[p.gap : p.gap + n]
+    dt = end - begin
+    origin_x, origin_y = origin(film)
+
+    def cube(name: str, sign: float = 1.0) -> tuple[tuple[str, str, str], Array, dict[str, str]]:
+        values = np.stack([getattr(f, name) for f in fields], axis=-1) * (sign * scale / dt)
+        return ("y", "x", "t"), values, {"units": f"{unit}/s"}
+
+    reason = np.stack([f.reason for f in fields], axis=-1).astype(np.int8)
+    data = xr.Dataset(
+        {
+            "u": cube("u"), "v": cube("v", -1.0), "u_sigma": cube("u_sigma"), "v_sigma": cube("v_sigma"),
+            "u_raw": cube("u_raw"), "v_raw": cube("v_raw", -1.0),
+            "chc": (("y", "x", "t"), np.isin(reason, MEASURED).astype(float), {"units": "1"}),
+            "correlation": (("y", "x", "t"), np.stack([f.correlation for f in fields], axis=-1), {"units": "1"}),
+            "reason": (("y", "x", "t"), reason, {
+                "units": "1", "flag_values": np.array(sorted(REASONS), np.int8),
+                "flag_meanings": " ".join(_word(REASONS[k]) for k in sorted(REASONS)),
+                "long_name": "; ".join(f"{k}: {REASONS[k]}" for k in sorted(REASONS)),
+            }),
+        },
+        coords={
+            "x": ("x", (fields[0].x - origin_x) * scale, {"units": unit, "long_name": "right"}),
+            "y": ("y", -(fields[0].y - origin_y) * scale, {"units": unit, "long_name": "up"}),
+            "t": ("t", 0.5 * (begin + end), {"units": "s", "long_name": "mid-time of the pair, common clock"}),
+        },
+        attrs={
+            "delta_t": float(np.median(dt)), "files": [film.file], "pivpy_schema_version": "1",
+            "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
+            "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
+            "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
+        },
+    )  # fmt: skip
+    data["u"].attrs["standard_name"], data["v"].attrs["standard_name"] = "u_velocity", "v_velocity"
+    data["chc"].attrs["standard_name"] = "validity_flag"
+    return data
+
+
+def _word(meaning: str) -> str:
+    """A CF flag meaning: one word."""
+    return meaning.split(":")[0].split(",")[0].replace(" (", "_").replace(")", "").replace(" ", "_")
+
+
+def origin(film: GrainVideo) -> tuple[float, float]:
+    """Column, row of the field's origin: the foot's face on its axis in the first frame, else the top-left pixel."""
+    known = film.foot_row is not None and film.axis_column is not None
+    return (film.axis_column, film.foot_row) if known else (0.0, 0.0)  # type: ignore[return-value]
+
+
+def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p: PivParams) -> None:
+    """The foot's face over t: foot_y (up, from its place in the first frame) and foot_v, at mid-time of each pair."""
+    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
+    n = data.sizes["t"]
+    a, b = slice(0, n), slice(p.gap, p.gap + n)
+    dt = time[b] - time[a]
+    spread = np.hypot(foot.sigma[a], foot.sigma[b])
+    data["foot_y"] = ("t", -(0.5 * (foot.row[a] + foot.row[b]) - film.foot_row) * scale, {"units": unit})
+    data["foot_y_sigma"] = ("t", 0.5 * spread * scale, {"units": unit})
+    data["foot_v"] = ("t", -(foot.row[b] - foot.row[a]) * scale / dt, {"units": f"{unit}/s"})
+    data["foot_v_sigma"] = ("t", spread * scale / dt, {"units": f"{unit}/s"})

@@ -1,0 +1,44 @@
+"""Rod: how the rod moved, from our track of the film or from a table tracked elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ..logs import read_log
+from ..pipeline import stage
+from ..records import RodMotion, Track
+from ..sections import Actuation, RodTrack
+from .track import with_rest_zero
+
+
+@stage(version=1, any_of=("track", "table"))
+def rod(track: Track | None, table: RodTrack | None, actuation: Actuation | None) -> RodMotion:
+    """The film's good frames where there is a film, else the table; height zero at rest before the motor starts."""
+    if track is not None:
+        return RodMotion(track.good[list(RodMotion.columns)].reset_index(drop=True))
+    return RodMotion(with_rest_zero(from_table(table), actuation))  # type: ignore[arg-type]
+
+
+def from_table(table: RodTrack) -> pd.DataFrame:
+    """A track made elsewhere; without sigma_m its noise is estimated from third differences."""
+    d = read_log(table.path, "time_s", "height_m", optional=("sigma_m",), at_least=8)
+    height = d.height_m.to_numpy()
+    sigma = d.sigma_m.to_numpy() if "sigma_m" in d else np.full(len(d), difference_noise(height))
+    if (sigma <= 0).any():
+        i = int(np.flatnonzero(sigma <= 0)[0])
+        raise ValueError(f"{table.path}: row {i + 1}, sigma_m = {sigma[i]:g}: must be above 0 m")
+    return pd.DataFrame({"time_s": d.time_s, "height_m": height, "sigma_m": sigma})
+
+
+def difference_noise(height: NDArray[np.float64]) -> float:
+    """White noise [m] of a smooth series, from its third differences: median |d3| / (0.6745 sqrt(20)).
+
+    The median keeps motion out: most of a recording is rest or smooth flight.
+    """
+    d3 = np.diff(height, 3)
+    sigma = float(np.median(np.abs(d3)) / (0.6745 * np.sqrt(20.0)))
+    resolution = np.diff(np.unique(height))
+    floor = float(resolution.min()) / np.sqrt(12.0) if resolution.size else 0.0
+    return max(sigma, floor, np.finfo(float).tiny)

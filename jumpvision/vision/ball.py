@@ -1,0 +1,245 @@
+"""The ball on the rod: its centre in every frame of a film, in pixels, with the uncertainty of each position."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.vision.ball_measure import DiscMeasure, Found, Start, ThresholdMeasure
+from jumpvision.vision.ball_search import Blob, find_blobs
+
+MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
+POLARITIES = ("bright", "dark")
+METHODS = ("disc", "threshold")
+
+
+@dataclass(frozen=True)
+class BallTrack:
+    """Ball centre at mid-exposure in each of n frames; column x right, row y down, pixel centres at integers.
+
+    x, y, sigma, diameter, chi2: (n,) [px; chi2 per degree of freedom, NaN for the threshold method].
+    sigma: standard uncertainty of each coordinate, the larger of the two where they differ (along a streak).
+    flag: (n,) of str, "" when good, else the reason; the numbers are NaN then.
+    """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    diameter: NDArray[np.float64]
+    chi2: NDArray[np.float64]
+    flag: NDArray[np.str_]
+
+
+def track_ball(
+    images: Iterable[NDArray[np.generic]],
+    *,
+    diameter: float | None,
+    polarity: str,
+    method: str,
+    search: float,
+    seed: tuple[float, float] | None,
+    streak: bool,
+    exposure_fraction: float,
+    progress: Callable[[int], None] | None = None,
+) -> BallTrack:
+    """Follow one ball through `images`, each (row, column) of grey levels (integer or float; NaN = no data).
+
+    diameter: of the ball [px], None: learned from the first frame. polarity: "bright" or "dark" against the background.
+    method: "disc" (least squares, see `disc`) or "threshold" (half height and centroid, the published way).
+    search: half width of the window around the predicted position [ball diameters]; it grows with every lost frame.
+    seed: position (x, y) in the first frame [px], None: the frame must show one ball only. streak: fit the motion blur,
+    starting from the velocity times exposure_fraction (exposure over frame interval, 0..1).
+    progress: called with the number of frames done. A frame without a sound ball is flagged, never an exception.
+    Raises ValueError for an argument out of range or an image that is not two-dimensional.
+    """
+    _check(diameter, polarity, method, search, seed, exposure_fraction)
+    measurer: DiscMeasure | ThresholdMeasure
+    if method == "disc":
+        measurer = DiscMeasure(diameter, polarity, streak)
+    else:
+        measurer = ThresholdMeasure(diameter, polarity, search)
+    tracker = _Tracker(measurer, diameter, polarity, search, seed, streak, exposure_fraction)
+    found = []
+    for i, image in enumerate(images):
+        if np.ndim(image) != 2:
+            raise ValueError(f"images[{i}] has shape {np.shape(image)}: must be (row, column); convert colour to grey")
+        found.append(tracker.step(np.asarray(image)))
+        if progress is not None:
+            progress(i + 1)
+    good = [f if not f.flag else Found(f.flag) for f in found]
+    columns = [np.array([getattr(f, name) for f in good], dtype=np.float64) for name in _NUMBERS]
+    return BallTrack(*columns, flag=np.array([f.flag for f in good], dtype=np.str_))
+
+
+_NUMBERS = ("x", "y", "sigma", "diameter", "chi2")
+
+
+class _Tracker:
+    """The loop's memory: last position, velocity, how long the ball is lost, and other balls seen meanwhile."""
+
+    def __init__(
+        self,
+        measurer: DiscMeasure | ThresholdMeasure,
+        diameter: float | None,
+        polarity: str,
+        search: float,
+        seed: tuple[float, float] | None,
+        streak: bool,
+        exposure_fraction: float,
+    ):
+        self.measurer = measurer
+        self.polarity, self.search, self.seed = polarity, search, seed
+        self.d = diameter
+        self.streak, self.exposure_fraction = streak, exposure_fraction
+        self.last: tuple[float, float] | None = None
+        self.velocity: tuple[float, float] | None = None  # px a frame
+        self.lost = 0  # frames since the last good one
+        self.rivals: list[tuple[float, float]] = []
+
+    def step(self, image: NDArray[np.generic]) -> Found:
+        if image.size == 0 or not np.isfinite(image).any():
+            return self._miss(Found("lost: no finite pixel"))
+        if self.last is None:
+            return self._first(image)
+        x, y = self._predicted()
+        assert self.d is not None
+        flag = "lost: no ball found"
+        if self.lost == 0:
+            vx, vy = self.velocity or (0.0, 0.0)
+            wx, wy = (vx * self.exposure_fraction, vy * self.exposure_fraction) if self.streak else (0.0, 0.0)
+            found = self.measurer.measure(image, Start(x, y, self.d, wx, wy, rough=False), fresh=False)
+            if not found.flag and math.hypot(found.x - x, found.y - y) < self.search * self.d:
+                return self._take(found)
+            flag = found.flag or flag
+        return self._again(image, x, y, flag)
+
+    def _predicted(self) -> tuple[float, float]:
+        assert self.last is not None
+        vx, vy = self.velocity or (0.0, 0.0)
+        n = self.lost + 1
+        return self.last[0] + n * vx, self.last[1] + n * vy
+
+    def _first(self, image: NDArray[np.generic]) -> Found:
+        """The ball in a frame where nothing is known but perhaps the seed."""
+        blobs = self._blobs(image)
+        found, flags = [], []
+        for blob in blobs:
+            f = self.measurer.measure(image, _start(blob, self.streak), fresh=True)
+            (flags if f.flag else found).append(f)
+        if self.seed is not None:
+            sx, sy = self.seed
+            found.sort(key=lambda f: math.hypot(f.x - sx, f.y - sy))
+            near = [f for f in found[:1] if math.hypot(f.x - sx, f.y - sy) < max(0.6, self.search) * f.diameter]
+            if near:
+                self.rivals = [(f.x, f.y) for f in found[1:]]
+                return self._take(near[0])
+            return self._miss(Found(flags[0].flag if flags else "lost: no ball near the seed"))
+        found = _distinct(found)
+        if len(found) == 1:
+            return self._take(found[0])
+        if found:
+            places = ", ".join(f"({f.x:.0f}, {f.y:.0f})" for f in found[:3])
+            return self._miss(Found(f"lost: {len(found)} balls, at {places}; give a seed or the diameter"))
+        return self._miss(Found(flags[0].flag if flags else "lost: no ball found"))
+
+    def _again(self, image: NDArray[np.generic], x: float, y: float, flag: str) -> Found:
+        """Search around the prediction in a window that grows with every lost frame, to the whole image in the end."""
+        assert self.d is not None
+        reach = self.search * self.d * (self.lost + 1)
+        whole = self.lost > 0  # the first miss looks in the window only: most end there
+        x0 = y0 = 0
+        part = image
+        if not whole:
+            half = reach + 1.5 * self.d
+            x0, y0 = max(0, int(x - half)), max(0, int(y - half))
+            part = image[y0 : max(0, int(y + half) + 2), x0 : max(0, int(x + half) + 2)]
+        found = []
+        for blob in self._blobs(part) if min(part.shape) > 4 else []:
+            moved = replace(blob, x=blob.x + x0, y=blob.y + y0)
+            f = self.measurer.measure(image, _start(moved, self.streak), fresh=False)
+            if f.flag.startswith("poor fit"):  # the scene's noise may have changed: judge it by this frame alone
+                f = self.measurer.measure(image, _start(moved, self.streak), fresh=True)
+            if not f.flag:
+                found.append(f)
+        ours = self._not_rivals(_distinct(found), x, y, reach)
+        if not ours:
+            inside = 0 <= x < image.shape[1] and 0 <= y < image.shape[0]
+            return self._miss(Found(flag if inside else "lost: left the image"))
+        # Two balls within what the ball may have moved while lost: no picture tells which is ours
+        away = [math.hypot(f.x - x, f.y - y) for f in ours]
+        if len(ours) > 1 and away[1] < away[0] + 0.5 * self.d * self.lost:
+            return self._miss(Found(f"lost: {len(ours)} balls alike"))
+        return self._take(ours[0])
+
+    def _not_rivals(self, found: list[Found], x: float, y: float, reach: float) -> list[Found]:
+        """Balls within reach of (x, y), nearest first, less those that a rival of the frame before explains."""
+        assert self.d is not None
+        free = sorted(found, key=lambda f: math.hypot(f.x - x, f.y - y))
+        rivals: list[tuple[float, float]] = []
+        for rx, ry in self.rivals:
+            near = min(free, key=lambda f: math.hypot(f.x - rx, f.y - ry), default=None)
+            if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * self.d:
+                free.remove(near)
+                rivals.append((near.x, near.y))
+        self.rivals = rivals + [(f.x, f.y) for f in free if math.hypot(f.x - x, f.y - y) > reach]
+        return [f for f in free if math.hypot(f.x - x, f.y - y) <= reach]
+
+    def _blobs(self, image: NDArray[np.generic]) -> list[Blob]:
+        return find_blobs(
+            image, diameter=self.d, polarity=self.polarity, min_diameter=MIN_DIAMETER, streak=self.streak
+        )
+
+    def _take(self, found: Found) -> Found:
+        if self.last is not None:
+            n = self.lost + 1
+            self.velocity = ((found.x - self.last[0]) / n, (found.y - self.last[1]) / n)
+        self.last, self.lost = (found.x, found.y), 0
+        self.measurer.accept(found)
+        self.d = self.measurer.seen
+        return found
+
+    def _miss(self, found: Found) -> Found:
+        if self.last is not None:
+            self.lost += 1
+            self.measurer.missed()
+        return found
+
+
+def _start(blob: Blob, streak: bool) -> Start:
+    wx, wy = (blob.wx, blob.wy) if streak else (0.0, 0.0)
+    return Start(blob.x, blob.y, blob.d, wx, wy, rough=True)
+
+
+def _distinct(found: list[Found]) -> list[Found]:
+    """Without repeats: two blobs may lead to one ball."""
+    kept: list[Found] = []
+    for f in found:
+        if all(math.hypot(f.x - k.x, f.y - k.y) > 0.5 * k.diameter for k in kept):
+            kept.append(f)
+    return kept
+
+
+def _check(
+    diameter: float | None,
+    polarity: str,
+    method: str,
+    search: float,
+    seed: tuple[float, float] | None,
+    exposure_fraction: float,
+) -> None:
+    if diameter is not None and not (MIN_DIAMETER <= diameter < math.inf):
+        raise ValueError(f"diameter = {diameter!r}: must be at least {MIN_DIAMETER:g} px, or None to learn it")
+    if polarity not in POLARITIES:
+        raise ValueError(f"polarity = {polarity!r}: must be one of {POLARITIES} (ball against the background)")
+    if method not in METHODS:
+        raise ValueError(f"method = {method!r}: must be one of {METHODS}")
+    if not (0.0 < search < math.inf):
+        raise ValueError(f"search = {search!r}: must be above 0 ball diameters (half width of the window)")
+    if seed is not None and not (len(seed) == 2 and all(math.isfinite(v) for v in seed)):
+        raise ValueError(f"seed = {seed!r}: must be the position (x, y) in px, or None to search")
+    if not 0.0 <= exposure_fraction <= 1.0:
+        raise ValueError(f"exposure_fraction = {exposure_fraction!r}: must be in [0, 1] (exposure over frame interval)")

@@ -1,0 +1,237 @@
+"""One ball in one frame, from a start a few pixels off: by the disc fit or by the published threshold-centroid.
+
+A measurer keeps what it has learned (noise, lighting) in `accept`, which the tracking loop calls for good frames.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.vision import disc
+from jumpvision.vision.ball_threshold import half_height_centroid
+
+MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
+DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given
+DIAMETER_SEEN = 0.12  # and from the frames before
+SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this part is covered
+MOST_SECTORS_OFF = 2  # of 16: a thin rod holding the ball is not an occlusion
+MOST_DROPPED = 0.25  # part of the edge pixels
+MOST_CHI2 = 4.0
+NOISE_FRAMES = 30  # frames the noise is averaged over
+# Drift of the lighting a frame, as part of the contrast: the background changes as the ball passes over it
+DRIFT = np.array([0.01, 0.01, 0.003, 0.003])
+LIGHT = slice(disc.BX, disc.GY + 1)
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where to look: centre x, y, diameter d, streak (wx, wy), px; rough: good to a few pixels only."""
+
+    x: float
+    y: float
+    d: float
+    wx: float
+    wy: float
+    rough: bool
+
+
+@dataclass(frozen=True)
+class Found:
+    """A measurement; flag "" when good. fit: the disc fit, where there is one."""
+
+    flag: str
+    x: float = math.nan
+    y: float = math.nan
+    sigma: float = math.nan
+    diameter: float = math.nan
+    chi2: float = math.nan
+    fit: disc.DiscFit | None = None
+
+
+class DiscMeasure:
+    """Disc fit whose noise model and lighting gradients are carried from frame to frame.
+
+    The gradients correlate with the position (a ball lit from one side looks shifted), so each frame takes those of
+    the frames before as a prior that drifts by DRIFT; noise is averaged over NOISE_FRAMES.
+    """
+
+    def __init__(self, diameter: float | None, polarity: str, streak: bool):
+        self.given = diameter
+        self.sign = 1.0 if polarity == "bright" else -1.0
+        self.streak = streak
+        self.seen = math.nan  # running mean diameter
+        self.noise: NDArray[np.float64] | None = None
+        self.frames = 0
+        self.last = np.zeros(12)
+        self.light_var = np.zeros(4)
+
+    def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
+        """fresh: nothing learned before counts (a ball newly found), the noise comes from this frame alone."""
+        fresh = fresh or self.noise is None
+        half = 0.75 * start.d + 10.0
+        x0 = max(0, int(start.x - 0.5 * abs(start.wx) - half))
+        y0 = max(0, int(start.y - 0.5 * abs(start.wy) - half))
+        crop = np.asarray(
+            image[y0 : int(start.y + 0.5 * abs(start.wy) + half) + 2, x0 : int(start.x + 0.5 * abs(start.wx) + half) + 2],
+            dtype=np.float64,
+        )
+        if min(crop.shape) < 4:
+            return Found("lost: outside the image")
+        p = self.last.copy()
+        p[disc.X], p[disc.Y], p[disc.WX], p[disc.WY] = start.x - x0, start.y - y0, start.wx, start.wy
+        if fresh or start.rough:
+            levels = _levels(crop, p[disc.X], p[disc.Y], start)
+            if levels is None:
+                return Found("lost: pixels not finite")
+            p[disc.R], p[disc.S] = 0.5 * start.d, max(0.8, 0.06 * start.d)
+            p[disc.B], p[disc.A] = levels
+        contrast = abs(p[disc.A] - p[disc.B])
+        if not contrast > 0.0:
+            return Found("lost: no contrast")
+        floor = 1.0 / 12.0 if np.issubdtype(image.dtype, np.integer) else (1e-4 * contrast) ** 2
+        mean, var = p.copy(), np.full(12, np.inf)
+        var[LIGHT] = contrast**2 if fresh else self.light_var
+        if self.streak:
+            length = math.hypot(start.wx, start.wy)
+            var[disc.WX :] = (2.0 + 0.5 * length) ** 2 if fresh or start.rough else (0.5 + 0.2 * length) ** 2
+        if fresh:
+            p[LIGHT] = mean[LIGHT] = 0.0
+            noise = np.full(3, max(0.01 * contrast**2, floor))
+            for _ in range(3):
+                fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
+                if not fit.converged:
+                    break
+                p, noise = fit.p, _usable(fit.noise, floor)
+        else:
+            assert self.noise is not None
+            noise = np.maximum(self.noise, (floor, floor, 0.0))
+            fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
+        p = fit.p.copy()
+        p[disc.X] += x0
+        p[disc.Y] += y0
+        fit = disc.DiscFit(p, fit.cov, _usable(fit.noise, floor), fit.chi2, fit.sectors, fit.dropped, fit.converged)
+        n = max(1.0, 4.0 * p[disc.R] * disc.margin(p[disc.S]))
+        # Only a misfit beyond chance enlarges the stated uncertainty
+        excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
+        sigma = math.sqrt(max(fit.cov[0, 0], fit.cov[1, 1]) * excess) if fit.converged else math.nan
+        flag = self._judge(fit, sigma, image.shape, np.max(noise[:2]), fresh)
+        return Found(flag, p[disc.X], p[disc.Y], sigma, 2.0 * p[disc.R], fit.chi2, fit)
+
+    def _judge(self, fit: disc.DiscFit, sigma: float, shape: tuple[int, ...], noise: float, fresh: bool) -> str:
+        """"" for a good fit, else what is wrong with it."""
+        p = fit.p
+        if not fit.converged or not math.isfinite(sigma):
+            return "lost: the fit did not converge"
+        d, contrast = 2.0 * p[disc.R], self.sign * (p[disc.A] - p[disc.B])
+        if contrast <= MIN_CONTRAST * math.sqrt(noise):
+            return "lost: no contrast"
+        if p[disc.S] > 0.35 * p[disc.R]:
+            return "lost: no sharp edge"
+        wx, wy = (abs(p[disc.WX]), abs(p[disc.WY])) if self.streak else (0.0, 0.0)
+        reach = p[disc.R] + 1.5 * p[disc.S]
+        if not (
+            reach + 0.5 * wx < p[disc.X] < shape[1] - 1 - reach - 0.5 * wx
+            and reach + 0.5 * wy < p[disc.Y] < shape[0] - 1 - reach - 0.5 * wy
+        ):
+            return "at the image edge"
+        off = np.count_nonzero(~(np.abs(fit.sectors - 1.0) < SECTOR_OFF))
+        if off > MOST_SECTORS_OFF:
+            return f"occluded: {off} of {disc.SECTORS} sectors"
+        if fit.dropped > MOST_DROPPED:
+            return f"occluded: {fit.dropped:.0%} of the edge does not fit"
+        for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
+            if expected is not None and abs(d - expected) > most * expected + 5.0 * math.sqrt(fit.cov[2, 2]):
+                return f"diameter off: {d:.4g} px instead of {expected:.4g}"
+        if not fresh and fit.chi2 > MOST_CHI2:
+            return f"poor fit: chi2 {fit.chi2:.3g} per degree of freedom"
+        if sigma > 0.05 * d:
+            return "lost: position uncertain"
+        return ""
+
+    def accept(self, found: Found) -> None:
+        fit = found.fit
+        assert fit is not None
+        self.frames += 1
+        n = min(self.frames, NOISE_FRAMES)
+        self.noise = fit.noise if self.noise is None else self.noise + (fit.noise - self.noise) / n
+        self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
+        self.last = fit.p.copy()
+        contrast = abs(fit.p[disc.A] - fit.p[disc.B])
+        self.light_var = np.diag(fit.cov)[LIGHT] + (DRIFT * contrast) ** 2
+
+    def missed(self) -> None:
+        """A frame without the ball: the lighting has drifted on."""
+        self.light_var = self.light_var + (DRIFT * abs(self.last[disc.A] - self.last[disc.B])) ** 2
+
+
+class ThresholdMeasure:
+    """Half-height threshold and centroid; see `half_height_centroid` for its uncertainty. chi2 is NaN."""
+
+    def __init__(self, diameter: float | None, polarity: str, search: float):
+        self.given = diameter
+        self.polarity = polarity
+        self.search = search
+        self.seen = math.nan
+        self.height = math.nan
+        self.frames = 0
+        self.next_height = math.nan
+
+    def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
+        half = max(self.search, 0.75) * start.d + 2.0
+        x0, y0 = max(0, int(start.x - half)), max(0, int(start.y - half))
+        crop = np.asarray(image[y0 : int(start.y + half) + 2, x0 : int(start.x + half) + 2], dtype=np.float64)
+        if min(crop.shape) < 4:
+            return Found("lost: outside the image")
+        c = half_height_centroid(crop, (start.x - x0, start.y - y0), start.d, self.polarity)
+        if c is None:
+            return Found("lost: no contrast")
+        found = Found("", c.x + x0, c.y + y0, c.sigma, c.diameter)
+        if c.cut:
+            return _flagged(found, "at the image edge")
+        for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
+            if expected is not None and abs(c.diameter - expected) > most * expected:
+                return _flagged(found, f"diameter off: {c.diameter:.4g} px instead of {expected:.4g}")
+        self.next_height = c.height
+        return found
+
+    def accept(self, found: Found) -> None:
+        self.frames += 1
+        n = min(self.frames, NOISE_FRAMES)
+        self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
+
+    def missed(self) -> None:
+        pass
+
+
+def _flagged(found: Found, flag: str) -> Found:
+    return Found(flag, found.x, found.y, found.sigma, found.diameter, found.chi2, found.fit)
+
+
+def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tuple[float, float] | None:
+    """Median grey of the background near the ball and of the rim's inside; None where too few pixels are finite."""
+    yy, xx = np.indices(crop.shape)
+    dx, dy = xx - x, yy - y
+    length2 = start.wx**2 + start.wy**2
+    t = np.clip((dx * start.wx + dy * start.wy) / length2, -0.5, 0.5) if length2 > 0 else 0.0
+    r = np.hypot(dx - t * start.wx, dy - t * start.wy) / start.d
+    good = np.isfinite(crop)
+    inside, outside = good & (r > 0.2) & (r < 0.42), good & (r > 0.6)
+    if inside.sum() < 4 or outside.sum() < 4:
+        return None
+    return float(np.median(crop[outside])), float(np.median(crop[inside]))
+
+
+def _usable(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+    """Variances a fit may use: a class without pixels takes the other's, none below the floor, no negative excess."""
+    back, ball, edge = noise
+    if not math.isfinite(back):
+        back = ball if math.isfinite(ball) else floor
+    if not math.isfinite(ball):
+        ball = back
+    if not math.isfinite(edge):
+        edge = 0.0
+    return np.array([max(back, floor), max(ball, floor), max(edge, 0.0)])
