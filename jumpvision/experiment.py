@@ -171,25 +171,28 @@ def _read(
     table = merged({"params": pipeline or {}}, merged(inherited, own))
     overrides = overrides or {}
     table = merged(table, {k: v for k, v in overrides.items() if k != "params"})
-    table["params"] = merged(table["params"], overrides.get("params", {}))
+    table = merged(table, {"params": overrides.get("params", {})})
 
     where = f"{file}:"
-    header, more = read(
-        Header, {k: v for k, v in table.items() if k in _HEADER or not isinstance(v, Mapping)}, where
-    )
+    known = {*SECTIONS, "model", "params"}
+    problems = [
+        f"{where} {k} = {v!r}: must be a table, written [{k}]"
+        for k, v in table.items()
+        if k in known and not isinstance(v, Mapping)
+    ]
+    tables = {k: v for k, v in table.items() if isinstance(v, Mapping) and k not in _HEADER}
+    header, more = read(Header, {k: v for k, v in table.items() if k not in tables and k not in known}, where)
     problems += more
     sections: dict[str, Any] = {}
-    for key, value in table.items():
-        if not isinstance(value, Mapping) or key in _HEADER or key == "params":
-            if key in SECTIONS or key in ("model", "params") and not isinstance(value, Mapping):
-                problems.append(f"{where} {key} = {value!r}: must be a table, written [{key}]")
-            continue
+    for key, value in tables.items():
         if key == "model":
             sections[key], more = _model(value, f"{where} [model]")
         elif key in SECTIONS:
             sections[key], more = read(SECTIONS[key], value, f"{where} [{key}]")
+        elif key not in known:
+            more = [f"{where} [{key}]: unknown section{closest(key, known)}"]
         else:
-            more = [f"{where} [{key}]: unknown section{closest(key, [*SECTIONS, 'model', 'params'])}"]
+            more = []
         problems += more
     for key, section in sections.items():
         file_name = table[key].get("file")
@@ -198,13 +201,13 @@ def _read(
             problems += [f"{where} [{key}] file = '{file_name}': {problem}"] if problem else []
             if section is not None:
                 sections[key] = replace(section, path=(folder / file_name).absolute())
-    problems += _params(table["params"], where)
+    problems += _params(tables.get("params", {}), where)
     if header is None or problems:
         return None, problems
     name = header.name or folder.resolve().name
     if not name.strip(". ") or any(c in name for c in '/\\:*?"<>|\0'):
         return None, [f"{where} name = '{name}': must be usable as a folder name"]
-    return Experiment(folder, name, header, sections, table["params"], campaign), []
+    return Experiment(folder, name, header, sections, tables.get("params", {}), campaign), []
 
 
 _HEADER = {f.name for f in fields(Header)}

@@ -121,23 +121,24 @@ class Workspace:
     # -- what can be made ------------------------------------------------------------------------------------
 
     def missing(self, output: type) -> str:
-        """Why `output` cannot be made from this experiment: "" or the missing section, in words."""
-        made = STAGES[output]
-        absent = {i.name: i.type for i in made.inputs if not self._available(i.type)}
+        """Why `output` cannot be made from this experiment: "" or the sections it lacks, in words."""
+        lack = self._lack(output)
+        return f"{STAGES[output].name} needs {lack}" if lack else ""
+
+    def _lack(self, kind: type) -> str:
+        """The sections that are missing for a section or record to be there; "" when it can be had."""
+        if issubclass(kind, Section):
+            return "" if self.experiment.section(kind) is not None else f"[{kind.name}]"
+        if kind is Experiment:
+            return ""
+        made = STAGES[kind]
+        absent = {i.name: lack for i in made.inputs if (lack := self._lack(i.type))}
         for i in made.inputs:
             if i.name in absent and not i.optional:
-                return f"{made.name} needs {self._why(i.type)}"
+                return absent[i.name]
         if made.any_of and all(name in absent for name in made.any_of):
-            return f"{made.name} needs " + " or ".join(self._why(absent[n]) for n in made.any_of)
+            return " or ".join(dict.fromkeys(absent[n] for n in made.any_of))
         return ""
-
-    def _available(self, kind: type) -> bool:
-        if issubclass(kind, Section):
-            return self.experiment.section(kind) is not None
-        return kind is Experiment or not self.missing(kind)
-
-    def _why(self, kind: type) -> str:
-        return f"[{kind.name}]" if issubclass(kind, Section) else self.missing(kind)
 
     # -- making ----------------------------------------------------------------------------------------------
 
@@ -213,7 +214,7 @@ class Workspace:
             values = dataclasses.asdict(section)
             path = values.pop("path", None)  # the same recording elsewhere is the same input
             return ([values, self._hash(path)] if path else values), section
-        if not self._available(i.type):
+        if self._lack(i.type):
             return None, None
         return self._make(i.type)
 

@@ -36,7 +36,7 @@ SAND_ROBOT = Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)
 BED = {"solid_volume": 0.045, "length": 0.56, "width": 0.56, "grain_density": 1000.0, "grain_diameter": 0.001}
 SAND_TERMS = ("two_resistance", "depth_drag", "added_mass")
 SAND_TRUTH = {"k1": 2100.0, "k2": 2100.0, "delta": 0.012, "b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.pi / 3}
-SINGLE, STUTTER = (4.5, 5.5, 6.5, 7.5, 8.5, 10.0), (4.5, 5.5, 7.0, 8.5, 10.0)  # Hz
+SINGLE, STUTTER = (4.5, 5.5, 6.5, 7.5, 8.5, 10.0), (4.5, 5.0, 5.5, 6.0, 7.0)  # Hz; faster stutters only dig
 DELAYED, DELAY = 7.0, 0.1  # Hz, s
 START = 0.2  # s, of the motor, on the common clock
 
@@ -207,7 +207,7 @@ def write_grain_film(
     """grains.mkv around the first landing and the push-off: its section, the foot's depth in frame 0 [m], its truth."""
     n, exposure, subs = 58, 0.0005, 4
     landing = motion.lift_offs[0] + motion.flights[0]
-    start = round(landing - 0.007, 3)
+    start = round(float(landing) - 0.004, 3)
     view = View(shape=(464, 396), scale=3e-4, surface_row=47.0, axis_column=195.5)
     before = motion.t <= start
     z_start = float(-motion.foot[before].min())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from jumpvision.physics.cone import cone_mass_slope
 from jumpvision.physics.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.terms import STATIC, TERMS
-from jumpvision.schema import InputError, check_value, closest, param, type_of
+from jumpvision.schema import REQUIRED, InputError, check_value, closest, param, type_of
 
 GROUNDS = ("hard", "granular")
 
@@ -28,7 +28,7 @@ _EQUATION = {  # how a term reads on the line of the force it belongs to
     "stop_go_overshoot": "s_p z_stop exp(-(z - z_stop)/lam)",
     "viscous_friction": "c_v v_m",
     "coulomb_friction": "F_c sign(v_m)",
-    "spring_hardening": "k_3 e^3",
+    "spring_hardening": "k_3 stretch^3",
 }
 
 
@@ -41,15 +41,16 @@ class Model:
     correct them (properties m_m, m_f, k_s, c_s, g).
     """
 
-    ground: str = param("granular", "", "ground", choices=GROUNDS)
+    ground: str = param(REQUIRED, "", "ground", choices=GROUNDS)
     terms: tuple[str, ...] = param((), "", "mechanisms")
     parameters: ModelParameters = field(default_factory=ModelParameters)
-    motor_mass: float = param(1.125, "kg", "mass of the motor and its carriage", lo=0, open_lo=True)
-    rod_mass: float = param(0.175, "kg", "mass of the thrust rod", lo=0, open_lo=True)
-    foot_mass: float = param(0.04, "kg", "mass of the foot", lo=0)
-    spring_stiffness: float = param(3300.0, "N/m", "stiffness of the spring", lo=0, open_lo=True)
-    spring_damping: float = param(1.2, "N s/m", "damping of the spring", lo=0)
-    gravity: float = param(9.81, "m/s^2", "gravity along the rail", lo=0, open_lo=True)
+    _: KW_ONLY
+    motor_mass: float = param(REQUIRED, "kg", "mass of the motor and its carriage", lo=0, open_lo=True)
+    rod_mass: float = param(REQUIRED, "kg", "mass of the thrust rod", lo=0, open_lo=True)
+    foot_mass: float = param(REQUIRED, "kg", "mass of the foot", lo=0)
+    spring_stiffness: float = param(REQUIRED, "N/m", "stiffness of the spring", lo=0, open_lo=True)
+    spring_damping: float = param(REQUIRED, "N s/m", "damping of the spring", lo=0)
+    gravity: float = param(REQUIRED, "m/s^2", "gravity along the rail", lo=0, open_lo=True)
     foot_radius: float | None = param(None, "m", "radius of the foot", lo=0, open_lo=True)
     volume_fraction: float | None = param(None, "", "volume fraction of the bed", lo=0, hi=1, open_lo=True)
     grain_density: float | None = param(None, "kg/m^3", "density of a grain", lo=0, open_lo=True)
@@ -152,7 +153,7 @@ class Model:
     def forces(self, **state: ArrayLike) -> dict[str, NDArray[np.float64]]:
         """{mechanism: force [N], positive up} of every force law of the model on a measured track.
 
-        state: the symbols of `terms.STATE` that the laws ask for (z, v, a, z_g, z_stop, v_m, e), arrays (n,) or
+        state: the symbols of `terms.STATE` that the laws ask for (z, v, a, z_g, z_stop, v_m, stretch), arrays (n,) or
         numbers. Laws of the ground hold while the foot intrudes: mask the rest. ValueError names a symbol that lacks.
         """
         arrays = {n: np.asarray(x, float) for n, x in state.items()}
@@ -164,7 +165,7 @@ class Model:
             for n in list(inspect.signature(TERMS[t]).parameters)[1:]:
                 if n in arrays:
                     arguments[n] = arrays[n]
-                elif n in ModelParameters.__dataclass_fields__ and n != "e" or n in ("R", "phi", "rho"):
+                elif n in ModelParameters.__dataclass_fields__ or n in ("R", "phi", "rho"):
                     arguments[n] = self.symbol(n)
                 else:
                     raise ValueError(f"forces: '{t}' needs {n}; give {n} = array")
@@ -173,8 +174,8 @@ class Model:
 
     def __str__(self) -> str:
         minus = [f" - {_EQUATION[t]}" for t in self.terms if t.endswith("_friction")]
-        spring = "F_s = -k e - c e'" + (f" - {_EQUATION['spring_hardening']}" if "spring_hardening" in self else "")
-        lines = [f"{self.ground} ground", f"  M y'' = -M g + F_s{''.join(minus)}", f"  {spring},  e = x_r - x_f"]
+        spring = "F_s = -k stretch - c stretch'" + (f" - {_EQUATION['spring_hardening']}" if "spring_hardening" in self else "")
+        lines = [f"{self.ground} ground", f"  M y'' = -M g + F_s{''.join(minus)}", f"  {spring},  stretch = x_r - x_f"]
         if self.ground == "granular":
             over = [t for t in self.terms if t.endswith("_overshoot")]
             drag = [t for t in self.terms if t.endswith("_drag")]

@@ -23,8 +23,8 @@ STATE: dict[str, tuple[str, str]] = {
     "z_g": ("m", "depth of the hole at the last lift-off, 0 before the first"),
     "z_stop": ("m", "depth of the last pause of the intrusion, 0 before the first"),
     "v_m": ("m/s", "velocity of the carriage, v_r + X_m'"),
-    "e": ("m", "extension of the spring, x_r - x_f"),
-    "e_dot": ("m/s", "rate of extension of the spring, v_r - v_f"),
+    "stretch": ("m", "extension of the spring, x_r - x_f"),
+    "stretch_rate": ("m/s", "rate of extension of the spring, v_r - v_f"),
     "R": ("m", "radius of the foot"),
     "phi": ("", "volume fraction of the bed"),
     "rho": ("kg/m^3", "density of a grain"),
@@ -98,15 +98,15 @@ def coulomb_friction(xp: Any, v_m: Any, F_c: float) -> Any:
 
 
 @register_jitable  # type: ignore[untyped-decorator]
-def spring_hardening(xp: Any, e: Any, k_3: float) -> Any:
-    """-k_3 e^3, on the rod."""
-    return -k_3 * e * e * e
+def spring_hardening(xp: Any, stretch: Any, k_3: float) -> Any:
+    """-k_3 stretch^3, on the rod."""
+    return -k_3 * stretch * stretch * stretch
 
 
 @register_jitable  # type: ignore[untyped-decorator]
-def spring(e: Any, e_dot: Any, stiffness: float, damping: float) -> Any:
-    """-k e - c e', on the rod (always there: not a named mechanism)."""
-    return -stiffness * e - damping * e_dot
+def spring(stretch: Any, stretch_rate: Any, k_s: float, c_s: float) -> Any:
+    """-k_s stretch - c_s stretch', on the rod (always there: not a named mechanism)."""
+    return -k_s * stretch - c_s * stretch_rate
 
 
 TERMS: dict[str, Callable[..., Any]] = {

@@ -1,0 +1,214 @@
+"""The jumper as a hybrid system: equations of motion in each mode, and the rules that change the mode.
+
+State s = [y, w, x_f, v_f, X]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and its
+rate w; the foot x_f, v_f; X, the motor's position, only where it lags its command. In y the motor enters through X_m
+and X_m' alone (PHYSICS.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous,
+and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
+
+Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard
+ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of
+the carriage's velocity v_m) or 0: held by Coulomb friction.
+
+Ground g(t, s) > 0 while a mode lasts are `guards`. Force thresholds carry the width `p.slack` (1e-9 M g), so that a
+mode that begins does so with an acceleration of definite sign.
+
+Everything here is compiled into `events.run`; `p` is one record of CONSTANTS.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from jumpvision.physics.cone import cone_mass, cone_mass_slope
+from jumpvision.physics.forcing import segment_xv
+from jumpvision.physics.terms import (
+    coulomb_friction,
+    linear_penetration,
+    reintrusion_overshoot,
+    rft_cone,
+    spring,
+    spring_hardening,
+    stop_go_overshoot,
+    two_resistance,
+    viscous_friction,
+)
+
+Array = NDArray[np.float64]
+
+AIR, STUCK, INTRUDE = 0, 1, 2
+HARD, LINEAR, TWO_RESISTANCE, RFT_CONE = 0, 1, 2, 3
+SINE, CUBIC = 0, 1
+N_STATE = 5
+Y, W, XF, VF, X = range(N_STATE)
+
+CONSTANTS = np.dtype(
+    [(n, np.int64) for n in ("static", "massless")]
+    + [(n, np.float64) for n in ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack")]
+    + [(n, np.float64) for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "theta")]
+    + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau")]
+)
+"""Numbers of one jumper: zero switches a term off. C is 0 without added mass, C_drag without depth drag; tau = 0
+without lag. lam and factor are 1 when unused."""
+
+
+@njit
+def drive(kind: int, row: Array, t: float) -> tuple[float, float, float]:
+    """Command X_m, X_m', X_m'' at t on one piece: a row of `Segments`, or (t0, t1, c3, c2, c1, c0) of a `Spline`."""
+    if kind == SINE:
+        x, v = segment_xv(row, t)
+        return x, v, -row[4] * row[4] * (x - row[2])
+    h = t - row[0]
+    x = ((row[2] * h + row[3]) * h + row[4]) * h + row[5]
+    return x, (3.0 * row[2] * h + 2.0 * row[3]) * h + row[4], 6.0 * row[2] * h + 2.0 * row[3]
+
+
+@njit
+def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
+    """Position of the motor relative to the rod X_m [m] with its two rates, after the lag tau X' + X = command."""
+    x, v, a = drive(kind, row, t)
+    if p.tau > 0.0:
+        rate = (x - s[X]) / p.tau
+        return s[X], rate, (v - rate) / p.tau
+    return x, v, a
+
+
+@njit
+def rod(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float, float, float]:
+    """x_r [m], v_r [m/s], v_m = v_r + X_m' [m/s], X_m [m], X_m'' [m/s^2]."""
+    x, v, a = motor(t, s, kind, row, p)
+    ratio = p.m_m / p.M
+    return s[Y] - ratio * x, s[W] - ratio * v, s[W] + (1.0 - ratio) * v, x, a
+
+
+@njit
+def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
+    """F_s [N], positive upwards on the rod."""
+    if p.massless == 1 and mode == AIR:
+        return 0.0
+    stretch = x_r - s[XF]
+    return spring(stretch, v_r - s[VF], p.k_s, p.c_s) + spring_hardening(np, stretch, p.k_3)
+
+
+@njit
+def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
+    """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop: last pause (0: none)."""
+    factor = p.factor if z_g > 0.0 else 1.0
+    if p.static == LINEAR:
+        f = linear_penetration(np, z, factor * p.k)
+    elif p.static == TWO_RESISTANCE:
+        f = two_resistance(np, z, factor * p.k1, p.k2, p.delta)
+    else:
+        f = rft_cone(np, z, factor * p.k1, p.sigma_cone, p.mu, p.theta, p.R)
+    if p.s > 0.0:
+        f += reintrusion_overshoot(np, z, z_g, p.s, p.lam)
+    if p.s_p > 0.0:
+        f += stop_go_overshoot(np, z, z_stop, p.s_p, p.lam)
+    return f
+
+
+@njit
+def drag_coefficient(z: float, p: Any) -> float:
+    """alpha + b dm_a/dz [kg/m], what v^2 is multiplied by."""
+    if p.C_drag > 0.0:
+        return p.alpha + p.b * cone_mass_slope(np, z, p.C_drag, p.mu, p.theta, p.R, p.phi, p.rho)
+    return p.alpha
+
+
+@njit
+def foot_inertia(z: float, p: Any) -> float:
+    """m_f + m_a(z) [kg]."""
+    if p.C > 0.0:
+        return p.m_f + cone_mass(np, z, p.C, p.mu, p.theta, p.R, p.phi, p.rho)
+    return p.m_f
+
+
+@njit
+def rhs(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, ds: Array) -> float:
+    """Writes ds/dt; returns F_s [N]."""
+    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    force = spring_force(x_r, v_r, s, mode, p)
+    ds[Y] = s[W]
+    if slip == 0:
+        ds[W] = -p.m_r / p.M * acceleration
+    else:
+        rail = viscous_friction(np, v_m, p.c_v) + coulomb_friction(np, float(slip), p.F_c)
+        ds[W] = -p.g + (force + rail) / p.M
+    ds[XF] = s[VF]
+    if mode == STUCK or p.massless == 1:
+        ds[XF] = 0.0
+        ds[VF] = 0.0
+    elif mode == AIR:
+        ds[VF] = -p.g - force / p.m_f
+    else:
+        z = -s[XF]
+        resist = static_force(z, memory[1], memory[2], p) + drag_coefficient(z, p) * s[VF] * s[VF]
+        ds[VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
+    ds[X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > 0.0 else 0.0
+    return force
+
+
+@njit
+def rail_force(t: float, s: Array, mode: int, kind: int, row: Array, p: Any) -> float:
+    """Force the rail must give [N] to hold the carriage still."""
+    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    return p.M * p.g - spring_force(x_r, v_r, s, mode, p) - p.m_r * acceleration
+
+
+@njit
+def guards(
+    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any
+) -> tuple[float, float, float]:
+    """Three functions that are positive while mode and slip last: leave the ground or air, yield or stop, rail."""
+    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    first, second, third = 1.0, 1.0, 1.0
+    if p.massless == 1:
+        first = x_r if mode == AIR else -x_r
+    elif mode == AIR:
+        first = s[XF] + memory[0]
+    elif mode == INTRUDE:
+        second = -s[VF]
+    else:
+        push = spring_force(x_r, v_r, s, mode, p) + p.m_f * p.g
+        first = push + p.slack
+        if p.static != HARD:
+            second = static_force(memory[0], memory[1], memory[2], p) + p.slack - push
+    if p.F_c > 0.0:
+        if slip == 0:
+            third = p.F_c + p.slack - abs(rail_force(t, s, mode, kind, row, p))
+        else:
+            third = slip * v_m
+    return first, second, third
+
+
+@njit
+def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> int:
+    """Mode of a foot at rest on the ground: 0 <= push <= F_p holds it."""
+    if p.massless == 1:
+        return STUCK
+    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    push = spring_force(x_r, v_r, s, STUCK, p) + p.m_f * p.g
+    if push < -p.slack:
+        return AIR
+    if p.static != HARD and push > static_force(memory[0], memory[1], memory[2], p) + p.slack:
+        return INTRUDE
+    return STUCK
+
+
+@njit
+def grip(t: float, s: Array, mode: int, kind: int, row: Array, p: Any, still: float) -> int:
+    """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
+    if p.F_c == 0.0:
+        return 1
+    v_m = rod(t, s, kind, row, p)[2]
+    if v_m > still:
+        return 1
+    if v_m < -still:
+        return -1
+    need = rail_force(t, s, mode, kind, row, p)
+    if need > p.F_c + p.slack:
+        return -1
+    return 1 if need < -p.F_c - p.slack else 0

@@ -1,0 +1,254 @@
+"""The pipeline: nothing recomputed without need, nothing half-written taken for whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import warnings
+from dataclasses import dataclass
+
+import pytest
+
+from jumpvision import pipeline
+from jumpvision.experiment import open_experiment
+from jumpvision.params import BedParams, FitParams
+from jumpvision.pipeline import STAGES, StageWarning, Workspace, stage
+from jumpvision.records import Values
+from jumpvision.sections import Actuation, MissingKey, MotorLog, need
+
+CALLS: list[str] = []
+
+
+class First(Values):
+    file = "first.json"
+
+
+class Second(Values):
+    file = "second.json"
+
+
+class Third(Values):
+    file = "third.json"
+
+
+@pytest.fixture(autouse=True)
+def toy_stages(monkeypatch):
+    """Three stages of our own: first (log, fit parameters) -> second -> third (also bed parameters)."""
+    monkeypatch.setattr(pipeline, "STAGES", {})
+    CALLS.clear()
+
+    def fit(log: MotorLog, *, p: FitParams) -> First:
+        CALLS.append("first")
+        if p.layer == 0.05:
+            warnings.warn("thick layer", StageWarning, stacklevel=2)
+        return First({"rows": len(log.path.read_text().splitlines()), "layer": p.layer})
+
+    def second(first: First, law: Actuation | None) -> Second:
+        CALLS.append("second")
+        return Second({"twice": 2 * first.values["rows"], "f": law.frequency if law else None})
+
+    def bed(second: Second, *, p: BedParams) -> Third:
+        CALLS.append("third")
+        if second.values["f"] == 666.0:
+            raise ValueError("no such frequency")
+        need(Actuation(), *(["frequency"] if second.values["f"] == 13.0 else []))
+        return Third({"sum": 1 + second.values["twice"], "method": p.method})
+
+    for f in (fit, second, bed):
+        f.__annotations__ = {k: eval(v) if isinstance(v, str) else v for k, v in f.__annotations__.items()}
+        stage(version=1)(f)
+
+
+@dataclass
+class Lab:
+    root: object
+
+    def write(self, log="time_s,position_m\n0,0\n", toml="[motor_log]\nfile = 'motor.csv'\n"):
+        folder = self.root / "exp"
+        folder.mkdir(exist_ok=True)
+        (folder / "experiment.toml").write_text(toml)
+        (folder / "motor.csv").write_text(log)
+
+    def make(self, output=Third, *, where="exp", **overrides):
+        CALLS.clear()
+        experiment = open_experiment(self.root / where, overrides=overrides)
+        w = Workspace(experiment, self.root / "results", self.root / "cache")
+        return w.make(output).values, list(CALLS), w
+
+
+@pytest.fixture
+def lab(tmp_path):
+    lab = Lab(tmp_path)
+    lab.write()
+    return lab
+
+
+def test_a_second_run_recomputes_nothing(lab):
+    first, calls, _ = lab.make()
+    assert calls == ["first", "second", "third"]
+    again, calls, w = lab.make()
+    assert (again, calls) == (first, [])
+    assert [s.state for s in w.steps] == ["cached"] * 3
+    assert json.loads((lab.root / "results" / "third.json").read_text()) == first
+
+
+def test_a_changed_parameter_recomputes_what_depends_on_it(lab):
+    lab.make()
+    assert lab.make(params={"bed": {"method": "threshold"}})[1] == ["third"]
+    assert lab.make(params={"fit": {"layer": 0.02}})[1] == ["first", "second", "third"]
+    assert lab.make()[1] == []  # the first results are still there
+
+
+def test_a_changed_section_recomputes_what_reads_it(lab):
+    lab.make()
+    lab.write(toml="[motor_log]\nfile = 'motor.csv'\n[actuation]\nfrequency = 7.0\n")
+    assert lab.make()[1] == ["second", "third"]
+
+
+def test_a_changed_recording_is_noticed_and_a_touched_one_is_not_recomputed(lab):
+    lab.make()
+    lab.write("time_s,position_m\n0,0\n1,0\n")
+    values, calls, _ = lab.make()
+    assert (values["sum"], calls) == (7, ["first", "second", "third"])
+    os.utime(lab.root / "exp" / "motor.csv")
+    assert lab.make()[1] == []
+
+
+def test_verify_hashes_again_whatever_the_date_says(lab):
+    lab.make()
+    file = lab.root / "exp" / "motor.csv"
+    before = file.stat()
+    file.write_text("time_s,position_m\n9,0\n")
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    w = Workspace(open_experiment(lab.root / "exp"), lab.root / "results", lab.root / "cache", verify=True)
+    CALLS.clear()
+    w.make(Third)
+    assert CALLS[0] == "first"
+
+
+def test_moving_the_experiment_recomputes_nothing(lab):
+    lab.make()
+    (lab.root / "exp").rename(lab.root / "elsewhere")
+    toml = lab.root / "elsewhere" / "experiment.toml"
+    toml.write_text("name = 'exp'\n" + toml.read_text())
+    assert lab.make(where="elsewhere")[1] == []
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "remove", "receipt"])
+def test_a_damaged_cache_entry_is_computed_again(lab, damage):
+    good, *_ = lab.make()
+    entry = next((lab.root / "cache" / "second").iterdir())
+    file = entry / ("receipt.json" if damage == "receipt" else "second.json")
+    data = file.read_bytes()
+    if damage == "remove":
+        file.unlink()
+    else:
+        file.write_bytes(data[: len(data) // 2] if damage != "flip" else data[:-4] + bytes([data[-4] ^ 1]) + data[-3:])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)
+        values, calls, _ = lab.make()
+    assert values == good
+    assert calls == ["second"]
+    assert lab.make()[1] == []
+
+
+def test_a_lost_result_file_is_put_back(lab):
+    lab.make()
+    (lab.root / "results" / "third.json").write_text("edited by hand")
+    values, calls, _ = lab.make()
+    assert calls == []
+    assert json.loads((lab.root / "results" / "third.json").read_text()) == values
+
+
+def test_warnings_stay_with_the_result(lab):
+    for _ in range(2):
+        w = lab.make(params={"fit": {"layer": 0.05}})[2]
+        assert [s.warnings for s in w.steps][0] == ["thick layer"]
+
+
+def test_a_missing_section_is_named(lab):
+    lab.write(toml="[actuation]\nfrequency = 7.0\n")
+    with pytest.raises(MissingKey, match=r"experiment.toml: bed needs \[motor_log\]"):
+        lab.make()
+
+
+def test_a_missing_key_names_the_file(lab):
+    lab.write(toml="[motor_log]\nfile = 'motor.csv'\n[actuation]\nfrequency = 13.0\n")
+    with pytest.raises(MissingKey, match=r"experiment.toml: \[actuation\] frequency: missing"):
+        lab.make()
+
+
+def test_an_error_says_where_and_leaves_nothing_half_written(lab):
+    lab.write(toml="[motor_log]\nfile = 'motor.csv'\n[actuation]\nfrequency = 666.0\n")
+    with pytest.raises(ValueError, match="no such frequency") as e:
+        lab.make()
+    assert "in stage 'bed'" in e.value.__notes__[0]
+    assert not list((lab.root / "cache").glob("writing-*"))
+    assert not (lab.root / "results" / "third.json").exists()
+
+
+def test_two_stages_for_one_record_are_refused():
+    def other(log: MotorLog) -> First:
+        return First({})
+
+    other.__annotations__ = {"log": MotorLog, "return": First}
+    with pytest.raises(TypeError, match="both make First"):
+        stage(version=1)(other)
+
+
+KILLED = textwrap.dedent("""
+    import sys, os, time, pathlib
+    from jumpvision.pipeline import Workspace, stage
+    from jumpvision.records import Values
+    from jumpvision.experiment import open_experiment
+    from jumpvision.sections import MotorLog
+
+    class Slow(Values):
+        file = "slow.json"
+        def save(self, folder):
+            text = "[" + ", ".join("1" for _ in range(20000)) + "]"
+            with open(folder / self.file, "w") as f:
+                for c in range(0, len(text), 2000):
+                    f.write(text[c:c+2000]); f.flush(); time.sleep(0.003)
+
+    @stage(version=1)
+    def slow(log: MotorLog) -> Slow:
+        return Slow({})
+
+    root = pathlib.Path(sys.argv[1])
+    print("go", flush=True)
+    Workspace(open_experiment(root / "exp"), root / "results", root / "cache").make(Slow)
+""")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
+def test_killed_at_any_moment_it_resumes_with_a_whole_result(lab):
+    """Kill -9 at 8 moments spread over the writing of a result; what is there is whole or absent, and a rerun mends."""
+    script = lab.root / "slow.py"
+    script.write_text(KILLED)
+    result = lab.root / "results" / "slow.json"
+    for wait in (0.0, 0.01, 0.03, 0.05, 0.07, 0.09, 0.1, 0.12):
+        p = subprocess.Popen([sys.executable, script, lab.root], stdout=subprocess.PIPE)
+        p.stdout.readline()
+        try:
+            p.wait(wait)
+        except subprocess.TimeoutExpired:
+            p.send_signal(signal.SIGKILL)
+            p.wait()
+        p.stdout.close()
+        if result.exists():
+            assert len(json.loads(result.read_text())) == 20000
+    subprocess.run([sys.executable, script, lab.root], check=True, stdout=subprocess.DEVNULL)
+    assert len(json.loads(result.read_text())) == 20000
+    pipeline.sweep_leftovers(lab.root / "results", lab.root / "cache")
+    assert not list((lab.root / "cache").glob("writing-*"))
+    assert not list((lab.root / "results").glob(".*.tmp"))
+
+
+def test_the_registry_of_the_package_is_not_touched_by_these_tests():
+    assert First in pipeline.STAGES
+    assert First not in STAGES
