@@ -5,6 +5,7 @@ A failed stage is reported with its reason; stages that do not depend on it, and
 
 from __future__ import annotations
 
+import importlib
 import multiprocessing
 import os
 import platform
@@ -33,7 +34,7 @@ class Plan:
     results: Path
     cache: Path
     stages: tuple[str, ...] | None = None
-    pictures: bool = True
+    modules: tuple[str, ...] = ("jumpvision.stages",)  # imported to register stages (and pictures)
     verify: bool = False
     debug: bool = False
     command: str = ""
@@ -62,11 +63,8 @@ class Outcome:
 
 def run_experiment(experiment: Experiment, plan: Plan, results: Path) -> Outcome:
     """Every stage of the plan that has inputs, then the pictures; errors are kept in the outcome, not raised."""
-    from . import stages  # noqa: F401  registers
-
-    if plan.pictures:
-        from .report import pictures  # noqa: F401
-
+    for module in plan.modules:
+        importlib.import_module(module)
     began = time.perf_counter()
     workspace = Workspace(experiment, results, plan.cache, verify=plan.verify)
     outcome = Outcome(experiment.name, results)
@@ -99,13 +97,10 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path) -> Outcome
 
 
 def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
-    """The stages of a plan, then (if asked) pictures of what those stages make."""
+    """The stages of a plan, then the registered pictures of what those stages make."""
     chosen = {o: s for o, s in STAGES.items() if not s.picture and (plan.stages is None or s.name in plan.stages)}
     yield from chosen.items()
-    if plan.pictures:
-        for output, made in STAGES.items():
-            if made.picture and made.inputs[0].type in chosen:
-                yield output, made
+    yield from ((o, s) for o, s in STAGES.items() if s.picture and s.inputs[0].type in chosen)
 
 
 def explain(error: Exception, stage: str, path: Path) -> list[str]:

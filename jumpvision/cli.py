@@ -17,24 +17,25 @@ DONE, FAILED, BAD_CALL = 0, 1, 2
 
 app = App(
     name="jumpvision",
-    help="From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",
-    help_epilogue="Start with: jumpvision run data_samples/loose_sand",
+    help="From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.\n\n"
+    "Start with: jumpvision run data_samples/loose_sand",
     version=__version__,
 )
 
 
-@Parameter(name="*")
+@Parameter(name="*", show_default=False)
 @dataclass(frozen=True)
 class Options:
     """Options of every command that works on a folder."""
 
-    results: Annotated[Path | None, Parameter(help="Folder for the results [default: <parent of PATH>/results/<name>].")] = None
-    cache: Annotated[Path | None, Parameter(help="Folder for intermediate results [default: RESULTS/.cache].")] = None
+    results: Annotated[Path | None, Parameter(help="Folder for results; default: results/NAME beside PATH.")] = None
+    cache: Annotated[Path | None, Parameter(help="Folder for intermediate results; default: RESULTS/.cache.")] = None
     set: Annotated[
-        tuple[str, ...], Parameter(name="--set", help="Override a value: stage.key=value or section.key=value.")
+        tuple[str, ...],
+        Parameter(name="--set", negative="", help="Override a value: stage.key=value or section.key=value."),
     ] = ()
     json: Annotated[bool, Parameter(negative="", help="Machine-readable result on stdout.")] = False
-    workers: Annotated[int | None, Parameter(help="Processes for a campaign [default: the cores].")] = None
+    workers: Annotated[int | None, Parameter(help="Processes for a campaign; default: the cores.")] = None
     verify: Annotated[bool, Parameter(negative="", help="Hash every input again, whatever its date says.")] = False
     pictures: Annotated[bool, Parameter(help="Draw figures beside the results.")] = True
     debug: Annotated[bool, Parameter(negative="", help="Show the traceback of an unexpected error.")] = False
@@ -44,7 +45,7 @@ OPTIONS = Options()
 
 
 @app.command
-def run(path: Path, *, pipeline: Path | None = None, options: Options = OPTIONS) -> int:
+def run(path: Path, /, *, pipeline: Path | None = None, options: Options = OPTIONS) -> int:
     """Every stage that has inputs, for one experiment or a whole campaign, then report.html.
 
     Example: jumpvision run data_samples/loose_sand
@@ -60,7 +61,7 @@ def run(path: Path, *, pipeline: Path | None = None, options: Options = OPTIONS)
 
 
 def _stage_command(name: str, text: str) -> None:
-    def command(path: Path, *, options: Options = OPTIONS) -> int:
+    def command(path: Path, /, *, options: Options = OPTIONS) -> int:
         return _work(path, (name,), options)
 
     command.__doc__ = f"{text}\n\nExample: jumpvision {name} data_samples/hard_ground"
@@ -80,7 +81,7 @@ for _name, _text in {
 
 
 @app.command
-def check(path: Path, *, options: Options = OPTIONS) -> int:
+def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     """Validate a folder: every problem with file, section, key, value and remedy.
 
     Example: jumpvision check data_samples/loose_sand
@@ -95,7 +96,7 @@ def check(path: Path, *, options: Options = OPTIONS) -> int:
 
 
 @app.command
-def report(path: Path, *, options: Options = OPTIONS) -> int:
+def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     """One self-contained HTML page with the figures, from the results (computing what is missing).
 
     Example: jumpvision report data_samples/hard_ground
@@ -183,7 +184,7 @@ def _work(
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        pictures=options.pictures,
+        modules=("jumpvision.stages", "jumpvision.report.pictures")[: 1 + options.pictures],
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),

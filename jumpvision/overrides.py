@@ -59,7 +59,7 @@ def read_pipeline(file: Path) -> dict[str, Any]:
     known = {"description", "stages", "params"}
     problems = [f"{file}: {key}: unknown key{closest(key, known)}" for key in table if key not in known]
     stages = table.get("stages")
-    names = [*PARAMS, "summary"]
+    names = [*PARAMS, "rod", "summary"]
     if stages is not None:
         problems += [f"{file}: stages: unknown stage '{s}'{closest(str(s), names)}" for s in stages if s not in names]
     if problems:

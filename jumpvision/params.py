@@ -33,13 +33,21 @@ class BedParams:
 
 @dataclass(frozen=True)
 class PivParams:
-    """Correlation windows and validation."""
+    """Windows of the grain matching and validation of its vectors."""
 
-    window: int = param(32, "px", "width of the final correlation window", lo=8, hi=256)
+    window: int = param(24, "px", "side of the matched window: a few grains", lo=8, hi=256)
     step: int = param(8, "px", "distance between vectors", lo=1, hi=256)
     gap: int = param(1, "frames", "frames between the two images of a pair", lo=1, hi=100)
+    passes: tuple[int, ...] = param((64, 32), "px", "correlation windows that start the match; the first exceeds twice "
+                                    "the largest displacement", lo=8, hi=1024)  # fmt: skip
+    min_correlation: float = param(0.3, "", "matches below this correlation are replaced", lo=0, hi=1)
+    min_texture: float = param(1.0, "grey levels", "windows with less contrast are left out", lo=0, hi=1e4)
+    outlier: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
     foot_rows: float = param(16.0, "px", "rows of the foot's body used to follow its lower face", lo=4, hi=500)
-    median_threshold: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
+
+    def check(self) -> list[str]:
+        """At least one pass."""
+        return [] if self.passes else ["passes = []: must name window sizes, large to small, as [64, 32]"]
 
 
 @dataclass(frozen=True)
@@ -52,15 +60,24 @@ class FlowParams:
 
 
 @dataclass(frozen=True)
+class ColumnParams:
+    """The central column under the foot and its exponential decay."""
+
+    half_width: float = param(0.005, "m", "half width of the central column", lo=0, hi=1, open_lo=True)
+    front: float = param(0.9, "", "share of the largest speed that counts as jammed", lo=0.5, hi=0.99)
+    floor: float = param(0.1, "", "share of the largest speed below which the decay is not fitted", lo=0.0, hi=0.4)
+    clear: float = param(0.002, "m", "vectors so close below the foot's face are left out", lo=0, hi=0.1)
+    layer: float = param(0.008, "m", "layer thickness Dz in beta = asin(a^Dz)", lo=0, hi=0.1, open_lo=True)
+
+
+@dataclass(frozen=True)
 class FitParams:
     """Fits to tracks, contact logs and velocity fields."""
 
-    layer: float = param(0.008, "m", "layer thickness Dz in beta = asin(a^Dz)", lo=0, hi=0.1, open_lo=True)
-    front: float = param(0.9, "", "share of the largest speed that counts as jammed", lo=0.5, hi=0.99)
-    column: float = param(0.005, "m", "half width of the central column", lo=0, hi=1, open_lo=True)
     critical_fraction: float = param(0.605, "", "critical volume fraction phi_c for the theory values", lo=0.5, hi=0.7)
     debounce: float = param(0.003, "s", "contact flickers shorter than this are ignored", lo=0, hi=0.1)
     shortest_flight: float = param(0.03, "s", "shorter ballistic intervals are not counted as jumps", lo=0, hi=10)
+    settle: float = param(0.1, "s", "pause after the last landing before the ring-down is fitted", lo=0, hi=10)
 
 
 @dataclass(frozen=True)
@@ -78,6 +95,7 @@ PARAMS = {
     "bed": BedParams,
     "piv": PivParams,
     "flow": FlowParams,
+    "column": ColumnParams,
     "fit": FitParams,
     "simulate": SimulateParams,
 }

@@ -130,8 +130,14 @@ class Flow(Field):
     file = "flow.nc"
 
 
+class Column(Field):
+    """Speed profile under the foot over (y, t), its jammed front and exponential decay over t."""
+
+    file = "column.nc"
+
+
 class Fits(Values):
-    """Every fit: {name: {value, sigma, unit, n, chi2}}; a fit made for each frame holds lists and their times."""
+    """Every fit: {name: {value, sigma, unit, n, chi2}}."""
 
     file = "fits.json"
 

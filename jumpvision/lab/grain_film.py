@@ -109,9 +109,10 @@ def splat(image, column, row, radius, grey):  # type: ignore[no-untyped-def]
             dy = i - r0
             for j in range(max(int(c0 - r), 0), min(int(c0 + r) + 2, width)):
                 dx = j - c0
-                rho = math.sqrt(dx * dx + dy * dy)
-                cover = min(max(r + 0.5 - rho, 0.0), 1.0)
-                if cover > 0.0:  # lit from the upper left in front
+                square = dx * dx + dy * dy
+                if square < (r + 0.5) ** 2:  # lit from the upper left in front
+                    rho = math.sqrt(square)
+                    cover = min(r + 0.5 - rho, 1.0)
                     up = math.sqrt(max(1.0 - (rho / r) ** 2, 0.0))
                     tone = grey[g] * (0.45 + 0.6 * up - 0.16 * (dx + 1.4 * dy) / r)
                     image[i, j] += cover * (tone - image[i, j])
@@ -124,7 +125,7 @@ class GrainCamera:
         """z: greatest depth of the foot so far [m]; the grains lie as `pack` puts them."""
         self.view, self.flow, self.deepest = view, flow, z
         self.grains = pack(view, flow, z, diameter=diameter, spread=spread, rng=rng)
-        self.columns = (np.arange(view.shape[1]) - view.axis_column) * view.scale
+        self.columns: Array = (np.arange(view.shape[1], dtype=np.float64) - view.axis_column) * view.scale
         self.surface = np.zeros(view.shape[1])
         rows = round(FOOT_HEIGHT / view.scale) + 4
         self.foot = 52.0 + 13.0 * texture((rows, view.shape[1]), sigma=1.2, rng=rng)
@@ -144,7 +145,7 @@ class GrainCamera:
         return blur(total / len(depths), 0.55) * self.light
 
     def _sink(self, outside: NDArray[np.bool_], z: float) -> None:
-        y = self.surface[outside]
+        y: Array = self.surface[outside]
         self.flow.advect(self.columns[outside], y, self.deepest, z)
         self.surface[outside] = y
 
@@ -168,7 +169,8 @@ class GrainCamera:
         neck = np.clip((NECK - np.abs(self.columns)) / v.scale + 0.5, 0.0, 1.0) * (1.0 - below(top))
         image += neck * (38.0 - image)
         body = inside * below(top) * (1.0 - below(face))
-        image += body * (self._foot(rows[:, 0], top) - image)
+        seen = slice(max(int(top) - 1, 0), max(int(face) + 2, 0))
+        image[seen] += body[seen] * (self._foot(rows[seen, 0], top) - image[seen])
         return image
 
     def _foot(self, rows: NDArray[np.int64], top: float) -> Array:

@@ -83,7 +83,7 @@ class Flow:
 
     def speed(self, r: ArrayLike, h: ArrayLike, z: float) -> Array:
         """Speed / foot speed at r, h [m]."""
-        r, h = np.broadcast_arrays(np.abs(np.asarray(r, dtype=float)), np.asarray(h, dtype=float))
+        r, h = (np.array(a, dtype=float) for a in np.broadcast_arrays(np.abs(r), h))
         w = self.width(z)
         out = np.empty(r.size)
         _speeds(r.ravel(), h.ravel(), z, w, self._constants, out)
@@ -94,7 +94,7 @@ class Flow:
         return self.R, self.mu, math.tan(self.theta), self.fade
 
     def advect(self, r: Array, y: Array, z0: float, z1: float, *, max_step: float = 5e-5) -> None:
-        """Move grains at r, height y [m, up from the undisturbed surface], in place, while the face sinks from z0 to z1."""
+        """Move grains at r, height y [m, up from the undisturbed surface] in place while the face sinks z0 to z1."""
         steps = math.ceil((z1 - z0) / max_step)
         if steps > 0:
             zs, ws = self.widths

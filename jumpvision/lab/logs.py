@@ -31,7 +31,14 @@ def contact_log(motion: Motion, *, rate: float) -> dict[str, Array]:
 
 
 def rod_track(
-    motion: Motion, *, rate: float, noise: float, zero: float, rng: np.random.Generator, scale: float = 1.0, dt: float = 0.0
+    motion: Motion,
+    *,
+    rate: float,
+    noise: float,
+    zero: float,
+    rng: np.random.Generator,
+    scale: float = 1.0,
+    dt: float = 0.0,
 ) -> dict[str, Array]:
     """Columns time_s, height_m, sigma_m: the rod as a tracker reports it, at `rate` [1/s].
 

@@ -1,7 +1,7 @@
 """The project's sample data: `python -m jumpvision.lab.samples [OUT]` writes OUT/hard_ground and OUT/loose_sand.
 
 Everything is drawn from one seed per experiment, so the same call writes the same bytes. What is hidden from the
-analysis stands in the truth.json files. About one minute.
+analysis stands in the truth.json files. About 20 s.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from . import logs, write
 from .bed_picture import bed_height, bed_picture
 from .grain_film import GrainCamera, View
 from .grain_flow import Flow
-from .jumper import Law, Motion, Robot, simulate
+from .jumper import Motion, simulate
+from .mechanisms import Law, Robot
 from .rod_film import exposure_times, rod_film
 from .sensor import record
 
@@ -59,7 +60,7 @@ def write_rod_film(
     """rod.avi, as long as the motion; returns its [rod_video] section and its truth. zero_row: row of x_r = 0 [px]."""
     n = int((motion.t[-1] - start) * FILM_RATE)
     rows = zero_row - motion.at("rod", exposure_times(start, FILM_RATE, ROD_EXPOSURE, n)) / ROD_SCALE
-    column = 0.42 * shape[1] + 0.3
+    column = 0.42 * shape[1] + 0.17
     mean = rod_film(rows, column, radius=0.5 * BALL / ROD_SCALE, shape=shape, brightness=205.0, rng=rng)
     write.film(folder / "rod.avi", record(mean, electrons_per_grey=45.0, read_noise=0.8, rng=rng), rate=FILM_RATE)
     section = {
@@ -83,9 +84,7 @@ def hard_ground(folder: Path) -> None:
     e = 0.33
     motion = simulate(HARD_ROBOT, law, ["landing_loss"], {"e": e}, ground="hard", duration=3.6)
     section, film = write_rod_film(folder, motion, start=0.0, shape=(128, 60), zero_row=100.4, rng=rng)
-    write.table(
-        folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng)
-    )
+    write.table(folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng))
     write.table(folder / "contact.csv", logs.contact_log(motion, rate=LOG_RATE))
     write.toml(
         folder / "experiment.toml",
@@ -159,9 +158,7 @@ def _sand_jump(
     k = 2100.0 * (1 + rng.uniform(-0.01, 0.01))
     parameters = SAND_TRUTH | {"k1": k, "k2": k}
     density = phi * BED["grain_density"]
-    motion = simulate(
-        SAND_ROBOT, law, SAND_TERMS, parameters, ground="granular", duration=1.8, bed_density=density
-    )
+    motion = simulate(SAND_ROBOT, law, SAND_TERMS, parameters, ground="granular", duration=1.8, bed_density=density)
     true = {"volume_fraction": phi, "parameters": parameters, "z_0_m": -motion.foot[0], **heights(motion)}
     content: dict[str, Any] = {"group": group, "actuation": _actuation(kind, law)}
     if filmed:
@@ -178,11 +175,9 @@ def _sand_jump(
     return true
 
 
-def _films(
-    folder: Path, motion: Motion, phi: float, rng: np.random.Generator
-) -> tuple[dict[str, Any], dict[str, Any]]:
+def _films(folder: Path, motion: Motion, phi: float, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
     """Rod film, bed picture and grain film of one jump: their sections and their truth."""
-    rod, rod_true = write_rod_film(folder, motion, start=0.0025, shape=(236, 60), zero_row=140.7, rng=rng)
+    rod, rod_true = write_rod_film(folder, motion, start=0.0025, shape=(150, 60), zero_row=33.7, rng=rng)
     size = {name: BED[name] for name in ("solid_volume", "length", "width")}
     bed = {"file": "bed.png", "scale": 5e-4, "floor_row": 620.0}
     height = bed_height(phi, **size)
@@ -224,9 +219,7 @@ def write_grain_film(
     camera = GrainCamera(view, flow, z_start, diameter=BED["grain_diameter"], spread=0.15, rng=rng)
     first = start + np.arange(n)[:, None] / GRAIN_RATE
     depths = -motion.at("foot", first + (np.arange(subs) + 0.5) / subs * exposure)
-    frames = np.stack(
-        [record(camera.frame(z), electrons_per_grey=60.0, read_noise=1.0, rng=rng) for z in depths]
-    )
+    frames = np.stack([record(camera.frame(z), electrons_per_grey=60.0, read_noise=1.0, rng=rng) for z in depths])
     write.film(folder / "grains.mkv", frames, rate=GRAIN_RATE)
 
     time = first[:, 0] + 0.5 * exposure

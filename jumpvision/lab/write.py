@@ -1,4 +1,4 @@
-"""The laboratory's output files: lossless films, pictures, tables, TOML and JSON. The same input gives the same bytes."""
+"""The laboratory's files: lossless films, pictures, tables, TOML and JSON. The same input gives the same bytes."""
 
 from __future__ import annotations
 

@@ -48,6 +48,7 @@ MAX_EVENTS = 4000
 MAX_STEPS = 10_000_000
 ROOT = 1e-14  # s, width of the bracket at which an event is found
 RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
+NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
 STILL = 1e-9  # m/s, a slower carriage is at rest when the forcing changes piece
 OK, TOO_MANY_EVENTS, STEP_TOO_SMALL = 0, 1, 2
 
@@ -139,6 +140,7 @@ def peak(
     return best
 
 
+@njit
 def run(
     constants: Any,
     kind: int,
@@ -217,7 +219,7 @@ def run(
                 if not armed[i] and middle[i] <= 0.0 and final[i] <= 0.0:
                     if trial > RESOLVE:
                         unresolved = True
-                    else:
+                    elif final[i] < -NOISE and theta > 0.0:
                         event, theta = i, 0.0
                     continue
                 if middle[i] > 0.0 and final[i] > 0.0:
@@ -268,9 +270,10 @@ def run(
             # Rules of the event.
             fresh, new_mode = True, mode
             if event == 2:
-                slip = grip(t, s, mode, kind, row, p, np.inf) if slip != 0 else (
-                    -1 if rail_force(t, s, mode, kind, row, p) > 0.0 else 1
-                )  # fmt: skip
+                if slip != 0:
+                    slip = grip(t, s, mode, kind, row, p, np.inf)
+                else:
+                    slip = -1 if rail_force(t, s, mode, kind, row, p) > 0.0 else 1
                 log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
                 n_log += 1
             elif mode == STUCK:

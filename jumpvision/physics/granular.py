@@ -23,6 +23,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from jumpvision.physics import scalar
 from jumpvision.physics.cone import cone_mass, cone_mass_slope
 from jumpvision.physics.forcing import segment_xv
 from jumpvision.physics.terms import (
@@ -90,7 +91,7 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     if p.massless == 1 and mode == AIR:
         return 0.0
     stretch = x_r - s[XF]
-    return spring(stretch, v_r - s[VF], p.k_s, p.c_s) + spring_hardening(np, stretch, p.k_3)
+    return spring(stretch, v_r - s[VF], p.k_s, p.c_s) + spring_hardening(scalar, stretch, p.k_3)
 
 
 @njit
@@ -98,15 +99,15 @@ def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
     """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop: last pause (0: none)."""
     factor = p.factor if z_g > 0.0 else 1.0
     if p.static == LINEAR:
-        f = linear_penetration(np, z, factor * p.k)
+        f = linear_penetration(scalar, z, factor * p.k)
     elif p.static == TWO_RESISTANCE:
-        f = two_resistance(np, z, factor * p.k1, p.k2, p.delta)
+        f = two_resistance(scalar, z, factor * p.k1, p.k2, p.delta)
     else:
-        f = rft_cone(np, z, factor * p.k1, p.sigma_cone, p.mu, p.theta, p.R)
+        f = rft_cone(scalar, z, factor * p.k1, p.sigma_cone, p.mu, p.theta, p.R)
     if p.s > 0.0:
-        f += reintrusion_overshoot(np, z, z_g, p.s, p.lam)
+        f += reintrusion_overshoot(scalar, z, z_g, p.s, p.lam)
     if p.s_p > 0.0:
-        f += stop_go_overshoot(np, z, z_stop, p.s_p, p.lam)
+        f += stop_go_overshoot(scalar, z, z_stop, p.s_p, p.lam)
     return f
 
 
@@ -114,7 +115,7 @@ def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
 def drag_coefficient(z: float, p: Any) -> float:
     """alpha + b dm_a/dz [kg/m], what v^2 is multiplied by."""
     if p.C_drag > 0.0:
-        return p.alpha + p.b * cone_mass_slope(np, z, p.C_drag, p.mu, p.theta, p.R, p.phi, p.rho)
+        return p.alpha + p.b * cone_mass_slope(scalar, z, p.C_drag, p.mu, p.theta, p.R, p.phi, p.rho)
     return p.alpha
 
 
@@ -122,7 +123,7 @@ def drag_coefficient(z: float, p: Any) -> float:
 def foot_inertia(z: float, p: Any) -> float:
     """m_f + m_a(z) [kg]."""
     if p.C > 0.0:
-        return p.m_f + cone_mass(np, z, p.C, p.mu, p.theta, p.R, p.phi, p.rho)
+        return p.m_f + cone_mass(scalar, z, p.C, p.mu, p.theta, p.R, p.phi, p.rho)
     return p.m_f
 
 
@@ -135,7 +136,7 @@ def rhs(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row:
     if slip == 0:
         ds[W] = -p.m_r / p.M * acceleration
     else:
-        rail = viscous_friction(np, v_m, p.c_v) + coulomb_friction(np, float(slip), p.F_c)
+        rail = viscous_friction(scalar, v_m, p.c_v) + coulomb_friction(scalar, float(slip), p.F_c)
         ds[W] = -p.g + (force + rail) / p.M
     ds[XF] = s[VF]
     if mode == STUCK or p.massless == 1:

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 Arc = tuple[float, ...]
 
 AIR, UNDER, OVER, RESONANT = 0.0, 1.0, 2.0, 3.0
-KIND, W2, GAMMA, OMEGA_D, P0, P1, P2, P3, PS, PC, HA, HB, D0, D1, D2, D3, AMP, OMEGA, PHASE, JERK = range(20)
+ARC_SIZE = 20
+KIND, W2, GAMMA, OMEGA_D, P0, P1, P2, P3, PS, PC, HA, HB, D0, D1, D2, D3, AMP, OMEGA, PHASE, JERK = range(ARC_SIZE)
 
 # Nearer to resonance than this (|i omega - lambda| / w0, undamped springs only) the particular solution would cancel
 # against the homogeneous one to worse than 1e-10 of itself; the RESONANT form does not.

@@ -8,10 +8,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..frames import open_frames
 from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, Piv, Record, RodMotion, Simulation, Track
 from ..sections import Actuation, BedImage, GrainVideo, RodVideo
+from ..stages.films import open_film, read_picture
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
 
@@ -66,7 +66,7 @@ def png(figure: Any) -> bytes:
 def track_picture(track: Track, film: RodVideo) -> TrackPicture:
     """The ball where it was found, and its height against time with the lost frames marked."""
     t, good = track.table, track.good
-    with open_frames(film.path, frame_rate=film.frame_rate, start=film.start) as frames:
+    with open_film(film) as frames:
         top = int(good.height_m.idxmax())
         image = frames[int(t.frame[top])]
     with styled() as Figure:
@@ -118,8 +118,7 @@ def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actua
 @stage(version=1, picture=True)
 def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
     """The surface found in the picture of the bed."""
-    with open_frames(image.path, frame_rate=1.0) as frames:
-        grey = frames[0]
+    grey = read_picture(image.path)
     v = bed.values
     with styled() as Figure:
         figure = Figure(figsize=(5.2, 4.2), layout="constrained")
@@ -149,7 +148,7 @@ def piv_picture(piv: Piv, film: GrainVideo) -> PivPicture:
     """Velocity vectors over the grains at the busiest moment, valid and replaced ones told apart."""
     field = piv.field
     i = busiest(field)
-    with open_frames(film.path, frame_rate=film.frame_rate, start=film.start) as frames:
+    with open_film(film) as frames:
         image = frames[i]
     scale = film.scale or 1.0
     unit = field.u.attrs["units"].split("/")[0]

@@ -10,13 +10,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from .. import __version__
-from ..frames import Frames, open_frames
+from ..frames import Film
 from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Piv
 from ..sections import GrainVideo, Robot
 from ..vision.foot import FootTrack, track_foot
-from ..vision.piv import MEASURED, REASONS, VectorField, piv_film
+from ..vision.piv.engine import piv_film
+from ..vision.piv.field import MEASURED, REASONS, VectorField
+from .films import open_film
 from ..params import PivParams
 
 Array = NDArray[np.float64]
@@ -25,16 +27,15 @@ Array = NDArray[np.float64]
 @stage(version=1)
 def piv(film: GrainVideo, robot: Robot | None, *, p: PivParams) -> Piv:
     """m/s where the film's scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y)."""
-    with open_frames(film.path, frame_rate=film.frame_rate, start=film.start) as frames:
+    with open_film(film) as frames:
         if len(frames) <= p.gap:
             raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
-        for text in frames.warnings:
-            warnings.warn(text, StageWarning, stacklevel=2)
         foot = follow_foot(frames, film, robot, p)
         fields = list(
             piv_film(
-                frames, mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap, window=p.window, step=p.step,
-                median_threshold=p.median_threshold,
+                watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot),
+                gap=p.gap, window=p.window, step=p.step, passes=p.passes, min_correlation=p.min_correlation,
+                min_texture=p.min_texture, outlier=p.outlier,
             )
         )  # fmt: skip
         data = as_dataset(fields, frames.time, film, p)
@@ -43,7 +44,7 @@ def piv(film: GrainVideo, robot: Robot | None, *, p: PivParams) -> Piv:
     return Piv(data)
 
 
-def follow_foot(frames: Frames, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:
+def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:
     """Row of the foot's lower face in every frame, where the first frame's is given."""
     if film.foot_row is None or film.axis_column is None:
         return None

@@ -7,13 +7,13 @@ import warnings
 import numpy as np
 import pandas as pd
 
-from ..frames import open_frames
 from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Track
 from ..sections import Actuation, Calibration, RodVideo
 from ..vision.ball import track_ball
 from ..vision.camera import Camera, camera
+from .films import open_film
 from ..params import TrackParams
 
 
@@ -25,7 +25,7 @@ def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation 
 
 def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> pd.DataFrame:
     """Columns of Track, height along the rail from the camera's own zero."""
-    with open_frames(film.path, frame_rate=film.frame_rate, start=film.start) as frames:
+    with open_film(film) as frames:
         view = film_camera(film, calibration or Calibration(), frames.shape)
         diameter = p.diameter or (film.ball_diameter / view.scale if film.ball_diameter else None)
         exposure = film.exposure or float(frames.meta.get("exposure_s") or 0.0)
@@ -41,8 +41,6 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
             exposure_fraction=min(exposure / interval, 1.0),
         )
         n, time = len(found.x), frames.time
-        for text in frames.warnings:
-            warnings.warn(text, StageWarning, stacklevel=2)
     flag = np.array(found.flag, dtype=object)
     for i, reason in film.excluded().items():
         if i < n:

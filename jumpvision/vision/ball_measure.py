@@ -21,9 +21,13 @@ SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this 
 MOST_SECTORS_OFF = 2  # of 16: a thin rod holding the ball is not an occlusion
 MOST_DROPPED = 0.25  # part of the edge pixels
 MOST_CHI2 = 4.0
+RIM_FREEDOM = 12.7  # of the 16 sectors' shifts, what the fit leaves free (white noise, diameters 10-40 px)
 NOISE_FRAMES = 30  # frames the noise is averaged over
-# Drift of the lighting a frame, as part of the contrast: the background changes as the ball passes over it
+# Drift of the lighting gradients a frame, as part of the contrast: first guess (the background changes most, as the
+# ball passes over it), least, and how fast it follows what the frames show
 DRIFT = np.array([0.01, 0.01, 0.003, 0.003])
+LEAST_DRIFT = 2e-4
+DRIFT_GAIN = 0.15
 LIGHT = slice(disc.BX, disc.GY + 1)
 
 
@@ -56,7 +60,13 @@ class DiscMeasure:
     """Disc fit whose noise model and lighting gradients are carried from frame to frame.
 
     The gradients correlate with the position (a ball lit from one side looks shifted), so each frame takes those of
-    the frames before as a prior that drifts by DRIFT; noise is averaged over NOISE_FRAMES.
+    the frames before as a prior that drifts, by as much as the steps between frames show; noise is averaged over
+    NOISE_FRAMES.
+
+    The stated uncertainty is the fit's times the square root of `rim_factor`: how much the rim's sectors move against
+    their mean shape from frame to frame, over what the noise of single pixels allows. Background clutter raises it
+    above 1. An edge that no model matches but that is the same in every frame lowers it: that offset goes with the
+    ball and cancels in every displacement.
     """
 
     def __init__(self, diameter: float | None, polarity: str, streak: bool):
@@ -68,6 +78,9 @@ class DiscMeasure:
         self.frames = 0
         self.last = np.zeros(12)
         self.light_var = np.zeros(4)
+        self.drift = DRIFT.copy()
+        self.rim = np.zeros(disc.SECTORS)
+        self.rim_factor = 1.0
 
     def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
         """fresh: nothing learned before counts (a ball newly found), the noise comes from this frame alone."""
@@ -105,7 +118,7 @@ class DiscMeasure:
                 fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
                 if not fit.converged:
                     break
-                p, noise = fit.p, _usable(fit.noise, floor)
+                p, noise = fit.p, np.maximum(_complete(fit.noise, floor), (floor, floor, 0.0))
         else:
             assert self.noise is not None
             noise = np.maximum(self.noise, (floor, floor, 0.0))
@@ -113,11 +126,11 @@ class DiscMeasure:
         p = fit.p.copy()
         p[disc.X] += x0
         p[disc.Y] += y0
-        fit = disc.DiscFit(p, fit.cov, _usable(fit.noise, floor), fit.chi2, fit.sectors, fit.dropped, fit.converged)
+        fit = disc.DiscFit(p, fit.cov, _complete(fit.noise, floor), fit.chi2, fit.sectors, fit.shifts, fit.dropped, fit.converged)
         n = max(1.0, 4.0 * p[disc.R] * disc.margin(p[disc.S]))
         # Only a misfit beyond chance enlarges the stated uncertainty
         excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
-        sigma = math.sqrt(max(fit.cov[0, 0], fit.cov[1, 1]) * excess) if fit.converged else math.nan
+        sigma = math.sqrt(max(fit.cov[0, 0], fit.cov[1, 1]) * excess * self.rim_factor) if fit.converged else math.nan
         flag = self._judge(fit, sigma, image.shape, np.max(noise[:2]), fresh)
         return Found(flag, p[disc.X], p[disc.Y], sigma, 2.0 * p[disc.R], fit.chi2, fit)
 
@@ -159,13 +172,24 @@ class DiscMeasure:
         n = min(self.frames, NOISE_FRAMES)
         self.noise = fit.noise if self.noise is None else self.noise + (fit.noise - self.noise) / n
         self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
-        self.last = fit.p.copy()
+        shifts = np.where(np.isfinite(fit.shifts), fit.shifts, self.rim)
+        if self.frames > 1:
+            moved = float(np.sum((shifts - self.rim) ** 2)) * (n - 1) / n / RIM_FREEDOM
+            self.rim_factor += (min(moved, 10.0 * self.rim_factor) - self.rim_factor) / n
+        self.rim += (shifts - self.rim) / n
         contrast = abs(fit.p[disc.A] - fit.p[disc.B])
-        self.light_var = np.diag(fit.cov)[LIGHT] + (DRIFT * contrast) ** 2
+        var = np.diag(fit.cov)[LIGHT]
+        if self.frames > 1:
+            # A fit moves its prior by (prior variance - posterior variance)^(1/2), if the drift allowed for is right
+            ratio = (fit.p[LIGHT] - self.last[LIGHT]) ** 2 / np.maximum(self.light_var - var, 1e-30)
+            self.drift *= np.exp(0.5 * DRIFT_GAIN * (np.minimum(ratio, 9.0) - 1.0))
+            self.drift = np.maximum(self.drift, LEAST_DRIFT)
+        self.last = fit.p.copy()
+        self.light_var = var + (self.drift * contrast) ** 2
 
     def missed(self) -> None:
         """A frame without the ball: the lighting has drifted on."""
-        self.light_var = self.light_var + (DRIFT * abs(self.last[disc.A] - self.last[disc.B])) ** 2
+        self.light_var = self.light_var + (self.drift * abs(self.last[disc.A] - self.last[disc.B])) ** 2
 
 
 class ThresholdMeasure:
@@ -225,13 +249,11 @@ def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tupl
     return float(np.median(crop[outside])), float(np.median(crop[inside]))
 
 
-def _usable(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
-    """Variances a fit may use: a class without pixels takes the other's, none below the floor, no negative excess."""
+def _complete(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+    """The variances found, where a class without pixels takes the other's; the edge's excess may be negative."""
     back, ball, edge = noise
     if not math.isfinite(back):
         back = ball if math.isfinite(ball) else floor
     if not math.isfinite(ball):
         ball = back
-    if not math.isfinite(edge):
-        edge = 0.0
-    return np.array([max(back, floor), max(ball, floor), max(edge, 0.0)])
+    return np.array([back, ball, edge if math.isfinite(edge) else 0.0])

@@ -48,6 +48,7 @@ class DiscFit:
     noise: Array  # (3,) variance found in this frame: background, ball, excess at the edge [grey^2]
     chi2: float  # of this frame per degree of freedom, against the noise that was given; capped residuals
     sectors: Array  # (16,) contrast of each sector of the rim over the model's; 1 when all is well, NaN where no pixels
+    shifts: Array  # (16,) what is left of a radial shift of the rim in each sector, over its standard uncertainty
     dropped: float  # part of the edge pixels that the robust weight drops
     converged: bool
 
@@ -58,7 +59,7 @@ def _accumulate(img, p, n_par, zone, noise, soft, last, h, g, classes, sectors):
 
     zone: x, y, R, wx, wy, inner depth, outer margin of the pixels in use. soft: factor on the variance in the robust
     weight. last: fill classes (3, 6) for background, ball, edge: sums of w r^2, w (1 - E),
-    w E, 4 w E (1 - E), pixels, dropped pixels; and sectors (2, 16): residual and model contrast along E - 1/2.
+    w E, 4 w E (1 - E), pixels, dropped pixels; and sectors (4, 16): residual and model along E - 1/2, then along dI/dR.
     """
     h[:] = 0.0
     g[:] = 0.0
@@ -158,6 +159,8 @@ def _accumulate(img, p, n_par, zone, noise, soft, last, h, g, classes, sectors):
                 template = e_in - 0.5
                 sectors[0, q] += res * template
                 sectors[1, q] += template * template
+                sectors[2, q] += w * j[2] * res / var
+                sectors[3, q] += w * j[2] * j[2] / var
             if w == 0.0:
                 continue
             w /= var
@@ -210,7 +213,7 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     """Gauss-Newton from p (changed in place) with a prior `mean`, `weight` = 1/variance (0: flat) on each parameter."""
     h, g = np.zeros((12, 12)), np.zeros(12)
     cov = np.zeros((12, 12))
-    classes, sectors = np.zeros((3, 6)), np.zeros((2, SECTORS))
+    classes, sectors = np.zeros((3, 6)), np.zeros((4, SECTORS))
     step = np.zeros(12)
     zone = np.zeros(7)
     soft = 1e30
@@ -288,5 +291,7 @@ def fit_disc(
         found[0], found[1] = square[0] / classes[0, 1], square[1] / classes[1, 2]
         found[2] = (square[2] - found[0] * classes[2, 1] - found[1] * classes[2, 2]) / classes[2, 3]
         contrast = 1.0 + sectors[0] / sectors[1] / (p[A] - p[B])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shift = sectors[2] / np.sqrt(sectors[3])
     contrast[sectors[1] < 0.3 * np.median(sectors[1])] = np.nan
-    return DiscFit(p, cov, found, float(chi2), contrast, float(classes[2, 5] / max(classes[2, 4], 1.0)), bool(good))
+    return DiscFit(p, cov, found, float(chi2), contrast, shift, float(classes[2, 5] / max(classes[2, 4], 1.0)), bool(good))

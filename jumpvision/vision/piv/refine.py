@@ -2,9 +2,11 @@
 
 A window centred at X is read from both spline-interpolated frames at half the displacement each,
 
-    a(xi) = A(X + xi - (d + G xi) / 2),    b(xi) = B(X + xi + (d + G xi) / 2),
+    a(xi) = A(X + xi - D(xi) / 2),    b(xi) = B(X + xi + D(xi) / 2),    D = d + G xi + xi K xi / 2,
 
-both brought to zero mean and unit variance, and the six numbers d, G minimise the weighted squares of r = a - b.
+both brought to zero mean and unit variance, and the six numbers d, G minimise the weighted squares of r = a - b. The
+curvature K is given: a window cannot measure it well, its neighbours can, and without it d is wrong by about half
+the Laplacian times the square of the window's radius.
 Reading both frames half-way puts the vector at mid-time and makes the noise of the gradient of (a + b) / 2
 independent of r, so that noise does not bias d.
 
@@ -29,9 +31,8 @@ from scipy import ndimage
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
-SMOOTH = 0.6  # px, standard deviation of the Gaussian both frames are smoothed with, against aliasing
-LAG = 2  # px, how far residuals may be correlated in the covariance
-TOLERANCE = 0.003  # px, the last step of a converged match
+SMOOTH = 0.8  # px, standard deviation of the Gaussian both frames are smoothed with, against aliasing
+LAG = 3  # px, how far residuals may be correlated in the covariance
 ITERATIONS = 12
 TAPER = 0.45  # Gaussian weight: standard deviation over half the window
 RIM = 2  # px around the window for the gradient stencil
@@ -73,16 +74,21 @@ def taper(window: int) -> Float32:
     return np.outer(g, g).astype(np.float32)
 
 
-def refine(a: Frame, b: Frame, x: Array, y: Array, seed: Array, weight: Float32, texture: float) -> tuple[Array, ...]:
-    """Match windows at (x, y) (n,) [px] starting from seed (n, 6): d_x, d_y [px], u_x, u_y, v_x, v_y [1].
+def refine(
+    a: Frame, b: Frame, x: Array, y: Array, seed: Array, weight: Float32, texture: float, tolerance: float, errors: bool
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Match windows at (x, y) (n,) [px], starting from seed (n, 12), until a step changes no place by `tolerance` [px].
 
-    Returns parameters (n, 6), their standard uncertainties (n, 6), correlation (n,) and state (n,) (CONVERGED, LOST,
-    FLAT = standard deviation in the window below `texture` [grey], COVERED = less than half the weight is usable).
+    seed: d_x, d_y [px], u_x, u_y, v_x, v_y [1], and the given curvature u_xx, u_xy, u_yy, v_xx, v_xy, v_yy [1/px].
+    Returns parameters (n, 12), standard uncertainties of the first six (n, 6; NaN without `errors`), correlation (n,) and state (n,)
+    (CONVERGED, LOST, FLAT = standard deviation in the window below `texture` [grey], COVERED = less than half the
+    weight is usable).
     """
     n = len(x)
-    p, sigma, quality = seed.astype(np.float64).copy(), np.full((n, 6), np.nan), np.full(n, np.nan)
+    p, sigma, quality = seed.astype(np.float64), np.full((n, 6), np.nan), np.full(n, np.nan)
     state = np.empty(n, np.int64)
-    _refine(a.c, a.weight, b.c, b.weight, x + a.pad, y + a.pad, weight, texture, p, sigma, quality, state)
+    places = x + a.pad, y + a.pad
+    _refine(a.c, a.weight, b.c, b.weight, *places, weight, texture, tolerance, errors, p, sigma, quality, state)
     return p, sigma, quality, state
 
 
@@ -96,9 +102,10 @@ def _sample(c, weight, x, y, p, sign, out, w, first):  # type: ignore[no-untyped
         eta = j - h
         for i in range(m):
             xi = i - h
-            px = x + xi + sign * (p[0] + p[2] * xi + p[3] * eta)
-            py = y + eta + sign * (p[1] + p[4] * xi + p[5] * eta)
-            nx, ny = int(math.floor(px + 0.5)), int(math.floor(py + 0.5))
+            xx, xy, yy = 0.5 * xi * xi, float(xi * eta), 0.5 * eta * eta
+            px = x + xi + sign * (p[0] + p[2] * xi + p[3] * eta + p[6] * xx + p[7] * xy + p[8] * yy)
+            py = y + eta + sign * (p[1] + p[4] * xi + p[5] * eta + p[9] * xx + p[10] * xy + p[11] * yy)
+            nx, ny = math.floor(px + 0.5), math.floor(py + 0.5)
             if nx < 1 or ny < 1 or nx > cols - 2 or ny > rows - 2:
                 out[j, i] = 0.0
                 w[j, i] = 0.0
@@ -270,8 +277,9 @@ def _solve(matrix, rhs):  # type: ignore[no-untyped-def]
 def _covariance(jac, r, w, inverse, sigma):  # type: ignore[no-untyped-def]
     """Standard uncertainty of each parameter: the variance of sum t r, t = H^-1 J w.
 
-    sum t^2 r^2 / (1 - leverage) takes noise and mismatch where they are (MacKinnon & White 1985, HC2: the leverage is
-    what the fit has swallowed of each residual); the autocorrelation of r up to LAG px then multiplies it.
+    It is F sum t^2 r^2 / (1 - F leverage)^2. The sum takes noise and mismatch where they are, the leverage is what the
+    fit has swallowed of each residual (HC3 of MacKinnon & White 1985), and F is the sum of the autocorrelations of r
+    times those of t up to LAG px: neighbouring residuals are not independent, and each swallows F times as much.
     """
     m = r.shape[0]
     n = m - 2 * RIM
@@ -281,55 +289,66 @@ def _covariance(jac, r, w, inverse, sigma):  # type: ignore[no-untyped-def]
             total += w[j, i]
     t = np.empty((6, n, n), np.float32)
     res = np.empty((n, n), np.float32)
-    var = np.zeros(6)
+    leverage = np.empty((n, n), np.float32)
+    square = swallowed = weights = 0.0
+    own = np.zeros(2)
     for j in range(n):
         for i in range(n):
-            wi, ri = w[j + RIM, i + RIM], r[j + RIM, i + RIM]
-            leverage = 2.0 * wi / total  # of the mean and the gain
+            wi = w[j + RIM, i + RIM]
+            lever = 2.0 * wi / total  # of the mean and the gain
             for k in range(6):
                 z = np.float32(0)
                 for q in range(6):
                     z += np.float32(inverse[k, q]) * jac[j + RIM, i + RIM, q]
                 t[k, j, i] = z * wi
-                leverage += z * wi * jac[j + RIM, i + RIM, k]
-            res[j, i] = ri * wi
-            for k in range(6):
-                var[k] += t[k, j, i] ** 2 * ri * ri / max(1.0 - leverage, 0.2)
-    square = 0.0
-    for j in range(n):
-        for i in range(n):
+                lever += t[k, j, i] * jac[j + RIM, i + RIM, k]
+            leverage[j, i] = lever
+            res[j, i] = r[j + RIM, i + RIM] * wi
             square += res[j, i] ** 2
-    own = np.zeros(6)
-    near = np.zeros(6)
-    for k in range(6):
-        for j in range(n):
-            for i in range(n):
-                own[k] += t[k, j, i] ** 2
-        near[k] = own[k]
+            swallowed += lever * wi * wi
+            weights += wi * wi
+            own[0] += t[0, j, i] ** 2
+            own[1] += t[1, j, i] ** 2
+    swallowed /= weights
+    factor = np.ones(2)
+    same = np.ones(2)
     for dj in range(LAG + 1):
         for di in range(-LAG if dj else 1, LAG + 1):
             lo, hi = max(0, -di), min(n, n - di)
-            rho = 0.0
+            rho = r0 = r1 = 0.0
             for j in range(n - dj):
-                s = np.float32(0)
+                s, s0, s1 = np.float32(0), np.float32(0), np.float32(0)
                 for i in range(lo, hi):
                     s += res[j, i] * res[j + dj, i + di]
+                    s0 += t[0, j, i] * t[0, j + dj, i + di]
+                    s1 += t[1, j, i] * t[1, j + dj, i + di]
                 rho += s
-            rho *= 2.0 / square if square > 0.0 else 0.0
-            for k in range(6):
-                both = 0.0
-                for j in range(n - dj):
-                    s = np.float32(0)
-                    for i in range(lo, hi):
-                        s += t[k, j, i] * t[k, j + dj, i + di]
-                    both += s
-                near[k] += rho * both
+                r0 += s0
+                r1 += s1
+            rho /= square if square > 0.0 else 1.0
+            r0 /= own[0]
+            r1 /= own[1]
+            factor[0] += 2.0 * rho * r0
+            factor[1] += 2.0 * rho * r1
+            same[0] += 2.0 * r0 * r0
+            same[1] += 2.0 * r1 * r1
+    for c in range(2):
+        # the fit has also taken its share, shaped like t, out of the autocorrelation of r: put it back
+        raw = max(factor[c], 0.2)
+        for _ in range(3):
+            lost = min(factor[c] * swallowed, 0.5)
+            factor[c] = raw * (1.0 - lost) + lost * same[c]
     for k in range(6):
-        sigma[k] = math.sqrt(var[k] * max(near[k] / own[k], 0.2))
+        f = factor[k if k < 2 else (k - 2) // 2]  # gradients share the factor of their component
+        var = 0.0
+        for j in range(n):
+            for i in range(n):
+                var += t[k, j, i] ** 2 * r[j + RIM, i + RIM] ** 2 / max(1.0 - f * leverage[j, i], 0.2) ** 2
+        sigma[k] = math.sqrt(f * var)
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def _refine(ca, wa, cb, wb, x, y, weight, texture, p, sigma, quality, state):  # type: ignore[no-untyped-def]
+def _refine(ca, wa, cb, wb, x, y, weight, texture, tolerance, errors, p, sigma, quality, state):  # type: ignore[no-untyped-def]
     n = weight.shape[0]
     m = n + 2 * RIM
     full = weight.sum()
@@ -376,7 +395,7 @@ def _refine(ca, wa, cb, wb, x, y, weight, texture, p, sigma, quality, state):  #
                 abs(step[0, 0]) + edge * (abs(step[2, 0]) + abs(step[3, 0])),
                 abs(step[1, 0]) + edge * (abs(step[4, 0]) + abs(step[5, 0])),
             )
-            if worst < TOLERANCE * 3.0:
+            if worst < tolerance:
                 square = 0.0
                 for j in range(RIM, m - RIM):
                     for i in range(RIM, m - RIM):
@@ -385,6 +404,7 @@ def _refine(ca, wa, cb, wb, x, y, weight, texture, p, sigma, quality, state):  #
                 inverse = np.eye(6)
                 if not _solve(clean, inverse):  # so noisy that the texture cannot be told from it
                     break
-                _covariance(jac, b, w, inverse, sigma[k])
+                if errors:
+                    _covariance(jac, b, w, inverse, sigma[k])
                 state[k] = CONVERGED
                 break

@@ -1,0 +1,124 @@
+"""Exponential decay of the grain speed below the jammed front: v(z) = a^(z + b), beta = asin(a^Dz) (thesis Fig. 57)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jumpvision.fit.estimate import checked, checked_sigma, least_squares_fit, scatter_factor
+
+Array = NDArray[np.float64]
+
+ROUNDS = 10  # of choosing the depths from the fit; two or three suffice, more means it hops between two sets
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Column:
+    """speed / maximum = a^(z + b), z [m] below the foot's face, for the depths z_from..z_to [m].
+
+    a per metre (a < 1), ln_a [1/m], b [m]: -b is where the exponential reaches the maximum. Sigmas hold the scatter
+    factor; chi2 over n - 2 degrees of freedom. reason: why the values are NaN.
+    """
+
+    a: float
+    a_sigma: float
+    b: float
+    b_sigma: float
+    ln_a: float
+    ln_a_sigma: float
+    z_from: float
+    z_to: float
+    n: int
+    chi2: float
+    reason: str = ""
+
+
+def fit_column(
+    z: ArrayLike,
+    speed: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    maximum: float,
+    maximum_sigma: float,
+    front: float,
+    top: float,
+    floor: float,
+) -> Column:
+    """Weighted least squares of the exponential itself (not of its logarithm) below the jammed front.
+
+    z [m] depth below the foot's face, increasing, shape (n,); speed, sigma [m/s] downward, NaN = no vector. maximum,
+    maximum_sigma [m/s]: the frame's largest speed, and front [m]: the depth of the jammed front (`jammed_thickness`).
+    top, floor: shares of the maximum between which the exponential is fitted (0.9 in the thesis; noise).
+
+    Which depths count is decided by the fitted curve and the front, not by the noisy speed of each vector: leaving out
+    the vectors that happen to be small would flatten the decay. Started from the fit of the logarithms.
+    """
+    z, speed, sigma = checked("fit_column", z=z, speed=speed, sigma=sigma)
+    checked_sigma("fit_column", sigma)
+    if not 0.0 < floor < top <= 1.0:
+        raise ValueError(f"fit_column: floor = {floor!r}, top = {top!r}: 0 < floor < top <= 1 is needed")
+    good = np.isfinite(z) & np.isfinite(speed) & np.isfinite(sigma)
+    z, y, e = z[good], speed[good], sigma[good]
+    if not (math.isfinite(front) and maximum > 0.0):
+        return _none(0, "no jammed front in this frame")
+    y, e = y / maximum, e / maximum
+    start = z >= front
+    small = np.flatnonzero(start & (y < max(floor, 0.1)))
+    chosen = start & (np.arange(z.size) < (small[0] if small.size else z.size)) & (y > 0.0)
+    if chosen.sum() < 3:
+        return _none(int(chosen.sum()), "fewer than three vectors between the jammed front and the floor")
+    slope, at0 = np.polyfit(z[chosen], np.log(y[chosen]), 1, w=y[chosen] / e[chosen])
+    p, seen = np.array([min(slope, -1e-3 / np.ptp(z)), at0]), []
+    fit = None
+    for _ in range(ROUNDS):
+        log_model = p[0] * z + p[1]
+        chosen = start & (log_model < math.log(top)) & (log_model > math.log(floor))
+        if chosen.sum() < 3:
+            return _none(int(chosen.sum()), "fewer than three vectors between the jammed front and the floor")
+        key = (int(np.flatnonzero(chosen)[0]), int(np.flatnonzero(chosen)[-1]))
+        if key in seen:
+            break
+        seen.append(key)
+        zc, yc, ec = z[chosen], y[chosen], e[chosen]
+        fit = least_squares_fit(
+            lambda q: (yc - np.exp(q[0] * zc + q[1])) / ec, p, scale=[1.0 / np.ptp(zc), 1.0]  # noqa: B023 (used at once)
+        )
+        if fit is None or not fit[0][0] < 0.0:
+            return _none(int(chosen.sum()), "the speed does not decay with depth")
+        p = fit[0]
+    assert fit is not None
+    p, cov, chi2 = fit
+    n = int(zc.size)
+    factor = scatter_factor(chi2, n - 2)
+    k, b = float(p[0]), float(p[1] / p[0])
+    k_sigma = factor * math.sqrt(float(cov[0, 0]))
+    row = np.array([-b, 1.0]) / k  # b = p1/k
+    b_sigma = math.hypot(factor * math.sqrt(float(row @ cov @ row)), maximum_sigma / maximum / k)
+    a = math.exp(k)
+    return Column(a, a * k_sigma, b, b_sigma, k, k_sigma, float(zc[0]), float(zc[-1]), n, chi2)
+
+
+def beta(ln_a: float, ln_a_sigma: float, layer: float) -> tuple[float, float]:
+    """(beta, sigma) [rad] = asin(a^Dz), the mean contact angle against the horizontal; layer = Dz [m], 8 mm in the thesis.
+
+    NaN where a >= 1 (speed not decaying). The angle rests on the chosen layer: d beta / d Dz = ln a tan beta.
+    """
+    if not layer > 0.0:
+        raise ValueError(f"beta: layer = {layer!r} m must be > 0 (0.008 in the thesis)")
+    q = math.exp(ln_a * layer) if math.isfinite(ln_a) else NAN
+    if not q < 1.0:
+        return NAN, NAN
+    return math.asin(q), q / math.sqrt(1.0 - q * q) * layer * ln_a_sigma
+
+
+def beta_sensitivity(ln_a: float, layer: float) -> float:
+    """d beta / d Dz [rad/m] = ln a tan beta: how far the chosen layer thickness alone moves beta."""
+    return ln_a * math.tan(beta(ln_a, 0.0, layer)[0])
+
+
+def _none(n: int, reason: str) -> Column:
+    return Column(*[NAN] * 8, n=n, chi2=NAN, reason=reason)

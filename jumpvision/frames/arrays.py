@@ -1,0 +1,127 @@
+"""Films kept as arrays: .npy, and .h5 / .hdf5 with one image data set."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from jumpvision.frames.base import Film, FrameError, Image, check_image, clock, lost
+from jumpvision.frames.grey import native_type, single_channel
+
+MAX_COMPRESSION = 2000  # a data set that claims to be this much larger than its bytes in the file is damaged
+
+
+def stack_shape(path: Path, shape: tuple[int, ...], what: str) -> tuple[int, tuple[int, ...]]:
+    """(frames, shape of one frame) of a film array: (y, x), (frame, y, x) or (frame, y, x, 3 | 4)."""
+    if len(shape) not in (2, 3, 4) or (len(shape) == 4 and shape[3] not in (1, 3, 4)):
+        raise FrameError(
+            f"{path}: {what} has shape {shape}; allowed: (y, x), (frame, y, x) or (frame, y, x, 1 | 3 | 4 channels)"
+        )
+    n, frame = (1, shape) if len(shape) == 2 else (shape[0], shape[1:])
+    check_image(path, *frame[:2])
+    if n < 1:
+        raise FrameError(f"{path}: {what} has shape {shape}: no frame; save it again")
+    return n, frame
+
+
+class NpyFilm(Film):
+    """A film in a .npy array, read frame by frame."""
+
+    def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
+        with path.open("rb") as file:
+            shape, fortran, dtype = npy_header(path, file)
+            offset = file.tell()
+        promised, frame = stack_shape(path, shape, "the array")
+        kind = native_type(dtype, path)
+        nbytes = math.prod(frame) * dtype.itemsize
+        n = min(promised, (path.stat().st_size - offset) // nbytes)
+        if n < 1 or (fortran and n < promised):
+            raise FrameError(f"{path}: truncated, no whole frame can be read; save it again")
+        # Fortran order puts the frame number last in memory, so such an array must be whole.
+        self._array: Any = np.memmap(path, dtype, "r", offset, (n, *frame), order="F" if fortran else "C")
+        super().__init__(
+            path,
+            shape=(frame[0], frame[1]),
+            dtype=kind,
+            clock=clock(path, n, start=start, frame_rate=frame_rate),
+            warnings=lost(path, n, promised),
+            meta={"format": "npy", "bit_depth": 8 * kind.itemsize},
+        )
+
+    def _read(self, i: int) -> Image:
+        return single_channel(np.array(self._array[i]), self.path)
+
+    def close(self) -> None:
+        del self._array
+
+
+def npy_header(path: Path, file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    # Only the header is taken from the file, in memory: a damaged length must not ask for gigabytes.
+    start = io.BytesIO(file.read(2**16))
+    try:
+        version = np.lib.format.read_magic(start)
+        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+        shape, fortran, dtype = read(start)
+    except (ValueError, KeyError, TypeError, SyntaxError, MemoryError, RecursionError, OverflowError) as error:
+        raise FrameError(f"{path}: not a .npy array (or damaged): {error}; save it with numpy.save") from error
+    file.seek(start.tell())
+    if dtype.hasobject or any(k < 0 for k in shape):
+        raise FrameError(f"{path}: array of {dtype}, shape {shape}; allowed: plain numbers; save uint8, uint16 or float")
+    return shape, fortran, dtype
+
+
+class Hdf5Film(Film):
+    """A film in an HDF5 file: its only data set of (frame, y, x[, channel]), or its only (y, x) image."""
+
+    def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
+        try:
+            import h5py
+        except ImportError as error:
+            raise FrameError(f"{path}: reading HDF5 needs h5py; install it with: pip install 'jumpvision[hdf5]'") from error
+        try:
+            self._file: Any = h5py.File(path, "r")
+        except OSError as error:
+            raise FrameError(f"{path}: not an HDF5 file, or truncated: {error}; copy it again") from error
+        try:
+            self._open(path, h5py.Dataset, frame_rate, start)
+        except FrameError:
+            self._file.close()
+            raise
+        except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+            self._file.close()
+            raise FrameError(f"{path}: damaged HDF5 file: {error}; copy it again") from error
+
+    def _open(self, path: Path, dataset: type, frame_rate: float | None, start: float) -> None:
+        sets: list[Any] = []
+        self._file.visititems(lambda name, item: sets.append(item) if isinstance(item, dataset) else None)
+        images = [s for s in sets if s.ndim in (3, 4)] or [s for s in sets if s.ndim == 2]
+        if len(images) != 1:
+            names = ", ".join(f"{s.name} {s.shape}" for s in images[:6]) or "none"
+            raise FrameError(f"{path}: needs exactly one data set of (frame, y, x); found: {names}; save the film alone")
+        self._data = images[0]
+        n, frame = stack_shape(path, self._data.shape, self._data.name)
+        kind = native_type(self._data.dtype, path)
+        if self._data.nbytes > MAX_COMPRESSION * self._data.id.get_storage_size():
+            raise FrameError(f"{path}: {self._data.name} claims {self._data.nbytes} bytes that the file does not hold")
+        super().__init__(
+            path,
+            shape=(frame[0], frame[1]),
+            dtype=kind,
+            clock=clock(path, n, start=start, frame_rate=frame_rate),
+            warnings=[],
+            meta={"format": "hdf5", "bit_depth": 8 * kind.itemsize, "data_set": self._data.name},
+        )
+
+    def _read(self, i: int) -> Image:
+        try:
+            image = self._data[()] if self._data.ndim == 2 else self._data[i]
+        except (OSError, RuntimeError, ValueError) as error:
+            raise FrameError(f"{self.path}: frame {i} cannot be read: {error}; copy the file again") from error
+        return single_channel(image, self.path)
+
+    def close(self) -> None:
+        self._file.close()

@@ -1,0 +1,140 @@
+"""What every film reader gives: frames by number, their times, and what is wrong with the file."""
+
+from __future__ import annotations
+
+import operator
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[Any]
+
+RATE_MISMATCH = 1e-3  # relative difference of declared and recorded frame rate that is worth a warning
+
+
+class FrameError(ValueError):
+    """A film that cannot be read: names the file, what is wrong, what is allowed and the remedy."""
+
+
+class Clock(NamedTuple):
+    """time: (n,) [s], increasing; source: "file" or "declared"; warnings: texts."""
+
+    time: NDArray[np.float64]
+    source: str
+    warnings: list[str]
+
+
+class Film(ABC):
+    """Frames of one film, read one at a time (use as a context manager).
+
+    film[i]: image (height, width), grey, uint8, uint16 or float32 as recorded, a new array each time; rows run down.
+    time: (n,) [s] on the common clock, increasing; time_source: "file" or "declared". warnings: what the user should
+    know (rates that disagree, frames lost). meta: format, bit_depth and, where the file knows them, exposure_s [s],
+    recorded_rate_hz [Hz], camera. Raises FrameError when a frame cannot be read, IndexError beyond the film.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        shape: tuple[int, int],
+        dtype: np.dtype[Any],
+        clock: Clock,
+        warnings: list[str],
+        meta: dict[str, Any],
+    ) -> None:
+        self.path = path
+        self.shape = shape
+        self.dtype = dtype
+        self.time = clock.time
+        self.time_source = clock.source
+        self.warnings = (*warnings, *clock.warnings)
+        self.meta = meta
+
+    @abstractmethod
+    def _read(self, i: int) -> Image:
+        """Frame i, 0 <= i < len(self)."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Gives the file back; no frame can be read afterwards."""
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, i: int) -> Image:
+        i, n = operator.index(i), len(self)
+        if not -n <= i < n:
+            raise IndexError(f"{self.path}: frame {i} does not exist; the film has frames 0 to {n - 1}")
+        return self._read(i % n)
+
+    def __iter__(self) -> Iterator[Image]:
+        return (self._read(i) for i in range(len(self)))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def clock(
+    path: Path,
+    n: int,
+    *,
+    start: float,
+    frame_rate: float | None,
+    stamps: NDArray[np.float64] | None = None,
+    positions: NDArray[np.float64] | None = None,
+) -> Clock:
+    """Times of n frames [s]: `start` plus the file's `stamps` (relative to its first frame) [s], else positions/frame_rate.
+
+    frame_rate: declared [Hz] or None. positions: (n,) frame numbers where some are missing, default 0 .. n-1.
+    The file's stamps win over a declared rate unless they do not increase. Raises FrameError when there is no clock.
+    """
+    warnings = []
+    remedy = "give frame_rate = ... (Hz)"
+    if stamps is not None:
+        step = np.diff(stamps)
+        if np.isfinite(stamps).all() and (step > 0).all():
+            if frame_rate is not None and n > 1:
+                recorded = (n - 1) / float(stamps[-1] - stamps[0])
+                # The median tells a lost frame from a wrong rate; the mean is exact where stamps are coarse.
+                typical = 1 / float(np.median(step))
+                if min(abs(frame_rate / rate - 1) for rate in (recorded, typical)) > RATE_MISMATCH:
+                    warnings.append(
+                        f"{path}: frame_rate = {frame_rate:g} Hz is declared, but the file's own time stamps give "
+                        f"{recorded:g} Hz; the file's are used"
+                    )
+            return Clock(start + stamps, "file", warnings)
+        bad = int(np.argmax(~(step > 0))) + 1 if n > 1 else 0
+        problem = f"{path}: the file's time stamps do not increase at frame {bad}"
+        if frame_rate is None:
+            raise FrameError(f"{problem}; {remedy} to time the frames evenly instead")
+        warnings.append(f"{problem}; the declared {frame_rate:g} Hz is used instead")
+    if frame_rate is None:
+        if n > 1:
+            raise FrameError(f"{path}: this format has no time stamps of its own; {remedy}")
+        return Clock(np.array([start]), "declared", warnings)
+    if positions is None:
+        positions = np.arange(n, dtype=np.float64)
+    return Clock(start + positions / frame_rate, "declared", warnings)
+
+
+def lost(path: Path, whole: int, promised: int) -> list[str]:
+    """The warning for a truncated film: `promised` frames by the header, `whole` of them in the file."""
+    if whole >= promised:
+        return []
+    return [f"{path}: truncated; the header promises {promised} frames, {whole} are whole, {promised - whole} are lost"]
+
+
+def check_image(path: Path, height: int, width: int) -> None:
+    if not (0 < height <= 2**16 and 0 < width <= 2**16):
+        raise FrameError(f"{path}: frames of {height} x {width} pixels; allowed: 1 to 65536 each way (damaged header?)")

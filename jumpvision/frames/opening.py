@@ -1,0 +1,56 @@
+"""One door to every film format: the suffix names the reader, which is imported only then."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import os
+from pathlib import Path
+
+from jumpvision.frames.base import Film, FrameError
+
+READERS: dict[str, tuple[str, str]] = {
+    **dict.fromkeys((".avi", ".mp4", ".m4v", ".mkv", ".mov", ".webm"), ("video", "VideoFilm")),
+    **dict.fromkeys((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"), ("images", "ImageFilm")),
+    **dict.fromkeys((".tif", ".tiff"), ("tiff", "TiffFilm")),
+    **dict.fromkeys((".mraw", ".cih", ".cihx"), ("mraw", "MrawFilm")),
+    ".cine": ("cine", "CineFilm"),
+    ".seq": ("seq", "SeqFilm"),
+    ".npy": ("arrays", "NpyFilm"),
+    **dict.fromkeys((".h5", ".hdf5"), ("arrays", "Hdf5Film")),
+}
+
+
+def open_frames(
+    path: str | os.PathLike[str],
+    *,
+    frame_rate: float | None = None,
+    start: float = 0.0,
+    pattern_root: str | os.PathLike[str] | None = None,
+) -> Film:
+    """The film at `path`: a film file, a folder of images, a glob pattern of images or a single image.
+
+    frame_rate: declared frames per second [Hz]; used where the file has no time stamps of its own, else compared with
+    them. start: common clock [s] at the start of the first exposure. pattern_root: folder that a relative path or
+    pattern starts from (default: the working folder). Raises FrameError when the film cannot be read at all.
+    """
+    if frame_rate is not None and not (math.isfinite(frame_rate) and frame_rate > 0):
+        raise FrameError(f"{path}: frame_rate = {frame_rate!r}; must be > 0 Hz")
+    if not math.isfinite(start):
+        raise FrameError(f"{path}: start = {start!r}; must be a finite number of seconds")
+    full = Path(pattern_root or "") / path
+    if full.is_dir() or (not full.exists() and any(c in full.name for c in "*?[")):
+        from jumpvision.frames.images import ImageFilm, image_files
+
+        return ImageFilm(full, files=image_files(full), frame_rate=frame_rate, start=start)
+    if not full.exists():
+        raise FrameError(f"{full}: no such file; name a film, a folder of images or a pattern such as frames/*.png")
+    if full.suffix.lower() not in READERS:
+        allowed = " ".join(sorted(READERS))
+        raise FrameError(f"{full}: unknown film format '{full.suffix}'; allowed: {allowed}; convert it to one of these")
+    if full.stat().st_size == 0:
+        raise FrameError(f"{full}: the file is empty (0 bytes); copy it from the camera again")
+    module, name = READERS[full.suffix.lower()]
+    reader = getattr(importlib.import_module(f"jumpvision.frames.{module}"), name)
+    film: Film = reader(full, frame_rate=frame_rate, start=start)
+    return film

@@ -1,0 +1,332 @@
+"""Exact jumps on hard ground (PHYSICS.md section 1, m_f = 0): one jump in full, or the results of millions.
+
+Between lift-offs and landings the flow is linear and known in closed form (hard_arc); only event times are iterated
+(hard_flow). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do not
+jump, the rod's velocity jumps by -(m_m/M) times the step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.hard_arc import AIR, ARC_SIZE, KIND, evaluate
+from jumpvision.physics.hard_flow import motor, simulate
+
+Array = NDArray[np.float64]
+
+# name: unit, lowest, lowest allowed itself, highest allowed itself (landing_loss only)
+RANGES = {
+    "motor_mass": ("kg", 0.0, False),
+    "rod_mass": ("kg", 0.0, True),
+    "stiffness": ("N/m", 0.0, False),
+    "damping": ("N s/m", 0.0, True),
+    "gravity": ("m/s^2 (along the rail)", 0.0, False),
+    "landing_loss": ("", 0.0, True),
+    "amplitude": ("m", 0.0, False),
+    "cycles": ("", 0.0, False),
+    "frequencies": ("Hz", 0.0, False),
+    "phases": ("rad", -math.inf, True),
+}
+
+
+@dataclass(frozen=True)
+class HardMotion:
+    """One jump. Arrays over the asked times, shape (n,); x up, zero where the spring is relaxed; right-continuous.
+
+    t [s]; rod x_r and motor x_m = x_r + X_m [m]; rod_velocity [m/s]; spring_force on the rod [N] (upwards positive).
+    lift_off, landing: (m,) [s] of every flight until t_end; a landing after t_end is NaN.
+    n_jumps: flights up to and including the one of flight_height (bounces after it are not jumps); all flights where
+    none ends after the forcing.
+    com_height [m]: greatest rise of y above rest. jump_height [m]: greatest rise of the rod above rest after the motor
+    stops. flight_height [m]: g t_f^2 / 8 of the longest flight that ends after the forcing, 0 without one, NaN when
+    t_end cuts the only one.
+    peak_power_W, peak_force_N: greatest F_m X_m' and F_m = m_m (x_m'' + g) while the law runs, without the impulses of
+    velocity steps; impulse_work_J: work of those at the start and at the end. peak_motor_speed: greatest |X_m'| [m/s].
+    """
+
+    t: Array
+    rod: Array
+    rod_velocity: Array
+    motor: Array
+    spring_force: Array
+    lift_off: Array
+    landing: Array
+    n_jumps: int
+    com_height: float
+    jump_height: float
+    flight_height: float
+    peak_power_W: float
+    peak_force_N: float
+    peak_motor_speed: float
+    impulse_work_J: tuple[float, float]
+
+    @property
+    def ground_force(self) -> Array:
+        """Force of the ground on the spring [N], shape (n,): the spring force, the foot being massless."""
+        return self.spring_force
+
+
+def hard_jump(
+    *,
+    motor_mass: float,
+    rod_mass: float,
+    stiffness: float,
+    damping: float,
+    gravity: float,
+    landing_loss: float,
+    forcing: Forcing,
+    t: ArrayLike | None,
+    t_end: float,
+) -> HardMotion:
+    """The jump of a settled robot (x_r = -M g/k) under a law or a log, exact to rounding.
+
+    motor_mass, rod_mass [kg]; stiffness [N/m]; damping [N s/m]; gravity [m/s^2] along the rail; landing_loss: e in
+    v_r -> sqrt(1 - e) v_r at touchdown; t: (n,) [s], at most t_end, times of the returned motion (None: none);
+    t_end [s], not before the forcing ends. Grazing contacts and Zeno: see hard_flow. ValueError for a bad argument.
+    """
+    robot = {
+        "motor_mass": motor_mass,
+        "rod_mass": rod_mass,
+        "stiffness": stiffness,
+        "damping": damping,
+        "gravity": gravity,
+        "landing_loss": landing_loss,
+    }
+    for name, value in robot.items():
+        _check(name, value)
+    pieces = _pieces(forcing)
+    stop = pieces[-1, 1]
+    if not stop <= t_end < math.inf:
+        raise ValueError(f"t_end = {t_end} must be finite and not before the forcing ends, {stop:g} s")
+    times = np.atleast_1d(np.asarray([] if t is None else t, dtype=float))
+    if times.ndim != 1 or not np.all(times <= t_end):
+        raise ValueError(f"t must be a 1-D array of times up to t_end = {t_end:g} s, without NaN")
+
+    mass = motor_mass + rod_mass
+    q, w2, gam = motor_mass / mass, stiffness / mass, damping / (2.0 * mass)
+    size = 64 + 8 * len(pieces)
+    while True:
+        rows, flights = np.empty((size, 2 + ARC_SIZE)), np.empty((size, 2))
+        n_arcs, n_flights, n_jumps, _, com, rod, longest, power, force, airborne = simulate(
+            pieces, q, gravity, w2, gam, math.sqrt(1.0 - landing_loss), t_end, rows, flights
+        )
+        if n_arcs <= size:
+            break
+        size = n_arcs
+    flights = flights[:n_flights]
+    x, v, x_motor, f_s = _sample(rows[:n_arcs], pieces[0], times, q, gravity, w2, gam)
+    cut = airborne and longest == 0.0
+    step_in, step_out = motor(pieces[0], 0.0)[1], motor(pieces[-1], stop - pieces[-1, 0])[1]
+    reduced = motor_mass * rod_mass / mass
+    return HardMotion(
+        t=times,
+        rod=x,
+        rod_velocity=v,
+        motor=x_motor,
+        spring_force=f_s * mass,
+        lift_off=flights[:, 0].copy(),
+        landing=flights[:, 1].copy(),
+        n_jumps=n_jumps,
+        com_height=com,
+        jump_height=rod,
+        flight_height=math.nan if cut else gravity * longest**2 / 8.0,
+        peak_power_W=motor_mass * power,
+        peak_force_N=motor_mass * force,
+        peak_motor_speed=_peak_speed(pieces),
+        impulse_work_J=(0.5 * reduced * step_in**2, -0.5 * reduced * step_out**2),
+    )
+
+
+def hard_sweep(
+    laws: ArrayLike,
+    *,
+    motor_mass: ArrayLike,
+    rod_mass: ArrayLike,
+    stiffness: ArrayLike,
+    damping: ArrayLike,
+    gravity: ArrayLike,
+    landing_loss: ArrayLike,
+) -> dict[str, NDArray]:
+    """The results of one jump for every law, in parallel.
+
+    laws: shape (..., r, 6), the rows of a forcing.Segments for every point. The other arguments, as in hard_jump,
+    broadcast against (...). Returns arrays of shape (...): com_height_m, flight_height_m, jump_height_m, n_jumps,
+    lift_off_s (first lift-off after the start, NaN without one), peak_power_W, peak_force_N, peak_motor_speed as in HardMotion with
+    t_end beyond the first landing of a free flight. ValueError for a bad argument.
+    """
+    laws = np.asarray(laws, dtype=float)
+    if laws.ndim < 2 or laws.shape[-1] != 6 or laws.shape[-2] == 0:
+        raise ValueError(f"laws must have the shape (..., rows, 6), not {laws.shape}")
+    _check_rows(laws)
+    values = {
+        "motor_mass": motor_mass,
+        "rod_mass": rod_mass,
+        "stiffness": stiffness,
+        "damping": damping,
+        "gravity": gravity,
+        "landing_loss": landing_loss,
+    }
+    for name, value in values.items():
+        _check(name, value)
+    shape = np.broadcast_shapes(laws.shape[:-2], *(np.shape(v) for v in values.values()))
+    flat = [np.ascontiguousarray(np.broadcast_to(np.asarray(v, float), shape)).ravel() for v in values.values()]
+    rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
+    out = np.empty((8, rows.shape[0]))
+    _sweep(np.ascontiguousarray(rows), *flat, out)
+    names = ("com_height_m", "flight_height_m", "jump_height_m", "n_jumps", "lift_off_s")
+    names += ("peak_power_W", "peak_force_N", "peak_motor_speed")
+    result: dict[str, NDArray] = {name: column.reshape(shape) for name, column in zip(names, out)}
+    result["n_jumps"] = result["n_jumps"].astype(np.int64)
+    return result
+
+
+def hard_map(
+    frequencies: ArrayLike,
+    phases: ArrayLike,
+    *,
+    amplitude: float,
+    cycles: float,
+    motor_mass: float,
+    rod_mass: float,
+    stiffness: float,
+    damping: float,
+    gravity: float,
+    landing_loss: float,
+) -> dict[str, NDArray]:
+    """hard_sweep over the sinusoidal law: frequencies (nf,) [Hz], phases (np,) [rad]; results of shape (nf, np)."""
+    for name, value in (
+        ("frequencies", frequencies),
+        ("phases", phases),
+        ("amplitude", amplitude),
+        ("cycles", cycles),
+    ):
+        _check(name, value)
+    f, ph = np.asarray(frequencies, float)[:, None], np.asarray(phases, float)[None, :]
+    laws = np.zeros((f.shape[0], ph.shape[1], 1, 6))
+    laws[..., 0, 1] = cycles / f
+    laws[..., 0, 2] = -amplitude * np.sin(ph)
+    laws[..., 0, 3] = amplitude
+    laws[..., 0, 4] = 2.0 * np.pi * f
+    laws[..., 0, 5] = ph
+    return hard_sweep(
+        laws,
+        motor_mass=motor_mass,
+        rod_mass=rod_mass,
+        stiffness=stiffness,
+        damping=damping,
+        gravity=gravity,
+        landing_loss=landing_loss,
+    )
+
+
+def _check(name: str, value: ArrayLike) -> None:
+    """ValueError naming the parameter, its first bad value and its range."""
+    unit, low, closed = RANGES[name]
+    a = np.asarray(value, dtype=float)
+    good = np.isfinite(a) & ((a >= low) if closed else (a > low))
+    allowed = "a finite number" if low == -math.inf else f"{'>=' if closed else '>'} {low:g}"
+    if name == "landing_loss":
+        good &= a < 1.0
+        allowed = "in [0, 1)"
+    if not good.all():
+        raise ValueError(f"{name} = {a[~good].flat[0]} must be {allowed}{unit and ' ' + unit}")
+
+
+def _check_rows(rows: Array) -> None:
+    """ValueError unless (..., r, 6) rows of a law are finite, contiguous and continuous, with A, omega >= 0."""
+    if not np.isfinite(rows).all():
+        raise ValueError("forcing: every row must be finite; remove NaN and infinite entries")
+    if not (rows[..., 1] > rows[..., 0]).all():
+        raise ValueError("forcing: every row must end after it starts, t1 > t0")
+    if not (rows[..., 3] >= 0).all() or not (rows[..., 4] >= 0).all():
+        raise ValueError("forcing: amplitude A must be >= 0 m (0: a pause) and omega >= 0 rad/s; shift the phase by pi")
+    first, last = rows[..., 5], rows[..., 4] * (rows[..., 1] - rows[..., 0]) + rows[..., 5]
+    begins, ends = (rows[..., 2] + rows[..., 3] * np.sin(angle) for angle in (first, last))
+    gap = np.abs(rows[..., 1:, 0] - rows[..., :-1, 1])
+    jump = np.abs(begins[..., 1:] - ends[..., :-1])
+    if (gap > 1e-9).any() or (jump > 1e-9).any():
+        raise ValueError("forcing: rows must be contiguous in time and X_m continuous, to 1e-9 s and 1e-9 m")
+
+
+def _pieces(forcing: Forcing) -> Array:
+    """The (n, 9) rows of hard_arc.make_arc."""
+    if isinstance(forcing, Segments):
+        rows = np.asarray(forcing.rows, float)
+        _check_rows(rows)
+        out = np.zeros((len(rows), 9))
+        out[:, [0, 1, 2, 6, 7, 8]] = rows
+    else:
+        if not (np.isfinite(forcing.c).all() and np.isfinite(forcing.knots).all() and (np.diff(forcing.knots) > 0).all()):
+            raise ValueError("forcing: the spline must be finite, its knots increasing")
+        out = np.zeros((forcing.c.shape[1], 9))
+        out[:, 0], out[:, 1] = forcing.knots[:-1], forcing.knots[1:]
+        out[:, 2:6] = forcing.c[::-1].T
+    out[:-1, 1] = out[1:, 0]
+    return out
+
+
+@nb.njit(cache=True)
+def _peak_speed(pieces: NDArray) -> float:
+    """Greatest |X_m'| [m/s]; a piece is a sinusoid or a cubic."""
+    peak = 0.0
+    for i in range(pieces.shape[0]):
+        p = pieces[i]
+        length = p[1] - p[0]
+        peak = max(peak, abs(motor(p, 0.0)[1]), abs(motor(p, length)[1]))
+        if math.floor((p[7] * length + p[8]) / math.pi) >= math.ceil(p[8] / math.pi):  # |cos| = 1 inside
+            peak = max(peak, p[6] * p[7])
+        if p[5] != 0.0 and 0.0 < -p[4] < 3.0 * p[5] * length or 0.0 > -p[4] > 3.0 * p[5] * length:
+            peak = max(peak, abs(p[3] - p[4] * p[4] / (3.0 * p[5])))
+    return peak
+
+
+@nb.njit(cache=True)
+def _sample(
+    rows: NDArray, piece: NDArray, t: NDArray, q: float, g: float, w2: float, gam: float
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """x_r, v_r, x_m and F_s/M at the times t; at rest before the first arc."""
+    x, v, xm, f = np.empty(t.size), np.empty(t.size), np.empty(t.size), np.empty(t.size)
+    for i in range(t.size):
+        if t[i] < rows[0, 0]:
+            x[i], v[i], f[i] = -g / w2, 0.0, g
+            xm[i] = x[i] + motor(piece, 0.0)[0]
+            continue
+        row = rows[np.searchsorted(rows[:, 0], t[i], side="right") - 1]
+        x[i], v[i], _, mx, _, _, _ = evaluate(row[2:], t[i] - row[0], q, g)
+        xm[i] = x[i] + mx
+        f[i] = 0.0 if row[2 + KIND] == AIR else -w2 * x[i] - 2.0 * gam * v[i]
+    return x, v, xm, f
+
+
+@nb.njit(cache=True, parallel=True)
+def _sweep(
+    laws: NDArray,
+    motor_mass: NDArray,
+    rod_mass: NDArray,
+    stiffness: NDArray,
+    damping: NDArray,
+    gravity: NDArray,
+    landing_loss: NDArray,
+    out: NDArray,
+) -> None:
+    """hard_sweep, flat: laws (n, r, 6), parameters (n,), out (8, n)."""
+    for i in nb.prange(laws.shape[0]):
+        pieces = np.zeros((laws.shape[1], 9))
+        for j in range(laws.shape[1]):
+            pieces[j, :3] = laws[i, j, :3]
+            pieces[j, 6:] = laws[i, j, 3:]
+        none = np.empty((0, 2))
+        mass, g = motor_mass[i] + rod_mass[i], gravity[i]
+        keep = math.sqrt(1.0 - landing_loss[i])
+        _, _, n_jumps, first, com, rod, longest, power, force, _ = simulate(
+            pieces, motor_mass[i] / mass, g, stiffness[i] / mass, 0.5 * damping[i] / mass, keep, math.inf, none, none
+        )
+        out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
+        out[4, i], out[5, i], out[6, i] = first - laws[i, 0, 0], motor_mass[i] * power, motor_mass[i] * force
+        out[7, i] = _peak_speed(pieces)

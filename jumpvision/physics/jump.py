@@ -1,0 +1,213 @@
+"""Simulation of a jump on granular or hard ground: model and forcing in, motion out."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from jumpvision.physics import cone, events, forcing, granular, runge_kutta, scalar, terms
+from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.model import Model
+
+Array = NDArray[np.float64]
+
+STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
+MODES = ("air", "rest", "intrude")
+EVENT = np.dtype([("time", float), ("kind", "U10")])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One simulated jump. Arrays (n,), positions positive up, the foot's zero at the undisturbed surface.
+
+    Heights are PHYSICS.md's: `jump_height` greatest rod height after the motor stops minus rest, `driven_height` the
+    same while it runs, `com_height` greatest rise of the centre of mass, `flight_height` g t_f^2 / 8 of the longest
+    flight that ends after the forcing (NaN: none landed).
+    """
+
+    t: Array  # s
+    rod: Array  # m, x_r
+    foot: Array  # m, x_f
+    motor: Array  # m, x_m = x_r + X_m
+    rod_velocity: Array  # m/s
+    foot_velocity: Array  # m/s
+    ground_force: Array  # N on the foot, positive up
+    spring_force: Array  # N on the rod, positive up
+    mode: NDArray[np.int64]  # index into MODES
+    events: NDArray[Any]  # EVENT: time [s], kind
+    flights: Array  # (m, 2) lift-off and landing [s]; landing NaN when the run ends in the air
+    rest: float  # m, x_r at rest before the forcing
+    depth_max: float  # m, deepest point of the foot
+    jump_height: float  # m
+    driven_height: float  # m
+    com_height: float  # m
+    flight_height: float  # m
+
+
+def simulate(
+    model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float, stop: float | None = None
+) -> Motion:
+    """The motion of a robot settled at rest at t[0], driven by `forcing`.
+
+    t: (n,) output times [s], increasing, from rest: t[0] <= forcing.start; the run ends at t[-1].
+    rtol: relative tolerance of a step; atol [m]: absolute one of positions, of velocities times the spring's rate.
+    stop: when the motor stops [s], for the heights; default forcing.stop (give it for a log longer than the motion).
+    `camera_scale` and `time_offset` change what a film reports, not the motion: `filmed_height`.
+    Raises ValueError for times that are not as above, and RuntimeError when no solution can be followed.
+    """
+    t = np.atleast_1d(np.asarray(t, float))
+    if t.size < 2 or not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0):
+        raise ValueError("simulate t: must be at least two finite, increasing times; give an increasing array")
+    if t[0] > forcing.start:
+        raise ValueError(f"simulate t[0] = {t[0]:g} s: must be <= the start of the forcing, {forcing.start:g} s")
+    if not (0 < rtol < 1 and 0 < atol < 1):
+        raise ValueError(f"simulate rtol = {rtol!r}, atol = {atol!r}: must be in (0, 1); give e.g. 1e-7 and 1e-9")
+    stop = forcing.stop if stop is None else float(stop)
+    constants = pack(model)
+    kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
+    position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
+    rest, foot = equilibrium(model)
+    ratio = model.m_m / model.M
+    state = np.array([rest + ratio * position, 0.0, foot, 0.0, position])
+    driven = int(np.searchsorted(t, forcing.start))
+    out = np.empty((t.size, events.N_OUT))
+    out[:driven] = rest, foot, rest + position, 0.0, 0.0, (model.M + model.m_f) * model.g, model.M * model.g
+    modes, log = np.full(t.size, granular.STUCK), np.empty((events.MAX_EVENTS, 2))
+    rate = math.sqrt(model.k_s / model.M)
+    com = (model.M * state[0] + model.m_f * foot) / (model.M + model.m_f)
+    status, n, depth, before, after, top = _compiled()(
+        constants, kind, rows, edges, state, -foot, stop, t[driven:], out[driven:], modes[driven:], log, rtol,
+        runge_kutta.tolerances(atol, rate), 2 * math.pi / rate / STEPS_PER_PERIOD,
+    )  # fmt: skip
+    if status != events.OK:
+        what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
+        raise RuntimeError(f"simulate: {what}; check the parameters of the model:\n{model}")
+    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:n]], dtype=EVENT)
+    flights = _flights(named)
+    landed = (flights[:, 1] - flights[:, 0])[flights[:, 1] > stop]
+    return Motion(
+        t,
+        *(np.ascontiguousarray(column) for column in out.T),
+        mode=modes,
+        events=named,
+        flights=flights,
+        rest=rest,
+        depth_max=depth,
+        jump_height=after - rest if math.isfinite(after) else math.nan,
+        driven_height=before - rest if math.isfinite(before) else math.nan,
+        com_height=top - com,
+        flight_height=model.g * float(landed.max()) ** 2 / 8 if landed.size else math.nan,
+    )
+
+
+def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float) -> Array:
+    """Rod height above rest as a camera reports it [m] at frames stamped t (n,) [s], increasing.
+
+    `time_offset`: the frame stamped t shows t + dt; `camera_scale`: heights are multiplied by scale.
+    """
+    frames = np.atleast_1d(np.asarray(t, float))
+    true = frames + (model.parameters.dt or 0.0 if "time_offset" in model else 0.0)
+    lead = [forcing.start] if true[0] > forcing.start else []
+    tail = [] if true.size + len(lead) > 1 else [true[-1] + 1e-3]
+    motion = simulate(model, forcing, t=np.concatenate([lead, true, tail]), rtol=rtol, atol=atol)
+    heights = motion.rod[len(lead) : len(lead) + true.size] - motion.rest
+    return heights * (model.parameters.scale or 1.0) if "camera_scale" in model else heights
+
+
+def pack(model: Model) -> NDArray[Any]:
+    """The model as one record of `granular.CONSTANTS`, shape (1,)."""
+    p, used = model.parameters, granular.CONSTANTS.names or ()
+    out = np.zeros(1, granular.CONSTANTS)
+    out["static"] = 0 if model.ground == "hard" else 1 + terms.STATIC.index(next(t for t in terms.STATIC if t in model))
+    out["massless"] = model.m_f == 0.0
+    for name in ("m_m", "M", "m_f", "k_s", "c_s", "g"):
+        out[name] = getattr(model, name)
+    out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
+    out["R"], out["phi"], out["rho"] = model.foot_radius or 0.0, model.volume_fraction or 0.0, model.grain_density or 0.0
+    out["lam"], out["factor"] = 1.0, 1.0
+    from jumpvision.physics.parameters import MECHANISMS
+
+    for mechanism in model.terms:
+        for name in MECHANISMS[mechanism].parameters:
+            if name == "C" and mechanism == "depth_drag":
+                out["C_drag"] = p.C
+            elif name in used:
+                out[name] = getattr(p, name)
+    return out
+
+
+def equilibrium(model: Model) -> tuple[float, float]:
+    """x_r, x_f [m] of the robot at rest: M g on the spring, (M + m_f) g on the ground."""
+    weight = model.M * model.g
+    k_3 = (model.parameters.k_3 or 0.0) if "spring_hardening" in model else 0.0
+    squeeze = brentq(lambda e: model.k_s * e + k_3 * e**3 - weight, 0.0, weight / model.k_s, xtol=1e-16, rtol=1e-15)
+    if model.ground == "hard":
+        return -squeeze, 0.0
+    constants, load = pack(model).view(np.recarray)[0], weight + model.m_f * model.g
+
+    def excess(z: float) -> float:
+        return float(granular.static_force.py_func(z, 0.0, 0.0, constants)) - load
+
+    deep = 1e-3
+    while excess(deep) < 0.0:
+        deep *= 2.0
+        if deep > 1e3:
+            raise ValueError("model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values")
+    z = brentq(excess, 0.0, deep, xtol=1e-17, rtol=1e-15)
+    return -squeeze - z, -z
+
+
+def pieces(forcing: Forcing, stop: float, end: float) -> tuple[int, Array, Array]:
+    """Kind, rows (n, 6) and edges (n + 1,) of the forcing from its start to `end` with the motor at rest after it.
+
+    An edge lies at `stop` also where the law goes on.
+    """
+    if isinstance(forcing, Segments):
+        kind, rows = granular.SINE, forcing.rows
+        still = [forcing.stop, np.inf, float(forcing(forcing.stop)[0][0]), 0.0, 0.0, 0.0]
+    else:
+        kind, rows = granular.CUBIC, np.column_stack([forcing.knots[:-1], forcing.knots[1:], forcing.c.T])
+        still = [forcing.stop, np.inf, 0.0, 0.0, 0.0, float(forcing(forcing.stop)[0][0])]
+    rows = np.vstack([rows[rows[:, 1] > rows[:, 0]], still])
+    inner = np.union1d(rows[1:, 0], [stop])
+    edges = np.concatenate([[forcing.start], inner[(inner > forcing.start) & (inner < end)], [end]])
+    return kind, np.ascontiguousarray(rows[np.searchsorted(rows[:, 0], edges[:-1], side="right") - 1]), edges
+
+
+def _flights(named: NDArray[Any]) -> Array:
+    rows: list[list[float]] = []
+    for time, kind in named:
+        if kind == "lift_off":
+            rows.append([time, math.nan])
+        elif kind == "landing" and rows:
+            rows[-1][1] = time
+    return np.array(rows).reshape(-1, 2)
+
+
+@functools.cache
+def _compiled() -> Callable[..., Any]:
+    """`events.run` compiled. Numba's cache sees changes of one file only: the digest of all of them is part of its key."""
+    parts = (cone, events, forcing, granular, runge_kutta, scalar, terms)
+    digest = hashlib.sha256(b"".join(Path(str(m.__file__)).read_bytes() for m in parts)).hexdigest()
+    return _with_key(digest)
+
+
+def _with_key(digest: str) -> Callable[..., Any]:
+    @njit(cache=True, nogil=True)
+    def solve(  # type: ignore[no-untyped-def]
+        constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step
+    ):
+        digest  # noqa: B018
+        return events.run(constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step)
+
+    return solve  # type: ignore[no-any-return]

@@ -1,0 +1,79 @@
+"""Column: the central column of the grain field under the foot, and its exponential decay, frame by frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import xarray as xr
+
+from ..fit.column import beta, fit_column
+from ..fit.front import jammed_thickness
+from ..params import ColumnParams
+from ..pipeline import stage
+from ..records import Column, Flow, Piv
+
+
+@stage(version=1)
+def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
+    """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
+    field = piv.field
+    if field.x.attrs["units"] != "m":
+        raise ValueError("[grain_video] scale: missing; the column is fitted in metres: give scale = ... (m/px)")
+    if "foot_y" not in field:
+        raise ValueError("[grain_video] foot_row and axis_column: missing; the column lies below the foot: give both")
+    near = field.isel(x=np.flatnonzero(np.abs(field.x.values) <= p.half_width))
+    if near.sizes["x"] == 0:
+        raise ValueError(f"[params.column] half_width = {p.half_width:g} m: no vector so close to the axis")
+    order = np.argsort(-field.y.values)  # downwards from the top
+    near = near.isel(y=order)
+    ok = near.chc.values > 0
+    weight = np.where(ok, near.v_sigma.values**-2, 0.0)
+    total = weight.sum(axis=1)
+    down = -np.where(ok, near.v.values, 0.0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        speed = (weight * down).sum(axis=1) / total
+        # windows overlap: neighbours in a row share pixels, so their mean is worth fewer vectors than it has
+        shared = max(1.0, field.attrs.get("window_px", 1) / field.attrs.get("step_px", 1))
+        sigma = np.sqrt(np.minimum(shared, near.sizes["x"]) / total)
+    depth = field.foot_y.values[None, :] - near.y.values[:, None]
+    below = depth > p.clear
+    speed, sigma = np.where(below, speed, np.nan), np.where(below, sigma, np.nan)
+    rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(near.sizes["t"])]
+    over_t = {k: ("t", np.array([r[k] for r in rows]), {"units": u}) for k, u in UNITS.items()}
+    data = xr.Dataset(
+        {
+            "depth": (("y", "t"), depth, {"units": "m", "long_name": "below the foot's face"}),
+            "speed": (("y", "t"), speed, {"units": "m/s", "long_name": "downwards"}),
+            "speed_sigma": (("y", "t"), sigma, {"units": "m/s"}),
+            **over_t,
+            "foot_depth": flow.field.foot_depth,
+        },
+        coords={"y": near.y, "t": near.t},
+        attrs={"front": p.front, "layer_m": p.layer, "half_width_m": p.half_width},
+    )
+    return Column(data)
+
+
+UNITS = {
+    "max_speed": "m/s", "max_speed_sigma": "m/s", "jammed_thickness": "m", "jammed_thickness_sigma": "m", "log_a": "1/m",
+    "log_a_sigma": "1/m", "b": "m", "b_sigma": "m", "beta_deg": "degree", "beta_deg_sigma": "degree", "chi2": "1", "n": "1",
+}  # fmt: skip
+
+
+def fit_frame(z: np.ndarray, speed: np.ndarray, sigma: np.ndarray, p: ColumnParams) -> dict[str, float]:
+    """Jammed front and exponential of one frame; NaN where the frame does not allow them."""
+    ok = np.isfinite(speed) & np.isfinite(sigma)
+    z, speed, sigma = z[ok], speed[ok], sigma[ok]
+    front = jammed_thickness(z, speed, sigma, threshold=p.front)
+    decay = fit_column(
+        z, speed, sigma, maximum=front.maximum, maximum_sigma=front.maximum_sigma, front=front.thickness, top=p.front,
+        floor=p.floor,
+    )  # fmt: skip
+    angle, angle_sigma = beta(decay.ln_a, decay.ln_a_sigma, p.layer)
+    return {
+        "max_speed": front.maximum, "max_speed_sigma": front.maximum_sigma, "jammed_thickness": front.thickness,
+        "jammed_thickness_sigma": front.sigma, "log_a": decay.ln_a, "log_a_sigma": decay.ln_a_sigma, "b": decay.b,
+        "b_sigma": decay.b_sigma, "beta_deg": math.degrees(angle), "beta_deg_sigma": math.degrees(angle_sigma),
+        "chi2": decay.chi2, "n": float(decay.n),
+    }  # fmt: skip

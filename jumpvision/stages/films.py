@@ -1,0 +1,33 @@
+"""Opening a film for a stage: its warnings are kept with the result, a cut film is refused unless it is accepted."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import Film, FrameError, open_frames
+from ..pipeline import StageWarning
+from ..sections import GrainVideo, RodVideo
+
+
+def open_film(section: RodVideo | GrainVideo) -> Film:
+    """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it."""
+    film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start)
+    if film.lost and section.truncated != "accept":
+        film.close()
+        raise FrameError(
+            f"{'; '.join(film.warnings)}: copy the film from the camera again, or give "
+            f"[{section.name}] truncated = \"accept\" to use the {len(film)} whole frames"
+        )
+    for text in film.warnings:
+        warnings.warn(text, StageWarning, stacklevel=3)
+    return film
+
+
+def read_picture(path: Path) -> NDArray[np.generic]:
+    """A single picture (height, width), grey."""
+    with open_frames(path, frame_rate=1.0) as film:
+        return film[0]

@@ -1,0 +1,150 @@
+"""Simulate: the model driven by the measured motor, or by its law where log and law agree."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pandas as pd
+
+from ..experiment import Experiment, ModelSpec
+from ..logs import read_log
+from ..params import SimulateParams
+from ..physics.forcing import Forcing, Spline, delayed, from_log, sinusoid
+from ..physics.hard import LINEAR_TERMS, hard_jump
+from ..physics.jump import simulate as integrate
+from ..physics.model import Model
+from ..physics.parameters import ModelParameters
+from ..pipeline import StageWarning, stage
+from ..records import BedHeight, RodMotion, Simulation
+from ..schema import InputError
+from ..sections import Actuation, Bed, Motor, MotorLog, Robot, need
+from .bed import packing
+
+TICK = 1e-3  # s, spacing of the output where no track gives the times
+AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
+
+
+@stage(version=1, any_of=("log", "law"))
+def simulate(
+    experiment: Experiment,
+    robot: Robot,
+    spec: ModelSpec,
+    log: MotorLog | None,
+    law: Actuation | None,
+    motor: Motor | None,
+    section: Bed | None,
+    bed: BedHeight | None,
+    rod: RodMotion | None,
+    *,
+    p: SimulateParams,
+) -> Simulation:
+    """x_r, x_f, x_m [m] absolute and the forces at 1 ms steps over the track's times; heights as a camera reports them."""
+    model = build_model(experiment, robot, spec, section, bed)
+    forcing, stop = driver(log, law, motor, p)
+    shift = model.parameters.dt or 0.0 if "time_offset" in model else 0.0
+    factor = model.parameters.scale or 1.0 if "camera_scale" in model else 1.0
+    times = output_times(forcing, stop, rod, lead=0.05 + abs(shift))
+    true = times + shift
+    if model.ground == "hard" and model.m_f == 0.0 and set(model.terms) <= LINEAR_TERMS:
+        m = hard_jump(
+            motor_mass=model.m_m, rod_mass=model.rod_mass, stiffness=model.k_s, damping=model.c_s, gravity=model.g,
+            landing_loss=model.parameters.e or 0.0 if "landing_loss" in model else 0.0, forcing=forcing, t=true,
+            t_end=float(true[-1]),
+        )  # fmt: skip
+        foot = np.maximum(m.rod, 0.0)  # the massless foot stands at 0 or hangs on the relaxed spring
+        columns = (m.rod, foot, m.motor, m.ground_force, m.spring_force)
+    else:
+        n = integrate(model, forcing, t=true, rtol=p.tolerance, atol=1e-9, stop=stop)
+        columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
+    table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
+    rest = table.rod_m.iloc[0]
+    return Simulation(table.assign(rod_m=rest + factor * (table.rod_m - rest)))
+
+
+def build_model(
+    experiment: Experiment, robot: Robot, spec: ModelSpec, section: Bed | None, bed: BedHeight | None
+) -> Model:
+    """The model of [model] over the robot and the bed; a parameter with only a fit range starts at its middle."""
+    motor_mass, rod_mass, stiffness = need(robot, "motor_mass", "rod_mass", "spring_stiffness")
+    values = dict(spec.parameters)
+    for name, (low, high) in spec.fit.items():
+        if name not in values:
+            values[name] = 0.5 * (low + high)
+            warnings.warn(
+                f"[model] {name}: no value, only a range; the middle {values[name]:g} is used until it is fitted",
+                StageWarning,
+                stacklevel=2,
+            )
+    phi = packing(section, bed)[0]
+    try:
+        return Model(
+            experiment.ground, spec.terms, ModelParameters(**values),
+            motor_mass=motor_mass, rod_mass=rod_mass, foot_mass=robot.foot_mass, spring_stiffness=stiffness,
+            spring_damping=robot.spring_damping, gravity=robot.gravity, foot_radius=robot.foot_radius,
+            volume_fraction=phi, grain_density=section.grain_density if section else None,
+        )  # fmt: skip
+    except InputError as e:
+        raise InputError([f"{experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None
+
+
+def driver(
+    log: MotorLog | None, law: Actuation | None, motor: Motor | None, p: SimulateParams
+) -> tuple[Forcing, float]:
+    """(forcing, time when the motor stops): the log, or the law where both agree within the encoder's resolution."""
+    known = commanded(law) if law and law.moves else None
+    measured = measured_position(log, law, p) if log and p.driver != "law" else None
+    if measured is None:
+        if known is None:
+            raise InputError(["[actuation] frequency and amplitude, or [motor_log]: missing; the simulation needs a motor"])
+        if motor and motor.kp is not None:
+            warnings.warn(
+                "no [motor_log]: the motor is taken to follow its command exactly; the [motor] loop is not modelled",
+                StageWarning,
+                stacklevel=2,
+            )
+        return known, known.stop
+    time, position, spline = measured
+    if known is not None and p.driver == "auto":
+        # the encoder rounds, so a log of the law itself differs by less than one step
+        off = float(np.max(np.abs(position - known(time)[0])))
+        if off <= p.encoder_step:
+            return known, known.stop
+        warnings.warn(
+            f"the motor log leaves the commanded law by up to {off * 1e3:.3f} mm: the log drives the model",
+            StageWarning,
+            stacklevel=2,
+        )
+    return spline, known.stop if known is not None else last_motion(time, position, p)
+
+
+def commanded(law: Actuation) -> Forcing:
+    """The law of [actuation] on the common clock."""
+    frequency, amplitude = need(law, "frequency", "amplitude")
+    if law.delay:
+        return delayed(frequency, amplitude, law.start_phase, law.delay, law.start)
+    return sinusoid(frequency, amplitude, law.start_phase, law.cycles, law.start)
+
+
+def measured_position(log: MotorLog, law: Actuation | None, p: SimulateParams) -> tuple[np.ndarray, np.ndarray, Spline]:
+    """time [s], X_m [m] from rest, and the smoothing spline of the log."""
+    d = read_log(log.path, "time_s", "position_m", at_least=8)
+    time, position = d.time_s.to_numpy(), d.position_m.to_numpy()
+    before = time < law.start if law else np.arange(time.size) < 5
+    position = position - (np.median(position[before]) if before.any() else position[0])
+    return time, position, from_log(time, position, p.encoder_step / np.sqrt(12.0))
+
+
+def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> float:
+    """When the motor comes to rest [s]: after it the log stays within two encoder steps of its end."""
+    moving = np.flatnonzero(np.abs(position - np.median(position[-5:])) > 2 * p.encoder_step)
+    return float(time[moving[-1] + 1]) if moving.size else float(time[0])
+
+
+def output_times(forcing: Forcing, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
+    """Equal steps from `lead` seconds before the forcing starts to the end of the track (or AFTER beyond the motor's stop)."""
+    first, last = forcing.start - lead, stop + AFTER
+    if rod is not None:
+        time = rod.arrays[0]
+        first, last = min(first, float(time[0])), max(float(time[-1]), stop)
+    return first + TICK * np.arange(int(np.ceil((last - first) / TICK)) + 1)

@@ -1,0 +1,63 @@
+"""Summary: one experiment in a few numbers, null where unknown."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..experiment import Experiment
+from ..pipeline import stage
+from ..records import BedHeight, Fits, Simulation, Summary
+from ..sections import Actuation, Bed
+from .bed import packing
+
+FROM_FITS = {  # key of summary.json: name in fits.json
+    "flight_height_m": "flight_height_m", "flight_time_s": "flight_time_s", "lift_off_s": "lift_off_s", "mu": "mu",
+    "beta_deg": "beta_deg", "added_mass_kg": "added_mass_kg", "frequency_hz": "frequency_hz", "zeta": "zeta",
+    "motor_rise_m": "motor_rise_m",
+}  # fmt: skip
+
+
+@stage(version=1, any_of=("fits", "bed"))
+def summary(
+    experiment: Experiment,
+    law: Actuation | None,
+    fits: Fits | None,
+    simulation: Simulation | None,
+    bed: BedHeight | None,
+    section: Bed | None,
+) -> Summary:
+    """Heights as PHYSICS names them; every value with `<key>_sigma` beside it (`sigma_m` for the jump height)."""
+    f = fits.values if fits else {}
+    phi, phi_sigma = packing(section, bed)
+
+    def get(name: str, part: str = "value") -> Any:
+        return f[name][part] if name in f else None
+
+    out = {
+        "experiment": experiment.name,
+        "kind": law.kind if law else None,
+        "jump_height_m": get("jump_height_m"),
+        "sigma_m": get("jump_height_m", "sigma"),
+        "n_jumps": get("n_jumps"),
+        "volume_fraction": phi,
+        "sigma_volume_fraction": phi_sigma,
+    }
+    for key, name in FROM_FITS.items():
+        out[key], out[f"{key}_sigma"] = get(name), get(name, "sigma")
+    out["simulated_height_m"] = simulated_height(simulation, law) if simulation else None
+    return Summary(out)
+
+
+def simulated_height(simulation: Simulation, law: Actuation | None) -> float | None:
+    """Greatest simulated rod height after the motor stops minus rest [m]; None where it is not known when it stops."""
+    s = simulation.table
+    time, rod, relative = s.time_s.to_numpy(), s.rod_m.to_numpy(), (s.motor_m - s.rod_m).to_numpy()
+    if law and law.moves:
+        stop = law.stop
+    else:
+        moving = np.flatnonzero(np.abs(relative - relative[-1]) > 1e-4)
+        stop = time[moving[-1]] if moving.size else time[0]
+    after = time >= stop
+    return float(rod[after].max() - rod[0]) if after.any() else None

@@ -1,0 +1,91 @@
+"""The house: imports point down, the laboratory shares nothing with the analysis, start-up stays light."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import jumpvision
+
+ROOT = Path(jumpvision.__file__).parent
+FLOORS = [  # from the ground up; a module may import its own floor's package and what lies below
+    {"schema", "progress"},
+    {"frames", "vision", "field", "fit", "physics", "dem"},  # core: rooms beside each other
+    {"diagnosis", "planning"},
+    {"sections", "params", "logs"},
+    {"experiment", "records"},
+    {"pipeline", "overrides"},
+    {"stages"},
+    {"campaign"},
+    {"show"},
+    {"report", "demo"},
+    {"cli"},
+]
+LEVEL = {name: i for i, floor in enumerate(FLOORS) for name in floor}
+CORE = FLOORS[1] | FLOORS[2]
+
+
+def module_imports(file: Path) -> list[str]:
+    """Top names of jumpvision that a file imports, anywhere in it."""
+    package = ["jumpvision", *file.relative_to(ROOT).parent.parts]
+    out = []
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            full = [*base, *(node.module.split(".") if node.module else [])]
+            names = [full] if len(full) > 1 else [[*full, a.name] for a in node.names]
+            out += [n[1] for n in names if n[0] == "jumpvision" and len(n) > 1]
+        elif isinstance(node, ast.Import):
+            out += [a.name.split(".")[1] for a in node.names if a.name.startswith("jumpvision.")]
+    return out
+
+
+FILES = sorted(ROOT.rglob("*.py"))
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(ROOT)))
+def test_imports_point_down(file):
+    here = file.relative_to(ROOT).parts[0].removesuffix(".py")
+    if here == "__init__" or here == "__main__":
+        return
+    for name in module_imports(file):
+        if name in ("__version__",):
+            continue
+        if here == "lab":
+            assert name in ("lab", "schema", "progress"), f"the laboratory imports {name}: an error there would cancel"
+            continue
+        assert name in LEVEL or name == "lab", f"{name} has no floor: add it to FLOORS"
+        if name == "lab":
+            assert here == "cli", f"{here} imports the laboratory"
+        else:
+            assert name == here or LEVEL[name] < LEVEL[here], f"{here} imports {name}, which is not below it"
+
+
+@pytest.mark.parametrize("file", [f for f in FILES if f.relative_to(ROOT).parts[0] in CORE], ids=lambda f: f.stem)
+def test_the_core_neither_prints_nor_plots(file):
+    tree = ast.parse(file.read_text())
+    calls = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+    assert "print" not in calls
+    assert "matplotlib" not in file.read_text()
+
+
+def test_every_folder_below_the_package_has_a_floor():
+    names = {f.relative_to(ROOT).parts[0].removesuffix(".py") for f in FILES} - {"__init__", "__main__", "lab"}
+    assert names <= set(LEVEL)
+
+
+def test_help_is_fast_and_light():
+    """Nothing heavy is imported for --help; the time bound is wide because machines are noisy (aim: 0.3 s)."""
+    code = (
+        "import sys; from jumpvision.cli import app; app(['--help'], exit_on_error=False, result_action='return_value');"
+        "print(sorted({m.split('.')[0] for m in sys.modules} & {'numpy','scipy','numba','pandas','cv2','av','xarray','matplotlib'}))"
+    )
+    began = time.perf_counter()
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert time.perf_counter() - began < 3.0
+    assert out.strip().splitlines()[-1] == "[]"
