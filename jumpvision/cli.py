@@ -208,22 +208,20 @@ def _work(
     return FAILED if any(o.errors for o in outcomes) else DONE
 
 
-def main() -> None:
-    """Entry point: exit 0 done, 1 something failed, 2 wrong call or bad input."""
+def main(argv: list[str] | None = None) -> int:
+    """Entry point: 0 done, 1 something failed, 2 wrong call or bad input."""
     from .schema import InputError
 
     try:
-        code = app(exit_on_error=False, print_error=False)
+        return int(app(argv, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
     except InputError as e:
         print("\n".join(f"jumpvision: {p}" for p in e.problems), file=sys.stderr)
-        code = BAD_CALL
+        return BAD_CALL
     except CycloptsError as e:
-        print(f"jumpvision: {e}", file=sys.stderr)
-        print("jumpvision: see jumpvision --help", file=sys.stderr)
-        code = BAD_CALL
+        print(f"jumpvision: {e}; see jumpvision --help", file=sys.stderr)
+        return BAD_CALL
     except KeyboardInterrupt:
         print("jumpvision: interrupted; run the same command again to resume", file=sys.stderr)
-        code = 130
+        return 130
     except BrokenPipeError:
-        code = FAILED
-    sys.exit(code)
+        return FAILED

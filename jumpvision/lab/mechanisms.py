@@ -1,4 +1,4 @@
-"""What the laboratory can hide in a jump: the mechanisms of PHYSICS section 4, the robot and the motor's law (SI units)."""
+"""What the laboratory can hide in a jump: the mechanisms of PHYSICS section 4, with the robot and the law; SI units."""
 
 from __future__ import annotations
 

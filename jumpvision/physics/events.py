@@ -174,11 +174,14 @@ def run(
         t, end, row = edges[piece], edges[piece + 1], rows[piece]
         fresh = True  # the equations changed: a forcing piece or a mode begins
         new_mode = settle(t, s, memory, kind, row, p) if mode == STUCK else mode
-        slip = grip(t, s, mode, kind, row, p, STILL)
+        was, slip = slip, grip(t, s, mode, kind, row, p, STILL)
+        if slip != was and piece > 0:
+            log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
+            n_log += 1
         steps = 0
         while True:
             if fresh:
-                if n_log >= log.shape[0] - 2:
+                if n_log >= log.shape[0] - 4:
                     return TOO_MANY_EVENTS, n_log, memory[0], rod_before, rod_after, com
                 if new_mode != mode and mode == STUCK:  # else logged where it happened
                     log[n_log, 0], log[n_log, 1] = t, LIFT_OFF if new_mode == AIR else YIELD

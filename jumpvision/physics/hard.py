@@ -20,7 +20,7 @@ from jumpvision.physics.hard_flow import motor, simulate
 
 Array = NDArray[np.float64]
 
-# name: unit, lowest, lowest allowed itself, highest allowed itself (landing_loss only)
+# name: unit, lowest, whether the lowest itself is allowed
 RANGES = {
     "motor_mass": ("kg", 0.0, False),
     "rod_mass": ("kg", 0.0, True),
@@ -41,8 +41,8 @@ class HardMotion:
 
     t [s]; rod x_r and motor x_m = x_r + X_m [m]; rod_velocity [m/s]; spring_force on the rod [N] (upwards positive).
     lift_off, landing: (m,) [s] of every flight until t_end; a landing after t_end is NaN.
-    n_jumps: flights up to and including the one of flight_height (bounces after it are not jumps); all flights where
-    none ends after the forcing.
+    n_jumps: flights up to and including the first that ends after the forcing (what follows are bounces); all flights
+    where none does. A single jump has one, a stutter jump two.
     com_height [m]: greatest rise of y above rest. jump_height [m]: greatest rise of the rod above rest after the motor
     stops. flight_height [m]: g t_f^2 / 8 of the longest flight that ends after the forcing, 0 without one, NaN when
     t_end cuts the only one.

@@ -190,7 +190,7 @@ def simulate(
     after the first flight that begins after it has landed, or when none can follow. rows (m, 2 + ARC_SIZE): start, end
     and fields of the arcs; flights (m, 2): lift-off and landing [s]; both are filled as far as they go.
 
-    Returns the numbers of arcs, of flights and of jumps (flights up to the longest that ends after the forcing), the
+    Returns the numbers of arcs, of flights and of jumps (flights up to the first that ends after the forcing), the
     first lift-off [s] (NaN if none), the greatest y - y_rest and the greatest x_r + M g/k after the forcing [m], the
     duration of the longest flight that ends after the forcing [s], the peaks of F_m/m_m and F_m X_m'/m_m during the
     forcing, and whether the robot is in the air at the end.
@@ -226,8 +226,10 @@ def simulate(
                 n_flights += 1
                 if n_flights == 1:
                     first = lift
-                if i == n and now - lift > longest:
-                    longest, n_jumps = now - lift, n_flights
+                if i == n:
+                    longest = max(longest, now - lift)
+                    if n_jumps == 0:
+                        n_jumps = n_flights
                 if i == n and lift >= free[0] and math.isinf(t_end):
                     airborne = False
                     break
@@ -250,7 +252,7 @@ def simulate(
         n_flights += 1
         if n_flights == 1:
             first = lift
-    if longest == 0.0:
+    if n_jumps == 0:
         n_jumps = n_flights
     com = max(com, best[HEIGHT] - rest)
     rod = best[HEIGHT] - q * free[2] + g / w2

@@ -22,6 +22,7 @@ from .films import open_film
 from ..params import PivParams
 
 Array = NDArray[np.float64]
+FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
 @stage(version=1)
@@ -55,6 +56,7 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
         column=film.axis_column,
         half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
         depth=p.foot_rows,
+        search=FOOT_SEARCH,
     )
     lost = np.flatnonzero(~np.isfinite(found.row))
     if lost.size:

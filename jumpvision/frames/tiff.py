@@ -1,0 +1,123 @@
+"""TIFF: single images and multi-page stacks, also the one-directory stacks that ImageJ writes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jumpvision.frames.base import Film, FrameError, Image, check_image, clock, lost
+from jumpvision.frames.grey import native_type, single_channel
+
+MAX_COMPRESSION = 2000  # pixel bytes a stored byte; a larger claim is a damaged header
+
+
+class TiffFilm(Film):
+    """A TIFF stack, one page a frame. Pages that are not whole in the file end the film, with a warning."""
+
+    def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
+        import tifffile
+
+        try:
+            self._tiff = tifffile.TiffFile(path)
+        except Exception as error:  # the library raises what its parsing meets: ValueError, KeyError, struct.error, ...
+            raise FrameError(f"{path}: not a TIFF file, or damaged: {error}; copy it again") from error
+        try:
+            self._open(path, frame_rate, start)
+        except BaseException:
+            self._tiff.close()
+            raise
+
+    def _open(self, path: Path, frame_rate: float | None, start: float) -> None:
+        size = path.stat().st_size
+        try:
+            page: Any = self._tiff.pages[0]
+            shape, dtype, axes = tuple(page.shape), page.dtype, page.axes
+            text = str(page.description)[:10_000]
+            block = page.dataoffsets[0] if page.is_contiguous else 0
+        except Exception as error:
+            raise FrameError(f"{path}: damaged TIFF: {error}; copy it again") from error
+        if axes not in ("YX", "YXS", "SYX") or dtype is None:
+            raise FrameError(f"{path}: pages of shape {shape} ({axes}); allowed: (y, x) grey or colour; save one image a page")
+        height, width = shape[axes.index("Y")], shape[axes.index("X")]
+        channels = shape[axes.index("S")] if "S" in axes else 1
+        if channels not in (1, 3, 4):
+            raise FrameError(f"{path}: {channels} channels; allowed: 1 (grey), 3 (colour) or 4 (colour and opacity)")
+        check_image(path, height, width)
+        kind = native_type(dtype, path)
+        self._axes, self._page_shape, self._dtype = axes, shape, dtype
+        self._nbytes = math.prod(shape) * dtype.itemsize
+
+        promised = described(text)
+        self._block = 0
+        whole = self._whole_pages(size)
+        if whole == 1 and promised > 1 and block:
+            # One directory, then all frames in a row (ImageJ, or a stack whose later directories are lost).
+            self._block = block
+            whole = min(promised, (size - block) // self._nbytes)
+        if whole < 1:
+            raise FrameError(f"{path}: no whole page in {size} bytes; copy it again")
+        super().__init__(
+            path,
+            shape=(height, width),
+            dtype=kind,
+            clock=clock(path, whole, start=start, frame_rate=frame_rate),
+            warnings=lost(path, whole, max(promised, self._seen)),
+            meta={"format": "tiff", "bit_depth": int(page.bitspersample)},
+        )
+
+    def _whole_pages(self, size: int) -> int:
+        """Number of pages from the first that are whole in the file; self._seen counts all that it names."""
+        self._seen = 0
+        try:
+            self._seen = len(self._tiff.pages)
+            for i in range(self._seen):
+                page: Any = self._tiff.pages[i]
+                if tuple(page.shape) != self._page_shape or page.dtype != self._dtype:
+                    raise FrameError(
+                        f"{self._tiff.filehandle.path}: page {i} is {tuple(page.shape)} {page.dtype}, page 0 is "
+                        f"{self._page_shape} {self._dtype}; a film needs one size; split the file"
+                    )
+                stored = sum(page.databytecounts)
+                ends = [a + n for a, n in zip(page.dataoffsets, page.databytecounts)]
+                if not ends or max(ends) > size or self._nbytes > MAX_COMPRESSION * stored:
+                    return i
+        except FrameError:
+            raise
+        except Exception:  # a damaged directory: what the library raises depends on where; the pages before it stand
+            return i if self._seen else 0
+        return self._seen
+
+    def _read(self, i: int) -> Image:
+        try:
+            if self._block:
+                file = self._tiff.filehandle
+                file.seek(self._block + i * self._nbytes)
+                data = file.read(self._nbytes)
+                image = np.frombuffer(data, self._dtype.newbyteorder(self._tiff.byteorder)).reshape(self._page_shape)
+            else:
+                page: Any = self._tiff.pages[i]
+                image = page.asarray()
+        except Exception as error:
+            raise FrameError(f"{self.path}: page {i} cannot be decoded: {error}; save it uncompressed or copy it again") from error
+        if self._axes == "SYX":
+            image = np.moveaxis(image, 0, -1)
+        return single_channel(image, f"{self.path}, page {i}")
+
+    def close(self) -> None:
+        self._tiff.close()
+
+
+def described(text: str) -> int:
+    """Number of frames that the description names (ImageJ's `images=`, tifffile's `"shape"`), 0 if none."""
+    if match := re.search(r"^images=(\d{1,9})$", text, re.MULTILINE):
+        return int(match[1])
+    try:
+        shape = json.loads(text)["shape"]
+        return int(shape[0]) if len(shape) in (3, 4) else 0
+    except (ValueError, KeyError, TypeError, IndexError):
+        return 0

@@ -1,0 +1,220 @@
+"""Row of the foot's lower face in a side-wall film, to a fraction of a pixel.
+
+The foot is a rigid body seen above the face; the grains below are another picture in every frame. So only the body is
+compared with its picture in frame 0, and below the face each column may have whatever grey it likes:
+
+    I(x, y) = (T(x, y - (f - f0)) + offset) (1 - Phi) + G(x) Phi,    Phi the normal distribution at (y - f) / s,
+
+with T the body in frame 0, f the face and s the blur of the edge. A textured body fixes f by its texture, a plain one
+by its edge, and both add up by their information.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, special
+
+Array = NDArray[np.float64]
+
+BELOW = 3  # rows under the face that take part in the fit of the edge
+BLURS = (0.3, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, widths tried for the edge in frame 0
+BLOCK = 8  # columns that share a grain: the errors of blocks are independent, those of columns are not
+CLIP = 9.0  # squared residual, in variances, above which a pixel of the body says no more than that it is hidden
+MAX_SIGMA = 0.5  # px, a worse face is no face
+
+
+@dataclass(frozen=True)
+class FootTrack:
+    """Lower face of the foot in each frame; NaN where lost."""
+
+    row: Array  # (n,) [px], down, pixel centres at integers: the face is the edge between body and grains
+    sigma: Array  # (n,) [px], standard uncertainty
+    flag: NDArray[np.str_]  # (n,) empty when good, else the reason
+
+
+def track_foot(
+    images: Iterable[NDArray[np.generic]], *, row: float, column: float, half_width: float, depth: int, search: float
+) -> FootTrack:
+    """Follow the lower face of the foot through images (H, W) [grey], one after the other.
+
+    row: [px] the face in frame 0, to 3 px. column, half_width: [px] the body covers |x - column| < half_width.
+    depth: [px] height of the body compared, above the face. search: [px] largest change of the motion from one frame to
+    the next. The foot moves along the rows only.
+    Raises ValueError if the body leaves the image in frame 0 or frames differ in size.
+    """
+    rows, sigmas, flags = [], [], []
+    body: _Body | None = None
+    shape: tuple[int, ...] = ()
+    last, speed, lost = row, 0.0, 0
+    for k, image in enumerate(images):
+        if body is None:
+            shape = image.shape
+            body = _Body(image, row, column, half_width, depth)
+        if image.shape != shape:
+            raise ValueError(f"frame {k} is {image.shape} px (rows, columns), frame 0 is {shape}: crop them to one size")
+        reach = min(search * (1 + lost), max(shape)) if k else 3.0
+        f, sigma, flag = body.find(image, last + speed * (1 + lost), reach)
+        rows.append(f)
+        sigmas.append(sigma)
+        flags.append(flag)
+        if flag:
+            lost += 1
+            continue
+        speed = (f - last) / (1 + lost) if k else 0.0
+        last, lost = f, 0
+    return FootTrack(np.array(rows, float), np.array(sigmas, float), np.array(flags, dtype=np.str_))
+
+
+class _Body:
+    """The foot in frame 0: its columns, its picture, its noise, the blur of its edge."""
+
+    def __init__(self, image: NDArray[np.generic], row: float, column: float, half_width: float, depth: int):
+        height, width = image.shape
+        left, right = math.ceil(column - half_width + 2), math.floor(column + half_width - 2)
+        left, right = max(left, 0), min(right, width - 1)
+        if right - left + 1 < 2 * BLOCK:
+            raise ValueError(
+                f"half_width = {half_width} px about column = {column}: at least {2 * BLOCK} columns must lie on the body"
+            )
+        if not depth >= 6 or row - depth < 0 or row > height - 2 - BELOW:
+            raise ValueError(
+                f"row = {row}, depth = {depth} px: at least 6 rows of the body above the face and {BELOW + 1} rows below "
+                f"it must lie in the image of {height} rows"
+            )
+        self.columns = slice(left, right + 1)
+        self.depth = depth
+        first = np.asarray(image[:, self.columns], np.float64)
+        # first with the body cut off well above the guessed face, then just above the face that was found
+        self.row, self.blur, self.offset_sigma = row, BLURS[-1], 0.0
+        for cut in (4.5, None):
+            found = []
+            self._picture(first, cut)
+            start = self._coarse(first, self.row, 3.0)
+            for self.blur in BLURS:
+                f, sigma, misfit = self._fit(first, start, moving=False)
+                if sigma < MAX_SIGMA and abs(f - row) <= 4.0:
+                    found.append((misfit, f, self.blur, sigma))
+            if not found:
+                raise ValueError(f"row = {row}: no edge of a body within 4 px of it in frame 0; give the row of its lower face")
+            _, self.row, self.blur, self.offset_sigma = min(found)
+        self._picture(first, None)
+
+    def _picture(self, image: Array, cut: float | None) -> None:
+        """Spline of the body above the face; nearer to it than the blur reaches, its last clean row goes on."""
+        self.top = max(0, math.floor(self.row) - self.depth - 2)
+        clean = math.floor(self.row - (cut or max(2.5 * self.blur, 1.0)))
+        self.rows = np.arange(self.top, math.ceil(self.row) + 40)
+        t = image[np.minimum(self.rows, clean)]
+        self.spline = ndimage.spline_filter1d(t, order=3, axis=0, mode="nearest")
+        inside = t[: clean - self.top + 1]
+        # noise from second differences along the columns, robust against the texture of the body
+        self.noise = max(1.4826 * float(np.median(np.abs(np.diff(inside, 2, axis=0)))) / math.sqrt(6), 0.5)
+
+    def template(self, y: Array, f: float) -> Array:
+        """The body with its face at f, on the rows y: (len(y), columns)."""
+        j = np.clip(y - (f - self.row) - self.top, 0, len(self.rows) - 1)
+        grid = np.broadcast_to(j[:, None], (len(y), self.spline.shape[1]))
+        i = np.broadcast_to(np.arange(self.spline.shape[1]), grid.shape)
+        return ndimage.map_coordinates(self.spline, [grid, i], order=3, prefilter=False, mode="nearest")
+
+    def find(self, image: NDArray[np.generic], guess: float, reach: float) -> tuple[float, float, str]:
+        """Face, its standard uncertainty, and "" or why there is none."""
+        strip = np.asarray(image[:, self.columns], np.float64)
+        if not np.isfinite(strip).all():
+            return math.nan, math.nan, "pixels without value on the foot"
+        start = self._coarse(strip, guess, reach)
+        if not math.isfinite(start):
+            return math.nan, math.nan, "foot out of the image"
+        f, sigma, _ = self._fit(strip, start)
+        if not math.isfinite(f) or abs(f - start) > 2.5:
+            return math.nan, math.nan, "no edge found"
+        if not sigma < MAX_SIGMA:
+            return math.nan, math.nan, "edge without contrast"
+        if self._hidden(strip, f) > 0.5:
+            return math.nan, math.nan, "body does not match frame 0"
+        return f, sigma, ""
+
+    def _variance(self) -> float:
+        return 2 * self.noise**2 + 1.0  # noise of both frames, and one grey level for the rounding and the lamp
+
+    def _residual(self, strip: Array, y: Array, f: float) -> Array:
+        r = strip[y] - self.template(y.astype(np.float64), f)
+        return r - np.median(r)  # the lamp may change
+
+    def _hidden(self, strip: Array, f: float) -> float:
+        """Share of the body's pixels that do not look as in frame 0."""
+        y = np.arange(max(0, math.ceil(f) - self.depth), max(1, math.floor(f - 2.5 * self.blur)))
+        return float(np.mean(self._residual(strip, y, f) ** 2 > CLIP * self._variance()))
+
+    def _coarse(self, strip: Array, guess: float, reach: float) -> float:
+        """Best face on whole and half rows: the rows above explained by the body, those below by any other grey."""
+        height = len(strip)
+        lowest, highest = max(guess - reach, 6.0), min(guess + reach, height - 2.0 - BELOW)
+        if lowest > highest:
+            return math.nan
+        candidates = np.arange(lowest, highest + 0.25, 0.5)
+        top = max(0, math.ceil(lowest) - self.depth)
+        y = np.arange(top, min(height, math.ceil(highest) + BELOW))
+        # what the grains look like: the rows under the last candidate, or as far as the picture goes
+        under = strip[min(math.ceil(highest), height - 4) :][: 4 * BLOCK]
+        level, spread = float(under.mean()), max(float(under.std()), 3.0)
+        variance = self._variance()
+        grains = np.minimum(((strip[y] - level) / spread) ** 2, CLIP) + math.log(spread**2 / variance)
+        best, score = math.nan, math.inf
+        for f in candidates:
+            n = int(np.searchsorted(y, f))
+            body = np.minimum(self._residual(strip, y[:n], f) ** 2 / variance, CLIP) if n else np.zeros((0, 1))
+            total = float(body.sum() + grains[n:].sum())
+            if total < score:
+                best, score = float(f), total
+        return best
+
+    def _fit(self, strip: Array, f: float, moving: bool = True) -> tuple[float, float, float]:
+        """Gauss-Newton for the face with the grey of the grains eliminated in each column; the body moves with it.
+
+        Returns the face, its standard uncertainty from the scatter of the blocks of columns, and the mean squared
+        residual at the edge [grey^2].
+        """
+        height = len(strip)
+        sigma = misfit = math.inf
+        for _ in range(20):
+            y = np.arange(max(0, math.ceil(f) - self.depth), min(height, math.floor(f) + BELOW + 1))
+            if len(y) < 6 or y[-1] < f + 1:
+                return math.nan, math.inf, math.inf
+            z = ((y - f) / self.blur)[:, None]
+            phi = special.ndtr(z)
+            below = np.exp(-0.5 * z * z) / (math.sqrt(2 * math.pi) * self.blur)
+            place = f if moving else self.row
+            t = self.template(y.astype(np.float64), place)
+            h = 0.05
+            slope = (self.template(y + h, place) - self.template(y - h, place)) / (2 * h) if moving else np.zeros(t.shape)
+            edge = z[:, 0] > -2.5
+            t = t + np.median((strip[y] - t)[~edge]) if (~edge).any() else t
+            rest = strip[y] - t * (1 - phi)
+            grey = (rest * phi).sum(0) / (phi * phi).sum(0)
+            r = rest - grey * phi
+            texture = -slope * (1 - phi)
+            j = texture + (t - grey) * below  # dI/df
+            j = j - phi * (j * phi).sum(0) / (phi * phi).sum(0)
+            misfit = float(np.mean(r[edge] ** 2))
+            w = np.where(edge, 1 / max(misfit, self._variance()), 1 / self._variance())[:, None]
+            r = np.where(edge[:, None] | (r * r < CLIP * self._variance()), r, 0.0)
+            hessian = float((w * j * j).sum())
+            if hessian <= 0:
+                return math.nan, math.inf, math.inf
+            step = float((w * j * r).sum()) / hessian
+            f += min(max(step, -1.0), 1.0)
+            n = r.shape[1] // BLOCK * BLOCK
+            parts = (w * j * (r - step * j))[:, :n].reshape(len(y), -1, BLOCK).sum((0, 2))
+            blocks = len(parts)
+            sigma = math.sqrt(float((parts**2).sum()) * blocks / (blocks - 1)) / hessian
+            if abs(step) < 0.002:
+                break
+        # where the texture of the body decides, the face found in frame 0 is handed on with its error
+        share = float((w * j * texture).sum()) / hessian
+        return f, math.hypot(sigma, share * self.offset_sigma), misfit

@@ -1,0 +1,415 @@
+"""The event-located jumper against independent solutions: fixed fine steps, scipy, closed forms and the energy law.
+
+About 40 s cold (12 s of it compilation).
+"""
+
+import math
+
+import numba as nb
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
+from jumpvision.physics.jump import filmed_height, simulate
+from jumpvision.physics.model import Model
+from jumpvision.physics.parameters import ModelParameters
+
+SAND = dict(
+    motor_mass=1.125,
+    rod_mass=0.175,
+    foot_mass=0.04,
+    spring_stiffness=3300.0,
+    spring_damping=1.2,
+    gravity=9.81,
+    foot_radius=0.0381,
+    volume_fraction=0.57,
+    grain_density=1000.0,
+)
+HARD = dict(
+    motor_mass=1.003,
+    rod_mass=0.175,
+    foot_mass=0.0,
+    spring_stiffness=5760.6,
+    spring_damping=1.368,
+    gravity=0.276 * 9.81,
+)
+F0 = math.sqrt(5760.6 / 1.178) / (2 * math.pi)
+AIR, REST, INTRUDE = 0, 1, 2
+
+
+# -- the reference: original variables x_r, v_r, x_f, v_f with X'', fixed Runge-Kutta steps, own formulas ------------
+@nb.njit
+def _forcing(rows, t):
+    for i in range(rows.shape[0]):
+        if rows[i, 0] <= t < rows[i, 1]:
+            a = rows[i, 4] * (t - rows[i, 0]) + rows[i, 5]
+            return rows[i, 3] * rows[i, 4] * math.cos(a), -rows[i, 3] * rows[i, 4] ** 2 * math.sin(a)
+    return 0.0, 0.0
+
+
+@nb.njit
+def _static(z, hole, pause, q):
+    k1 = q[8] * (q[20] if hole > 0 else 1.0)
+    f = k1 * z if z < q[10] else k1 * q[10] + q[9] * (z - q[10])
+    return f + q[15] * hole * math.exp(-(z - hole) / q[17]) + q[16] * pause * math.exp(-(z - pause) / q[17])
+
+
+@nb.njit
+def _mass(z, q):
+    """m_a (33) and its slope, as printed."""
+    C, mu, theta, R, rho = q[13], q[21], q[22], q[6], q[7]
+    t = math.tan(theta)
+    if mu * z >= R * t:
+        return C * rho * math.pi * R**2 * R * t / 3, 0.0
+    x = mu * z
+    return C * rho * x * math.pi * (R**2 + x * x / (3 * t * t) - R * x / t), C * rho * mu * math.pi * (R - x / t) ** 2
+
+
+@nb.njit
+def _slope(s, u, acc, mode, hole, pause, q):
+    m_m, m_r, m_f, k, c, g = q[0], q[1], q[2], q[3], q[4], q[5]
+    M, x, v, xf, vf = m_m + m_r, s[0], s[1], s[2], s[3]
+    F = -k * (x - xf) - c * (v - vf) - q[19] * (x - xf) ** 3
+    a = (-M * g + F - m_m * acc - q[18] * (v + u)) / M
+    if mode == 0:
+        b = -g - F / m_f
+    elif mode == 1:
+        b = 0.0
+    else:
+        m_a, slope = _mass(-xf, q)
+        m_a = m_a if q[14] > 0 else 0.0
+        b = (-(F + m_f * g) + _static(-xf, hole, pause, q) + (q[11] + q[12] * slope) * vf**2) / (m_f + m_a)
+    return np.array([v, a, vf, b])
+
+
+@nb.njit
+def reference(rows, q, hard, s, t_end, dt, every):
+    """Track (n, 4) every `every` steps from rest at t = 0. A velocity step of X_m is an impulse on the rod."""
+    n = int(round(t_end / dt))
+    out = np.empty((n // every + 1, 4))
+    mode, deep, hole, pause = 1, -s[2], 0.0, 0.0
+    ratio, u_old = q[0] / (q[0] + q[1]), 0.0
+    for i in range(n):
+        if i % every == 0:
+            out[i // every] = s
+        t = i * dt
+        u, _ = _forcing(rows, t + 1e-9 * dt)
+        # across a discontinuity of X_m' inside the previous step: a jump larger than a smooth law makes in dt
+        if abs(u - u_old) > 0.05:
+            s[1] -= ratio * (u - u_old)
+        F = -q[3] * (s[0] - s[2]) - q[4] * (s[1] - s[3]) - q[19] * (s[0] - s[2]) ** 3
+        push = F + q[2] * q[5]
+        if mode == 1:
+            if push < -1e-9:
+                mode, hole, pause = 0, deep, 0.0
+            elif not hard and push > _static(deep, hole, pause, q) + 1e-8:
+                mode = 2
+        ua, aa = _forcing(rows, t + 1e-9 * dt)
+        ub, ab = _forcing(rows, t + 0.5 * dt)
+        uc, ac = _forcing(rows, t + dt - 1e-9 * dt)
+        k1 = _slope(s, ua, aa, mode, hole, pause, q)
+        k2 = _slope(s + 0.5 * dt * k1, ub, ab, mode, hole, pause, q)
+        k3 = _slope(s + 0.5 * dt * k2, ub, ab, mode, hole, pause, q)
+        k4 = _slope(s + dt * k3, uc, ac, mode, hole, pause, q)
+        s = s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        u_old = uc
+        if mode == 0 and s[2] <= -deep and s[3] < 0:
+            s[2] = -deep
+            if hard:
+                s[3], mode = 0.0, 1
+            else:
+                if q[14] > 0:
+                    s[3] *= q[2] / (q[2] + _mass(deep, q)[0])
+                mode = 2
+        elif mode == 2 and s[3] >= 0:
+            s[3], mode, deep, pause = 0.0, 1, -s[2], -s[2]
+    return out
+
+
+def pack(model):
+    p, t = model.parameters, model.terms
+    on = lambda name, value: (value or 0.0) if name in t else 0.0  # noqa: E731
+    drags = "added_mass" in t or "depth_drag" in t
+    return np.array(
+        [model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
+         model.gravity, model.foot_radius or 1.0, (model.volume_fraction or 0.0) * (model.grain_density or 0.0),
+         p.k1 or 0.0, p.k2 or 0.0, p.delta or 0.0, on("inertial_drag", p.alpha), on("depth_drag", p.b),
+         (p.C or 0.0) * drags, float("added_mass" in t), on("reintrusion_overshoot", p.s),
+         on("stop_go_overshoot", p.s_p), p.lam or 1.0, on("viscous_friction", p.c_v), on("spring_hardening", p.k_3),
+         on("compaction", p.factor) or 1.0, p.mu, p.theta]
+    )  # fmt: skip
+
+
+BED = dict(k1=2100.0, k2=1500.0, delta=0.009)
+CASES = {
+    "plain": (("two_resistance", "inertial_drag"), dict(alpha=73.0), sinusoid(7.0, 0.01875, math.pi / 2)),
+    "single": (("two_resistance", "depth_drag"), dict(b=17.2, C=2.7, mu=2.0), sinusoid(9.0, 0.01875, 3 * math.pi / 2)),
+    "cone": (
+        ("two_resistance", "depth_drag", "added_mass"),
+        dict(b=17.2, C=2.7, mu=2.0),
+        sinusoid(7.0, 0.01875, math.pi / 2),
+    ),
+    "velocity step": (
+        ("two_resistance", "inertial_drag", "added_mass"),
+        dict(alpha=73.0, C=2.7, mu=2.0),
+        sinusoid(6.25, 0.01875, math.pi + 0.4),  # ends on the reference's grid
+    ),
+    "everything": (
+        ("two_resistance", "depth_drag", "added_mass", "inertial_drag", "reintrusion_overshoot", "stop_go_overshoot",
+         "compaction", "viscous_friction", "spring_hardening"),
+        dict(b=8.0, C=2.7, mu=2.0, alpha=20.0, s=800.0, s_p=600.0, lam=0.004, factor=1.3, c_v=0.8, k_3=4e6),
+        delayed(7.0, 0.01875, math.pi / 2, 0.1),
+    ),
+    "hard, foot with mass": ((), {}, sinusoid(7.0, 0.01, math.pi / 2)),
+}  # fmt: skip
+
+
+def case(name):
+    terms, values, law = CASES[name]
+    ground = "hard" if name.startswith("hard") else "granular"
+    return Model(ground, terms, ModelParameters(**BED, **values), **SAND), law
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_whole_jump_against_fixed_fine_steps(name):
+    """0.5 s: push-off, hops, landings and intrusion, position and velocity of rod and foot."""
+    model, law = case(name)
+    dt, every, end = 2e-6, 1000, 0.5
+    motion = simulate(model, law, t=np.arange(0, end + 1e-9, dt * every), rtol=1e-10, atol=1e-12)
+    s = np.array([motion.rod[0], 0.0, motion.foot[0], 0.0])
+    fine = reference(law.rows, pack(model), model.ground == "hard", s.copy(), end, dt, every)
+    coarse = reference(law.rows, pack(model), model.ground == "hard", s.copy(), end, 2 * dt, every // 2)
+    assert set(motion.mode) == ({AIR, REST} if model.ground == "hard" else {AIR, REST, INTRUDE})
+    for i, found in enumerate((motion.rod, motion.foot)):
+        # switching at the ends of steps is of first order: the reference's own error is about fine - coarse
+        n = fine.shape[0] - 1
+        bound = 3 * np.abs(fine - coarse)[:n, 2 * i].max() + 1e-7
+        assert bound < 1e-4  # m: of a motion of 50 mm
+        np.testing.assert_allclose(found[:n], fine[:n, 2 * i], rtol=0, atol=bound)
+
+
+@pytest.mark.parametrize("name", ["cone", "everything", "velocity step"])
+def test_smooth_phases_against_scipy(name):
+    """Every stretch without an event, restarted from the motion's own state, in the variables x_r, v_r, x_f, v_f."""
+    model, law = case(name)
+    grid = np.linspace(-0.01, 0.6, 1201)
+    motion = simulate(model, law, t=grid, rtol=1e-11, atol=1e-13)
+    q = pack(model)
+    marks = np.sort(np.r_[motion.events["time"], law.rows[:, 0], law.rows[:, 1], 0.6])
+    tested = 0
+    for a, b in zip(marks[:-1], marks[1:]):
+        i, j = np.searchsorted(grid, [a + 1e-6, b - 1e-6])
+        mode = motion.mode[i] if i < grid.size else -1
+        if j - i < 8 or mode == INTRUDE and name == "everything":  # its memory is not in the output
+            continue
+        start = [motion.rod[i], motion.rod_velocity[i], motion.foot[i], motion.foot_velocity[i]]
+
+        def slope(t, s, mode=mode):
+            return _slope(s, *_forcing(law.rows, t), mode, 0.0, 0.0, q)
+
+        truth = solve_ivp(slope, (grid[i], grid[j - 1]), start, "DOP853", grid[i:j], rtol=1e-12, atol=1e-14).y
+        # both solve to about 1e-11 of 0.1 m, over at most some hundred steps
+        np.testing.assert_allclose(motion.rod[i:j], truth[0], rtol=0, atol=2e-10)
+        np.testing.assert_allclose(motion.foot[i:j], truth[2], rtol=0, atol=2e-10)
+        tested += 1
+    assert tested >= 5
+
+
+@pytest.mark.parametrize("name", ["cone", "everything"])
+def test_converges_with_tolerance(name):
+    model, law = case(name)
+    run = lambda rtol: simulate(model, law, t=[0.0, 1.0], rtol=rtol, atol=1e-2 * rtol)  # noqa: E731
+    best = run(1e-13)
+    for rtol in (1e-6, 1e-8, 1e-10):
+        got = run(rtol)
+        # a tolerance per step of rtol x 20 mm, some hundred steps, amplified by the chain of landings: 100 x rtol
+        assert abs(got.jump_height - best.jump_height) < 100 * rtol * 0.02
+        assert abs(got.depth_max - best.depth_max) < 100 * rtol * 0.02
+        assert len(got.events) == len(best.events)
+
+
+def test_energy_is_never_created():
+    """Motor still: kinetic (with the cone's), spring and gravitational energy only falls, for random parameters."""
+    rng = np.random.default_rng(3)
+    terms = ("two_resistance", "inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot",
+             "stop_go_overshoot", "viscous_friction", "coulomb_friction", "spring_hardening")  # fmt: skip
+    hops = 0
+    for _ in range(25):
+        u = rng.uniform
+        p = ModelParameters(k1=u(800, 6000), k2=u(800, 6000), delta=u(0.002, 0.02), alpha=u(0, 100), b=u(0.5, 20),
+                            C=u(0, 4), s=u(0, 2000), s_p=u(0, 2000), lam=u(1e-3, 1e-2), c_v=u(0, 2), F_c=u(0, 2),
+                            k_3=u(0, 1e7))  # fmt: skip
+        model = Model("granular", terms, p, **{**SAND, "foot_mass": u(0.02, 0.3), "spring_damping": u(0, 2)})
+        law = sinusoid(u(5, 10), 0.01875, u(0, 2 * math.pi))
+        t = np.linspace(0, 0.8, 4001)
+        m = simulate(model, law, t=t, rtol=1e-10, atol=1e-12)
+        still = t > law.stop
+        stretch = m.rod - m.foot
+        q = pack(model)
+        cone_mass = np.array([_mass(-x, q)[0] for x in m.foot]) * (m.mode == INTRUDE)
+        energy = (
+            0.5 * model.M * m.rod_velocity**2
+            + 0.5 * (model.m_f + cone_mass) * m.foot_velocity**2
+            + 0.5 * model.k_s * stretch**2
+            + 0.25 * p.k_3 * stretch**4
+            + model.g * (model.M * m.rod + model.m_f * m.foot)
+        )[still]
+        # 1e-10 of the energy in motion, about 1 J, per step; hundreds of steps
+        assert np.all(np.diff(energy) < 1e-7)
+        hops += len(m.flights)
+    assert hops > 25
+
+
+def test_hard_ground_bounces_by_closed_form():
+    """No damping, motor still: flights of 2 u / g, contacts of 2 (pi - atan(u w / g)) / w, u -> sqrt(1 - e) u."""
+    e = 0.33
+    model = Model("hard", ("landing_loss",), ModelParameters(e=e), **{**HARD, "spring_damping": 0.0})
+    law = sinusoid(0.75 * F0, 0.004, math.pi / 2, start=0.2)
+    m = simulate(model, law, t=np.linspace(0.0, 2.0, 100), rtol=1e-11, atol=1e-13)
+    w, g = math.sqrt(5760.6 / 1.178), HARD["gravity"]
+    late = m.flights[(m.flights[:, 0] > law.stop) & np.isfinite(m.flights[:, 1])]
+    assert len(late) >= 3
+    duration = late[:, 1] - late[:, 0]
+    up = g * duration[:-1] / 2
+    down = up * math.sqrt(1 - e)
+    contact = late[1:, 0] - late[:-1, 1]
+    np.testing.assert_allclose(contact, 2 * (math.pi - np.arctan(down * w / g)) / w, atol=1e-9)
+    np.testing.assert_allclose(duration[1:], 2 * down / g, atol=1e-9)
+    after = m.flights[m.flights[:, 1] > law.stop]  # the jump itself begins before the motor stops
+    assert m.flight_height == pytest.approx(g * np.diff(after).max() ** 2 / 8, rel=1e-9)
+
+
+@pytest.mark.parametrize("phase, ratio, height", [(math.pi / 2, 0.7375, 41.0e-3), (3 * math.pi / 2, 1.54, 38.1e-3)])
+def test_hard_ground_numbers_of_the_table(phase, ratio, height):
+    """Greatest rise of the mass centre at the best frequencies (PHYSICS.md, independent integration), in 0.1 mm."""
+    law = sinusoid(ratio * F0, 0.004, phase)
+    m = simulate(Model("hard", (), ModelParameters(), **HARD), law, t=[0.0, 1.2], rtol=1e-9, atol=1e-11)
+    assert m.com_height == pytest.approx(height, abs=0.06e-3)
+
+
+def test_coulomb_friction_closed_form():
+    """Ring-down on the ground: each half swing loses 2 F_c / k, and the carriage comes to rest for good."""
+    F_c = 0.05
+    model = Model("hard", ("coulomb_friction",), ModelParameters(F_c=F_c), **{**HARD, "spring_damping": 0.0})
+    law = sinusoid(0.9 * F0, 0.00015, math.pi / 2)
+    t = np.linspace(0.0, 1.5, 60001)
+    m = simulate(model, law, t=t, rtol=1e-11, atol=1e-13)
+    assert len(m.flights) == 0
+    free = t > law.stop
+    v, x = m.rod_velocity[free], m.rod[free]
+    turns = np.flatnonzero(v[1:] * v[:-1] < 0)
+    swing = np.abs(np.diff([max(x[i : i + 2], key=lambda z, i=i: abs(z - x.mean())) for i in turns]))
+    assert len(swing) > 5
+    np.testing.assert_allclose(np.diff(swing), -4 * F_c / 5760.6, atol=1e-8)  # between turns: 2 F_c/k from each side
+    end = m.events["time"][m.events["kind"] == "rail_stick"][-1]
+    assert end < 1.4
+    assert np.ptp(m.rod[t > end]) < 1e-12
+    assert abs(-5760.6 * m.rod[-1] - model.M * model.g) <= F_c
+
+
+def test_huge_friction_holds_the_carriage():
+    model = Model("hard", ("coulomb_friction",), ModelParameters(F_c=1e4), **HARD)
+    t = np.linspace(0, 0.05, 50)
+    m = simulate(model, sinusoid(8.0, 0.001, math.pi / 2), t=t, rtol=1e-9, atol=1e-12)
+    assert np.ptp(m.motor) < 1e-9
+
+
+def test_motor_lag_closed_form():
+    """tau X' + X = A (sin(w t + phase) - sin(phase)) from X = 0."""
+    tau, A, f, phase = 0.004, 0.004, 8.0, 0.6
+    model = Model("hard", ("motor_lag",), ModelParameters(tau=tau), **HARD)
+    t = np.linspace(0, 0.12, 60)
+    m = simulate(model, sinusoid(f, A, phase), t=t, rtol=1e-10, atol=1e-12)
+    w = 2 * math.pi * f
+    gain, shift = 1 / math.hypot(1, w * tau), math.atan(w * tau)
+    steady = lambda x: A * gain * np.sin(w * x + phase - shift) - A * math.sin(phase)  # noqa: E731
+    np.testing.assert_allclose(m.motor - m.rod, steady(t) - steady(0.0) * np.exp(-t / tau), atol=1e-10)
+
+
+def test_velocity_step_is_an_impulse_on_the_rod():
+    """v_r jumps by -(m_m/M) times the step of X_m', total momentum does not."""
+    law = sinusoid(7.0, 0.004, 0.3)
+    m = simulate(case("plain")[0], law, t=[-1e-3, 0.0, 1e-7, 0.3], rtol=1e-9, atol=1e-12)
+    step = 0.004 * 2 * math.pi * 7.0 * math.cos(0.3)
+    assert m.rod_velocity[0] == 0.0
+    assert m.rod_velocity[2] == pytest.approx(-1.125 / 1.3 * step, abs=1e-4)  # 1e-7 s later: some 100 m/s^2
+
+
+def test_spline_drives_as_the_law_does():
+    """The law interpolated at 4 ms / 16 by cubic Hermite pieces gives the same jump."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    model, law = case("cone")
+    knots = np.linspace(law.start, law.stop, 573)
+    x, v = law(knots)
+    _, v[-1] = (0.0, 0.01875 * 14 * math.pi * math.cos(math.pi / 2))
+    pp = CubicHermiteSpline(knots, x, v)
+    t = np.linspace(0, 0.8, 200)
+    a = simulate(model, law, t=t, rtol=1e-9, atol=1e-11)
+    b = simulate(model, Spline(knots, np.ascontiguousarray(pp.c)), t=t, rtol=1e-9, atol=1e-11)
+    # Hermite error h^4/384 X'''' = (2.5e-4)^4 / 384 * A w^4 = 7e-13 m
+    np.testing.assert_allclose(b.rod, a.rod, atol=1e-8)
+    np.testing.assert_allclose(b.jump_height, a.jump_height, atol=1e-8)
+
+
+def test_heights_are_those_of_the_sampled_track():
+    model, law = case("cone")
+    t = np.linspace(-0.1, 1.0, 110001)
+    m = simulate(model, law, t=t, rtol=1e-10, atol=1e-12)
+    # sampled every 10 us, the apex is missed by at most g dt^2 / 8 plus rounding
+    assert m.jump_height == pytest.approx(m.rod[t >= law.stop].max() - m.rest, abs=1e-8)
+    assert m.driven_height == pytest.approx(m.rod[t <= law.stop].max() - m.rest, abs=1e-6)
+    com = (model.M * m.rod + model.m_m * (m.motor - m.rod) + model.m_f * m.foot) / (model.M + model.m_f)
+    assert m.com_height == pytest.approx((com - com[0]).max(), abs=1e-8)
+    assert m.depth_max == pytest.approx(-m.foot.min(), abs=1e-8)
+    whole = simulate(model, law, t=t, rtol=1e-10, atol=1e-12, stop=0.5)
+    assert whole.jump_height == pytest.approx(m.rod[t >= 0.5].max() - m.rest, abs=1e-8)
+    # Newton's law of the whole robot: ground force = weight + momentum rate, in flight 0
+    assert np.all(m.ground_force[m.mode == AIR] == 0.0)
+    assert np.all(m.ground_force[m.mode == REST] > -1e-6)
+    assert m.ground_force[0] == pytest.approx((model.M + model.m_f) * model.g)
+
+
+def test_ground_force_is_the_rate_of_momentum():
+    model, law = case("everything")
+    model = Model(model.ground, tuple(x for x in model.terms if x != "viscous_friction"), model.parameters, **SAND)
+    t = np.linspace(0, 0.6, 60001)
+    m = simulate(model, law, t=t, rtol=1e-11, atol=1e-13)
+    y = m.rod + model.m_m / model.M * (m.motor - m.rod)
+    rate = np.diff(model.M * y + model.m_f * m.foot, 2) / (t[1] - t[0]) ** 2
+    force = m.ground_force[1:-1] - (model.M + model.m_f) * model.g
+    same = (m.mode[2:] == m.mode[1:-1]) & (m.mode[:-2] == m.mode[1:-1])
+    # second difference: dt^2/12 of the fourth derivative, a few F w^2 = 100 N (300/s)^2 1e-10 / 12, and rounding
+    # 4e-17 m / 1e-10 s^2 x 1.3 kg; steps begin anew within, so allow for their tolerance
+    assert np.quantile(np.abs(rate - force)[same], 0.99) < 0.02
+
+
+def test_filmed_height_is_scaled_and_shifted():
+    model, law = case("plain")
+    p = ModelParameters(**{**vars(model.parameters), "scale": 1.04, "dt": 2.5e-3})
+    filmed = Model("granular", (*model.terms, "camera_scale", "time_offset"), p, **SAND)
+    frames = np.arange(0, 0.5, 1 / 200)
+    plain = simulate(model, law, t=np.r_[0, frames + 2.5e-3], rtol=1e-9, atol=1e-11)
+    got = filmed_height(filmed, law, t=frames, rtol=1e-9, atol=1e-11)
+    np.testing.assert_allclose(got, 1.04 * (plain.rod[1:] - plain.rest), atol=1e-9)
+
+
+def test_bad_calls_are_named():
+    model, law = case("plain")
+    with pytest.raises(ValueError, match=r"t\[0\] = 0.1"):
+        simulate(model, law, t=[0.1, 0.2], rtol=1e-7, atol=1e-9)
+    with pytest.raises(ValueError, match="increasing"):
+        simulate(model, law, t=[0.0, 0.0], rtol=1e-7, atol=1e-9)
+    with pytest.raises(ValueError, match="rtol = 0"):
+        simulate(model, law, t=[0.0, 1.0], rtol=0, atol=1e-9)
+    soft = Model("granular", ("two_resistance",), ModelParameters(k1=100.0, k2=0.0, delta=0.01), **SAND)
+    with pytest.raises(ValueError, match="cannot carry"):
+        simulate(soft, law, t=[0.0, 1.0], rtol=1e-7, atol=1e-9)
+
+
+def test_motor_that_never_runs_leaves_the_robot_at_rest():
+    still = Segments(np.array([[0.0, 0.1, 0.0, 0.0, 0.0, 0.0]]))
+    for name in ("cone", "hard, foot with mass"):
+        m = simulate(case(name)[0], still, t=np.linspace(0, 1, 20), rtol=1e-9, atol=1e-12)
+        assert len(m.events) == 0 and np.ptp(m.rod) < 1e-12 and math.isnan(m.flight_height)
