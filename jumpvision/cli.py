@@ -105,7 +105,7 @@ def report(path: Path, /, *, options: Options = OPTIONS) -> int:
 
 
 @app.command
-def synth(kind: str = "samples", out: Path = Path("data_samples"), *, seed: int = 2026) -> int:
+def synth(kind: str, out: Path, /, *, seed: int = 20140630) -> int:
     """Virtual laboratory: write experiment folders whose truth is known (truth.json).
 
     Example: jumpvision synth samples my_samples
@@ -115,12 +115,15 @@ def synth(kind: str = "samples", out: Path = Path("data_samples"), *, seed: int 
     kind
         hard_ground, loose_sand or samples (both).
     out
-        Folder to write into; existing experiments there are not overwritten.
+        Folder to write into; what is there already is not overwritten.
+    seed
+        Of the random numbers; the same seed gives the same recordings.
     """
     from . import show
     from .lab import samples
 
-    folders = samples.write(kind, out, seed=seed, progress=show.line)
+    show.line(f"writing {kind} to {out} ...")
+    folders = samples.write_samples(kind, out, seed=seed)
     show.line(f"wrote {', '.join(str(f) for f in folders)}")
     return DONE
 

@@ -114,10 +114,12 @@ def test_small_oscillation_is_recovered_and_the_threshold_method_shows_what_it_i
     ys, xs = 29.8 + 0.06 * np.sin(phase), np.full(n, 35.2)
     images = film(xs, ys, d, shape, noise=1.5, rng=rng)
     basis = np.column_stack([np.sin(phase), np.cos(phase), np.ones(n)])
-    amplitude = [np.hypot(*np.linalg.lstsq(basis, track(images, d, method=m).y)[0][:2]) for m in ("disc", "threshold")]
+    tracks = {m: track(images, d, method=m).y for m in ("disc", "threshold")}
+    fits = {m: np.linalg.lstsq(basis, y)[0] for m, y in tracks.items()}
     # Noise of the amplitude: 0.0028 px / sqrt(n/2) = 0.0003, half a per cent
-    assert amplitude[0] == pytest.approx(0.06, rel=0.02)
-    assert abs(amplitude[1] / 0.06 - 1) > 0.05  # pixel locking of a binary centroid
+    assert np.hypot(*fits["disc"][:2]) == pytest.approx(0.06, rel=0.02)
+    scatter = {m: np.std(y - basis @ fits[m]) for m, y in tracks.items()}
+    assert scatter["threshold"] > 5 * scatter["disc"]  # pixel locking of a binary centroid
 
 
 @pytest.mark.parametrize("d", [12, 30])

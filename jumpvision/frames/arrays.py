@@ -70,7 +70,9 @@ def npy_header(path: Path, file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dt
         raise FrameError(f"{path}: not a .npy array (or damaged): {error}; save it with numpy.save") from error
     file.seek(start.tell())
     if dtype.hasobject or any(k < 0 for k in shape):
-        raise FrameError(f"{path}: array of {dtype}, shape {shape}; allowed: plain numbers; save uint8, uint16 or float")
+        raise FrameError(
+            f"{path}: array of {dtype}, shape {shape}; allowed: plain numbers; save uint8, uint16 or float"
+        )
     return shape, fortran, dtype
 
 
@@ -81,7 +83,9 @@ class Hdf5Film(Film):
         try:
             import h5py
         except ImportError as error:
-            raise FrameError(f"{path}: reading HDF5 needs h5py; install it with: pip install 'jumpvision[hdf5]'") from error
+            raise FrameError(
+                f"{path}: reading HDF5 needs h5py; install it with: pip install 'jumpvision[hdf5]'"
+            ) from error
         try:
             self._file: Any = h5py.File(path, "r")
         except OSError as error:
@@ -101,7 +105,9 @@ class Hdf5Film(Film):
         images = [s for s in sets if s.ndim in (3, 4)] or [s for s in sets if s.ndim == 2]
         if len(images) != 1:
             names = ", ".join(f"{s.name} {s.shape}" for s in images[:6]) or "none"
-            raise FrameError(f"{path}: needs exactly one data set of (frame, y, x); found: {names}; save the film alone")
+            raise FrameError(
+                f"{path}: needs exactly one data set of (frame, y, x); found: {names}; save the film alone"
+            )
         self._data = images[0]
         n, frame = stack_shape(path, self._data.shape, self._data.name)
         kind = native_type(self._data.dtype, path)

@@ -106,9 +106,7 @@ def clock(
         if np.isfinite(stamps).all() and (step > 0).all():
             if frame_rate is not None and n > 1:
                 recorded = (n - 1) / float(stamps[-1] - stamps[0])
-                # The median tells a lost frame from a wrong rate; the mean is exact where stamps are coarse.
-                typical = 1 / float(np.median(step))
-                if min(abs(frame_rate / rate - 1) for rate in (recorded, typical)) > RATE_MISMATCH:
+                if differs(frame_rate, stamps):
                     warnings.append(
                         f"{path}: frame_rate = {frame_rate:g} Hz is declared, but the file's own time stamps give "
                         f"{recorded:g} Hz; the file's are used"
@@ -126,6 +124,13 @@ def clock(
     if positions is None:
         positions = np.arange(n, dtype=np.float64)
     return Clock(start + positions / frame_rate, "declared", warnings)
+
+
+def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
+    """Whether a rate [Hz] disagrees with (n >= 2,) stamps [s]. Their mean step is exact where stamps are coarse or
+    jitter, their median step where frames are lost; a rate that fits either agrees."""
+    step = np.diff(stamps)
+    return all(not abs(rate * typical - 1) <= RATE_MISMATCH for typical in (float(step.mean()), float(np.median(step))))
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:

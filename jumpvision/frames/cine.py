@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.frames.base import RATE_MISMATCH, Film, FrameError, Image, check_image, clock, lost
+from jumpvision.frames.base import Film, FrameError, Image, check_image, clock, differs, lost
 from jumpvision.frames.packed import frame_bytes, pixel_type, read_pixels
 
 # Places in the setup block [bytes].
@@ -102,10 +102,10 @@ class CineFilm(Film):
         if TIMES in tags:
             ticks = tags[TIMES].view("<i8")
             stamps = (ticks - ticks[0])[whole] / 2.0**32
-            step = float(np.median(np.diff(stamps))) if len(whole) > 1 else 0.0
-            if rate > 0 and step > 0 and abs(step * rate - 1) > RATE_MISMATCH:
+            if len(whole) > 1 and rate > 0 and differs(rate, stamps):
+                recorded = (len(whole) - 1) / float(stamps[-1])
                 warnings.append(
-                    f"{path}: the header says {rate:g} Hz, the frames' time stamps {1 / step:g} Hz "
+                    f"{path}: the header says {rate:g} Hz, the frames' time stamps {recorded:g} Hz "
                     f"(frames left out when it was saved?); the time stamps are used"
                 )
         elif rate > 0:

@@ -29,7 +29,9 @@ def image_size(path: Path) -> tuple[int, int]:
 
         with TiffFilm(path, frame_rate=1.0, start=0.0) as film:
             if len(film) != 1:
-                raise FrameError(f"{path}: {len(film)} pages; an image sequence needs one a file; open the stack itself")
+                raise FrameError(
+                    f"{path}: {len(film)} pages; an image sequence needs one a file; open the stack itself"
+                )
             return film.shape
     with path.open("rb") as file:
         head = file.read(2**20)

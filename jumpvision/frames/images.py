@@ -61,16 +61,22 @@ def natural(path: Path) -> list[str | int]:
 def image_files(path: Path) -> list[Path]:
     """The images of a folder or pattern in natural order. Raises FrameError for none, or a folder of several formats."""
     if path.is_dir():
-        files = [f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith(".") and f.is_file()]
+        files = [
+            f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith(".") and f.is_file()
+        ]
         kinds = Counter(f.suffix.lower() for f in files)
         if len(kinds) > 1:
             found = ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items()))
-            raise FrameError(f"{path}: the folder mixes {found} images; give a pattern such as {path.name}/*{min(kinds)}")
+            raise FrameError(
+                f"{path}: the folder mixes {found} images; give a pattern such as {path.name}/*{min(kinds)}"
+            )
     else:
         files = [f for f in path.parent.glob(path.name) if f.is_file()]
         for file in files:
             if file.suffix.lower() not in SUFFIXES:
-                raise FrameError(f"{file}: no image, but matches {path.name}; allowed: {' '.join(SUFFIXES)}; narrow the pattern")
+                raise FrameError(
+                    f"{file}: no image, but matches {path.name}; allowed: {' '.join(SUFFIXES)}; narrow the pattern"
+                )
     if not files:
         raise FrameError(f"{path}: no image here; allowed: {' '.join(SUFFIXES)}")
     return sorted(files, key=lambda f: (natural(f), f.name))

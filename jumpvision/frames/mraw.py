@@ -61,7 +61,9 @@ class MrawFilm(Film):
             )
         warnings = lost(raw, n, promised)
         if size // self._nbytes > promised:
-            warnings.append(f"{raw}: holds {size // self._nbytes} frames, its header only {promised}; the rest is left out")
+            warnings.append(
+                f"{raw}: holds {size // self._nbytes} frames, its header only {promised}; the rest is left out"
+            )
         skip = number(header, h, "skip") if h["skip"] else 1.0
         rate = number(header, h, "rate") if h["rate"] else 0.0
         skip = max(skip, 1.0)
@@ -114,11 +116,15 @@ def read_header(path: Path) -> dict[str, str]:
         # The XML stands between binary blocks; cut it out, which also leaves no place for entity declarations.
         begin, end = data.find(b"<cih>"), data.find(b"</cih>")
         if begin < 0 or end < begin:
-            raise FrameError(f"{path}: no <cih> ... </cih> in the header (damaged?); export it again from the camera software")
+            raise FrameError(
+                f"{path}: no <cih> ... </cih> in the header (damaged?); export it again from the camera software"
+            )
         try:
             root = ET.fromstring(data[begin : end + 6].decode("utf-8", errors="replace"))
         except ET.ParseError as error:
-            raise FrameError(f"{path}: damaged XML header: {error}; export it again from the camera software") from error
+            raise FrameError(
+                f"{path}: damaged XML header: {error}; export it again from the camera software"
+            ) from error
         return {key: (root.findtext(place) or "").strip() for key, (_, place) in FIELDS.items()}
     lines = re.findall(r"^\s*([^:\r\n]+?)\s*:[ \t]*([^\r\n]*)", data.decode("utf-8", errors="replace"), re.MULTILINE)
     text = {key: value.strip() for key, value in reversed(lines)}
@@ -130,7 +136,9 @@ def number(path: Path, header: Mapping[str, str], key: str) -> float:
     match = re.fullmatch(r"(?:1\s*/\s*)?([0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?)", header[key])
     value = float(match[1]) if match else -1.0
     if not 0 <= value < 1e15:
-        raise FrameError(f"{path}: {' or '.join(FIELDS[key])} = '{header[key]}'; must be a number >= 0 (damaged header?)")
+        raise FrameError(
+            f"{path}: {' or '.join(FIELDS[key])} = '{header[key]}'; must be a number >= 0 (damaged header?)"
+        )
     return 1 / value if "/" in header[key] and value else value
 
 

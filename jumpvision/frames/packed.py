@@ -43,6 +43,11 @@ def unpack(data: NDArray[np.uint8], bits: int) -> Image:
         return np.stack([b[0] << 4 | b[1] >> 4, (b[1] & 15) << 8 | b[2]], axis=1).ravel()
     if bits == 10:  # 5 bytes hold 4 pixels
         b = data.reshape(-1, 5).astype(np.uint16).T
-        pixels = [b[0] << 2 | b[1] >> 6, (b[1] & 63) << 4 | b[2] >> 4, (b[2] & 15) << 6 | b[3] >> 2, (b[3] & 3) << 8 | b[4]]
+        pixels = [
+            b[0] << 2 | b[1] >> 6,
+            (b[1] & 63) << 4 | b[2] >> 4,
+            (b[2] & 15) << 6 | b[3] >> 2,
+            (b[3] & 3) << 8 | b[4],
+        ]
         return np.stack(pixels, axis=1).ravel()
     raise ValueError(f"bits = {bits}; must be 8, 10, 12 or 16")

@@ -26,7 +26,9 @@ class SeqFilm(Film):
         with path.open("rb") as file:
             head = file.read(1024)
         if len(head) < 1024 or struct.unpack_from("<I", head)[0] != 0xFEED:
-            raise FrameError(f"{path}: not a NorPix .seq film (no 0xFEED at its start); copy it again or export it anew")
+            raise FrameError(
+                f"{path}: not a NorPix .seq film (no 0xFEED at its start); copy it again or export it anew"
+            )
         version = struct.unpack_from("<i", head, 28)[0]
         width, height, bits, depth, image_bytes, kind, promised = struct.unpack_from("<7I", head, 548)
         step, rate = struct.unpack_from("<Id", head, 580)
@@ -46,13 +48,17 @@ class SeqFilm(Film):
             )
         self._step, self._bits = step, bits
         self._begin = 8192 if version >= 5 else 1024
-        whole = max(size - self._begin - nbytes - STAMP.itemsize + step, 0) // step  # the last block may lack its padding
+        whole = (
+            max(size - self._begin - nbytes - STAMP.itemsize + step, 0) // step
+        )  # the last block may lack its padding
         n = min(whole, promised) if promised else whole
         if n < 1:
             raise FrameError(f"{path}: no whole frame in {size} bytes; copy it again")
         warnings = lost(path, n, promised)
         if not promised:
-            warnings.append(f"{path}: its header counts no frames (recording not closed?); {n} whole ones are in the file")
+            warnings.append(
+                f"{path}: its header counts no frames (recording not closed?); {n} whole ones are in the file"
+            )
         stamps = np.empty(n, STAMP)
         with path.open("rb") as file:
             for i in range(n):

@@ -42,7 +42,9 @@ class TiffFilm(Film):
         except Exception as error:
             raise FrameError(f"{path}: damaged TIFF: {error}; copy it again") from error
         if axes not in ("YX", "YXS", "SYX") or dtype is None:
-            raise FrameError(f"{path}: pages of shape {shape} ({axes}); allowed: (y, x) grey or colour; save one image a page")
+            raise FrameError(
+                f"{path}: pages of shape {shape} ({axes}); allowed: (y, x) grey or colour; save one image a page"
+            )
         height, width = shape[axes.index("Y")], shape[axes.index("X")]
         channels = shape[axes.index("S")] if "S" in axes else 1
         if channels not in (1, 3, 4):
@@ -103,7 +105,9 @@ class TiffFilm(Film):
                 page: Any = self._tiff.pages[i]
                 image = page.asarray()
         except Exception as error:
-            raise FrameError(f"{self.path}: page {i} cannot be decoded: {error}; save it uncompressed or copy it again") from error
+            raise FrameError(
+                f"{self.path}: page {i} cannot be decoded: {error}; save it uncompressed or copy it again"
+            ) from error
         if self._axes == "SYX":
             image = np.moveaxis(image, 0, -1)
         return single_channel(image, f"{self.path}, page {i}")

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.schema import InputError, closest
+
 from . import logs, write
 from .bed_picture import bed_height, bed_picture
 from .grain_film import GrainCamera, View
@@ -54,6 +56,18 @@ def heights(motion: Motion) -> dict[str, Any]:
     }
 
 
+def brief(motion: Motion) -> dict[str, Any]:
+    """What summary.json should say of a jump."""
+    return {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
+
+
+def film_brief(grains: Mapping[str, Any]) -> dict[str, float]:
+    """What summary.json should say of a grain film; the added mass is the one in view when the momentum is largest."""
+    peak = int(np.argmax(grains["pairs"]["momentum_in_view_kg_m_s"]))
+    mass = float(grains["pairs"]["added_mass_in_view_kg"][peak])
+    return {"mu": grains["mu"], "beta_deg": grains["beta_deg"], "added_mass_kg": mass}
+
+
 def write_rod_film(
     folder: Path, motion: Motion, *, start: float, shape: tuple[int, int], zero_row: float, rng: np.random.Generator
 ) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -76,10 +90,10 @@ def write_rod_film(
     return section, true
 
 
-def hard_ground(folder: Path) -> None:
+def hard_ground(folder: Path, *, seed: int = SEED) -> None:
     """One stutter jump of the robot of thesis chapter II, filmed until it has rung down."""
     folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng([SEED, 0])
+    rng = np.random.default_rng([seed, 0])
     law = Law(8.2, 0.004, PHASE["stutter"], START)
     e = 0.33
     motion = simulate(HARD_ROBOT, law, ["landing_loss"], {"e": e}, ground="hard", duration=3.6)
@@ -109,10 +123,12 @@ def hard_ground(folder: Path) -> None:
         "parameters": {"e": e},
         "last_touchdown_s": (motion.lift_offs + motion.flights)[-1],
     }
-    write.truth(folder / "truth.json", true | heights(motion) | {"film": film})
+    seen = {"frequency_hz": omega * math.sqrt(1 - true["zeta"] ** 2) / (2 * math.pi), "zeta": true["zeta"]}
+    summary = brief(motion) | seen
+    write.truth(folder / "truth.json", {"summary": summary} | true | heights(motion) | {"film": film})
 
 
-def loose_sand(folder: Path) -> None:
+def loose_sand(folder: Path, *, seed: int = SEED) -> None:
     """Single, stutter and delayed stutter jumps on loose sand, whose jammed cone the campaign's model lacks."""
     folder.mkdir(parents=True, exist_ok=True)
     conditions = [("single", f, 0.0) for f in SINGLE] + [("stutter", f, 0.0) for f in STUTTER]
@@ -124,7 +140,7 @@ def loose_sand(folder: Path) -> None:
             group = f"{kind}-{frequency}Hz"
             name = f"{group}-{trial}"
             law = Law(frequency, 0.01875, PHASE[kind], START, delay=delay)
-            rng = np.random.default_rng([SEED, number])
+            rng = np.random.default_rng([seed, number])
             true[name] = _sand_jump(folder / name, kind, group, law, rng, filmed=trial == "film")
             number += 1
     write.toml(
@@ -171,7 +187,8 @@ def _sand_jump(
         write.table(folder / "rod_track.csv", track)
     write.table(folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng))
     write.toml(folder / "experiment.toml", content | {"motor_log": {"file": "motor.csv"}})
-    write.truth(folder / "truth.json", true | seen)
+    summary = brief(motion) | {"volume_fraction": phi} | (film_brief(seen["grain_film"]) if filmed else {})
+    write.truth(folder / "truth.json", {"summary": summary} | true | seen)
     return true
 
 
@@ -284,10 +301,29 @@ def _actuation(kind: str, law: Law) -> dict[str, Any]:
     return out | ({"delay": law.delay} if law.delay else {})
 
 
+KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand}
+
+
+def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
+    """Write the folders of `kind` ("hard_ground", "loose_sand" or "samples" for both) below `out`; returns them.
+
+    Raises InputError for an unknown kind or a folder that exists: recordings are never written over.
+    """
+    if kind not in (*KINDS, "samples"):
+        raise InputError([f"synth {kind}: unknown kind{closest(kind, [*KINDS, 'samples'])}"])
+    folders = {k: Path(out) / k for k in KINDS if kind in (k, "samples")}
+    taken = [f"synth: {f} exists; give another folder or remove it" for f in folders.values() if f.exists()]
+    if taken:
+        raise InputError(taken)
+    for k, folder in folders.items():
+        KINDS[k](folder, seed=seed)
+    return list(folders.values())
+
+
 def main(out: str = "data_samples") -> None:
-    """Write both samples below `out`."""
-    hard_ground(Path(out) / "hard_ground")
-    loose_sand(Path(out) / "loose_sand")
+    """Write both samples below `out`, over those that are there."""
+    for k, write_kind in KINDS.items():
+        write_kind(Path(out) / k)
 
 
 if __name__ == "__main__":

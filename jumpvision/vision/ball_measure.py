@@ -21,7 +21,9 @@ SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this 
 MOST_SECTORS_OFF = 2  # of 16: a thin rod holding the ball is not an occlusion
 MOST_DROPPED = 0.25  # part of the edge pixels
 MOST_CHI2 = 4.0
+CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
 RIM_FREEDOM = 12.7  # of the 16 sectors' shifts, what the fit leaves free (white noise, diameters 10-40 px)
+UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new ball must be clearer: clutter is not
 NOISE_FRAMES = 30  # frames the noise is averaged over
 # Drift of the lighting gradients a frame, as part of the contrast: first guess (the background changes most, as the
 # ball passes over it), least, and how fast it follows what the frames show
@@ -142,6 +144,9 @@ class DiscMeasure:
         d, contrast = 2.0 * p[disc.R], self.sign * (p[disc.A] - p[disc.B])
         if contrast <= MIN_CONTRAST * math.sqrt(noise):
             return "lost: no contrast"
+        before = self.sign * (self.last[disc.A] - self.last[disc.B])
+        if before > 0.0 and not 1.0 / CONTRAST_SEEN < contrast / before < CONTRAST_SEEN:
+            return f"lost: contrast {contrast:.3g} instead of {before:.3g}"
         if p[disc.S] > 0.35 * p[disc.R]:
             return "lost: no sharp edge"
         wx, wy = (abs(p[disc.WX]), abs(p[disc.WY])) if self.streak else (0.0, 0.0)
@@ -161,7 +166,7 @@ class DiscMeasure:
                 return f"diameter off: {d:.4g} px instead of {expected:.4g}"
         if not fresh and fit.chi2 > MOST_CHI2:
             return f"poor fit: chi2 {fit.chi2:.3g} per degree of freedom"
-        if sigma > 0.05 * d:
+        if sigma > (UNCERTAIN_FRESH if fresh else UNCERTAIN) * d:
             return "lost: position uncertain"
         return ""
 

@@ -21,9 +21,9 @@ from scipy import ndimage, special
 
 Array = NDArray[np.float64]
 
-BELOW = 3  # rows under the face that take part in the fit of the edge
+BELOW = 4  # rows under the face that take part in the fit of the edge
 BLURS = (0.3, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, widths tried for the edge in frame 0
-BLOCK = 8  # columns that share a grain: the errors of blocks are independent, those of columns are not
+BLOCK = 16  # columns that share a grain: the errors of blocks are independent, those of columns are not
 CLIP = 9.0  # squared residual, in variances, above which a pixel of the body says no more than that it is hidden
 MAX_SIGMA = 0.5  # px, a worse face is no face
 
@@ -196,13 +196,16 @@ class _Body:
             edge = z[:, 0] > -2.5
             t = t + np.median((strip[y] - t)[~edge]) if (~edge).any() else t
             rest = strip[y] - t * (1 - phi)
-            grey = (rest * phi).sum(0) / (phi * phi).sum(0)
-            r = rest - grey * phi
+            basis = np.hstack([phi, phi * (y - f)[:, None]])
+            basis, _ = np.linalg.qr(basis)
+            full = basis @ (basis.T @ rest)
+            r = rest - full
+            grey = full / np.maximum(phi, 1e-3)
             texture = -slope * (1 - phi)
             j = texture + (t - grey) * below  # dI/df
-            j = j - phi * (j * phi).sum(0) / (phi * phi).sum(0)
+            j = j - basis @ (basis.T @ j)
             misfit = float(np.mean(r[edge] ** 2))
-            w = np.where(edge, 1 / max(misfit, self._variance()), 1 / self._variance())[:, None]
+            w = np.where(edge, 1 / (BLOCK * max(misfit, self._variance())), 1 / self._variance())[:, None]
             r = np.where(edge[:, None] | (r * r < CLIP * self._variance()), r, 0.0)
             hessian = float((w * j * j).sum())
             if hessian <= 0:
