@@ -164,14 +164,22 @@ def _short(value: Any) -> str:
 
 def table_of(cls: type) -> list[dict[str, str]]:
     """Rows name, default, unit, allowed, meaning: the parameter table of help, `params` and the documentation."""
-    return [
-        {
-            "name": f.name,
-            "default": "required" if f.default is dataclasses.MISSING else repr(f.default),
-            "unit": f.metadata["unit"],
-            "allowed": allowed(f.metadata) if type_of(cls, f.name)[0] is not bool else "true, false",
-            "meaning": f.metadata["meaning"],
-        }
-        for f in dataclasses.fields(cls)
-        if f.metadata
-    ]
+    rows = []
+    for f in dataclasses.fields(cls):
+        hint, _ = type_of(cls, f.name)
+        base = get_origin(hint) or hint
+        if not f.metadata or dataclasses.is_dataclass(base):
+            continue
+        m = f.metadata
+        words = {bool: "true, false", str: "text", tuple: "list"}
+        unbounded = not m["choices"] and math.isinf(m["lo"]) and math.isinf(m["hi"])
+        rows.append(
+            {
+                "name": f.name,
+                "default": "required" if f.default is dataclasses.MISSING else "" if f.default in (None, "", ()) else str(f.default),
+                "unit": m["unit"],
+                "allowed": words.get(base, "number") if unbounded else allowed(m).removesuffix(f" {m['unit']}"),
+                "meaning": m["meaning"],
+            }
+        )
+    return rows

@@ -19,17 +19,17 @@ from jumpvision.physics.terms import STATE, STATIC, TERMS
 from jumpvision.schema import InputError
 
 FIELDS = ModelParameters.__dataclass_fields__
-ROBOT = dict(
-    motor_mass=1.125,
-    rod_mass=0.175,
-    foot_mass=0.04,
-    spring_stiffness=3300.0,
-    spring_damping=1.2,
-    gravity=9.81,
-    foot_radius=0.0381,
-    volume_fraction=0.57,
-    grain_density=1000.0,
-)
+ROBOT = {
+    "motor_mass": 1.125,
+    "rod_mass": 0.175,
+    "foot_mass": 0.04,
+    "spring_stiffness": 3300.0,
+    "spring_damping": 1.2,
+    "gravity": 9.81,
+    "foot_radius": 0.0381,
+    "volume_fraction": 0.57,
+    "grain_density": 1000.0,
+}
 
 
 def unit_of(name):
@@ -104,7 +104,9 @@ def test_cone_is_the_integral_of_its_faces():
 
 
 def parameters(**changes):
-    return ModelParameters(**{**dict(k1=2100.0, k2=1200.0, delta=0.012, alpha=73.0, b=17.2, C=2.7, mu=2.0), **changes})
+    return ModelParameters(
+        **{"k1": 2100.0, "k2": 1200.0, "delta": 0.012, "alpha": 73.0, "b": 17.2, "C": 2.7, "mu": 2.0, **changes}
+    )
 
 
 @pytest.mark.parametrize(
@@ -153,7 +155,9 @@ def test_model_accepts_and_corrects():
 def test_forces_on_a_track(static):
     """Each law by name on arrays: the sum over a model is the sum of its laws; a missing symbol is named."""
     p = parameters(k=2000.0, sigma_cone=3e5)
-    model = Model("granular", (static, "depth_drag", "added_mass", "payload"), ModelParameters(**{**vars(p), "dm": 0.1}), **ROBOT)
+    model = Model(
+        "granular", (static, "depth_drag", "added_mass", "payload"), ModelParameters(**{**vars(p), "dm": 0.1}), **ROBOT
+    )
     z, v, a = np.linspace(0, 0.04, 9), np.linspace(-1, 0, 9), np.linspace(5, -5, 9)
     found = model.forces(z=z, v=v, a=a)
     assert list(found) == [static, "depth_drag", "added_mass"]

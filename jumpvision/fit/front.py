@@ -42,9 +42,8 @@ def jammed_thickness(z: ArrayLike, speed: ArrayLike, sigma: ArrayLike, *, thresh
 
     Fitted is a plateau followed by an exponential, V for z < z0 and V exp(-(z - z0)/L) below, over the depths above
     which the smoothed speed exceeds half its maximum: the largest speed is the plateau of all vectors, not the noisiest
-    one, and the crossing z0 + L ln(1/threshold) falls between vectors. A front that is nowhere steeper than the grid
-    resolves keeps z0 near 0; z0 < 0 (no plateau, speed falling from the face on) is allowed as long as the crossing is
-    below the face, and gives the speed at the face as the maximum.
+    one, and the crossing z0 + L ln(1/threshold) falls between vectors. Where the data show no plateau (z0 above the first
+    vector) the exponential starts at the face and its value there is the largest speed.
     """
     z, speed, sigma = checked("jammed_thickness", z=z, speed=speed, sigma=sigma)
     checked_sigma("jammed_thickness", sigma)
@@ -78,10 +77,9 @@ def jammed_thickness(z: ArrayLike, speed: ArrayLike, sigma: ArrayLike, *, thresh
             [top, z0, max(0.7 * (zl[-1] - z0), step)],
             scale=[float(np.median(el)), step, fall],
         )
-        if fit is not None and fit[0][2] > 0.0 and (best is None or fit[2] < best[2]):
+        if fit is not None and fit[0][2] > 0.0 and fit[0][1] > zl[0] and (best is None or fit[2] < best[2]):
             best = fit
-    if best is None:
-        # a corner above the first vector leaves V and z0 inseparable: a pure exponential from the face on
+    if best is None:  # a corner above the first vector leaves V and z0 inseparable: falling from the face on
         best = _from_the_face(zl, vl, el, top, fall)
     if best is None:
         return _none(end, "the front could not be fitted")

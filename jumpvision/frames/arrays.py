@@ -66,7 +66,7 @@ def npy_header(path: Path, file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dt
         version = np.lib.format.read_magic(start)
         read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
         shape, fortran, dtype = read(start)
-    except (ValueError, KeyError, TypeError, SyntaxError, MemoryError, RecursionError, OverflowError) as error:
+    except Exception as error:  # the text of the header is parsed as Python literals, which fails in many ways
         raise FrameError(f"{path}: not a .npy array (or damaged): {error}; save it with numpy.save") from error
     file.seek(start.tell())
     if dtype.hasobject or any(k < 0 for k in shape):

@@ -94,7 +94,7 @@ def clock(
     stamps: NDArray[np.float64] | None = None,
     positions: NDArray[np.float64] | None = None,
 ) -> Clock:
-    """Times of n frames [s]: `start` plus the file's `stamps` (relative to its first frame) [s], else positions/frame_rate.
+    """Times of n frames [s]: `start` plus the file's `stamps` (from its first frame) [s], else positions / frame_rate.
 
     frame_rate: declared [Hz] or None. positions: (n,) frame numbers where some are missing, default 0 .. n-1.
     The file's stamps win over a declared rate unless they do not increase. Raises FrameError when there is no clock.

@@ -1,7 +1,7 @@
 """Phantom films (.cine): headers, tagged blocks with per-frame times and exposures, then the frames.
 
 Layout after Vision Research's description of the cine file format; everything little endian. File header at 0: type
-"CI", 24 first image number, 20 image count, 24-36 offsets of the bitmap header, the setup and the table of frame offsets.
+"CI", 16 first image number, 20 image count, 24, 28, 32 offsets of the bitmap header, the setup, the frame offsets.
 """
 
 from __future__ import annotations
@@ -75,12 +75,12 @@ class CineFilm(Film):
         colour = entry(setup, CFA) & 0xFF
         if compression != 0 or colour:
             raise FrameError(
-                f"{path}: compression {compression}, colour filter {colour}; allowed: 0 and 0; save it as uncompressed grey"
+                f"{path}: compression {compression}, colour filter {colour}; allowed: 0, 0; save it as plain grey"
             )
         self._bits = {(0, 8): 8, (0, 16): 16, (PACKED_10, 16): 10, (PACKED_12, 16): 12}.get((packing, bit_count), 0)
         if not self._bits:
             raise FrameError(
-                f"{path}: {bit_count} bits a pixel packed as {packing}; allowed: 8 or 16 bits, packed 10 or 12 bits (grey)"
+                f"{path}: {bit_count} bits a pixel packed as {packing}; allowed: grey of 8 or 16 bits, or packed 10, 12"
             )
         # Plain bitmaps have their bottom row first, unless the height is negative; packed ones are stored top down.
         self._flip = packing == 0 and signed_height > 0
@@ -152,7 +152,7 @@ def entry(setup: bytes, at: int) -> int:
 
 
 def pixel_offsets(file: BinaryIO, offsets: NDArray[np.int64], nbytes: int, size: int) -> NDArray[np.int64]:
-    """Where the pixels of each frame begin, 0 where the frame is not whole. A frame: annotation, its last 4 bytes the size."""
+    """Where each frame's pixels begin, 0 where it is not whole. An annotation precedes them, ending in their size."""
     begin = np.zeros(len(offsets), np.int64)
     for i, at in enumerate(offsets.tolist()):
         if not 44 <= at <= size - 8 - nbytes:

@@ -22,9 +22,9 @@ class ImageFilm(Film):
         self, path: Path, *, files: Sequence[Path] | None = None, frame_rate: float | None, start: float
     ) -> None:
         self._files = list(files or [path])
+        sizes = [image_size(file) for file in self._files]  # before a pixel is decoded: a damaged size is refused here
         first = read_image(self._files[0])
-        for file in self._files:
-            size = image_size(file)
+        for file, size in zip(self._files, sizes):
             if size != first.shape:
                 raise FrameError(
                     f"{file}: {size[0]} x {size[1]} pixels, but {self._files[0].name} has {first.shape[0]} x "
@@ -59,7 +59,7 @@ def natural(path: Path) -> list[str | int]:
 
 
 def image_files(path: Path) -> list[Path]:
-    """The images of a folder or pattern in natural order. Raises FrameError for none, or a folder of several formats."""
+    """The images of a folder or pattern in natural order. Raises FrameError for none or a mixed folder."""
     if path.is_dir():
         files = [
             f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith(".") and f.is_file()

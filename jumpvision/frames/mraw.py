@@ -71,7 +71,7 @@ class MrawFilm(Film):
             warnings.append(
                 f"{raw}: only every {skip:g}th frame was saved: {rate:g} Hz recorded, {rate / skip:g} Hz in the file"
             )
-        stamps = np.arange(n) * (skip / rate) if rate > 0 else None
+        stamps = np.arange(n, dtype=np.float64) * (skip / rate) if rate > 0 else None
         meta = {"format": "mraw", "bit_depth": min(depth, bits), "camera": h["camera"]}
         if rate > 0:
             meta |= {"recorded_rate_hz": rate, "skip_frames": skip}

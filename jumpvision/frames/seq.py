@@ -35,7 +35,7 @@ class SeqFilm(Film):
         compression = struct.unpack_from("<I", head, 620)[0]
         if kind != 100 or compression:
             raise FrameError(
-                f"{path}: image format {kind}, compression {compression}; allowed: 100 (grey) and 0; export it as raw grey"
+                f"{path}: image format {kind}, compression {compression}; allowed: 100 (grey), 0; export it as raw grey"
             )
         check_image(path, height, width)
         if bits not in (8, 16):

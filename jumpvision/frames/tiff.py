@@ -36,7 +36,7 @@ class TiffFilm(Film):
         size = path.stat().st_size
         try:
             page: Any = self._tiff.pages[0]
-            shape, dtype, axes = tuple(page.shape), page.dtype, page.axes
+            shape, dtype, axes = tuple(int(k) for k in page.shape), page.dtype, page.axes
             text = str(page.description)[:10_000]
             block = page.dataoffsets[0] if page.is_contiguous else 0
         except Exception as error:
@@ -54,7 +54,7 @@ class TiffFilm(Film):
         self._axes, self._page_shape, self._dtype = axes, shape, dtype
         self._nbytes = math.prod(shape) * dtype.itemsize
 
-        promised = described(text)
+        promised = described(text, math.prod(shape))
         self._block = 0
         whole = self._whole_pages(size)
         if whole == 1 and promised > 1 and block:
@@ -99,11 +99,10 @@ class TiffFilm(Film):
             if self._block:
                 file = self._tiff.filehandle
                 file.seek(self._block + i * self._nbytes)
-                data = file.read(self._nbytes)
-                image = np.frombuffer(data, self._dtype.newbyteorder(self._tiff.byteorder)).reshape(self._page_shape)
+                data = np.frombuffer(file.read(self._nbytes), self._dtype.newbyteorder(self._tiff.byteorder))
+                image = data.reshape(self._page_shape).copy()
             else:
-                page: Any = self._tiff.pages[i]
-                image = page.asarray()
+                image = self._decode(self._tiff.pages[i], i)
         except Exception as error:
             raise FrameError(
                 f"{self.path}: page {i} cannot be decoded: {error}; save it uncompressed or copy it again"
@@ -112,16 +111,33 @@ class TiffFilm(Film):
             image = np.moveaxis(image, 0, -1)
         return single_channel(image, f"{self.path}, page {i}")
 
+    def _decode(self, page: Any, i: int) -> Any:
+        try:
+            return page.asarray()
+        except ValueError as error:
+            if "imagecodecs" not in str(error):
+                raise
+        # LZW and JPEG pages need a codec library that OpenCV has built in.
+        import cv2
+
+        _, images = cv2.imreadmulti(str(self.path), i, 1, flags=cv2.IMREAD_UNCHANGED)
+        if len(images) != 1 or images[0].dtype != self._dtype or images[0].shape[:2] != self.shape:
+            raise ValueError(f"compression {page.compression!r} is not supported for {self._dtype}")
+        image = images[0]
+        if image.ndim == 3:
+            image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]  # OpenCV's order is blue first
+        return image if self._axes != "SYX" else np.moveaxis(image, -1, 0)
+
     def close(self) -> None:
         self._tiff.close()
 
 
-def described(text: str) -> int:
-    """Number of frames that the description names (ImageJ's `images=`, tifffile's `"shape"`), 0 if none."""
+def described(text: str, page: int) -> int:
+    """Number of frames of `page` values by the description (ImageJ's `images=`, tifffile's `"shape"`), else 0."""
     if match := re.search(r"^images=(\d{1,9})$", text, re.MULTILINE):
         return int(match[1])
     try:
-        shape = json.loads(text)["shape"]
-        return int(shape[0]) if len(shape) in (3, 4) else 0
-    except (ValueError, KeyError, TypeError, IndexError):
+        values = math.prod(int(k) for k in json.loads(text)["shape"])
+    except (ValueError, KeyError, TypeError):
         return 0
+    return values // page if values > 0 and values % page == 0 else 0

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jumpvision.frames.base import Film, FrameError, Image, clock
-from jumpvision.frames.videofile import decode_steps, open_video
+from jumpvision.frames.videofile import Step, decode_steps, open_video
 from jumpvision.frames.videogrey import grey, grey_type
 from jumpvision.frames.videoscan import scan_film, shortfall, timeline
 
@@ -37,8 +37,9 @@ class VideoFilm(Film):
         line = timeline(path, scan)
         self._ordinal = line.ordinal
         self._pts = [scan.frame_pts[k] for k in line.ordinal]
-        stamps = {p for p in scan.frame_pts if p is not None}
-        self._seekable = len(stamps) == len(scan.frame_pts)  # a stamp names one frame
+        # Seeking needs stamps that name one frame, and the place of each packet: a damaged index leads elsewhere.
+        self._seekable = None not in scan.frame_pts and len(set(scan.frame_pts)) == len(scan.frame_pts)
+        self._place = dict(zip(scan.pts, scan.place))
         self._keys = np.array([i for i, k in enumerate(line.ordinal) if scan.frame_key[k]], dtype=np.int64)
 
         warnings = []
@@ -68,15 +69,14 @@ class VideoFilm(Film):
         )
         self._kept: OrderedDict[int, Image] = OrderedDict()
         self._container: Any = None
+        self._frames: Iterator[Any]
         self._restart()
 
-    def _restart(self, pts: int | None = None) -> None:
-        """Decoding begins anew at the film's first packet, or before the key frame with this time stamp."""
+    def _restart(self) -> None:
+        """Decoding begins anew at the film's first packet."""
         self.close()
-        self._container, stream = open_video(self.path, self._threads)
-        if pts is not None:
-            self._container.seek(pts, stream=stream)
-        self._frames: Iterator[Any] = (f for step in decode_steps(self._container, stream) for f in step.frames)
+        self._container, self._stream = open_video(self.path, self._threads)
+        self._frames = flow(decode_steps(self._container, self._stream))
         self._next = 0  # ordinal of the frame that comes next
 
     def _read(self, i: int) -> Image:
@@ -94,27 +94,45 @@ class VideoFilm(Film):
         k = int(np.searchsorted(self._keys, i, side="right")) - 1
         key = int(self._keys[k]) if k >= 0 else 0  # film frame to begin at; 0: the film's start
         on = self._next <= target and (target < self._next + AHEAD or int(self._ordinal[key]) <= self._next)
-        if not on and not (self._seekable and key > 0 and self._seek(key)):
-            self._restart()
+        if on or (self._seekable and key > 0 and self._seek(key)):
+            frame = self._forward(target)
+            if frame is not None and (not self._seekable or frame.pts == self._pts[i]):
+                return grey(frame)
+        self._restart()
+        frame = self._forward(target)
+        if frame is None or (self._seekable and frame.pts != self._pts[i]):
+            raise FrameError(f"{self.path}: frame {i} cannot be decoded again; was the file changed? open it again")
+        return grey(frame)
+
+    def _forward(self, target: int) -> Any:
+        """The decoded frame of this ordinal, None beyond the end."""
         for frame in self._frames:
             self._next += 1
-            if self._next - 1 == target:
-                if self._seekable and frame.pts != self._pts[i]:
-                    break
-                return grey(frame)
-        raise FrameError(f"{self.path}: frame {i} cannot be decoded again; was the file changed? open it again")
+            if self._next > target:
+                return frame
+        return None
 
     def _seek(self, key: int) -> bool:
-        """Stands before key frame `key`, if the container lets it be found; pictures before it are not trusted."""
-        self._restart(self._pts[key])
-        for frame in self._frames:
-            if frame.pts == self._pts[key]:
-                self._frames = chain([frame], self._frames)
-                self._next = int(self._ordinal[key])
-                return True
+        """Stands before film frame `key`, if the container leads there; pictures decoded before it are not trusted."""
+        self._restart()
+        pts = self._pts[key]
+        self._container.seek(pts, stream=self._stream)
+        steps = decode_steps(self._container, self._stream)
+        for step in steps:
+            if step.packet is not None and step.packet.pts == pts and step.packet.pos != self._place.get(pts):
+                return False
+            for k, frame in enumerate(step.frames):
+                if frame.pts == pts:
+                    self._frames = chain(step.frames[k:], flow(steps))
+                    self._next = int(self._ordinal[key])
+                    return True
         return False
 
     def close(self) -> None:
         if getattr(self, "_container", None) is not None:
             self._container.close()
         self._container = None
+
+
+def flow(steps: Iterator[Step]) -> Iterator[Any]:
+    return (frame for step in steps for frame in step.frames)

@@ -34,6 +34,7 @@ class Scan:
     pts: list[int] = field(default_factory=list)
     dts: list[int] = field(default_factory=list)
     key: list[bool] = field(default_factory=list)
+    place: list[int | None] = field(default_factory=list)  # of packets in the file [bytes]
     broken: set[int] = field(default_factory=set)  # packets that cannot be decoded
     hidden: int = 0  # packets that an edit list hides
     frame_pts: list[int | None] = field(default_factory=list)
@@ -86,6 +87,7 @@ def add_packet(scan: Scan, packet: Any, failed: bool) -> None:
     scan.pts.append(pts if pts is not None else dts if dts is not None else last)
     scan.dts.append(dts if dts is not None else scan.pts[-1])
     scan.key.append(packet.is_keyframe)
+    scan.place.append(packet.pos)
 
 
 def add_frame(scan: Scan, frame: Any) -> None:

@@ -130,7 +130,7 @@ def foot_inertia(z: float, p: Any) -> float:
 @njit
 def rhs(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, ds: Array) -> float:
     """Writes ds/dt; returns F_s [N]."""
-    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
     force = spring_force(x_r, v_r, s, mode, p)
     ds[Y] = s[W]
     if slip == 0:
@@ -155,7 +155,7 @@ def rhs(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row:
 @njit
 def rail_force(t: float, s: Array, mode: int, kind: int, row: Array, p: Any) -> float:
     """Force the rail must give [N] to hold the carriage still."""
-    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, _, _, acceleration = rod(t, s, kind, row, p)
     return p.M * p.g - spring_force(x_r, v_r, s, mode, p) - p.m_r * acceleration
 
 
@@ -164,7 +164,7 @@ def guards(
     t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any
 ) -> tuple[float, float, float]:
     """Three functions that are positive while mode and slip last: leave the ground or air, yield or stop, rail."""
-    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
     first, second, third = 1.0, 1.0, 1.0
     if p.massless == 1:
         first = x_r if mode == AIR else -x_r
@@ -190,7 +190,7 @@ def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> 
     """Mode of a foot at rest on the ground: 0 <= push <= F_p holds it."""
     if p.massless == 1:
         return STUCK
-    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, _, _, _ = rod(t, s, kind, row, p)
     push = spring_force(x_r, v_r, s, STUCK, p) + p.m_f * p.g
     if push < -p.slack:
         return AIR

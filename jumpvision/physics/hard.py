@@ -34,6 +34,17 @@ RANGES = {
     "phases": ("rad", -math.inf, True),
 }
 
+RESULTS = (
+    "com_height_m",
+    "flight_height_m",
+    "jump_height_m",
+    "n_jumps",
+    "lift_off_s",
+    "peak_power_W",
+    "peak_force_N",
+    "peak_motor_speed",
+)
+
 
 @dataclass(frozen=True)
 class HardMotion:
@@ -157,8 +168,8 @@ def hard_sweep(
 
     laws: shape (..., r, 6), the rows of a forcing.Segments for every point. The other arguments, as in hard_jump,
     broadcast against (...). Returns arrays of shape (...): com_height_m, flight_height_m, jump_height_m, n_jumps,
-    lift_off_s (first lift-off after the start, NaN without one), peak_power_W, peak_force_N, peak_motor_speed as in HardMotion with
-    t_end beyond the first landing of a free flight. ValueError for a bad argument.
+    lift_off_s (first lift-off after the start, NaN without one), peak_power_W, peak_force_N, peak_motor_speed, as in
+    HardMotion with t_end beyond the first landing of a free flight. ValueError for a bad argument.
     """
     laws = np.asarray(laws, dtype=float)
     if laws.ndim < 2 or laws.shape[-1] != 6 or laws.shape[-2] == 0:
@@ -175,13 +186,11 @@ def hard_sweep(
     for name, value in values.items():
         _check(name, value)
     shape = np.broadcast_shapes(laws.shape[:-2], *(np.shape(v) for v in values.values()))
-    flat = [np.ascontiguousarray(np.broadcast_to(np.asarray(v, float), shape)).ravel() for v in values.values()]
+    robots = np.stack([np.broadcast_to(np.asarray(v, float), shape).ravel() for v in values.values()])
     rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
-    out = np.empty((8, rows.shape[0]))
-    _sweep(np.ascontiguousarray(rows), *flat, out)
-    names = ("com_height_m", "flight_height_m", "jump_height_m", "n_jumps", "lift_off_s")
-    names += ("peak_power_W", "peak_force_N", "peak_motor_speed")
-    result: dict[str, NDArray] = {name: column.reshape(shape) for name, column in zip(names, out)}
+    out = np.empty((len(RESULTS), rows.shape[0]))
+    _sweep(np.ascontiguousarray(rows), robots, out)
+    result: dict[str, NDArray] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result
 
@@ -262,7 +271,9 @@ def _pieces(forcing: Forcing) -> Array:
         out = np.zeros((len(rows), 9))
         out[:, [0, 1, 2, 6, 7, 8]] = rows
     else:
-        if not (np.isfinite(forcing.c).all() and np.isfinite(forcing.knots).all() and (np.diff(forcing.knots) > 0).all()):
+        if not (
+            np.isfinite(forcing.c).all() and np.isfinite(forcing.knots).all() and np.all(np.diff(forcing.knots) > 0)
+        ):
             raise ValueError("forcing: the spline must be finite, its knots increasing")
         out = np.zeros((forcing.c.shape[1], 9))
         out[:, 0], out[:, 1] = forcing.knots[:-1], forcing.knots[1:]
@@ -281,7 +292,7 @@ def _peak_speed(pieces: NDArray) -> float:
         peak = max(peak, abs(motor(p, 0.0)[1]), abs(motor(p, length)[1]))
         if math.floor((p[7] * length + p[8]) / math.pi) >= math.ceil(p[8] / math.pi):  # |cos| = 1 inside
             peak = max(peak, p[6] * p[7])
-        if p[5] != 0.0 and 0.0 < -p[4] < 3.0 * p[5] * length or 0.0 > -p[4] > 3.0 * p[5] * length:
+        if p[5] != 0.0 and 0.0 < -p[4] / (3.0 * p[5]) < length:  # a crest of the parabola
             peak = max(peak, abs(p[3] - p[4] * p[4] / (3.0 * p[5])))
     return peak
 
@@ -305,28 +316,17 @@ def _sample(
 
 
 @nb.njit(cache=True, parallel=True)
-def _sweep(
-    laws: NDArray,
-    motor_mass: NDArray,
-    rod_mass: NDArray,
-    stiffness: NDArray,
-    damping: NDArray,
-    gravity: NDArray,
-    landing_loss: NDArray,
-    out: NDArray,
-) -> None:
-    """hard_sweep, flat: laws (n, r, 6), parameters (n,), out (8, n)."""
+def _sweep(laws: NDArray, robots: NDArray, out: NDArray) -> None:
+    """hard_sweep, flat: laws (n, r, 6), robots (6, n) in the order of its arguments, out (8, n) as RESULTS."""
     for i in nb.prange(laws.shape[0]):
+        motor_mass, rod_mass, k, c, g, loss = robots[:, i]
+        mass = motor_mass + rod_mass
         pieces = np.zeros((laws.shape[1], 9))
-        for j in range(laws.shape[1]):
-            pieces[j, :3] = laws[i, j, :3]
-            pieces[j, 6:] = laws[i, j, 3:]
+        pieces[:, :3], pieces[:, 6:] = laws[i, :, :3], laws[i, :, 3:]
         none = np.empty((0, 2))
-        mass, g = motor_mass[i] + rod_mass[i], gravity[i]
-        keep = math.sqrt(1.0 - landing_loss[i])
         _, _, n_jumps, first, com, rod, longest, power, force, _ = simulate(
-            pieces, motor_mass[i] / mass, g, stiffness[i] / mass, 0.5 * damping[i] / mass, keep, math.inf, none, none
+            pieces, motor_mass / mass, g, k / mass, 0.5 * c / mass, math.sqrt(1.0 - loss), math.inf, none, none
         )
         out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
-        out[4, i], out[5, i], out[6, i] = first - laws[i, 0, 0], motor_mass[i] * power, motor_mass[i] * force
+        out[4, i], out[5, i], out[6, i] = first - laws[i, 0, 0], motor_mass * power, motor_mass * force
         out[7, i] = _peak_speed(pieces)

@@ -1,7 +1,7 @@
 """One smooth arc of the hard-ground jumper in closed form: the linear flow between two events.
 
-x = x_r [m] is the height of the rod above the relaxed spring; X = X_m the motor's position relative to it. With
-q = m_m/M, grounded: x'' + 2 gamma x' + w0^2 x = u, in the air: x'' = u, and u = -g - q X'' (PHYSICS.md section 1, m_f = 0).
+x = x_r [m] is the height of the rod above the relaxed spring, X = X_m the motor's position relative to it. With
+q = m_m/M (PHYSICS.md section 1, m_f = 0), grounded: x'' + 2 gamma x' + w0^2 x = u, in the air: x'' = u; u = -g - q X''.
 On an arc X = d0 + d1 s + d2 s^2 + d3 s^3 + A sin(omega s + phase), s [s] from the arc's start, so that
 x = p0 + p1 s + p2 s^2 + p3 s^3 + Ps sin(omega s + phase) + Pc cos(omega s + phase) + exp(-gamma s) (a C(s) + b S(s)).
 
@@ -22,14 +22,23 @@ AIR, UNDER, OVER, RESONANT = 0.0, 1.0, 2.0, 3.0
 ARC_SIZE = 20
 KIND, W2, GAMMA, OMEGA_D, P0, P1, P2, P3, PS, PC, HA, HB, D0, D1, D2, D3, AMP, OMEGA, PHASE, JERK = range(ARC_SIZE)
 
-# Nearer to resonance than this (|i omega - lambda| / w0, undamped springs only) the particular solution would cancel
-# against the homogeneous one to worse than 1e-10 of itself; the RESONANT form does not.
-NEAR = 1e-6
+# Nearer to resonance than this (|i omega - lambda| / w0: springs almost undamped) the particular solution grows as the
+# inverse and cancels against the homogeneous one; the RESONANT form has no such difference.
+NEAR = 1e-3
 
 
 @nb.njit(cache=True)
 def make_arc(
-    grounded: bool, piece: NDArray, tau: float, length: float, x: float, v: float, q: float, g: float, w2: float, gam: float
+    grounded: bool,
+    piece: NDArray,
+    tau: float,
+    length: float,
+    x: float,
+    v: float,
+    q: float,
+    g: float,
+    w2: float,
+    gam: float,
 ) -> Arc:
     """The arc that leaves (x [m], v [m/s]) at time tau into a forcing piece and lasts at most `length` [s].
 
@@ -89,7 +98,11 @@ def _resonant(arc: Arc, s: float) -> tuple[float, float]:
     lam, iom = complex(-arc[GAMMA], arc[OMEGA_D]), complex(0.0, arc[OMEGA])
     turn, grow = cmath.exp(complex(0.0, arc[PHASE])), cmath.exp(lam * s)
     z = (iom - lam) * s
-    near = grow * s * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))
+    near = grow * s
+    if z != 0.0:  # times (exp(z) - 1) / z
+        rise, half = math.expm1(z.real), math.sin(0.5 * z.imag)
+        cos = 1.0 - 2.0 * half * half
+        near *= complex(rise * cos - 2.0 * half * half, (rise + 1.0) * math.sin(z.imag)) / z
     far = (cmath.exp(-iom * s) - grow) / (-iom - lam)
     eta = arc[PS] / 2j * (turn * near - turn.conjugate() * far)
     x = eta.imag / arc[OMEGA_D]

@@ -1,13 +1,14 @@
 """From arc to arc: the exact events of the hard-ground jumper and what is counted on the way.
 
-Lift-off and touchdown are found by steps that cannot pass a root: with f <= 0 and |f'''| <= J on the arc, f stays below
-the cubic f + f' h + f'' h^2/2 + J h^3/6, so a step to the first positive root of that cubic is safe; near a simple root
-the steps converge with third order. No contact is missed, however short, down to rounding (about 1e-18 m here).
+Lift-off and touchdown are found by steps that cannot pass a root: with f <= 0 and |f'''| <= J on the arc, f stays
+below the cubic f + f' h + f'' h^2/2 + J h^3/6, so a step to the first positive root of that cubic is safe, and near a
+simple root the steps converge with third order. No contact is missed, however short, down to rounding (about 1e-18 m
+here). Maxima between steps are the changes of sign of a rate, refined to rounding.
 
-Zeno: with a massless foot there is no accumulation of contacts in finite time (velocity is continuous but for the loss at
-touchdown, which never turns it round, and the acceleration is bounded), so nothing has to be stopped. Contacts are lost
-and regained at grazing speed, though: a flight that leaves AND lands slower than GRAZE (it rises less than about 1e-12 m)
-is integrated like any other, but not counted as a jump.
+Zeno: with a massless foot contacts do not accumulate in finite time: the acceleration is bounded, the velocity
+continuous but for the loss at touchdown, which never turns it round. Nothing has to be stopped. But contacts are lost
+and regained at grazing speed: a flight that leaves AND lands slower than GRAZE (it rises less than 1e-12 m at 1 m/s^2)
+is integrated like any other, but not counted and not listed.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from jumpvision.physics.hard_arc import (
 )
 
 GRAZE = 1e-6  # m/s
-STRIDE = 0.7  # rad of the fastest oscillation in a step: extrema between steps show as a change of sign of the rate
+STRIDE = 1.0  # rad of the fastest oscillation in a step: extrema between steps show as a change of sign of the rate
 ROUNDING = 1e-15
 SETTLED_RISE = 1e-10  # m
 HEIGHT, FORCE, POWER = 0, 1, 2
@@ -95,14 +96,16 @@ def top(
     """The greater of best and the maximum of a quantity on a step; ends: value and rate at lo, then at hi."""
     y0, r0, y1, r1 = ends
     best = max(best, y1)
-    if r0 <= 0.0 or r1 >= 0.0 or max(y0, y1) + (hi - lo) * (r0 - r1) <= best:
+    if r0 <= 0.0 or r1 >= 0.0:
+        return best
+    if max(y0, y1) + (hi - lo) * max(r0, -r1) ** 2 / (r0 - r1) <= best:  # twice the rise under a straight rate
         return best
     a, b, fa, fb, side = lo, hi, r0, r1, 0
     for _ in range(60):  # regula falsi after Illinois
         m = (a * fb - b * fa) / (fb - fa)
         y, r = quantity(arc, m, which, q, g)
         best = max(best, y)
-        if abs(r) <= 1e-8 * (r0 - r1):  # the value is then right to 1e-16 of its rise
+        if abs(r) <= 1e-7 * (r0 - r1):  # the value is then right to 1e-14 of its rise
             break
         if r > 0.0:
             a, fa = m, r
@@ -138,8 +141,8 @@ def follow(
     best[HEIGHT] = max(best[HEIGHT], y)
     if up and not moving:  # a parabola
         s = min((v + math.sqrt(v * v + 2.0 * g * max(x, 0.0))) / g, left)
-        if 0.0 < v < g * s:
-            best[HEIGHT] = max(best[HEIGHT], y + 0.5 * v * v / g)
+        rise = max(min(v / g, s), 0.0)
+        best[HEIGHT] = max(best[HEIGHT], y + rise * (v - 0.5 * g * rise))
         return s, (END if s == left else CROSSING), x + s * (v - 0.5 * g * s), v - g * s
     f_m, f_r = a + ma + g, (1.0 - q) * mj - 2.0 * arc[GAMMA] * a - arc[W2] * v
     if moving:
@@ -182,16 +185,24 @@ def motor(piece: NDArray, tau: float) -> tuple[float, float, float]:
 
 @nb.njit(cache=True)
 def simulate(
-    pieces: NDArray, q: float, g: float, w2: float, gam: float, keep: float, t_end: float, rows: NDArray, flights: NDArray
+    pieces: NDArray,
+    q: float,
+    g: float,
+    w2: float,
+    gam: float,
+    keep: float,
+    t_end: float,
+    rows: NDArray,
+    flights: NDArray,
 ) -> tuple[int, int, int, float, float, float, float, float, float, bool]:
     """One jump from rest.
 
-    pieces: (n, 9) forcing rows of hard_arc.make_arc. keep: sqrt(1 - e). t_end [s]: not before the forcing ends; inf stops
-    after the first flight that begins after it has landed, or when none can follow. rows (m, 2 + ARC_SIZE): start, end
-    and fields of the arcs; flights (m, 2): lift-off and landing [s]; both are filled as far as they go.
+    pieces: (n, 9) forcing rows of hard_arc.make_arc. keep: sqrt(1 - e). t_end [s]: not before the forcing ends; inf:
+    the landing of the first flight that begins after the forcing, or when none can follow. rows (m, 2 + ARC_SIZE):
+    start, end and fields of the arcs; flights (m, 2): lift-off and landing [s]; both are filled as far as they go.
 
     Returns the numbers of arcs, of flights and of jumps (flights up to the first that ends after the forcing), the
-    first lift-off [s] (NaN if none), the greatest y - y_rest and the greatest x_r + M g/k after the forcing [m], the
+    first lift-off [s] (NaN if none), the greatest y - y_rest and, after the forcing, x_r + M g/k [m], the
     duration of the longest flight that ends after the forcing [s], the peaks of F_m/m_m and F_m X_m'/m_m during the
     forcing, and whether the robot is in the air at the end.
     """

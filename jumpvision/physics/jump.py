@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,16 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from jumpvision.physics import cone, events, forcing, granular, runge_kutta, scalar, terms
+from jumpvision.physics import cone, events, forcing, granular, linear_flow, runge_kutta, scalar, terms
 from jumpvision.physics.forcing import Forcing, Segments
 from jumpvision.physics.model import Model
+from jumpvision.physics.parameters import MECHANISMS
 
 Array = NDArray[np.float64]
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 MODES = ("air", "rest", "intrude")
+OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
 EVENT = np.dtype([("time", float), ("kind", "U10")])
 
 
@@ -95,9 +98,10 @@ def simulate(
     named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:n]], dtype=EVENT)
     flights = _flights(named)
     landed = (flights[:, 1] - flights[:, 0])[flights[:, 1] > stop]
+    column: dict[str, Any] = dict(zip(OUTPUTS, np.ascontiguousarray(out.T)))
     return Motion(
-        t,
-        *(np.ascontiguousarray(column) for column in out.T),
+        t=t,
+        **column,
         mode=modes,
         events=named,
         flights=flights,
@@ -133,10 +137,12 @@ def pack(model: Model) -> NDArray[Any]:
     for name in ("m_m", "M", "m_f", "k_s", "c_s", "g"):
         out[name] = getattr(model, name)
     out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
-    out["R"], out["phi"], out["rho"] = model.foot_radius or 0.0, model.volume_fraction or 0.0, model.grain_density or 0.0
+    out["R"], out["phi"], out["rho"] = (
+        model.foot_radius or 0.0,
+        model.volume_fraction or 0.0,
+        model.grain_density or 0.0,
+    )
     out["lam"], out["factor"] = 1.0, 1.0
-    from jumpvision.physics.parameters import MECHANISMS
-
     for mechanism in model.terms:
         for name in MECHANISMS[mechanism].parameters:
             if name == "C" and mechanism == "depth_drag":
@@ -150,10 +156,13 @@ def equilibrium(model: Model) -> tuple[float, float]:
     """x_r, x_f [m] of the robot at rest: M g on the spring, (M + m_f) g on the ground."""
     weight = model.M * model.g
     k_3 = (model.parameters.k_3 or 0.0) if "spring_hardening" in model else 0.0
-    squeeze = brentq(lambda e: model.k_s * e + k_3 * e**3 - weight, 0.0, weight / model.k_s, xtol=1e-16, rtol=1e-15)
+    squeeze = brentq(
+        lambda e: model.k_s * e + k_3 * e**3 - weight, 0.0, 1.001 * weight / model.k_s, xtol=1e-16, rtol=1e-15
+    )
     if model.ground == "hard":
         return -squeeze, 0.0
-    constants, load = pack(model).view(np.recarray)[0], weight + model.m_f * model.g
+    constants = SimpleNamespace(**dict(zip(granular.CONSTANTS.names or (), pack(model)[0].item())))
+    load = weight + model.m_f * model.g
 
     def excess(z: float) -> float:
         return float(granular.static_force.py_func(z, 0.0, 0.0, constants)) - load
@@ -196,8 +205,8 @@ def _flights(named: NDArray[Any]) -> Array:
 
 @functools.cache
 def _compiled() -> Callable[..., Any]:
-    """`events.run` compiled. Numba's cache sees changes of one file only: the digest of all of them is part of its key."""
-    parts = (cone, events, forcing, granular, runge_kutta, scalar, terms)
+    """`events.run` compiled. Numba's cache sees changes of one file: the digest of all of them is part of its key."""
+    parts = (cone, events, forcing, granular, linear_flow, runge_kutta, scalar, terms)
     digest = hashlib.sha256(b"".join(Path(str(m.__file__)).read_bytes() for m in parts)).hexdigest()
     return _with_key(digest)
 
@@ -210,4 +219,4 @@ def _with_key(digest: str) -> Callable[..., Any]:
         digest  # noqa: B018
         return events.run(constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step)
 
-    return solve  # type: ignore[no-any-return]
+    return solve

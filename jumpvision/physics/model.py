@@ -174,7 +174,9 @@ class Model:
 
     def __str__(self) -> str:
         minus = [f" - {_EQUATION[t]}" for t in self.terms if t.endswith("_friction")]
-        spring = "F_s = -k stretch - c stretch'" + (f" - {_EQUATION['spring_hardening']}" if "spring_hardening" in self else "")
+        spring = "F_s = -k stretch - c stretch'" + (
+            f" - {_EQUATION['spring_hardening']}" if "spring_hardening" in self else ""
+        )
         lines = [f"{self.ground} ground", f"  M y'' = -M g + F_s{''.join(minus)}", f"  {spring},  stretch = x_r - x_f"]
         if self.ground == "granular":
             over = [t for t in self.terms if t.endswith("_overshoot")]
@@ -187,9 +189,10 @@ class Model:
             f"  m_m = {self.m_m:g} kg, m_r = {self.rod_mass:g} kg, m_f = {self.m_f:g} kg, k = {self.k_s:g} N/m, "
             f"c = {self.c_s:g} N s/m, g = {self.g:g} m/s^2"
         )
+        fields = ModelParameters.__dataclass_fields__
         for t in self.terms:
             values = ", ".join(
-                f"{n} = {getattr(self.parameters, n):g} {ModelParameters.__dataclass_fields__[n].metadata['unit']}".strip()
+                f"{n} = {getattr(self.parameters, n):g} {fields[n].metadata['unit']}".strip()
                 for n in MECHANISMS[t].parameters
             )
             lines.append(f"  {t}: {values}")

@@ -6,6 +6,7 @@ Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19; the fourth-order interpo
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -77,8 +78,9 @@ def step(
             total += ERROR[m] * slopes[m, j]
         size = max(abs(s[j]), abs(s1[j]))
         error = abs(h * total) / (atol[j] + rtol * size)
-        if not error <= worst:  # also when it is NaN
-            worst = error
+        if not math.isfinite(error):
+            return math.inf
+        worst = max(worst, error)
     return worst
 
 

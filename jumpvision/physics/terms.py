@@ -32,32 +32,32 @@ STATE: dict[str, tuple[str, str]] = {
 """Symbol -> (unit, meaning) of what is not a model parameter."""
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def linear_penetration(xp: Any, z: Any, k: float) -> Any:
     """k z (15)."""
     return k * z
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def two_resistance(xp: Any, z: Any, k1: float, k2: float, delta: float) -> Any:
     """k1 z to the depth delta, k2 per metre below it."""
     return k1 * xp.minimum(z, delta) + k2 * xp.maximum(z - delta, 0.0)
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def rft_cone(xp: Any, z: Any, k1: float, sigma_cone: float, mu: float, theta: float, R: float) -> Any:
     """(k1 / pi R^2) int A_flat dz + sigma_z(30 deg, 90 deg) int A_cone dz: resistive force theory (26)-(28)."""
     flat = k1 * flat_volume(xp, z, mu, theta, R) / (math.pi * R * R)
     return flat + sigma_cone * cone_volume(xp, z, mu, theta, R)
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def inertial_drag(xp: Any, v: Any, alpha: float) -> Any:
     """alpha v^2 (15), momentum given to displaced grains."""
     return alpha * v * v
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def depth_drag(
     xp: Any, z: Any, v: Any, b: float, C: float, mu: float, theta: float, R: float, phi: float, rho: float
 ) -> Any:
@@ -65,45 +65,43 @@ def depth_drag(
     return b * cone_mass_slope(xp, z, C, mu, theta, R, phi, rho) * v * v
 
 
-@register_jitable  # type: ignore[untyped-decorator]
-def added_mass(
-    xp: Any, z: Any, a: Any, C: float, mu: float, theta: float, R: float, phi: float, rho: float
-) -> Any:
+@register_jitable
+def added_mass(xp: Any, z: Any, a: Any, C: float, mu: float, theta: float, R: float, phi: float, rho: float) -> Any:
     """-m_a(z) a (34), inertia of the jammed cone."""
     return -cone_mass(xp, z, C, mu, theta, R, phi, rho) * a
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def reintrusion_overshoot(xp: Any, z: Any, z_g: Any, s: float, lam: float) -> Any:
     """s z_g exp(-(z - z_g) / lambda) for z >= z_g after a lift-off at z_g."""
     return s * z_g * xp.exp(-(z - z_g) / lam)
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def stop_go_overshoot(xp: Any, z: Any, z_stop: Any, s_p: float, lam: float) -> Any:
     """s_p z_stop exp(-(z - z_stop) / lambda) after a pause at z_stop without lift-off: the law of a re-intrusion."""
     return reintrusion_overshoot(xp, z, z_stop, s_p, lam)
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def viscous_friction(xp: Any, v_m: Any, c_v: float) -> Any:
     """-c_v v_m, on the carriage."""
     return -c_v * v_m
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def coulomb_friction(xp: Any, v_m: Any, F_c: float) -> Any:
     """-F_c sign(v_m), on the carriage; at v_m = 0 the rail holds any force up to F_c (0 is returned)."""
     return F_c * (xp.where(v_m < 0.0, 1.0, 0.0) - xp.where(v_m > 0.0, 1.0, 0.0))
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def spring_hardening(xp: Any, stretch: Any, k_3: float) -> Any:
     """-k_3 stretch^3, on the rod."""
     return -k_3 * stretch * stretch * stretch
 
 
-@register_jitable  # type: ignore[untyped-decorator]
+@register_jitable
 def spring(stretch: Any, stretch_rate: Any, k_s: float, c_s: float) -> Any:
     """-k_s stretch - c_s stretch', on the rod (always there: not a named mechanism)."""
     return -k_s * stretch - c_s * stretch_rate

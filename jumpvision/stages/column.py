@@ -48,9 +48,10 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
             "speed_sigma": (("y", "t"), sigma, {"units": "m/s"}),
             **over_t,
             "foot_depth": flow.field.foot_depth,
+            "foot_speed": flow.field.foot_speed,
         },
         coords={"y": near.y, "t": near.t},
-        attrs={"front": p.front, "layer_m": p.layer, "half_width_m": p.half_width},
+        attrs={"front": p.front, "layer_m": p.layer, "half_width_m": p.half_width, "min_speed": flow.field.attrs["min_speed"]},
     )
     return Column(data)
 

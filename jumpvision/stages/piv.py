@@ -39,7 +39,7 @@ def piv(film: GrainVideo, robot: Robot | None, *, p: PivParams) -> Piv:
                 min_texture=p.min_texture, outlier=p.outlier,
             )
         )  # fmt: skip
-        data = as_dataset(fields, frames.time, film, p)
+        data = as_dataset(fields, frames.time, frames.shape, film, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, p)
     return Piv(data)
@@ -86,7 +86,9 @@ def foot_mask(
     return mask
 
 
-def as_dataset(fields: list[VectorField], time: Array, film: GrainVideo, p: PivParams) -> xr.Dataset:
+def as_dataset(
+    fields: list[VectorField], time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams
+) -> xr.Dataset:
     """pivpy schema 1 from pixel fields: y up, origin as in the contract, SI where the scale is known."""
     scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
     n = len(fields)
@@ -120,6 +122,7 @@ def as_dataset(fields: list[VectorField], time: Array, film: GrainVideo, p: PivP
             "delta_t": float(np.median(dt)), "files": [film.file], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
+            "image_rows": shape[0], "image_columns": shape[1],
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
     )  # fmt: skip

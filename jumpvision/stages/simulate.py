@@ -8,9 +8,8 @@ import numpy as np
 import pandas as pd
 
 from ..experiment import Experiment, ModelSpec
-from ..logs import read_log
 from ..params import SimulateParams
-from ..physics.forcing import Forcing, Spline, delayed, from_log, sinusoid
+from ..physics.forcing import Forcing, from_log
 from ..physics.hard import hard_jump
 from ..physics.jump import simulate as integrate
 from ..physics.model import Model
@@ -20,6 +19,7 @@ from ..records import BedHeight, RodMotion, Simulation
 from ..schema import InputError
 from ..sections import Actuation, Bed, Motor, MotorLog, Robot, need
 from .bed import packing
+from .motor import commanded, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
 # mechanisms under which the hard-ground flow stays linear, so that its closed form holds
@@ -95,7 +95,7 @@ def driver(
 ) -> tuple[Forcing, float]:
     """(forcing, time when the motor stops): the log, or the law where both agree within the encoder's resolution."""
     known = commanded(law) if law and law.moves else None
-    measured = measured_position(log, law, p) if log and p.driver != "law" else None
+    measured = read_motor(log, law) if log and p.driver != "law" else None
     if measured is None:
         if known is None:
             raise InputError(["[actuation] frequency and amplitude, or [motor_log]: missing; the simulation needs a motor"])
@@ -106,7 +106,7 @@ def driver(
                 stacklevel=2,
             )
         return known, known.stop
-    time, position, spline = measured
+    time, position = measured
     if known is not None and p.driver == "auto":
         # the encoder rounds, so a log of the law itself differs by less than one step
         off = float(np.max(np.abs(position - known(time)[0])))
@@ -117,24 +117,8 @@ def driver(
             StageWarning,
             stacklevel=2,
         )
+    spline = from_log(time, position, p.encoder_step / np.sqrt(12.0))
     return spline, known.stop if known is not None else last_motion(time, position, p)
-
-
-def commanded(law: Actuation) -> Forcing:
-    """The law of [actuation] on the common clock."""
-    frequency, amplitude = need(law, "frequency", "amplitude")
-    if law.delay:
-        return delayed(frequency, amplitude, law.start_phase, law.delay, law.start)
-    return sinusoid(frequency, amplitude, law.start_phase, law.cycles, law.start)
-
-
-def measured_position(log: MotorLog, law: Actuation | None, p: SimulateParams) -> tuple[np.ndarray, np.ndarray, Spline]:
-    """time [s], X_m [m] from rest, and the smoothing spline of the log."""
-    d = read_log(log.path, "time_s", "position_m", at_least=8)
-    time, position = d.time_s.to_numpy(), d.position_m.to_numpy()
-    before = time < law.start if law else np.arange(time.size) < 5
-    position = position - (np.median(position[before]) if before.any() else position[0])
-    return time, position, from_log(time, position, p.encoder_step / np.sqrt(12.0))
 
 
 def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> float:

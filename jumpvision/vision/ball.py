@@ -71,11 +71,9 @@ def track_ball(
         if progress is not None:
             progress(i + 1)
     good = [f if not f.flag else Found(f.flag) for f in found]
-    columns = [np.array([getattr(f, name) for f in good], dtype=np.float64) for name in _NUMBERS]
-    return BallTrack(*columns, flag=np.array([f.flag for f in good], dtype=np.str_))
-
-
-_NUMBERS = ("x", "y", "sigma", "diameter", "chi2")
+    numbers = np.array([(f.x, f.y, f.sigma, f.diameter, f.chi2) for f in good], dtype=np.float64).reshape(-1, 5)
+    x, y, sigma, size, chi2 = numbers.T.copy()
+    return BallTrack(x, y, sigma, size, chi2, np.array([f.flag for f in good], dtype=np.str_))
 
 
 class _Tracker:
@@ -105,28 +103,27 @@ class _Tracker:
             return self._miss(Found("lost: no finite pixel"))
         if self.last is None:
             return self._first(image)
-        x, y = self._predicted()
-        assert self.d is not None
+        start = self._predicted()
         flag = "lost: no ball found"
         if self.lost == 0:
-            vx, vy = self.velocity or (0.0, 0.0)
-            wx, wy = (vx * self.exposure_fraction, vy * self.exposure_fraction) if self.streak else (0.0, 0.0)
-            found = self.measurer.measure(image, Start(x, y, self.d, wx, wy, rough=False), fresh=False)
-            if not found.flag and math.hypot(found.x - x, found.y - y) < self.search * self.d:
+            found = self.measurer.measure(image, start, fresh=False)
+            if not found.flag and math.hypot(found.x - start.x, found.y - start.y) < self.search * start.d:
                 return self._take(found)
             flag = found.flag or flag
-        return self._again(image, x, y, flag)
+        return self._again(image, start, flag)
 
-    def _predicted(self) -> tuple[float, float]:
-        assert self.last is not None
+    def _predicted(self) -> Start:
+        """Constant velocity since the last good frame."""
+        assert self.last is not None and self.d is not None
         vx, vy = self.velocity or (0.0, 0.0)
-        n = self.lost + 1
-        return self.last[0] + n * vx, self.last[1] + n * vy
+        n, exposed = self.lost + 1, self.exposure_fraction if self.streak else 0.0
+        return Start(self.last[0] + n * vx, self.last[1] + n * vy, self.d, vx * exposed, vy * exposed, self.lost > 0)
 
     def _first(self, image: NDArray[np.generic]) -> Found:
         """The ball in a frame where nothing is known but perhaps the seed."""
         blobs = self._blobs(image)
-        found, flags = [], []
+        found: list[Found] = []
+        flags: list[Found] = []
         for blob in blobs:
             f = self.measurer.measure(image, _start(blob, self.streak), fresh=True)
             (flags if f.flag else found).append(f)
@@ -146,52 +143,56 @@ class _Tracker:
             return self._miss(Found(f"lost: {len(found)} balls, at {places}; give a seed or the diameter"))
         return self._miss(Found(flags[0].flag if flags else "lost: no ball found"))
 
-    def _again(self, image: NDArray[np.generic], x: float, y: float, flag: str) -> Found:
+    def _again(self, image: NDArray[np.generic], predicted: Start, flag: str) -> Found:
         """Search around the prediction in a window that grows with every lost frame, to the whole image in the end."""
-        assert self.d is not None
-        reach = self.search * self.d * (self.lost + 1)
+        x, y, d = predicted.x, predicted.y, predicted.d
+        reach = self.search * d * (self.lost + 1)
         whole = self.lost > 0  # the first miss looks in the window only: most end there
         x0 = y0 = 0
         part = image
         if not whole:
-            half = reach + 1.5 * self.d
+            half = reach + 1.5 * d
             x0, y0 = max(0, int(x - half)), max(0, int(y - half))
             part = image[y0 : max(0, int(y + half) + 2), x0 : max(0, int(x + half) + 2)]
-        found = []
-        for blob in self._blobs(part) if min(part.shape) > 4 else []:
-            moved = replace(blob, x=blob.x + x0, y=blob.y + y0)
-            f = self.measurer.measure(image, _start(moved, self.streak), fresh=False)
+        blobs = self._blobs(part) if min(part.shape) > 4 else []
+        starts = [replace(predicted, rough=True)]
+        starts += [_start(replace(blob, x=blob.x + x0, y=blob.y + y0), self.streak) for blob in blobs]
+        found, covered = [], []
+        for start in starts:
+            f = self.measurer.measure(image, start, fresh=False)
             if f.flag.startswith("poor fit"):  # the scene's noise may have changed: judge it by this frame alone
-                f = self.measurer.measure(image, _start(moved, self.streak), fresh=True)
+                f = self.measurer.measure(image, start, fresh=True)
             if not f.flag:
                 found.append(f)
-        ours = self._not_rivals(_distinct(found), x, y, reach)
+            elif f.flag.startswith(("occluded", "diameter off")):
+                covered.append((math.hypot(f.x - x, f.y - y), f.flag))
+        ours = self._not_rivals(_distinct(found), predicted, reach)
         if not ours:
             inside = 0 <= x < image.shape[1] and 0 <= y < image.shape[0]
             return self._miss(Found(flag if inside else "lost: left the image"))
-        # Two balls within what the ball may have moved while lost: no picture tells which is ours
         away = [math.hypot(f.x - x, f.y - y) for f in ours]
-        if len(ours) > 1 and away[1] < away[0] + 0.5 * self.d * self.lost:
+        if covered and min(covered)[0] < min(away[0] - 0.25 * d, 0.75 * d):
+            return self._miss(Found(min(covered)[1]))  # ours is the covered one where it should be, not the one beside
+        # Two balls within what the ball may have moved while lost: no picture tells which is ours
+        if len(ours) > 1 and away[1] < away[0] + 0.5 * d * self.lost:
             return self._miss(Found(f"lost: {len(ours)} balls alike"))
         return self._take(ours[0])
 
-    def _not_rivals(self, found: list[Found], x: float, y: float, reach: float) -> list[Found]:
-        """Balls within reach of (x, y), nearest first, less those that a rival of the frame before explains."""
-        assert self.d is not None
+    def _not_rivals(self, found: list[Found], predicted: Start, reach: float) -> list[Found]:
+        """Balls within reach of the prediction, nearest first, less those that a rival of the frame before explains."""
+        x, y = predicted.x, predicted.y
         free = sorted(found, key=lambda f: math.hypot(f.x - x, f.y - y))
         rivals: list[tuple[float, float]] = []
         for rx, ry in self.rivals:
             near = min(free, key=lambda f: math.hypot(f.x - rx, f.y - ry), default=None)
-            if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * self.d:
+            if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * predicted.d:
                 free.remove(near)
                 rivals.append((near.x, near.y))
         self.rivals = rivals + [(f.x, f.y) for f in free if math.hypot(f.x - x, f.y - y) > reach]
         return [f for f in free if math.hypot(f.x - x, f.y - y) <= reach]
 
     def _blobs(self, image: NDArray[np.generic]) -> list[Blob]:
-        return find_blobs(
-            image, diameter=self.d, polarity=self.polarity, min_diameter=MIN_DIAMETER, streak=self.streak
-        )
+        return find_blobs(image, diameter=self.d, polarity=self.polarity, min_diameter=MIN_DIAMETER, streak=self.streak)
 
     def _take(self, found: Found) -> Found:
         if self.last is not None:

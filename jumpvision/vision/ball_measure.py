@@ -6,7 +6,7 @@ A measurer keeps what it has learned (noise, lighting) in `accept`, which the tr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ MOST_SECTORS_OFF = 2  # of 16: a thin rod holding the ball is not an occlusion
 MOST_DROPPED = 0.25  # part of the edge pixels
 MOST_CHI2 = 4.0
 CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
+RIM_OFF, RIM_OFF_PX = 0.04, 0.6  # a sector's rim off the fitted circle by this part of the diameter or px is covered
 RIM_FREEDOM = 12.7  # of the 16 sectors' shifts, what the fit leaves free (white noise, diameters 10-40 px)
 UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new ball must be clearer: clutter is not
 NOISE_FRAMES = 30  # frames the noise is averaged over
@@ -81,17 +82,29 @@ class DiscMeasure:
         self.last = np.zeros(12)
         self.light_var = np.zeros(4)
         self.drift = DRIFT.copy()
-        self.rim = np.zeros(disc.SECTORS)
+        self.rim = np.zeros(disc.SECTORS)  # running mean shape of the rim, px outside the circle
         self.rim_factor = 1.0
 
     def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
         """fresh: nothing learned before counts (a ball newly found), the noise comes from this frame alone."""
+        found = self._measure(image, start, fresh)
+        if found.fit is not None and max(abs(found.x - start.x), abs(found.y - start.y)) > 3.0:
+            # The ball may have run out of the crop made around the start
+            p = found.fit.p
+            again = Start(found.x, found.y, start.d, p[disc.WX], p[disc.WY], start.rough)
+            if math.hypot(found.x - start.x, found.y - start.y) < 2.0 * start.d:
+                found = self._measure(image, again, fresh)
+        return found
+
+    def _measure(self, image: NDArray[np.generic], start: Start, fresh: bool) -> Found:
         fresh = fresh or self.noise is None
         half = 0.75 * start.d + 10.0
         x0 = max(0, int(start.x - 0.5 * abs(start.wx) - half))
         y0 = max(0, int(start.y - 0.5 * abs(start.wy) - half))
         crop = np.asarray(
-            image[y0 : int(start.y + 0.5 * abs(start.wy) + half) + 2, x0 : int(start.x + 0.5 * abs(start.wx) + half) + 2],
+            image[
+                y0 : int(start.y + 0.5 * abs(start.wy) + half) + 2, x0 : int(start.x + 0.5 * abs(start.wx) + half) + 2
+            ],
             dtype=np.float64,
         )
         if min(crop.shape) < 4:
@@ -128,7 +141,7 @@ class DiscMeasure:
         p = fit.p.copy()
         p[disc.X] += x0
         p[disc.Y] += y0
-        fit = disc.DiscFit(p, fit.cov, _complete(fit.noise, floor), fit.chi2, fit.sectors, fit.shifts, fit.dropped, fit.converged)
+        fit = replace(fit, p=p, noise=_complete(fit.noise, floor))
         n = max(1.0, 4.0 * p[disc.R] * disc.margin(p[disc.S]))
         # Only a misfit beyond chance enlarges the stated uncertainty
         excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
@@ -137,7 +150,7 @@ class DiscMeasure:
         return Found(flag, p[disc.X], p[disc.Y], sigma, 2.0 * p[disc.R], fit.chi2, fit)
 
     def _judge(self, fit: disc.DiscFit, sigma: float, shape: tuple[int, ...], noise: float, fresh: bool) -> str:
-        """"" for a good fit, else what is wrong with it."""
+        """ "" for a good fit, else what is wrong with it."""
         p = fit.p
         if not fit.converged or not math.isfinite(sigma):
             return "lost: the fit did not converge"
@@ -159,6 +172,10 @@ class DiscMeasure:
         off = np.count_nonzero(~(np.abs(fit.sectors - 1.0) < SECTOR_OFF))
         if off > MOST_SECTORS_OFF:
             return f"occluded: {off} of {disc.SECTORS} sectors"
+        dent = np.abs(fit.shifts - self.rim)
+        dent = dent[dent > 6.0 * fit.shift_sigmas * math.sqrt(self.rim_factor)]
+        if len(dent) and dent.max() > min(RIM_OFF * d, RIM_OFF_PX):
+            return f"occluded: the rim is off by {dent.max():.2g} px"
         if fit.dropped > MOST_DROPPED:
             return f"occluded: {fit.dropped:.0%} of the edge does not fit"
         for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
@@ -177,11 +194,11 @@ class DiscMeasure:
         n = min(self.frames, NOISE_FRAMES)
         self.noise = fit.noise if self.noise is None else self.noise + (fit.noise - self.noise) / n
         self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
-        shifts = np.where(np.isfinite(fit.shifts), fit.shifts, self.rim)
+        moved_by = np.nan_to_num(fit.shifts - self.rim)
         if self.frames > 1:
-            moved = float(np.sum((shifts - self.rim) ** 2)) * (n - 1) / n / RIM_FREEDOM
+            moved = float(np.nansum((moved_by / fit.shift_sigmas) ** 2)) * (n - 1) / n / RIM_FREEDOM
             self.rim_factor += (min(moved, 10.0 * self.rim_factor) - self.rim_factor) / n
-        self.rim += (shifts - self.rim) / n
+        self.rim += moved_by / n
         contrast = abs(fit.p[disc.A] - fit.p[disc.B])
         var = np.diag(fit.cov)[LIGHT]
         if self.frames > 1:
@@ -205,9 +222,7 @@ class ThresholdMeasure:
         self.polarity = polarity
         self.search = search
         self.seen = math.nan
-        self.height = math.nan
         self.frames = 0
-        self.next_height = math.nan
 
     def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
         half = max(self.search, 0.75) * start.d + 2.0
@@ -220,11 +235,10 @@ class ThresholdMeasure:
             return Found("lost: no contrast")
         found = Found("", c.x + x0, c.y + y0, c.sigma, c.diameter)
         if c.cut:
-            return _flagged(found, "at the image edge")
+            return replace(found, flag="at the image edge")
         for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
             if expected is not None and abs(c.diameter - expected) > most * expected:
-                return _flagged(found, f"diameter off: {c.diameter:.4g} px instead of {expected:.4g}")
-        self.next_height = c.height
+                return replace(found, flag=f"diameter off: {c.diameter:.4g} px instead of {expected:.4g}")
         return found
 
     def accept(self, found: Found) -> None:
@@ -234,10 +248,6 @@ class ThresholdMeasure:
 
     def missed(self) -> None:
         pass
-
-
-def _flagged(found: Found, flag: str) -> Found:
-    return Found(flag, found.x, found.y, found.sigma, found.diameter, found.chi2, found.fit)
 
 
 def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tuple[float, float] | None:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from cv2.typing import MatLike
 
 LEVELS = (0.3, 0.5, 0.7)  # of the way from the common grey level to the brightest
 SIZE_RATIO = 1.5  # largest factor between a blob's and the ball's diameter
@@ -37,9 +41,10 @@ def find_blobs(
     Thresholds at several levels and at Otsu's; each outline is filled, so a highlight inside does not matter.
     diameter: expected, px; without it anything from min_diameter up to half the image counts. NaN pixels are empty.
     """
-    grey = _to_bytes(image, polarity)
-    if grey is None:
+    values = _to_bytes(image, polarity)
+    if values is None:
         return []
+    grey: MatLike = values
     expected = diameter if diameter is not None else min_diameter
     shrink = min(expected / 8.0, math.sqrt(grey.size / MOST_PIXELS))
     if shrink >= 2.0:
@@ -89,7 +94,7 @@ def _to_bytes(image: NDArray[np.generic], polarity: str) -> NDArray[np.uint8] | 
 
 
 def _measure(
-    outline: NDArray[np.int32],
+    outline: MatLike,
     shape: tuple[int, ...],
     sx: float,
     sy: float,

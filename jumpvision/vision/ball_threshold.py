@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 @dataclass(frozen=True)
 class Centroid:
     """Binary centroid x, y [px of the crop], its standard uncertainty, the diameter of the same area; cut: the blob
-    touches the crop's border; height: ball level minus background level."""
+    touches the crop's border."""
 
     x: float
     y: float
     sigma: float
     diameter: float
     cut: bool
-    height: float
 
 
-def half_height_centroid(crop: NDArray[np.float64], near: tuple[float, float], d: float, polarity: str) -> Centroid | None:
+def half_height_centroid(
+    crop: NDArray[np.float64], near: tuple[float, float], d: float, polarity: str
+) -> Centroid | None:
     """Centroid of the filled blob nearest to `near` (x, y) in the crop; None when there is no contrast or no blob.
 
     Levels: medians of the background (beyond 0.7 d from `near`) and of the rim inside (0.25-0.4 d). Uncertainty, for a
@@ -66,4 +67,4 @@ def half_height_centroid(crop: NDArray[np.float64], near: tuple[float, float], d
     steep = float(np.nanmax(np.abs(np.diff(crop[y0 + h // 2, :])))) if w > 1 else height
     sigma = math.sqrt((1.0 / 12.0 + (noise / max(steep, noise)) ** 2) / (math.pi * radius))
     cut = x0 == 0 or y0 == 0 or x0 + w == crop.shape[1] or y0 + h == crop.shape[0]
-    return Centroid(float(columns.mean() + x0), float(rows.mean() + y0), sigma, 2.0 * radius, cut, height)
+    return Centroid(float(columns.mean() + x0), float(rows.mean() + y0), sigma, 2.0 * radius, cut)

@@ -1,6 +1,7 @@
 """Image of a disc, and its fit to a crop of one frame: centre, radius, edge blur, levels, shading and motion streak.
 
-Brightness at pixel (X, Y), with E the disc blurred by a Gaussian of width s (optics and pixel) and u = (X - x, Y - y)/R:
+Brightness at pixel (X, Y), with E the disc blurred by a Gaussian of width s (optics and pixel) and
+u = (X - x, Y - y)/R:
 
     I = (b + bx ux + by uy) (1 - E) + (a + gx ux + gy uy) E,      E averaged along the streak (wx, wy) of the exposure
 
@@ -48,7 +49,8 @@ class DiscFit:
     noise: Array  # (3,) variance found in this frame: background, ball, excess at the edge [grey^2]
     chi2: float  # of this frame per degree of freedom, against the noise that was given; capped residuals
     sectors: Array  # (16,) contrast of each sector of the rim over the model's; 1 when all is well, NaN where no pixels
-    shifts: Array  # (16,) what is left of a radial shift of the rim in each sector, over its standard uncertainty
+    shifts: Array  # (16,) by how much the rim of each sector lies outside the fitted circle [px], to first order
+    shift_sigmas: Array  # (16,) their standard uncertainty [px]
     dropped: float  # part of the edge pixels that the robust weight drops
     converged: bool
 
@@ -68,19 +70,17 @@ def _accumulate(img, p, n_par, zone, noise, soft, last, h, g, classes, sectors):
     x, y, rad, s = p[0], p[1], p[2], p[3]
     wx, wy = (p[10], p[11]) if n_par == 12 else (0.0, 0.0)
     length = math.sqrt(wx * wx + wy * wy)
-    n_t = max(1, int(math.ceil(length / (0.7 * s)))) if n_par == 12 else 1
-    if n_par == 12:
-        n_t = max(n_t, 3)
+    n_t = max(3, math.ceil(length / (0.7 * s))) if n_par == 12 else 1
     hx, hy = 0.5 * zone[3], 0.5 * zone[4]
     zl2 = 4.0 * (hx * hx + hy * hy)
     r_out = zone[2] + zone[6]
     r_in = max(zone[2] - zone[5], 0.0)
     kurt = 1.0 / (2880.0 * s**4)
     reach = 5.5 * s
-    y_lo = max(0, int(math.floor(zone[1] - abs(hy) - r_out)))
-    y_hi = min(img.shape[0] - 1, int(math.ceil(zone[1] + abs(hy) + r_out)))
-    x_lo = max(0, int(math.floor(zone[0] - abs(hx) - r_out)))
-    x_hi = min(img.shape[1] - 1, int(math.ceil(zone[0] + abs(hx) + r_out)))
+    y_lo = max(0, math.floor(zone[1] - abs(hy) - r_out))
+    y_hi = min(img.shape[0] - 1, math.ceil(zone[1] + abs(hy) + r_out))
+    x_lo = max(0, math.floor(zone[0] - abs(hx) - r_out))
+    x_hi = min(img.shape[1] - 1, math.ceil(zone[0] + abs(hx) + r_out))
     j = np.zeros(12)
     total = 0.0
     count = 0
@@ -159,8 +159,8 @@ def _accumulate(img, p, n_par, zone, noise, soft, last, h, g, classes, sectors):
                 template = e_in - 0.5
                 sectors[0, q] += res * template
                 sectors[1, q] += template * template
-                sectors[2, q] += w * j[2] * res / var
-                sectors[3, q] += w * j[2] * j[2] / var
+                sectors[2, q] += j[2] * res / var
+                sectors[3, q] += j[2] * j[2] / var
             if w == 0.0:
                 continue
             w /= var
@@ -292,6 +292,17 @@ def fit_disc(
         found[2] = (square[2] - found[0] * classes[2, 1] - found[1] * classes[2, 2]) / classes[2, 3]
         contrast = 1.0 + sectors[0] / sectors[1] / (p[A] - p[B])
     with np.errstate(divide="ignore", invalid="ignore"):
-        shift = sectors[2] / np.sqrt(sectors[3])
-    contrast[sectors[1] < 0.3 * np.median(sectors[1])] = np.nan
-    return DiscFit(p, cov, found, float(chi2), contrast, shift, float(classes[2, 5] / max(classes[2, 4], 1.0)), bool(good))
+        shifts, shift_sigmas = sectors[2] / sectors[3], 1.0 / np.sqrt(sectors[3])
+    few = sectors[1] < 0.3 * np.median(sectors[1])  # outside the image, or no data
+    contrast[few] = shifts[few] = shift_sigmas[few] = np.nan
+    return DiscFit(
+        p,
+        cov,
+        found,
+        float(chi2),
+        contrast,
+        shifts,
+        shift_sigmas,
+        float(classes[2, 5] / max(classes[2, 4], 1.0)),
+        bool(good),
+    )

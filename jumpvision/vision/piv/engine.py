@@ -17,6 +17,7 @@ from jumpvision.vision.piv.validate import local_median, normalised_median
 
 Array = NDArray[np.float64]
 
+MAX_SIGMA = 0.5  # px, a match less certain than this says no more than its neighbours do
 ROUGH, FINE = 0.03, 0.01  # px, the last step of the first and of the final match; the error left is far smaller
 
 
@@ -175,6 +176,8 @@ def _match(
     sigma[:, :2] *= _curvature_noise(weight, step)
     last = _judge(p, quality, state, shape, step, min_correlation, outlier)
     reason = np.where(np.isin(last, code.MEASURED) & np.isin(reason, code.MEASURED), reason, np.maximum(last, reason))
+    vague = np.nan_to_num(sigma[:, :2]).max(1) > MAX_SIGMA
+    reason[vague & np.isin(reason, code.MEASURED)] = code.LOW_CORRELATION
     edge = at(coarse, coarse.at_edge.astype(np.float64), x, y).ravel() > 0.5
     reason[edge & ~np.isin(reason, code.MEASURED)] = code.EDGE_PEAK
     reason[state == COVERED] = code.MASKED

@@ -62,9 +62,9 @@ def prepare(image: Array, usable: NDArray[np.bool_], pad: int) -> Frame:
         k = np.pi * np.arange(m) / m  # [rad/px]; the spline on half pixels has the samples (4 + 2 cos(k / 2)) / 6
         gain = 2 * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
         series *= gain.astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
-    c = scipy.fft.idctn(np.pad(series, [(0, m) for m in whole]), workers=-1)
+    c = np.ascontiguousarray(scipy.fft.idctn(np.pad(series, [(0, m) for m in whole]), workers=-1))
     keep = usable if usable.all() else ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
-    return Frame(c, np.pad(keep, border).astype(np.float32), pad)
+    return Frame(c, np.ascontiguousarray(np.pad(keep, border), np.float32), pad)
 
 
 def taper(window: int) -> Float32:
@@ -80,9 +80,9 @@ def refine(
     """Match windows at (x, y) (n,) [px], starting from seed (n, 12), until a step changes no place by `tolerance` [px].
 
     seed: d_x, d_y [px], u_x, u_y, v_x, v_y [1], and the given curvature u_xx, u_xy, u_yy, v_xx, v_xy, v_yy [1/px].
-    Returns parameters (n, 12), standard uncertainties of the first six (n, 6; NaN without `errors`), correlation (n,) and state (n,)
-    (CONVERGED, LOST, FLAT = standard deviation in the window below `texture` [grey], COVERED = less than half the
-    weight is usable).
+    Returns parameters (n, 12), standard uncertainties of the first six (n, 6; NaN without `errors`), correlation (n,)
+    and state (n,): CONVERGED, LOST, FLAT = standard deviation in the window below `texture` [grey], COVERED = less
+    than half the weight is usable.
     """
     n = len(x)
     p, sigma, quality = seed.astype(np.float64), np.full((n, 6), np.nan), np.full(n, np.nan)
@@ -322,9 +322,9 @@ def _covariance(jac, r, w, inverse, sigma):  # type: ignore[no-untyped-def]
                     s += res[j, i] * res[j + dj, i + di]
                     s0 += t[0, j, i] * t[0, j + dj, i + di]
                     s1 += t[1, j, i] * t[1, j + dj, i + di]
-                rho += s
-                r0 += s0
-                r1 += s1
+                rho += float(s)
+                r0 += float(s0)
+                r1 += float(s1)
             rho /= square if square > 0.0 else 1.0
             r0 /= own[0]
             r1 /= own[1]

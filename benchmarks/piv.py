@@ -1,0 +1,163 @@
+"""Displacement fields beside OpenPIV on the same images in the same run: a markdown table on standard output.
+
+    python -m benchmarks.piv            # drawn grains and particles, and the image pair that ships with OpenPIV
+    JUMPVISION_REAL_DATA=folder ...     # also opencorr_patterns/ (known deformation) and pivlab_karman/ (real flow)
+
+OpenPIV 64-32-16-16 px windows, ours 64-32 px correlation and 24 px matching; vectors every 8 px. Errors are mean
+end-point errors [px] over all vectors at least 32 px inside the image, replaced ones included, each method judged at
+its own places. Without truth the number is the RMS grey difference left over when the field has brought both frames together. (The sum
+of forward and backward displacement judges nothing here: both methods treat the frames alike, so it is zero.)
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.resources
+import io
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import RegularGridInterpolator
+
+from jumpvision.vision.piv.engine import piv_pair
+from tests.test_piv import FIELDS, camera, grains, spots
+
+Array = NDArray[np.float64]
+Field = tuple[Array, Array, Array, Array]  # x (nx,), y (ny,), u, v (ny, nx); mid-time, y down
+Truth = Callable[[Array, Array], tuple[Array, Array]]
+
+BORDER = 32
+
+
+def ours(a: Array, b: Array) -> Field:
+    f = piv_pair(a, b, window=24, step=8, passes=(64, 32), min_correlation=0.3, min_texture=2.0, outlier=2.0)
+    return f.x, f.y, f.u, f.v
+
+
+def openpiv(a: Array, b: Array) -> Field:
+    from openpiv import windef
+    from openpiv.settings import PIVSettings
+
+    s = PIVSettings()
+    s.windowsizes, s.overlap, s.num_iterations = (64, 32, 16, 16), (32, 16, 8, 8), 4
+    with contextlib.redirect_stdout(io.StringIO()):
+        x, y, u, v, _ = windef.simple_multipass(a.astype(np.int32), b.astype(np.int32), s)
+    # its y runs up from the last row; windows of even size are named by the corner of their middle, half a pixel on
+    rows = y[::-1, 0] if y[0, 0] > y[-1, 0] else y[:, 0]
+    return x[0] - 0.5, rows - 0.5, np.asarray(u), -np.asarray(v)
+
+
+def inside(field: Field, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    x, y = np.meshgrid(field[0], field[1])
+    return (x >= BORDER) & (y >= BORDER) & (x < shape[1] - BORDER) & (y < shape[0] - BORDER)
+
+
+def against(field: Field, shape: tuple[int, ...], truth: Truth) -> float:
+    u, v = truth(*np.meshgrid(field[0], field[1]))
+    return float(np.nanmean(np.hypot(field[2] - u, field[3] - v)[inside(field, shape)]))
+
+
+def left_over(field: Field, a: Array, b: Array) -> float:
+    """RMS grey difference of the two frames once each is moved half-way by the field (Lanczos, neither method's own)."""
+    rows, columns = np.mgrid[BORDER : a.shape[0] - BORDER, BORDER : a.shape[1] - BORDER].astype(np.float64)
+    u, v = (
+        RegularGridInterpolator((field[1], field[0]), np.nan_to_num(f), method="cubic")((rows, columns))
+        for f in field[2:]
+    )
+    first, second = (
+        cv2.remap(
+            i.astype(np.float32),
+            (columns + side * u / 2).astype(np.float32),
+            (rows + side * v / 2).astype(np.float32),
+            cv2.INTER_LANCZOS4,
+        )
+        for i, side in ((a, -1), (b, 1))
+    )
+    return float(np.sqrt(np.mean((first - second) ** 2)))
+
+
+def at_mid_time(truth: Truth) -> Truth:
+    """The same motion, named by the place half-way instead of the place in the first frame."""
+
+    def half_way(x: Array, y: Array) -> tuple[Array, Array]:
+        x0, y0 = x, y
+        for _ in range(50):
+            u, v = truth(x0, y0)
+            x0, y0 = x - u / 2, y - v / 2
+        return truth(x0, y0)
+
+    return half_way
+
+
+def drawn() -> Iterator[tuple[str, Array, Array, Truth]]:
+    shape = (256, 328)
+    for name, displacement in FIELDS.items():
+        pair = grains(shape, displacement, np.random.default_rng(11))
+        for noise in (2, 6):
+            rng = np.random.default_rng(12)
+            yield f"grains, {name}, noise {noise}", *(camera(i, noise, rng) for i in pair), displacement
+    rng = np.random.default_rng(13)
+    n = 3500
+    x, y, grey = rng.uniform(-20, 350, n), rng.uniform(-20, 276, n), rng.uniform(60, 160, n)
+    for d in (0.25, 0.5, 0.75):
+        pair = [spots(shape, x + s * d / 2, y, grey, 3) for s in (-1, 1)]
+        a, b = (camera(i, 0, rng) for i in pair)
+        yield f"3 px particles moved by {d} px", a, b, lambda x, y, d=d: (d + 0 * x, 0 * x)
+
+
+def speckle(folder: Path) -> Iterator[tuple[str, Array, Array, Truth]]:
+    """OpenCorr patterns; the deformations as fitted in the data's SOURCE.txt, 0-based pixels."""
+    motions: dict[str, Truth] = {
+        "Shear": lambda x, y: (0.01 * (y - 250), 0.01 * (x - 250)),
+        "Tension": lambda x, y: (5 + 0.02 * (x - 250), -0.01 * (y - 250)),
+    }
+    for k in (1, 3, 5, 10):
+        a = cv2.imread(str(folder / f"Pattern_{k}.bmp"), cv2.IMREAD_GRAYSCALE)
+        for name, truth in motions.items():
+            b = cv2.imread(str(folder / f"Pattern_{k}_{name}.bmp"), cv2.IMREAD_GRAYSCALE)
+            yield f"speckle {k}, {name.lower()}", a, b, at_mid_time(truth)
+
+
+def untold(data: Path | None) -> Iterator[tuple[str, Array, Array]]:
+    shipped = Path(str(importlib.resources.files("openpiv"))) / "data" / "test1"
+    pairs = [("OpenPIV's test pair", shipped / "exp1_001_a.bmp", shipped / "exp1_001_b.bmp")]
+    if data is not None and (data / "pivlab_karman").is_dir():
+        k = data / "pivlab_karman"
+        pairs += [("PIVlab Karman street", k / "PIVlab_Karman_01.bmp", k / "PIVlab_Karman_02.bmp")]
+        pairs += [("PIVlab jet", k / "Jet_0001A.jpg", k / "Jet_0001B.jpg")]
+    for name, a, b in pairs:
+        yield name, *(cv2.imread(str(f), cv2.IMREAD_GRAYSCALE) for f in (a, b))
+
+
+def main() -> None:
+    data = Path(os.environ["JUMPVISION_REAL_DATA"]) if "JUMPVISION_REAL_DATA" in os.environ else None
+    cases = list(drawn())
+    if data is not None and (data / "opencorr_patterns").is_dir():
+        cases += speckle(data / "opencorr_patterns")
+    ours(*cases[0][1:3])  # compiles
+    openpiv(*cases[0][1:3])
+    print("| images | OpenPIV error | jumpvision error | ratio | OpenPIV time | jumpvision time |")
+    print("|---|---|---|---|---|---|")
+
+    def row(name: str, judge: Callable[[Callable[[Array, Array], Field]], float]) -> None:
+        errors, times = [], []
+        for method in (openpiv, ours):
+            start = time.perf_counter()
+            errors.append(judge(method))
+            times.append(time.perf_counter() - start)
+        ratio = errors[1] / errors[0]
+        print(f"| {name} | {errors[0]:.4f} | {errors[1]:.4f} | {ratio:.2f} | {times[0]:.2f} s | {times[1]:.2f} s |")
+
+    for name, a, b, truth in cases:
+        row(name, lambda method, a=a, b=b, truth=truth: against(method(a, b), a.shape, truth))
+    for name, a, b in untold(data):
+        row(f"{name} (grey levels left over)", lambda method, a=a, b=b: left_over(method(a, b), a, b))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""Write docs/keys.md, the tables of every key of an experiment folder and of every stage: `python docs/tables.py`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jumpvision.params import PARAMS
+from jumpvision.physics.parameters import MECHANISMS, ModelParameters
+from jumpvision.schema import table_of
+from jumpvision.sections import SECTIONS, Header, RobotSigma
+
+TARGET = Path(__file__).with_name("keys.md")
+
+
+def rows(table: list[dict[str, str]]) -> str:
+    """A list of rows as a markdown table."""
+    head = list(table[0])
+    body = [" | ".join(str(r[k]).replace("|", "\\|") for k in head) for r in table]
+    return "\n".join([f"| {' | '.join(head)} |", "|" + "---|" * len(head), *(f"| {b} |" for b in body)])
+
+
+def text() -> str:
+    """The whole page."""
+    parts = [
+        "# Every key, with its default, unit, range and meaning",
+        "Made by `python docs/tables.py` from the declarations in the code; `jumpvision params` prints the stages' part.\n"
+        "SI units. A section may be left out until a stage needs it.",
+        "## experiment.toml and campaign.toml",
+        f"### above the first section\n\n{rows(table_of(Header))}",
+    ]
+    for name, cls in {**SECTIONS, "robot.sigma": RobotSigma}.items():
+        parts.append(f"### [{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
+    parts += [
+        "### [model]\n\n`terms` lists mechanisms; their parameters stand beside it. `[model.fit]` holds ranges `[low, high]` of "
+        "parameters that may be re-fitted, `[model.sigma]` standard uncertainties of given ones.",
+        rows([{"mechanism": k, "parameters": ", ".join(m.parameters), "ground": ", ".join(m.grounds), "meaning": m.meaning}
+              for k, m in MECHANISMS.items()]),
+        rows(table_of(ModelParameters)),
+        "## Stage parameters\n\nIn `[params.<stage>]` of experiment.toml, campaign.toml or a pipeline file; `--set stage.key=value` "
+        "on the command line wins.",
+    ]  # fmt: skip
+    for name, cls in PARAMS.items():
+        parts.append(f"### [params.{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    TARGET.write_text(text(), encoding="utf-8")

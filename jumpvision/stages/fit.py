@@ -1,0 +1,235 @@
+"""Fit: heights and flights, ring-down, and what the grain film says of the cone; every value with its uncertainty."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fit.estimate import Estimate, scatter_factor
+from ..fit.flight import Flights, contact_flights, final_flight, flight_height, track_flights
+from ..fit.front import fit_mu
+from ..fit.height import jump_height, rest_height
+from ..fit.line import fit_line
+from ..fit.packing import cone_growth
+from ..fit.ringdown import ring_down
+from ..logs import read_log
+from ..params import FitParams
+from ..pipeline import stage
+from ..records import BedHeight, Column, Fits, Flow, RodMotion
+from ..sections import Actuation, Bed, ContactLog, MotorLog, Robot
+from .bed import packing
+from .motor import position_at
+
+Array = NDArray[np.float64]
+NAN = math.nan
+AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
+MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
+
+
+@stage(version=1, any_of=("rod", "contact", "column", "flow"))
+def fit(
+    rod: RodMotion | None,
+    contact: ContactLog | None,
+    flow: Flow | None,
+    column: Column | None,
+    robot: Robot | None,
+    law: Actuation | None,
+    log: MotorLog | None,
+    section: Bed | None,
+    bed: BedHeight | None,
+    *,
+    p: FitParams,
+) -> Fits:
+    """{name: {value, sigma, unit, n, chi2}}; a fit that the data do not allow has null and its `reason`."""
+    out: dict[str, Estimate] = {}
+    flights = find_flights(rod, contact, robot, law, log, p)
+    if flights is not None:
+        out |= flight_fits(flights, robot, law, p)
+    if rod is not None:
+        out |= height_fits(rod, robot, law)
+        out |= ring_fits(rod, flights, robot, law, p)
+    if column is not None:
+        out |= cone_fits(column)
+    if flow is not None:
+        out |= mass_fits(flow)
+    phi = packing(section, bed)[0]
+    if column is not None and phi is not None:
+        out |= theory(phi, p)
+    return Fits({k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()})
+
+
+def find_flights(
+    rod: RodMotion | None, contact: ContactLog | None, robot: Robot | None, law: Actuation | None, log: MotorLog | None,
+    p: FitParams,
+) -> Flights | None:  # fmt: skip
+    """Flights from the contact sensor where there is one, else from the track of the centre of mass of motor and rod."""
+    if contact is not None:
+        d = read_log(contact.path, "time_s", "contact")
+        bad = np.flatnonzero(~np.isin(d.contact, (0.0, 1.0)))
+        if bad.size:
+            raise ValueError(
+                f"{contact.path}: row {bad[0] + 1}, contact = {d.contact.iloc[bad[0]]:g}: must be 0 or 1 (in the air, on the ground)"
+            )
+        return longer_than(contact_flights(d.time_s, d.contact, debounce=p.debounce), p.shortest_flight)
+    if rod is None or robot is None:
+        return None
+    t, h, sigma = rod.arrays
+    motor = position_at(t, law, log)
+    if motor is not None and robot.motor_mass and robot.rod_mass:
+        h = h + robot.motor_mass / (robot.motor_mass + robot.rod_mass) * motor
+    elif law is not None and law.moves:  # the rod alone follows no parabola while the motor moves
+        h = np.where(t > law.stop, h, np.nan)
+    return track_flights(t, h, sigma, gravity=robot.gravity, shortest=p.shortest_flight, max_gap=p.max_gap)
+
+
+def longer_than(flights: Flights, shortest: float) -> Flights:
+    """The flights of at least `shortest` seconds, and those that the record cuts."""
+    keep = ~(flights.time < shortest)
+    return Flights(*(getattr(flights, k)[keep] for k in ("lift_off", "lift_off_sigma", "landing", "landing_sigma")))
+
+
+def flight_fits(flights: Flights, robot: Robot | None, law: Actuation | None, p: FitParams) -> dict[str, Estimate]:
+    """Number of flights, first lift-off, and the longest flight that ends after the forcing."""
+    out = {"n_jumps": Estimate(float(len(flights)), 0.0, "", len(flights), 0.0)}
+    begun = np.flatnonzero(np.isfinite(flights.lift_off))
+    if begun.size:
+        first = begun[0]
+        out["lift_off_s"] = Estimate(flights.lift_off[first], flights.lift_off_sigma[first], "s", 1, 0.0)
+    final = final_flight(flights, after=law.stop if law and law.moves else -math.inf)
+    if final is not None:
+        time, sigma = float(flights.time[final]), float(flights.time_sigma[final])
+        out["flight_time_s"] = Estimate(time, sigma, "s", 1, 0.0)
+        if robot is not None:
+            out["flight_height_m"] = flight_height(time, sigma, gravity=robot.gravity, gravity_sigma=robot.sigma.gravity)
+    return out
+
+
+def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None) -> dict[str, Estimate]:
+    """Jump height after the motor stops, and the rise while it runs, above the rest height."""
+    if law is None or not law.moves:
+        return {}
+    t, h, sigma = rod.arrays
+    rest = rest_height(t, h, sigma, until=law.start)
+    if not math.isfinite(rest.value):  # the track starts in motion: its first point is the best there is
+        rest = Estimate(float(h[0]), float(sigma[0]), "m", 1, 0.0)
+    found = jump_height(t, h, sigma, motor_stop=law.stop, rest=rest, foot_frequency=foot_frequency(robot))
+    return {
+        "jump_height_m": Estimate(found.value, found.sigma, "m", found.n, found.chi2, found.reason),
+        "apex_time_s": Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason),
+        "motor_rise_m": Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN),
+    }
+
+
+def foot_frequency(robot: Robot | None) -> float | None:
+    """Frequency [Hz] of a foot hanging from the spring in flight, sqrt(k/m_f + k/M)/(2 pi); None without a foot."""
+    if robot is None or not (robot.foot_mass and robot.spring_stiffness and robot.motor_mass and robot.rod_mass):
+        return None
+    M = robot.motor_mass + robot.rod_mass
+    return math.sqrt(robot.spring_stiffness * (1 / robot.foot_mass + 1 / M)) / (2 * math.pi)
+
+
+def ring_fits(
+    rod: RodMotion, flights: Flights | None, robot: Robot | None, law: Actuation | None, p: FitParams
+) -> dict[str, Estimate]:
+    """Free oscillation on the ground after the last landing (or of the whole track where the motor never moves)."""
+    t, h, sigma = rod.arrays
+    start = law.stop if law and law.moves else t[0]
+    if flights is not None and len(flights):
+        if not np.isfinite(flights.landing[-1]):
+            return {}  # in the air at the end of the record
+        start = max(start, float(flights.landing[-1]))
+    start += p.settle
+    ringing = t >= start
+    if ringing.sum() < 20:
+        return {}
+    ring = ring_down(t[ringing], h[ringing], sigma[ringing])
+    limit = lift_off_amplitude(robot)
+    if not ring.reason and limit is not None and ring.amplitude > limit:
+        # the spring would be stretched in every period: the foot hops, and the motion is no free oscillation
+        reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
+        return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}
+    out = ring.estimates()
+    if not ring.reason:
+        times = t[ringing]
+        values = {
+            "ring_amplitude_m": (ring.amplitude, ring.amplitude_sigma, "m"), "ring_phase_rad": (ring.phase, NAN, "rad"),
+            "ring_offset_m": (ring.offset, ring.offset_sigma, "m"), "ring_start_s": (times[0], 0.0, "s"),
+            "ring_stop_s": (times[-1], 0.0, "s"),
+        }  # fmt: skip
+        out |= {k: Estimate(float(v), float(s), unit, ring.n, ring.chi2) for k, (v, s, unit) in values.items()}
+    return out
+
+
+def lift_off_amplitude(robot: Robot | None) -> float | None:
+    """M g/k [m]: the largest oscillation that keeps the spring compressed."""
+    if robot is None or not (robot.motor_mass and robot.rod_mass and robot.spring_stiffness):
+        return None
+    return (robot.motor_mass + robot.rod_mass) * robot.gravity / robot.spring_stiffness
+
+
+def pushing(column: Column) -> NDArray[np.bool_]:
+    """Frames in which the foot pushes the grains: the largest grain speed is the foot's."""
+    c = column.field
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = c.max_speed.values / c.foot_speed.values
+    return (c.foot_speed.values > c.attrs["min_speed"]) & (ratio > MOVING_WITH_FOOT[0]) & (ratio < MOVING_WITH_FOOT[1])
+
+
+def cone_fits(column: Column) -> dict[str, Estimate]:
+    """beta: mean over the frames in which the foot pushes; mu: slope of the jammed thickness against depth."""
+    c = column.field
+    use = pushing(column)
+    out = {"beta_deg": weighted_mean(c.beta_deg.values[use], c.beta_deg_sigma.values[use], "degree")}
+    out["log_a"] = weighted_mean(c.log_a.values[use], c.log_a_sigma.values[use], "1/m")
+    thickness = np.where(use, c.jammed_thickness.values, np.nan)
+    line = fit_mu(c.foot_depth.values, thickness, np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0))
+    out["mu"] = line.slope_estimate("")
+    out["mu_intercept_m"] = Estimate(line.intercept, line.intercept_sigma, "m", line.n, line.chi2, line.reason)
+    if not out["log_a"].reason:
+        # beta rests on the layer chosen: d beta / d layer, per millimetre
+        slope = out["log_a"].value * math.tan(math.radians(out["beta_deg"].value))
+        out["beta_deg_per_mm_layer"] = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["beta_deg"].n, NAN)
+    return out
+
+
+def weighted_mean(values: Array, sigma: Array, unit: str) -> Estimate:
+    """Inverse-variance mean; the sigma holds the scatter where the values scatter more than stated."""
+    ok = np.isfinite(values) & (sigma > 0)
+    n = int(ok.sum())
+    if n == 0:
+        return Estimate(NAN, NAN, unit, 0, NAN, "no frame allows it")
+    w = sigma[ok] ** -2.0
+    mean = float(np.average(values[ok], weights=w))
+    chi2 = float(np.sum(w * (values[ok] - mean) ** 2))
+    return Estimate(mean, scatter_factor(chi2, n - 1) * float(w.sum()) ** -0.5, unit, n, chi2)
+
+
+def mass_fits(flow: Flow) -> dict[str, Estimate]:
+    """Largest grain momentum, and the added mass at that moment from a straight line through the frames around it."""
+    f = flow.field
+    momentum = f.momentum.values
+    if not np.isfinite(f.added_mass.values).any():
+        return {}
+    peak = int(np.nanargmax(np.where(np.isfinite(f.added_mass.values), momentum, -np.inf)))
+    out = {"peak_momentum": Estimate(float(momentum[peak]), float(f.momentum_sigma[peak]), "kg m/s", 1, 0.0)}
+    near = slice(max(0, peak - AROUND_PEAK), peak + AROUND_PEAK + 1)
+    t, m, s = (a[near] for a in (f.t.values - f.t.values[peak], f.added_mass.values, f.added_mass_sigma.values))
+    ok = np.isfinite(m) & (s > 0)
+    line = fit_line(t[ok], m[ok], s[ok])
+    out["added_mass_kg"] = Estimate(line.intercept, line.intercept_sigma, "kg", line.n, line.chi2, line.reason)
+    return out
+
+
+def theory(phi: float, p: FitParams) -> dict[str, Any]:
+    """beta and mu that the packing alone implies (thesis eqs. 29 and 30), where the bed is loose enough."""
+    try:
+        cone = cone_growth(phi, p.critical_fraction)
+    except ValueError:
+        return {}
+    return {
+        "beta_theory_deg": Estimate(math.degrees(cone.beta), 0.0, "degree", 0, 0.0),
+        "mu_theory": Estimate(cone.mu, 0.0, "", 0, 0.0),
+    }

@@ -1,0 +1,96 @@
+"""Flow: strain of the velocity field, momentum of the grains, and the mass that moves with the foot."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..field.gradients import gradients
+from ..field.momentum import added_mass, grain_momentum
+from ..field.strain import divergence, shear_rate, vorticity
+from ..params import FlowParams
+from ..pipeline import StageWarning, stage
+from ..records import BedHeight, Flow, Piv
+from ..sections import Bed, GrainVideo
+from .bed import packing
+
+Array = NDArray[np.float64]
+OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
+
+
+@stage(version=1)
+def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None, *, p: FlowParams) -> Flow:
+    """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
+    field = piv.field
+    overlap = field.attrs["window_px"] / field.attrs["step_px"]
+    strain: dict[str, list[Array]] = {}
+    for i in range(field.sizes["t"]):
+        f = field.isel(t=i)
+        g = gradients(
+            f.u, f.v, f.x, f.y, f.u_sigma, f.v_sigma, f.chc.values > 0, half_width=p.half_width, correlation=overlap
+        )
+        for name, measure in (("shear_rate", shear_rate), ("vorticity", vorticity), ("divergence", divergence)):
+            value, sigma = measure(g)
+            strain.setdefault(name, []).append(value)
+            strain.setdefault(f"{name}_sigma", []).append(sigma)
+    data = xr.Dataset(
+        {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s"}) for k, a in strain.items()},
+        coords={c: field[c] for c in ("x", "y", "t")},
+        attrs={"min_speed": p.min_speed, "initial_depth_m": p.initial_depth, "disc": film.foot, "source": field.attrs["source"]},
+    )
+    data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
+    for name, (values, unit) in under_the_foot(field, film, section, bed, p, overlap).items():
+        data[name] = ("t", values, {"units": unit})
+    return Flow(data)
+
+
+def under_the_foot(
+    field: xr.Dataset, film: GrainVideo, section: Bed | None, bed: BedHeight | None, p: FlowParams, overlap: float
+) -> dict[str, tuple[Array, str]]:
+    """Momentum, added mass and the foot's motion over t."""
+    n = field.sizes["t"]
+    out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
+    metres = field.x.attrs["units"] == "m"
+    phi = packing(section, bed)[0]
+    needed = {"[grain_video] foot_row and axis_column": "foot_y" in field, "[grain_video] scale": metres}
+    lacking = [k for k, there in needed.items() if not there]
+    if lacking:
+        warnings.warn(f"no momentum and added mass: {', '.join(lacking)} missing", StageWarning, stacklevel=3)
+        return out
+    speed, speed_sigma = -field.foot_v.values, field.foot_v_sigma.values
+    out["foot_depth"] = (p.initial_depth - field.foot_y.values, "m")
+    out["foot_speed"], out["foot_speed_sigma"] = (speed, "m/s"), (speed_sigma, "m/s")
+    if phi is None:
+        warnings.warn("no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3)
+        return out
+    rows = [momentum_of(field.isel(t=i), film, section, phi, overlap) for i in range(n)]
+    momentum, sigma, covered = (np.array(a) for a in zip(*rows, strict=True))
+    mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
+    return out | {
+        "momentum": (momentum, "kg m/s"), "momentum_sigma": (sigma, "kg m/s"), "covered": (covered, "1"),
+        "added_mass": (mass, "kg"), "added_mass_sigma": (mass_sigma, "kg"),
+    }  # fmt: skip
+
+
+def momentum_of(
+    frame: xr.Dataset, film: GrainVideo, section: Bed | None, phi: float, overlap: float
+) -> tuple[float, float, float]:
+    """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost."""
+    top = float(frame.foot_y)
+    if not np.isfinite(top):
+        return np.nan, np.nan, 0.0
+    scale, a = film.scale or 1.0, frame.attrs
+    return grain_momentum(
+        frame.v, frame.x, frame.y, frame.v_sigma, frame.chc.values > 0,
+        top=top,
+        left=(-0.5 - a["origin_column_px"]) * scale,
+        right=(a["image_columns"] - 0.5 - a["origin_column_px"]) * scale,
+        bottom=-(a["image_rows"] - 0.5 - a["origin_row_px"]) * scale,
+        density=section.grain_density if section else Bed().grain_density,
+        volume_fraction=phi,
+        disc=film.foot,
+        correlation=overlap,
+    )  # fmt: skip

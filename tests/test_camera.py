@@ -1,0 +1,58 @@
+"""Pixels to metres, against positions worked out by hand and an inverse written here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jumpvision.vision.camera import camera
+
+PLAIN = {"scale": 2e-4, "up": "-y", "tilt": 0.0, "marks": (), "k1": 0.0, "k2": 0.0, "centre": (100.0, 50.0)}
+
+
+@pytest.mark.parametrize(("up", "height"), [("-y", -30.0), ("+y", 30.0), ("+x", 10.0), ("-x", -10.0)])
+def test_up_is_the_named_direction_of_the_image(up, height):
+    """From (100, 50) to (110, 80): 10 columns right, 30 rows down."""
+    c = camera(**{**PLAIN, "up": up})
+    h = c.height([100, 110], [50, 80])
+    assert h[1] - h[0] == pytest.approx(height * 2e-4, rel=1e-12)
+
+
+def test_a_tilted_rail_is_followed():
+    """A ball moving 50 px along a rail 0.3 rad counter-clockwise of vertical rises by 50 px of rail."""
+    c = camera(**{**PLAIN, "tilt": 0.3})
+    h = c.height([100, 100 - 50 * np.sin(0.3)], [50, 50 - 50 * np.cos(0.3)])
+    assert h[1] - h[0] == pytest.approx(50 * 2e-4, rel=1e-12)
+
+
+def test_marks_give_scale_and_rotation():
+    """Four marks seen by a camera rolled by 0.1 rad with 0.25 mm/px."""
+    rng = np.random.default_rng(3)
+    world = rng.uniform(-0.05, 0.05, (4, 2))
+    z = (world[:, 0] + 1j * world[:, 1] - (0.01 + 0.02j)) * np.exp(-0.1j) / 2.5e-4
+    seen = np.column_stack([z.real + 200, 300 - z.imag])
+    c = camera(**{**PLAIN, "scale": None, "marks": np.column_stack([seen, world])})
+    assert c.scale == pytest.approx(2.5e-4, rel=1e-9)
+    assert c.height(seen[:, 0], seen[:, 1]) == pytest.approx(world[:, 1], abs=1e-12)
+
+
+def test_radial_distortion_is_undone():
+    """Points distorted by solving seen (1 + k1 r^2 + k2 r^4) = true for the seen radius."""
+    k1, k2 = 2e-6, 1e-12
+    c = camera(**{**PLAIN, "k1": k1, "k2": k2})
+    true = np.array([5.0, 60.0, 180.0])
+    roots = []
+    for r in true:
+        found = np.roots([k2, 0, k1, 0, 1, -r])
+        roots.append(float(found[np.abs(found.imag) < 1e-9].real.min(initial=np.inf, where=found[np.abs(found.imag) < 1e-9].real > 0)))
+    angle = np.array([0.3, 2.0, -1.0])
+    x, y = c.undistorted(100 + roots * np.cos(angle), 50 + roots * np.sin(angle))
+    assert x == pytest.approx(100 + true * np.cos(angle), abs=1e-9)
+    assert y == pytest.approx(50 + true * np.sin(angle), abs=1e-9)
+
+
+def test_without_scale_and_marks_it_says_what_to_give():
+    with pytest.raises(ValueError, match=r"metres per pixel"):
+        camera(**{**PLAIN, "scale": None})
+    with pytest.raises(ValueError, match="two different points"):
+        camera(**{**PLAIN, "marks": [[1, 1, 0, 0], [1, 1, 0, 0]]})

@@ -1,0 +1,126 @@
+"""The foot's face against drawn films. About 25 s on two cores.
+
+The foot is drawn over discs that are new in part in every frame, by supersampling: no row is known to the tracker but
+the first, to a pixel.
+"""
+
+import functools
+
+import numpy as np
+import pytest
+
+from jumpvision.vision.foot import track_foot
+
+SHAPE = (130, 200)  # rows, columns
+CENTRE, HALF = 100.0, 60.0
+FRAMES = 16
+SETTINGS = {"column": CENTRE, "half_width": HALF, "depth": 24, "search": 10.0}
+TRUTH = 48 + 13 * np.sin(np.arange(FRAMES) * 0.55) + 0.37 * np.arange(FRAMES)  # up to 7 px a frame, both ways
+
+
+def draw(face, bed, carry, texture, sub=4):
+    """One frame [grey]: discs whose part near the face follows it by `carry`, and a foot with a pattern of its own."""
+    h, w = SHAPE
+    q = (np.arange(sub) + 0.5) / sub - 0.5
+    y, x = np.meshgrid(*(np.add.outer(np.arange(n), q).ravel() for n in SHAPE), indexing="ij")
+    image = np.full(x.shape, 25.0)
+    for gx, gy, r, grey in bed:
+        gy = gy + carry * (face - TRUTH[0]) * np.exp(-max(gy - TRUTH[0], 0) / 30)
+        cx, cy, reach = (gx + 0.5) * sub, (gy + 0.5) * sub, (r + 3) * sub
+        rows = slice(max(0, int(cy - reach)), max(0, int(cy + reach)))
+        box = rows, slice(max(0, int(cx - reach)), max(0, int(cx + reach)))
+        rho = np.hypot(x[box] - gx, y[box] - gy)
+        image[box] += (grey * (1 - 0.35 * (rho / r) ** 2) - image[box]) / (1 + np.exp((rho - r) / 0.3))
+    body = 45 + texture * np.sin(0.5 * x + 1) * np.sin(0.6 * (y - face) + 0.3 * x)
+    image += (body - image) / (1 + np.exp((y - face) / 0.3)) * (np.abs(x - CENTRE) < HALF)
+    return image.reshape(h, sub, w, sub).mean((1, 3))
+
+
+@functools.cache
+def film(texture, carry):
+    rng = np.random.default_rng(int(10 * carry) + texture)
+    n = 1200
+    bed = np.stack(
+        [rng.uniform(-10, 210, n), rng.uniform(-20, 150, n), rng.uniform(2.5, 6.5, n), rng.uniform(60, 200, n)], 1
+    )
+    return [draw(f, bed, carry, texture) for f in TRUTH]
+
+
+def camera(image, noise, rng):
+    return np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255).astype(np.uint8)
+
+
+def errors(texture, carry, noise):
+    rng = np.random.default_rng(1)
+    frames = (camera(i, noise, rng) for i in film(texture, carry))
+    track = track_foot(frames, row=float(round(TRUTH[0])) + 1, **SETTINGS)
+    assert (track.flag == "").all()
+    return track, track.row - TRUTH
+
+
+# a plain body of 7 blocks of columns: the grey of the grains varies by half their contrast over a rise of 1 px, about
+# 0.25 px a block, 0.1 px for all; a texture of 12 grey levels over 2000 px with noise 2: 0.02 px
+@pytest.mark.parametrize(("texture", "rms"), [(0, 0.15), (12, 0.04)])
+@pytest.mark.parametrize("carry", [1, 0.5, 0])
+def test_face(texture, rms, carry):
+    track, e = errors(texture, carry, noise=2)
+    assert np.std(e) < rms
+    assert abs(np.median(e)) < 3 * track.offset_sigma < 0.6
+
+
+def test_claimed_sigma_is_true_sigma():
+    """12 films of 16 frames, errors about the median of each film: about 180 independent values, 0.683 +- 3 x 0.035."""
+    z = []
+    for texture in (0, 12):
+        for carry in (1, 0.5, 0):
+            for noise in (2, 6):
+                track, e = errors(texture, carry, noise)
+                z.append(((e - np.median(e)) / np.where(track.sigma > 0, track.sigma, np.nan))[1:])
+    assert 0.58 < np.mean(np.abs(np.concatenate(z)) < 1) < 0.79
+
+
+def test_lost_and_found_again():
+    """A hand before the camera for two frames, NaN pixels in one, flicker of the lamp in one."""
+    rng = np.random.default_rng(2)
+    frames = [camera(i, 2, rng).astype(float) for i in film(12, 0.5)]
+    frames[5] = rng.uniform(0, 255, SHAPE)
+    frames[6] = np.full(SHAPE, 200.0)
+    frames[9][20:30] = np.nan
+    frames[12] += 15
+    track = track_foot(frames, row=TRUTH[0], **SETTINGS)
+    lost = np.isnan(track.row)
+    assert np.flatnonzero(lost).tolist() == [5, 6, 9]
+    assert (track.flag[lost] != "").all() and np.isnan(track.sigma[lost]).all()
+    e = track.row - TRUTH
+    assert np.nanstd(e) < 0.06
+
+
+def test_bright_body():
+    """Negative films are followed like positive ones."""
+    rng = np.random.default_rng(3)
+    frames = [255 - camera(i, 2, rng) for i in film(12, 1)]
+    assert np.std(track_foot(frames, row=TRUTH[0], **SETTINGS).row - TRUTH) < 0.04
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"half_width": 10}, "half_width = 10"), ({"row": 3.0}, "row = 3.0"), ({"depth": 60}, "depth = 60")],
+)
+def test_bad_calls(change, said):
+    with pytest.raises(ValueError, match=said):
+        track_foot(film(0, 1)[:1], **({"row": TRUTH[0]} | SETTINGS | change))
+
+
+def test_no_edge_in_frame_0():
+    with pytest.raises(ValueError, match="row = 48.0: no edge"):
+        track_foot([np.full(SHAPE, 90, np.uint8)], row=48.0, **SETTINGS)
+
+
+def test_frames_of_different_size():
+    a, b = film(0, 1)[:2]
+    with pytest.raises(ValueError, match="frame 1 is"):
+        track_foot([a, b[1:]], row=TRUTH[0], **SETTINGS)
+
+
+def test_no_frames():
+    assert track_foot([], row=40.0, **SETTINGS).row.shape == (0,)
