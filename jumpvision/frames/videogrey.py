@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.frames.base import Image
+from jumpvision.frames.base import FrameError, Image
 from jumpvision.frames.grey import luma
 
 # Luma in every second value of the one plane: which value it starts at.
@@ -32,9 +32,8 @@ def grey(frame: Any) -> Image:
     pixels = frame.format
     dtype, bits = grey_type(pixels)
     if pixels.has_palette:
-        index = plane(frame, 0, np.dtype(np.uint8), 1)
-        colours = np.frombuffer(frame.planes[1], np.uint32)[:256]  # 0xAARRGGBB in machine order
-        return luma(*((colours >> s & 255).astype(np.uint8) for s in (16, 8, 0)))[index]
+        index, colours = frame.to_ndarray()  # colours: (256, 4) of opacity, red, green, blue
+        return luma(colours[:, 1], colours[:, 2], colours[:, 3])[index]
     if pixels.is_rgb and pixels.name.startswith("gbr") and "f" not in pixels.name:
         green, blue, red = (plane(frame, k, stored(pixels, dtype), 1) for k in range(3))
         return luma(red.astype(dtype), green.astype(dtype), blue.astype(dtype))
@@ -55,5 +54,7 @@ def stored(pixels: Any, dtype: np.dtype[Any]) -> np.dtype[Any]:
 def plane(frame: Any, k: int, dtype: np.dtype[Any], per_pixel: int) -> NDArray[Any]:
     """Plane k as (height, width * per_pixel) values, without the padding of its lines."""
     source = frame.planes[k]
-    lines = np.frombuffer(source, dtype).reshape(-1, abs(source.line_size) // dtype.itemsize)
+    if source.line_size < 0:  # rows from the bottom; the buffer then starts at the last one
+        raise FrameError(f"{frame.format.name} pixels with the bottom row first are not supported; convert with ffmpeg")
+    lines = np.frombuffer(source, dtype).reshape(-1, source.line_size // dtype.itemsize)
     return lines[: frame.height, : frame.width * per_pixel]

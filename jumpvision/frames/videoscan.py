@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.frames.base import FrameError
+from jumpvision.frames.ffv1 import checksums_hold
 from jumpvision.frames.videofile import decode_steps, open_video
 
 HIDDEN_FRAMES = ("vp8", "vp9", "av1")  # codecs whose packets may show nothing
@@ -65,17 +66,22 @@ def scan_film(path: Path, threads: str) -> Scan:
             duration=(container.duration - (container.start_time or 0)) * 1e-6 if alone else 0.0,
         )
         corrupt: list[int | None] = []
+        checked: list[bool] = []  # of FFV1 packets
         for packet, frames, failed in decode_steps(container, stream):
             if packet is not None and packet.is_discard:
                 scan.hidden += 1
             elif packet is not None:
                 add_packet(scan, packet, failed)
+                if scan.codec == "ffv1":
+                    checked.append(checksums_hold(bytes(packet)))
             for frame in frames:
                 add_frame(scan, frame)
                 if frame.is_corrupt:
                     corrupt.append(frame.pts)
     at = {pts: k for k, pts in enumerate(scan.pts)}
     scan.broken |= {at[pts] for pts in corrupt if pts in at}
+    if any(checked):  # the film has checksums
+        scan.broken |= {k for k, right in enumerate(checked) if not right}
     return scan
 
 
@@ -120,14 +126,16 @@ def timeline(path: Path, scan: Scan) -> Timeline:
         good = [k for k, pts in enumerate(scan.frame_pts) if packet_of[pts] not in bad]
         stamps = scan.dts
         packets = sorted((k for k in range(n) if k not in bad and k not in silent), key=lambda k: stamps[k])
-    elif bad == broken and frames == n - len(bad):  # stamps too coarse to tell frames apart; the order is certain
-        good = list(range(frames))
-        packets = sorted(set(range(n)) - bad, key=lambda k: (stamps[k], k))
+    elif frames == n and (not bad or stamps == sorted(stamps)):
+        # Stamps too coarse to tell frames apart, but the order is certain.
+        order = sorted(range(n), key=lambda k: (stamps[k], k))
+        good = [s for s, k in enumerate(order) if k not in bad]
+        packets = [order[s] for s in good]
     elif bad:  # neither: keep what comes surely before the first damage
         good = list(range(min(max(min(bad) - DEEPEST_REORDER, 0), frames)))
         packets = sorted(range(n), key=lambda k: (stamps[k], k))[: len(good)]
     else:
-        packets = []
+        good, packets = [], []
     if len(packets) != len(good) or not good:
         raise FrameError(
             f"{path}: {n} packets gave {frames} frames that cannot be matched in time; convert it with ffmpeg"
@@ -171,6 +179,8 @@ def whole_groups(key: Sequence[bool], bad: set[int]) -> set[int]:
 def shortfall(scan: Scan) -> int:
     """Frames that the header promises beyond what the file holds."""
     read = len(scan.pts) + scan.hidden
+    if scan.format == "avi" and scan.dts:  # counts its dropped frames, too; the stamps are their numbers
+        read = max(scan.dts) + 1
     if scan.promised:
         return max(scan.promised - read, 0)
     if scan.duration and scan.rate and len(scan.pts) > 1:  # MKV and WEBM know no count, only how long the film lasts

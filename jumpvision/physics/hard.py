@@ -30,8 +30,8 @@ RANGES = {
     "landing_loss": ("", 0.0, True),
     "amplitude": ("m", 0.0, False),
     "cycles": ("", 0.0, False),
-    "frequencies": ("Hz", 0.0, False),
-    "phases": ("rad", -math.inf, True),
+    "frequency": ("Hz", 0.0, False),
+    "phase": ("rad", -math.inf, True),
 }
 
 RESULTS = (
@@ -195,6 +195,15 @@ def hard_sweep(
     return result
 
 
+def sine_rows(frequency: ArrayLike, amplitude: ArrayLike, phase: ArrayLike, cycles: ArrayLike) -> Array:
+    """The laws forcing.sinusoid(frequency, amplitude, phase, cycles), shape (..., 1, 6); the arguments broadcast."""
+    for name, value in {"frequency": frequency, "amplitude": amplitude, "phase": phase, "cycles": cycles}.items():
+        _check(name, value)
+    f, amp, ph, n = np.broadcast_arrays(*(np.asarray(v, float) for v in (frequency, amplitude, phase, cycles)))
+    columns = (np.zeros(f.shape), n / f, -amp * np.sin(ph), amp, 2.0 * np.pi * f, ph)
+    return np.stack(columns, axis=-1)[..., None, :]
+
+
 def hard_map(
     frequencies: ArrayLike,
     phases: ArrayLike,
@@ -209,22 +218,9 @@ def hard_map(
     landing_loss: float,
 ) -> dict[str, NDArray]:
     """hard_sweep over the sinusoidal law: frequencies (nf,) [Hz], phases (np,) [rad]; results of shape (nf, np)."""
-    for name, value in (
-        ("frequencies", frequencies),
-        ("phases", phases),
-        ("amplitude", amplitude),
-        ("cycles", cycles),
-    ):
-        _check(name, value)
     f, ph = np.asarray(frequencies, float)[:, None], np.asarray(phases, float)[None, :]
-    laws = np.zeros((f.shape[0], ph.shape[1], 1, 6))
-    laws[..., 0, 1] = cycles / f
-    laws[..., 0, 2] = -amplitude * np.sin(ph)
-    laws[..., 0, 3] = amplitude
-    laws[..., 0, 4] = 2.0 * np.pi * f
-    laws[..., 0, 5] = ph
     return hard_sweep(
-        laws,
+        sine_rows(f, amplitude, ph, cycles),
         motor_mass=motor_mass,
         rod_mass=rod_mass,
         stiffness=stiffness,

@@ -37,10 +37,11 @@ def fraction(height: float, sigma: float, section: Bed | None, p: BedParams) -> 
     """(phi, sigma), or None where neither the solid volume nor a reference is known."""
     if section and section.solid_volume is not None:
         length, width = need(section, "length", "width")
-        return volume_fraction(section.solid_volume, length, width, height, sigma)
+        phi = volume_fraction(section.solid_volume, length, width, height, sigma)
+        return phi.value, phi.sigma
     if p.reference_height is not None and p.reference_fraction is not None:
-        phi = p.reference_fraction * p.reference_height / height
-        return phi, phi * sigma / height
+        relative = p.reference_fraction * p.reference_height / height
+        return relative, relative * sigma / height
     return None, None
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..field import strain
 from ..field.gradients import gradients
 from ..field.momentum import added_mass, grain_momentum
-from ..field.strain import divergence, shear_rate, vorticity
 from ..params import FlowParams
 from ..pipeline import StageWarning, stage
 from ..records import BedHeight, Flow, Piv
@@ -26,18 +26,22 @@ def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None,
     """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
     field = piv.field
     overlap = field.attrs["window_px"] / field.attrs["step_px"]
-    strain: dict[str, list[Array]] = {}
+    maps: dict[str, list[Array]] = {}
     for i in range(field.sizes["t"]):
         f = field.isel(t=i)
         g = gradients(
-            f.u, f.v, f.x, f.y, f.u_sigma, f.v_sigma, f.chc.values > 0, half_width=p.half_width, correlation=overlap
-        )
-        for name, measure in (("shear_rate", shear_rate), ("vorticity", vorticity), ("divergence", divergence)):
-            value, sigma = measure(g)
-            strain.setdefault(name, []).append(value)
-            strain.setdefault(f"{name}_sigma", []).append(sigma)
+            f.u, f.v, f.x, f.y, f.u_sigma, f.v_sigma, f.chc.values > 0, half_width=p.half_width,
+            correlation_length=overlap,
+        )  # fmt: skip
+        found = {
+            "shear_rate": strain.shear_rate(g.u_x, g.u_y, g.v_x, g.v_y), "shear_rate_sigma": strain.shear_rate_sigma(g),
+            "vorticity": strain.vorticity(g.u_y, g.v_x), "vorticity_sigma": strain.vorticity_sigma(g),
+            "divergence": strain.divergence(g.u_x, g.v_y), "divergence_sigma": strain.divergence_sigma(g),
+        }  # fmt: skip
+        for name, values in found.items():
+            maps.setdefault(name, []).append(values)
     data = xr.Dataset(
-        {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s"}) for k, a in strain.items()},
+        {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s"}) for k, a in maps.items()},
         coords={c: field[c] for c in ("x", "y", "t")},
         attrs={"min_speed": p.min_speed, "initial_depth_m": p.initial_depth, "disc": film.foot, "source": field.attrs["source"]},
     )

@@ -17,7 +17,7 @@ from jumpvision.vision.piv.validate import local_median, normalised_median
 
 Array = NDArray[np.float64]
 
-MAX_SIGMA = 0.5  # px, a match less certain than this says no more than its neighbours do
+MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 ROUGH, FINE = 0.03, 0.01  # px, the last step of the first and of the final match; the error left is far smaller
 
 

@@ -15,7 +15,7 @@ REASONS: dict[int, str] = {
     VALID: "valid",
     MASKED: "masked: less than half of the window is usable",
     NO_TEXTURE: "no texture in the window",
-    LOW_CORRELATION: "low correlation or uncertainty above 0.5 px, replaced by interpolation",
+    LOW_CORRELATION: "low correlation or uncertainty above 2 px, replaced by interpolation",
     SECOND_PEAK: "outlier, replaced by the second correlation peak or by a match started from its neighbours",
     INTERPOLATED: "outlier (normalised median), replaced by interpolation",
     EDGE_PEAK: "correlation peak at the edge of the search, replaced by interpolation",
