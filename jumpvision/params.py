@@ -14,6 +14,8 @@ class TrackParams:
     polarity: str = param("bright", "", "ball against the background", choices=("bright", "dark"))
     method: str = param("disc", "", "disc fit, or the published threshold and centroid", choices=("disc", "threshold"))
     search: float = param(1.5, "ball diameters", "half width of the moving search window", lo=0.6, hi=20.0)
+    background: str = param("static", "", "remove the still scene behind the ball, or leave it",
+                            choices=("static", "none"))  # fmt: skip
     seed: tuple[float, ...] = param((), "px", "column, row of the ball in the first frame; default: found by search")
     diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
 

@@ -1,4 +1,4 @@
-"""The foot's face against drawn films. About 25 s on two cores.
+"""The foot's face against drawn films. About 10 s on two cores.
 
 The foot is drawn over discs that are new in part in every frame, by supersampling: no row is known to the tracker but
 the first, to a pixel.
@@ -112,7 +112,7 @@ def test_bad_calls(change, said):
 
 
 def test_no_edge_in_frame_0():
-    with pytest.raises(ValueError, match="row = 48.0: no edge"):
+    with pytest.raises(ValueError, match=r"row = 48\.0: no edge"):
         track_foot([np.full(SHAPE, 90, np.uint8)], row=48.0, **SETTINGS)
 
 

@@ -15,6 +15,8 @@ from scipy.interpolate import CubicSpline
 
 from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
 from jumpvision.physics.hard import hard_jump, hard_map, hard_sweep
+from jumpvision.physics.hard_arc import GAMMA, JERK, KIND, W2, evaluate, make_arc
+from jumpvision.physics.hard_flow import safe_step
 
 THESIS = {
     "motor_mass": 1.003,
@@ -246,6 +248,37 @@ def test_bounces_below_grazing_speed_are_not_counted():
     u0 = 0.5 * robot["gravity"] * (short.landing - short.lift_off)[free][0]
     assert len(short.lift_off) == len(long.lift_off)  # it does end, and time goes on
     assert free.sum() == 1 + math.floor(2 * math.log2(u0 / 1e-6))
+
+
+def test_a_step_stays_below_the_third_derivative_and_before_the_first_root():
+    # the two facts on which it rests that no contact is missed
+    rng, kinds = np.random.default_rng(6), set()
+    for i in range(2000):
+        w0, q = 10 ** rng.uniform(0, 2), rng.uniform(0.5, 1.0)
+        gam = w0 * rng.choice([0.0, 1e-5, 0.01, 0.5, 1.0, 4.0])
+        om = w0 * (1.0 + rng.choice([0.0, 1e-6, 1e-4]) if i % 4 == 0 else rng.uniform(0.1, 3.0))
+        cubic = rng.normal(size=4) * (i % 3 == 0) * [1, w0, w0**2, w0**3]
+        piece = np.array([0.0, 10 / w0, *cubic, 10 ** rng.uniform(-2, 1), om, rng.uniform(0, 6)])
+        tau, state = rng.uniform(0, 9 / w0), (rng.normal(), w0 * rng.normal())
+        g = rng.uniform(0.1, 1) * w0**2
+        arc = make_arc(i % 5 > 0, piece, tau, 10 / w0 - tau, *state, q, g, w0**2, gam)
+        kinds.add(arc[KIND])
+        s = np.linspace(0, 10 / w0 - tau, 300)
+        _, v, a, _, _, _, motor_jerk = np.array([evaluate(arc, r, q, g) for r in s]).T
+        jerk = -q * motor_jerk - 2 * arc[GAMMA] * a - arc[W2] * v  # the equation of motion, differentiated
+        assert np.max(np.abs(jerk)) <= arc[JERK] * (1 + 1e-9)
+    assert len(kinds) == 4
+    for _ in range(5000):
+        f, f1, f2, j = (
+            -(10 ** rng.uniform(-9, 0)),
+            *rng.normal(size=2) * 10 ** rng.uniform(-2, 1, 2),
+            10 ** rng.uniform(-2, 1),
+        )
+        roots = np.roots([j / 6, f2 / 2, f1, f])
+        first = np.min(roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real)
+        cap = first * 10 ** rng.uniform(-1, 1.5)
+        # np.roots itself is right to about 1e-7 where two roots all but meet
+        assert safe_step(f, f1, f2, j, cap) == pytest.approx(min(first, cap), rel=1e-5)
 
 
 def test_no_contact_is_missed_however_short():

@@ -127,7 +127,7 @@ def _planes(f: Array, sigma: Array, ok: NDArray[np.bool_], x: Array, y: Array, h
                 sxf += w * dx * df
                 syf += w * dy * df
             det = sxx * syy - sxy * sxy
-            if not det > 1e-9 * sxx * syy:  # all on one line
+            if not det > 1e-9 * (sxx + syy) ** 2:  # all on one line
                 continue
             for k in range(n):  # slope = sum of (wx, wy) f; the weight is kept times the point's own sigma
                 e = sigma[pi[k], pj[k]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,12 +13,14 @@ from jumpvision.field.correlation import correlated_variance
 Array = NDArray[np.float64]
 
 ANGLE = {"full": 2.0 * math.pi, "half": math.pi}  # rad of the disc that pushes grains: whole, or half at the wall
+MIN_RATIO = 5.0  # foot speed / its sigma below which P / v is left out: it has no symmetric uncertainty there
 
 
-@dataclass(frozen=True)
-class Momentum:
-    """value, sigma [kg m/s], positive DOWN. covered: share of the bed's volume in view that was measured or filled;
-    grains outside that share are not in the value."""
+class Momentum(NamedTuple):
+    """value, sigma [kg m/s], positive DOWN. covered: share of the bed's volume in the domain that was measured or filled.
+
+    Grains outside that share are not in the value.
+    """
 
     value: float
     sigma: float
@@ -31,62 +33,87 @@ def grain_momentum(
     y: ArrayLike,
     v_sigma: ArrayLike,
     valid: ArrayLike,
-    bed: ArrayLike,
     *,
+    top: float,
+    bottom: float,
+    left: float,
+    right: float,
+    axis_x: float,
     density: float,
     volume_fraction: float,
-    axis_x: float,
     disc: str,
-    max_hole: int,
     correlation_length: float,
 ) -> Momentum:
-    """P = -rho phi c int int v r dr dh, c = 2 pi for a full disc and pi for a half foot at the wall.
+    """P = -rho phi c int int v r dr dh over left..right, bottom..top; c = 2 pi for a full disc, pi for a half foot.
 
-    v, v_sigma [m/s], v positive UP (so the value, positive down, has the opposite sign): shape (ny, nx). x (nx,), y (ny,)
-    [m] strictly monotonic cell centres. valid: vectors to trust. bed [bool]: cells that hold grains, so neither above
-    the surface nor the foot itself. density rho [kg/m^3] of the grain material. axis_x [m]: the foot's axis.
+    v, v_sigma [m/s], v positive UP (the value, positive down, has the opposite sign), valid [bool]: shape (ny, nx). x (nx,),
+    y (ny,) [m] strictly monotonic cell centres, y up. Domain [m]: top is the foot's face (vectors above it do not count),
+    bottom, left and right the edges of the picture or of the bed. axis_x [m]: the foot's axis. density rho [kg/m^3] of
+    the grains' material. correlation_length: window width / grid step (`field.correlation`).
 
     Both half planes are measured and azimuthal symmetry is assumed: radii seen on both sides are averaged, radii seen on
-    one side only count in full. Every cell is weighted with its exact int r dr.
+    one side only count in full. Every cell is weighted with its exact int r dr inside the domain, and the outermost
+    cells reach as far as their windows do, half a window from the centre. Missing vectors:
 
-    Holes of up to max_hole cells in a row of the bed are filled by linear interpolation between the two vectors beside
-    them. Each filled value carries, besides the errors of those two, half their difference over sqrt(3) (it may lie
-    anywhere between them), fully correlated inside the hole. Larger holes and holes at an edge stay empty and lower
-    `covered`. correlation_length: window width / grid step (`field.correlation`). The sigma does not hold the errors of
-    rho, phi, the scale and the axis, which are common to all frames.
+    - holes along a row narrower than a window (at least one cell) are interpolated linearly. A filled value carries,
+      besides the errors of the two vectors beside it, their difference over sqrt(12) (it may lie anywhere between
+      them), common to the cells of one hole;
+    - cells within half a window of the next vector in their column take its value (the gap below the foot's face), with
+      the change that the column's slope would make over sqrt(3), common to all such cells;
+    - the rest stays empty and lowers `covered`.
+
+    The sigma does not hold the errors of rho, phi, the scale and the axis, which are common to all frames.
     """
     v, x, y = (np.asarray(a, dtype=float) for a in (v, x, y))
-    sigma = np.asarray(v_sigma, dtype=float)
-    inside = np.asarray(bed, dtype=bool)
-    ok = np.asarray(valid, dtype=bool)
-    for name, a in (("v_sigma", sigma), ("valid", ok), ("bed", inside)):
+    sigma, ok = np.asarray(v_sigma, dtype=float), np.asarray(valid, dtype=bool)
+    for name, a in (("v_sigma", sigma), ("valid", ok)):
         if v.ndim != 2 or a.shape != v.shape:
             raise ValueError(f"grain_momentum: {name} has shape {a.shape}, v has {v.shape}; both must be (ny, nx)")
     if disc not in ANGLE:
         raise ValueError(f"grain_momentum: disc = {disc!r} must be 'half' (foot flush with the wall) or 'full'")
-    ok = ok & inside & np.isfinite(v) & np.isfinite(sigma)
+    if not (bottom < top and left < right):
+        raise ValueError(f"grain_momentum: empty domain: bottom {bottom:g}, top {top:g}, left {left:g}, right {right:g} m")
+    ok = ok & np.isfinite(v) & np.isfinite(sigma) & (y < top)[:, None]
     if np.any(sigma[ok] < 0.0):
         raise ValueError("grain_momentum: v_sigma has a negative value at a valid vector")
-    weight = np.abs(_widths("y", y, v.shape[0]))[:, None] * _ring(x, v.shape[1], axis_x)[None, :]
-    weight = density * volume_fraction * ANGLE[disc] * weight
-
-    total = float(weight[inside].sum())
-    if not ok.any() or total == 0.0:
+    half = 0.5 * max(1.0, correlation_length)  # of a window, in grid steps
+    factor = density * volume_fraction * ANGLE[disc]
+    height = np.abs(np.diff(np.clip(_edges("y", y, v.shape[0], half), bottom, top)))
+    edges = np.clip(_edges("x", x, v.shape[1], half), left, right) - axis_x
+    weight = factor * height[:, None] * _ring(edges)[None, :]
+    total = factor * (top - bottom) * 0.5 * max(axis_x - left, right - axis_x, 0.0) ** 2
+    if not ok.any() or not total > 0.0:
         return Momentum(math.nan, math.nan, 0.0)
-    effective = np.where(ok, weight, 0.0)  # P = -sum effective v over the measured cells, filled holes shared out
-    held, hole_var = float(effective.sum()), 0.0
+
+    shares = np.where(ok, weight, 0.0)  # P = -sum shares v over the measured cells, filled cells shared out to them
+    filled, hole_variance = ok.copy(), 0.0
     for i in range(v.shape[0]):
-        for a, b in _holes(ok[i], inside[i], max_hole):
+        at = np.flatnonzero(ok[i])
+        for a, b in zip(at[:-1], at[1:]):
+            if not 1 < b - a <= max(2.0, 2.0 * half):
+                continue
             k = np.arange(a + 1, b)
-            share = (x[k] - x[a]) / (x[b] - x[a])
-            w = weight[i, k]
-            effective[i, a] += float(np.sum(w * (1.0 - share)))
-            effective[i, b] += float(np.sum(w * share))
-            held += float(w.sum())
-            hole_var += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
-    value = -float(np.sum(effective[ok] * v[ok]))
-    noise = correlated_variance(np.where(ok, effective * np.where(ok, sigma, 0.0), 0.0), correlation_length)
-    return Momentum(value, math.sqrt(noise + hole_var), held / total)
+            part, w = (x[k] - x[a]) / (x[b] - x[a]), weight[i, k]
+            shares[i, a] += float(np.sum(w * (1.0 - part)))
+            shares[i, b] += float(np.sum(w * part))
+            filled[i, k] = True
+            hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
+    held, drift = float(weight[filled].sum()), 0.0
+    for i, j in zip(*np.nonzero(~filled & (weight > 0.0))):
+        at = np.flatnonzero(ok[:, j])
+        if at.size == 0:
+            continue
+        near = at[np.argsort(np.abs(at - i), kind="stable")[:2]]
+        if abs(near[0] - i) > max(1.0, half):
+            continue
+        shares[near[0], j] += weight[i, j]
+        held += float(weight[i, j])
+        if near.size == 2:
+            slope = (v[near[0], j] - v[near[1], j]) / (y[near[0]] - y[near[1]])
+            drift += float(weight[i, j] * slope * (y[i] - y[near[0]]))
+    noise = correlated_variance(np.where(ok, shares * np.where(ok, sigma, 0.0), 0.0), correlation_length)
+    value = -float(np.sum(shares[ok] * v[ok]))
+    return Momentum(value, math.sqrt(noise + hole_variance + drift**2 / 3.0), held / total)
 
 
 def added_mass(
@@ -96,46 +123,30 @@ def added_mass(
     foot_speed_sigma: ArrayLike,
     *,
     min_speed: float,
-    min_ratio: float,
 ) -> tuple[Array, Array]:
     """(m_a, sigma) [kg] = P / v_foot; momentum [kg m/s] and foot_speed [m/s] both positive DOWN, any common shape.
 
-    NaN where |v_foot| < min_speed [m/s] or < min_ratio of its own sigma: the quotient is singular there, and no value
-    with a symmetric uncertainty exists. P and v_foot are taken as independent.
+    NaN where |v_foot| < min_speed [m/s] or < MIN_RATIO of its own sigma: the quotient is singular there; a masked value
+    is honest, a clipped one is not. P and v_foot are taken as independent.
     """
     p, ps, v, vs = (np.asarray(a, dtype=float) for a in (momentum, momentum_sigma, foot_speed, foot_speed_sigma))
-    use = (np.abs(v) >= min_speed) & (np.abs(v) >= min_ratio * vs) & (v != 0.0)
+    use = (np.abs(v) >= min_speed) & (np.abs(v) >= MIN_RATIO * vs) & (v != 0.0)
     v = np.where(use, v, np.nan)
     mass = p / v
     return mass, np.hypot(ps, mass * vs) / np.abs(v)
 
 
-def _edges(name: str, x: Array, size: int) -> Array:
+def _edges(name: str, x: Array, size: int, half: float) -> Array:
+    """Cell borders (size + 1,): halfway between centres, the outer two `half` steps from theirs."""
     step = np.diff(x)
     if x.shape != (size,) or size < 2 or not (np.all(step > 0.0) or np.all(step < 0.0)):
         raise ValueError(f"grain_momentum: {name} must be strictly monotonic with shape ({size},), got shape {x.shape}")
-    return np.concatenate(([x[0] - 0.5 * step[0]], 0.5 * (x[1:] + x[:-1]), [x[-1] + 0.5 * step[-1]]))
+    return np.concatenate(([x[0] - half * step[0]], 0.5 * (x[1:] + x[:-1]), [x[-1] + half * step[-1]]))
 
 
-def _widths(name: str, x: Array, size: int) -> Array:
-    return np.diff(_edges(name, x, size))
-
-
-def _ring(x: Array, size: int, axis_x: float) -> Array:
-    """int w r dr of each cell [m^2], w = 1/2 at radii seen on both sides of the axis and 1 at those seen on one."""
-    e = _edges("x", x, size) - axis_x
-    lo, hi = float(e.min()), float(e.max())
-    both = max(0.0, min(-lo, hi))  # radii up to here are in view on both sides
-
-    def primitive(r: Array) -> Array:
-        a = np.abs(r)
-        inner = np.minimum(a, both)
-        return np.sign(r) * (0.25 * inner**2 + 0.5 * (a**2 - inner**2))
-
-    return np.abs(np.diff(primitive(e)))
-
-
-def _holes(ok: NDArray[np.bool_], inside: NDArray[np.bool_], max_hole: int) -> list[tuple[int, int]]:
-    """Pairs of neighbouring valid cells of a row with 1..max_hole bed cells, and nothing but bed, between them."""
-    at = np.flatnonzero(ok)
-    return [(int(a), int(b)) for a, b in zip(at[:-1], at[1:]) if 1 < b - a <= max_hole + 1 and inside[a:b].all()]
+def _ring(edges: Array) -> Array:
+    """int w r dr [m^2] between neighbouring edges (from the axis), w = 1/2 at radii seen on both sides, 1 on one."""
+    both = max(0.0, min(-float(edges.min()), float(edges.max())))  # radii up to here are in view on both sides
+    outer = np.abs(edges)
+    inner = np.minimum(outer, both)
+    return np.abs(np.diff(np.sign(edges) * (0.25 * inner**2 + 0.5 * (outer**2 - inner**2))))

@@ -21,6 +21,10 @@ class FrameError(ValueError):
     """A film that cannot be read: names the file, what is wrong, what is allowed and the remedy."""
 
 
+class Truncated(str):
+    """A warning that says that the end of the film is missing."""
+
+
 class Clock(NamedTuple):
     """time: (n,) [s], increasing; source: "file" or "declared"; warnings: texts."""
 
@@ -55,6 +59,11 @@ class Film(ABC):
         self.time_source = clock.source
         self.warnings = (*warnings, *clock.warnings)
         self.meta = meta
+
+    @property
+    def truncated(self) -> bool:
+        """Whether frames that the file's header promises are missing at its end."""
+        return any(isinstance(w, Truncated) for w in self.warnings)
 
     @abstractmethod
     def _read(self, i: int) -> Image:
@@ -137,7 +146,8 @@ def lost(path: Path, whole: int, promised: int) -> list[str]:
     """The warning for a truncated film: `promised` frames by the header, `whole` of them in the file."""
     if whole >= promised:
         return []
-    return [f"{path}: truncated; the header promises {promised} frames, {whole} are whole, {promised - whole} are lost"]
+    missing = promised - whole
+    return [Truncated(f"{path}: truncated; the header promises {promised} frames, {whole} are whole, {missing} are lost")]
 
 
 def check_image(path: Path, height: int, width: int) -> None:

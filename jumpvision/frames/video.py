@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.frames.base import Film, FrameError, Image, clock
+from jumpvision.frames.base import Film, FrameError, Image, Truncated, clock
 from jumpvision.frames.videofile import Step, decode_steps, open_video
 from jumpvision.frames.videogrey import grey, grey_type
 from jumpvision.frames.videoscan import scan_film, shortfall, timeline
@@ -42,9 +42,9 @@ class VideoFilm(Film):
         self._place = dict(zip(scan.pts, scan.place))
         self._keys = np.array([i for i, k in enumerate(line.ordinal) if scan.frame_key[k]], dtype=np.int64)
 
-        warnings = []
+        warnings: list[str] = []
         if missing := shortfall(scan):
-            warnings.append(f"{path}: truncated; {missing} frames that the header promises are lost at the end")
+            warnings.append(Truncated(f"{path}: truncated; {missing} frames that the header promises are lost at the end"))
         if line.lost:
             warnings.append(
                 f"{path}: {line.lost} frames are damaged or depend on a damaged one and are left out; "

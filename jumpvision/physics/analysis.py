@@ -31,8 +31,9 @@ def minimum_amplitude(
 ) -> Array:
     """Least amplitude A [m] whose sinusoidal law lifts the settled robot off the ground, by bisection (thesis Fig 24).
 
-    frequencies (nf,) [Hz], phases (np,) [rad]. wait [s]: lift-off counts until the law's end plus this: 0, or one natural
-    period. largest [m]: greatest amplitude tried. resolution [m]: width of the last bracket (encoder step: 6.25e-6).
+    frequencies (nf,) [Hz], phases (np,) [rad].
+    wait [s]: lift-off counts until the law's end plus this: 0, or one natural period.
+    largest [m]: greatest amplitude tried. resolution [m]: width of the last bracket (encoder step: 6.25e-6).
     Returns (nf, np), the middle of the bracket, so right to resolution / 2; NaN where `largest` does not lift off.
     Until lift-off the flow is linear in A: there is one threshold. ValueError for a bad argument (see hard_sweep).
     """

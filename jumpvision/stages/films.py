@@ -16,7 +16,7 @@ from ..sections import GrainVideo, RodVideo
 def open_film(section: RodVideo | GrainVideo) -> Film:
     """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it."""
     film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start)
-    if film.lost and section.truncated != "accept":
+    if film.truncated and section.truncated != "accept":
         film.close()
         raise FrameError(
             f"{'; '.join(film.warnings)}: copy the film from the camera again, or give "

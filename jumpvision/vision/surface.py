@@ -240,7 +240,7 @@ def _blocked_sigma(residual: Array, n: int) -> tuple[int, float]:
         sigma = _sigma_of_mean(residual, block)
         if block**3 > 2.0 * n * (sigma / single) ** 4:
             break
-    sigma = math.sqrt(max(2.0 * sigma**2 - before**2, sigma**2))
+    sigma = math.sqrt(max(2.0 * sigma**2 - before**2, 0.5 * sigma**2))  # the difference is noisy: never below half
     dof = max(residual.size // block - 2, 1)
     return block, sigma * float(student_t.isf(0.158655, dof))
 
