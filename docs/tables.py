@@ -19,11 +19,20 @@ def rows(table: list[dict[str, str]]) -> str:
     return "\n".join([f"| {' | '.join(head)} |", "|" + "---|" * len(head), *(f"| {b} |" for b in body)])
 
 
+def mechanisms() -> list[dict[str, str]]:
+    """The vocabulary of causes as rows."""
+    return [
+        {"mechanism": k, "parameters": ", ".join(m.parameters), "ground": ", ".join(m.grounds), "meaning": m.meaning}
+        for k, m in MECHANISMS.items()
+    ]
+
+
 def text() -> str:
     """The whole page."""
     parts = [
         "# Every key, with its default, unit, range and meaning",
-        "Made by `python docs/tables.py` from the declarations in the code; `jumpvision params` prints the stages' part.\n"
+        "Made by `python docs/tables.py` from the declarations in the code; `jumpvision params` prints the stages' "
+        "part. "
         "SI units. A section may be left out until a stage needs it.",
         "## experiment.toml and campaign.toml",
         f"### above the first section\n\n{rows(table_of(Header))}",
@@ -31,13 +40,12 @@ def text() -> str:
     for name, cls in {**SECTIONS, "robot.sigma": RobotSigma}.items():
         parts.append(f"### [{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
     parts += [
-        "### [model]\n\n`terms` lists mechanisms; their parameters stand beside it. `[model.fit]` holds ranges `[low, high]` of "
-        "parameters that may be re-fitted, `[model.sigma]` standard uncertainties of given ones.",
-        rows([{"mechanism": k, "parameters": ", ".join(m.parameters), "ground": ", ".join(m.grounds), "meaning": m.meaning}
-              for k, m in MECHANISMS.items()]),
+        "### [model]\n\n`terms` lists mechanisms; their parameters stand beside it. `[model.fit]` holds ranges "
+        "`[low, high]` of parameters that may be re-fitted, `[model.sigma]` standard uncertainties of given ones.",
+        rows(mechanisms()),
         rows(table_of(ModelParameters)),
-        "## Stage parameters\n\nIn `[params.<stage>]` of experiment.toml, campaign.toml or a pipeline file; `--set stage.key=value` "
-        "on the command line wins.",
+        "## Stage parameters\n\nIn `[params.<stage>]` of experiment.toml, campaign.toml or a pipeline file; "
+        "`--set stage.key=value` on the command line wins.",
     ]  # fmt: skip
     for name, cls in PARAMS.items():
         parts.append(f"### [params.{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")

@@ -132,7 +132,9 @@ def write_provenance(workspace: Workspace, command: str) -> None:
         "parameters": {s.name: asdict(workspace.parameters(s)) for s in done if s.params},
         "inputs": dict(sorted(workspace.inputs.items())),
         "outputs": {
-            f.name: sha256(f) for f in sorted(workspace.results.iterdir()) if f.is_file() and f.name in workspace.outputs
+            f.name: sha256(f)
+            for f in sorted(workspace.results.iterdir())
+            if f.is_file() and f.name in workspace.outputs
         },
         "warnings": [f"{s.stage}: {w}" for s in workspace.steps for w in s.warnings],
         "command": command,
@@ -163,8 +165,8 @@ def run_campaign(campaign: Campaign, plan: Plan, *, workers: int, done: Report) 
                 try:
                     outcomes[name] = future.result()
                 except BrokenProcessPool:
-                    outcomes[name] = Outcome(name, plan.results / name, errors=[
-                        f"{jobs[name][0].path}: a worker process was killed (out of memory?); run again to resume"])  # fmt: skip
+                    killed = f"{jobs[name][0].path}: a worker process was killed (out of memory?); run again to resume"
+                    outcomes[name] = Outcome(name, plan.results / name, errors=[killed])
                 done(outcomes[name])
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)

@@ -135,8 +135,8 @@ def params(stage: str | None = None, *, json: bool = False) -> int:
     Example: jumpvision params piv
     """
     from . import show
-    from .schema import InputError, closest, table_of
     from .params import PARAMS
+    from .schema import InputError, closest, table_of
 
     if stage is not None and stage not in PARAMS:
         raise InputError([f"params {stage}: unknown stage{closest(stage, PARAMS)}"])
@@ -197,7 +197,9 @@ def _work(
         if single and campaign.experiments:
             outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
         else:
-            workers = options.workers or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+            workers = (
+                options.workers or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+            )
             outcomes = run_campaign(campaign, plan, workers=workers or 1, done=progress.experiment)
     rows = jumps_table(campaign, outcomes)
     if not single and stages is None:

@@ -54,6 +54,7 @@ class Experiment:
         """The section of this type, or None."""
         return self.sections.get(cls.name)
 
+
 @dataclass(frozen=True)
 class Campaign:
     """A folder of experiments, in the order of their folder names."""
@@ -196,7 +197,7 @@ def _read(
         problems += more
     for key, section in sections.items():
         file_name = table[key].get("file")
-        if isinstance(file_name, str) and "file" in {f.name for f in fields(SECTIONS.get(key, Header))}:
+        if isinstance(file_name, str) and "file" in getattr(SECTIONS.get(key), "__dataclass_fields__", ()):
             problem = _file_problem(folder, campaign, file_name)
             problems += [f"{where} [{key}] file = '{file_name}': {problem}"] if problem else []
             if section is not None:

@@ -28,7 +28,10 @@ def read_log(path: Path, *columns: str, optional: tuple[str, ...] = (), at_least
     missing = [c for c in columns if c not in raw.columns]
     if missing:
         raise InputError(
-            [f"{path}: column {c} missing; the header is '{','.join(raw.columns)}'{closest(c, raw.columns)}" for c in missing]
+            [
+                f"{path}: column {c} missing; the header is '{','.join(raw.columns)}'{closest(c, raw.columns)}"
+                for c in missing
+            ]
         )
     if len(raw) < at_least:
         raise InputError([f"{path}: {len(raw)} rows; at least {at_least} are needed"])

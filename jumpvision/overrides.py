@@ -7,9 +7,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from .params import PARAMS
 from .schema import InputError, closest
 from .sections import SECTIONS
-from .params import PARAMS
 
 
 def parse(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
@@ -42,7 +42,9 @@ def parse(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
             allowed = [f.name for f in fields(PARAMS[where])]
             problems.append(f"--set {setting}: unknown key '{key}'{closest(key, allowed)}")
         else:
-            problems.append(f"--set {setting}: unknown section '{where}'{closest(where, [*PARAMS, *SECTIONS, 'model'])}")
+            problems.append(
+                f"--set {setting}: unknown section '{where}'{closest(where, [*PARAMS, *SECTIONS, 'model'])}"
+            )
     if problems:
         raise InputError(problems)
     return out

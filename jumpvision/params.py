@@ -28,8 +28,12 @@ class TrackParams:
 class BedParams:
     """How the bed surface is found."""
 
-    method: str = param("edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold"))
-    reference_height: float | None = param(None, "m", "bed height at reference_fraction, if V_s is unknown", lo=0, hi=10)
+    method: str = param(
+        "edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold")
+    )
+    reference_height: float | None = param(
+        None, "m", "bed height at reference_fraction, if V_s is unknown", lo=0, hi=10
+    )
     reference_fraction: float | None = param(None, "", "volume fraction at reference_height", lo=0.3, hi=0.8)
 
 

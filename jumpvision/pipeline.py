@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from .experiment import Experiment
-from .records import Record
 from .schema import read
 from .sections import MissingKey, Section
 
@@ -311,7 +310,9 @@ class Workspace:
 
 def companions(path: Path) -> list[Path]:
     """A recording and the header files that belong to it (Photron .cih, .cihx)."""
-    beside = [path.with_suffix(s) for s in (".cih", ".cihx", ".mraw") if path.suffix.lower() in (".mraw", ".cih", ".cihx")]
+    beside = [
+        path.with_suffix(s) for s in (".cih", ".cihx", ".mraw") if path.suffix.lower() in (".mraw", ".cih", ".cihx")
+    ]
     return [path, *(f for f in beside if f != path and f.is_file())]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextvars import ContextVar
 from typing import TypeVar
 
@@ -17,7 +17,7 @@ def watch(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T
     if hook is None:
         yield from items
         return
-    if total is None and hasattr(items, "__len__"):
+    if total is None and isinstance(items, Sized):
         total = len(items)
     hook(what, 0, total)
     for done, item in enumerate(items, 1):

@@ -109,7 +109,7 @@ class RodMotion(Table):
     @property
     def arrays(self) -> tuple[Any, Any, Any]:
         """time [s], height [m], sigma [m] as numpy arrays."""
-        return tuple(self.table[c].to_numpy(float) for c in self.columns)  # type: ignore[return-value]
+        return tuple(self.table[c].to_numpy(float) for c in self.columns)
 
 
 class BedHeight(Values):

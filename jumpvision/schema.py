@@ -38,7 +38,7 @@ def param(
     choices: tuple[str, ...] = (),
     open_lo: bool = False,
 ) -> Any:
-    """A dataclass field with its unit ("" = none), meaning and allowed values: lo <= value <= hi (lo < value if open_lo).
+    """A dataclass field with its unit ("" = none), meaning and allowed values: lo <= value <= hi (or lo < value).
 
     default: the value, REQUIRED, or a tuple (taken as it is). For a list the bounds hold for every entry.
     """
@@ -112,9 +112,6 @@ def check_value(value: Any, hint: Any, meta: Mapping[str, Any]) -> tuple[Any, st
                 return value, problem
             out.append(v)
         return tuple(out), ""
-    elif base is dict:
-        if not isinstance(value, dict):
-            return value, f"must be a table ({meta['meaning']})"
     return value, ""
 
 
@@ -134,7 +131,7 @@ def read(cls: type, table: Any, where: str, *, extra: Iterable[str] = ()) -> tup
             problems.append(f"{where} {key} = {_short(value)}: unknown key{closest(key, fields)}")
             continue
         hint, _ = type_of(cls, key)
-        if dataclasses.is_dataclass(hint):
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
             values[key], inner = read(hint, value, where.replace("]", f".{key}]"))
             problems += inner
             continue
@@ -176,7 +173,11 @@ def table_of(cls: type) -> list[dict[str, str]]:
         rows.append(
             {
                 "name": f.name,
-                "default": "required" if f.default is dataclasses.MISSING else "" if f.default in (None, "", ()) else str(f.default),
+                "default": "required"
+                if f.default is dataclasses.MISSING
+                else ""
+                if f.default in (None, "", ())
+                else str(f.default),
                 "unit": m["unit"],
                 "allowed": words.get(base, "number") if unbounded else allowed(m).removesuffix(f" {m['unit']}"),
                 "meaning": m["meaning"],

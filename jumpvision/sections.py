@@ -38,9 +38,7 @@ def need(section: Any, *keys: str) -> list[Any]:
     by_name = {f.name: f for f in fields(section)}
     missing = [k for k in keys if getattr(section, k) is None]
     if missing:
-        raise MissingKey(
-            [f"[{section.name}] {k}: missing; give {k} = ... ({describe(by_name[k])})" for k in missing]
-        )
+        raise MissingKey([f"[{section.name}] {k}: missing; give {k} = ... ({describe(by_name[k])})" for k in missing])
     return [getattr(section, k) for k in keys]
 
 
@@ -104,7 +102,9 @@ class Actuation(Section):
     """X_m(t) = A [sin(2 pi f t + phase) - sin(phase)], t from `start`."""
 
     name: ClassVar[str] = "actuation"
-    kind: str = param("sine", "", "jump type", choices=("single", "stutter", "delayed_stutter", "sine", "custom", "none"))
+    kind: str = param(
+        "sine", "", "jump type", choices=("single", "stutter", "delayed_stutter", "sine", "custom", "none")
+    )
     frequency: float | None = param(None, "Hz", "forcing frequency", lo=0, hi=1000.0, open_lo=True)
     amplitude: float | None = param(None, "m", "forcing amplitude A", lo=0, hi=1.0, open_lo=True)
     phase: float | None = param(None, "rad", "start phase; default by kind", lo=-10.0, hi=10.0)
@@ -147,8 +147,8 @@ class Bed(Section):
     grain_diameter: float | None = param(None, "m", "grain diameter", lo=0, hi=0.1, open_lo=True)
 
 
-SCALE = {"lo": 0.0, "hi": 0.01, "open_lo": True}
-RATE = {"lo": 0.0, "hi": 1e7, "open_lo": True}
+SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
+RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,9 @@ class Calibration(Section):
     """Lens and camera geometry, for any film."""
 
     name: ClassVar[str] = "calibration"
-    k1: float = param(0.0, "1/px^2", "radial distortion: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1, hi=1)
+    k1: float = param(
+        0.0, "1/px^2", "radial distortion: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1, hi=1
+    )
     k2: float = param(0.0, "1/px^4", "radial distortion, fourth order", lo=-1, hi=1)
     centre: tuple[float, ...] = param((), "px", "column, row of the distortion centre; default the image centre")
     marks: tuple[tuple[float, ...], ...] = param((), "", "[[px, py, x_m, y_m], ...]: known points (x right, y up)")

@@ -73,12 +73,14 @@ def table(rows: list[dict[str, Any]], title: str | None = None) -> None:
     numeric = {k for k in rows[0] if all(_is_number(r[k]) for r in rows if r[k] not in (None, ""))}
     out = Table(title=title, title_justify="left", header_style="bold", box=None, pad_edge=False)
     for key in rows[0]:
-        out.add_column(key, justify="right" if key in numeric else "left", no_wrap=key in numeric, overflow="fold")
+        out.add_column(
+            Text(key), justify="right" if key in numeric else "left", no_wrap=key in numeric, overflow="fold"
+        )
     for row in rows:
         out.add_row(*(Text("" if v is None else str(v)) for v in row.values()))
     console = Console()
     if not console.is_terminal:
-        console = Console(width=max(100, console.measure(out).maximum))
+        console = Console(width=200)
     console.print(out)
 
 
@@ -99,15 +101,15 @@ def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> s
         return ""
     value *= factor
     if not sigma or not isfinite(sigma):
-        return f"{value:.4g}"
+        return f"{value:#.4g}"
     sigma *= factor
     digits = max(0, 1 - floor(log10(sigma)))
     return f"{value:.{digits}f} ± {sigma:.{digits}f}"
 
 
 QUANTITIES = (  # summary key, its sigma, heading, factor
-    ("jump_height_m", "sigma_m", "jump height [mm]", 1e3),
-    ("simulated_height_m", None, "simulated [mm]", 1e3),
+    ("jump_height_m", "sigma_m", "height [mm]", 1e3),
+    ("simulated_height_m", None, "model [mm]", 1e3),
     ("volume_fraction", "sigma_volume_fraction", "phi", 1.0),
     ("mu", "mu_sigma", "mu", 1.0),
     ("beta_deg", "beta_deg_sigma", "beta [deg]", 1.0),
@@ -117,21 +119,45 @@ QUANTITIES = (  # summary key, its sigma, heading, factor
 )
 
 
+def known_truth(campaign: Campaign) -> dict[str, dict[str, Any]]:
+    """The summaries that synthetic folders state, by experiment."""
+    return {e.name: truth_of(e.path).get("summary", {}) for e in campaign.experiments}
+
+
 def overview(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
-    """One row an experiment: what was measured, and the truth beside it where the folder is synthetic."""
+    """One row an experiment: jump height, model and bed, with the truth beside them where the folder is synthetic."""
+    truth = known_truth(campaign)
     rows = []
-    paths = {e.name: e.path for e in campaign.experiments}
-    known = {n: truth_of(p).get("summary", {}) for n, p in paths.items()}
     for o in outcomes:
         row: dict[str, Any] = {"experiment": o.name}
-        for key, sigma, heading, factor in QUANTITIES:
+        for key, sigma, heading, factor in QUANTITIES[:3]:
             if any(x.summary.get(key) is not None for x in outcomes):
                 row[heading] = measured(o.summary.get(key), o.summary.get(sigma) if sigma else None, factor)
-                if any(key in t for t in known.values()):
-                    true = known[o.name].get(key)
-                    row[f"true {heading.split(' [')[0]}"] = None if true is None else f"{true * factor:.4g}"
+                if any(key in t for t in truth.values()):
+                    row[f"true {heading.split()[0]}"] = plain_number(truth[o.name].get(key), factor)
         rows.append(row)
     return rows
+
+
+def details(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row a quantity that only some experiments have: the cone from grain films, the ring-down."""
+    truth = known_truth(campaign)
+    return [
+        {
+            "experiment": o.name,
+            "quantity": heading,
+            "measured": measured(o.summary[key], o.summary.get(sigma), factor),
+            "true": plain_number(truth[o.name].get(key), factor),
+        }
+        for o in outcomes
+        for key, sigma, heading, factor in QUANTITIES[3:]
+        if o.summary.get(key) is not None
+    ]
+
+
+def plain_number(value: float | None, factor: float = 1.0) -> str:
+    """Four significant figures; "" when unknown."""
+    return "" if value is None else f"{value * factor:#.4g}"
 
 
 def outcome(
@@ -165,6 +191,9 @@ def outcome(
         print(json.dumps(plain(data), indent=1))
     elif any(o.summary for o in outcomes):
         table(overview(campaign, [o for o in outcomes if o.summary or o.errors]))
+        if rows_of_details := details(campaign, outcomes):
+            print()
+            table(rows_of_details)
     for o in outcomes:
         for text in o.warnings:
             line(f"warning: {o.name}: {text}")
@@ -179,7 +208,11 @@ def outcome(
             line(f"error: {text}")
     computed, failed = sum(o.computed for o in outcomes), sum(bool(o.errors) for o in outcomes)
     cached = sum(len(o.steps) for o in outcomes) - computed
-    done = f"{computed} stage results computed, {cached} from the cache" if computed else f"nothing recomputed ({cached} from the cache)"
+    done = (
+        f"{computed} stage results computed, {cached} from the cache"
+        if computed
+        else f"nothing recomputed ({cached} from the cache)"
+    )
     line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {done}")
     line(f"results in {results}" + "".join(f"; open {m}" for m in made))
 

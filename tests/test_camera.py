@@ -44,7 +44,13 @@ def test_radial_distortion_is_undone():
     roots = []
     for r in true:
         found = np.roots([k2, 0, k1, 0, 1, -r])
-        roots.append(float(found[np.abs(found.imag) < 1e-9].real.min(initial=np.inf, where=found[np.abs(found.imag) < 1e-9].real > 0)))
+        roots.append(
+            float(
+                found[np.abs(found.imag) < 1e-9].real.min(
+                    initial=np.inf, where=found[np.abs(found.imag) < 1e-9].real > 0
+                )
+            )
+        )
     angle = np.array([0.3, 2.0, -1.0])
     x, y = c.undistorted(100 + roots * np.cos(angle), 50 + roots * np.sin(angle))
     assert x == pytest.approx(100 + true * np.cos(angle), abs=1e-9)

@@ -28,7 +28,8 @@ def problems_of(call, *args, **kwargs):
 
 def test_an_experiment_inherits_its_campaign_key_by_key(tmp_path):
     (tmp_path / "campaign.toml").write_text(
-        'ground = "hard"\n[robot]\nmotor_mass = 1.0\nrod_mass = 0.2\n[robot.sigma]\nrod_mass = 0.01\n[params.track]\nsearch = 2.0\n'
+        "ground = 'hard'\n[robot]\nmotor_mass = 1.0\nrod_mass = 0.2\n[robot.sigma]\nrod_mass = 0.01\n"
+        "[params.track]\nsearch = 2.0\n"
     )
     make(tmp_path / "a", 'name = "first"\n[robot]\nmotor_mass = 1.5\n[motor_log]\nfile = "motor.csv"\n', motor_csv=LOG)
     make(tmp_path / "b")
@@ -140,7 +141,10 @@ def test_a_bad_setting_is_refused(bad):
 
 
 def test_bed_is_both_a_stage_and_a_section():
-    assert parse(("bed.method=threshold", "bed.width=0.5")) == {"params": {"bed": {"method": "threshold"}}, "bed": {"width": 0.5}}
+    assert parse(("bed.method=threshold", "bed.width=0.5")) == {
+        "params": {"bed": {"method": "threshold"}},
+        "bed": {"width": 0.5},
+    }
 
 
 def test_pipeline_files(tmp_path):

@@ -167,7 +167,7 @@ def test_a_lost_result_file_is_put_back(lab):
 def test_warnings_stay_with_the_result(lab):
     for _ in range(2):
         w = lab.make(params={"fit": {"layer": 0.05}})[2]
-        assert [s.warnings for s in w.steps][0] == ["thick layer"]
+        assert next(s.warnings for s in w.steps) == ["thick layer"]
 
 
 def test_a_missing_section_is_named(lab):

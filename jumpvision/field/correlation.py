@@ -22,7 +22,7 @@ def overlap(distance: Array | float, correlation_length: float) -> Array:
 
 
 def correlated_variance(a: Array, correlation_length: float) -> float:
-    """sum_kl a_k a_l rho_kl over a grid, shape (ny, nx): the variance of a sum whose k-th term has the signed sigma a_k."""
+    """sum_kl a_k a_l rho_kl, a of shape (ny, nx): the variance of a sum whose k-th term has the signed sigma a_k."""
     reach = int(np.ceil(max(1.0, correlation_length))) - 1
     kernel = overlap(np.arange(-reach, reach + 1, dtype=float), correlation_length)
     spread = convolve1d(convolve1d(a, kernel, axis=0, mode="constant"), kernel, axis=1, mode="constant")

@@ -69,7 +69,9 @@ def gradients(
     ok = ok & np.isfinite(u) & np.isfinite(v) & np.isfinite(su) & np.isfinite(sv)
     for name, s in (("u_sigma", su), ("v_sigma", sv)):
         if np.any(s[ok] <= 0.0):
-            raise ValueError(f"gradients: {name} has a value <= 0 at a valid vector; standard uncertainties must be > 0")
+            raise ValueError(
+                f"gradients: {name} has a value <= 0 at a valid vector; standard uncertainties must be > 0"
+            )
     rho = overlap(np.arange(2 * half_width + 1, dtype=float), correlation_length)
     gu = _planes(u, su, ok, x, y, half_width, rho)
     gv = _planes(v, sv, ok, x, y, half_width, rho)

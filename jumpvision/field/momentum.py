@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ MIN_RATIO = 5.0  # foot speed / its sigma below which P / v is left out: it has 
 
 
 class Momentum(NamedTuple):
-    """value, sigma [kg m/s], positive DOWN. covered: share of the bed's volume in the domain that was measured or filled.
+    """value, sigma [kg m/s], positive DOWN. covered: share of the domain's volume that was measured or filled.
 
     Grains outside that share are not in the value.
     """
@@ -46,33 +47,36 @@ def grain_momentum(
 ) -> Momentum:
     """P = -rho phi c int int v r dr dh over left..right, bottom..top; c = 2 pi for a full disc, pi for a half foot.
 
-    v, v_sigma [m/s], v positive UP (the value, positive down, has the opposite sign), valid [bool]: shape (ny, nx). x (nx,),
-    y (ny,) [m] strictly monotonic cell centres, y up. Domain [m]: top is the foot's face (vectors above it do not count),
-    bottom, left and right the edges of the picture or of the bed. axis_x [m]: the foot's axis. density rho [kg/m^3] of
-    the grains' material. correlation_length: window width / grid step (`field.correlation`).
+    v, v_sigma [m/s], v positive UP (the value, positive down, has the opposite sign), valid [bool]: shape (ny, nx).
+    x (nx,), y (ny,) [m] strictly monotonic cell centres, y up. Domain [m]: top is the foot's face (vectors above it do
+    not count), bottom, left and right the edges of the picture or of the bed. axis_x [m]: the foot's axis. density
+    rho [kg/m^3] of the grains' material. correlation_length: window width / grid step (`field.correlation`).
 
-    Both half planes are measured and azimuthal symmetry is assumed: radii seen on both sides are averaged, radii seen on
-    one side only count in full. Every cell is weighted with its exact int r dr inside the domain, and the outermost
+    Both half planes are measured and azimuthal symmetry is assumed: radii seen on both sides are averaged, radii seen
+    on one side only count in full. Every cell is weighted with its exact int r dr inside the domain, and the outermost
     cells reach as far as their windows do, half a window from the centre. Missing vectors:
 
     - holes along a row narrower than a window (at least one cell) are interpolated linearly. A filled value carries,
       besides the errors of the two vectors beside it, their difference over sqrt(12) (it may lie anywhere between
       them), common to the cells of one hole;
-    - cells within half a window of the next vector in their column take its value (the gap below the foot's face), with
-      the change that the column's slope would make over sqrt(3), common to all such cells;
+    - cells within half a window of the next vector in their column (the gap below the foot's face) are extrapolated
+      with the slope over the half window beyond it, where that is measured, else take its value; what the slope adds
+      counts as uncertain by 1/sqrt(3) of itself, common to all such cells;
     - the rest stays empty and lowers `covered`.
 
     The sigma does not hold the errors of rho, phi, the scale and the axis, which are common to all frames.
     """
     v, x, y = (np.asarray(a, dtype=float) for a in (v, x, y))
     sigma, ok = np.asarray(v_sigma, dtype=float), np.asarray(valid, dtype=bool)
-    for name, a in (("v_sigma", sigma), ("valid", ok)):
-        if v.ndim != 2 or a.shape != v.shape:
-            raise ValueError(f"grain_momentum: {name} has shape {a.shape}, v has {v.shape}; both must be (ny, nx)")
+    for name, field in (("v_sigma", sigma), ("valid", ok)):
+        if v.ndim != 2 or field.shape != v.shape:
+            raise ValueError(f"grain_momentum: {name} has shape {field.shape}, v has {v.shape}; both must be (ny, nx)")
     if disc not in ANGLE:
         raise ValueError(f"grain_momentum: disc = {disc!r} must be 'half' (foot flush with the wall) or 'full'")
     if not (bottom < top and left < right):
-        raise ValueError(f"grain_momentum: empty domain: bottom {bottom:g}, top {top:g}, left {left:g}, right {right:g} m")
+        raise ValueError(
+            f"grain_momentum: empty domain: bottom {bottom:g}, top {top:g}, left {left:g}, right {right:g} m"
+        )
     ok = ok & np.isfinite(v) & np.isfinite(sigma) & (y < top)[:, None]
     if np.any(sigma[ok] < 0.0):
         raise ValueError("grain_momentum: v_sigma has a negative value at a valid vector")
@@ -88,8 +92,7 @@ def grain_momentum(
     shares = np.where(ok, weight, 0.0)  # P = -sum shares v over the measured cells, filled cells shared out to them
     filled, hole_variance = ok.copy(), 0.0
     for i in range(v.shape[0]):
-        at = np.flatnonzero(ok[i])
-        for a, b in zip(at[:-1], at[1:]):
+        for a, b in pairwise(np.flatnonzero(ok[i]).tolist()):
             if not 1 < b - a <= max(2.0, 2.0 * half):
                 continue
             k = np.arange(a + 1, b)
@@ -99,18 +102,19 @@ def grain_momentum(
             filled[i, k] = True
             hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
     held, drift = float(weight[filled].sum()), 0.0
+    base = math.ceil(half)
     for i, j in zip(*np.nonzero(~filled & (weight > 0.0))):
         at = np.flatnonzero(ok[:, j])
-        if at.size == 0:
+        near = int(at[np.argmin(np.abs(at - i))]) if at.size else -1
+        if near < 0 or abs(near - i) > max(1.0, half):
             continue
-        near = at[np.argsort(np.abs(at - i), kind="stable")[:2]]
-        if abs(near[0] - i) > max(1.0, half):
-            continue
-        shares[near[0], j] += weight[i, j]
+        far = near + base * (1 if near > i else -1)
+        reach = (y[i] - y[near]) / (y[near] - y[far]) if 0 <= far < y.size and ok[far, j] else 0.0
+        shares[near, j] += weight[i, j] * (1.0 + reach)
+        if reach:
+            shares[far, j] -= weight[i, j] * reach
+            drift += float(weight[i, j] * reach * (v[near, j] - v[far, j]))
         held += float(weight[i, j])
-        if near.size == 2:
-            slope = (v[near[0], j] - v[near[1], j]) / (y[near[0]] - y[near[1]])
-            drift += float(weight[i, j] * slope * (y[i] - y[near[0]]))
     noise = correlated_variance(np.where(ok, shares * np.where(ok, sigma, 0.0), 0.0), correlation_length)
     value = -float(np.sum(shares[ok] * v[ok]))
     return Momentum(value, math.sqrt(noise + hole_variance + drift**2 / 3.0), held / total)

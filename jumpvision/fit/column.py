@@ -84,9 +84,7 @@ def fit_column(
             break
         seen.append(key)
         zc, yc, ec = z[chosen], y[chosen], e[chosen]
-        fit = least_squares_fit(
-            lambda q: (yc - np.exp(q[0] * zc + q[1])) / ec, p, scale=[1.0 / np.ptp(zc), 1.0]  # noqa: B023 (used at once)
-        )
+        fit = _exponential(zc, yc, ec, p)
         if fit is None or not fit[0][0] < 0.0:
             return _none(int(chosen.sum()), "the speed does not decay with depth")
         p = fit[0]
@@ -102,10 +100,15 @@ def fit_column(
     return Column(a, a * k_sigma, b, b_sigma, k, k_sigma, float(zc[0]), float(zc[-1]), n, chi2)
 
 
-def beta(ln_a: float, ln_a_sigma: float, layer: float) -> tuple[float, float]:
-    """(beta, sigma) [rad] = asin(a^Dz), the mean contact angle against the horizontal; layer = Dz [m], 8 mm in the thesis.
+def _exponential(z: Array, y: Array, e: Array, start: Array) -> tuple[Array, Array, float] | None:
+    """Weighted fit of y = exp(p0 z + p1)."""
+    return least_squares_fit(lambda q: (y - np.exp(q[0] * z + q[1])) / e, start, scale=[1.0 / np.ptp(z), 1.0])
 
-    NaN where a >= 1 (speed not decaying). The angle rests on the chosen layer: d beta / d Dz = ln a tan beta.
+
+def beta(ln_a: float, ln_a_sigma: float, layer: float) -> tuple[float, float]:
+    """(beta, sigma) [rad] = asin(a^Dz), the mean contact angle against the horizontal; layer = Dz [m].
+
+    NaN where a >= 1 (speed not decaying). The angle rests on the chosen layer, 8 mm in the thesis (`beta_sensitivity`).
     """
     if not layer > 0.0:
         raise ValueError(f"beta: layer = {layer!r} m must be > 0 (0.008 in the thesis)")
@@ -121,4 +124,4 @@ def beta_sensitivity(ln_a: float, layer: float) -> float:
 
 
 def _none(n: int, reason: str) -> Column:
-    return Column(*[NAN] * 8, n=n, chi2=NAN, reason=reason)
+    return Column(NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, n, NAN, reason)

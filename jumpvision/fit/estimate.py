@@ -88,5 +88,5 @@ def checked_sigma(name: str, sigma: Array) -> None:
     bad = np.flatnonzero(sigma <= 0.0)
     if bad.size:
         raise ValueError(
-            f"{name}: sigma[{bad[0]}] = {sigma.flat[bad[0]]:g} must be > 0; give the standard uncertainty of each sample"
+            f"{name}: sigma[{bad[0]}] = {sigma.flat[bad[0]]:g} must be > 0: the standard uncertainty of each sample"
         )

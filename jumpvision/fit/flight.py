@@ -69,7 +69,7 @@ def contact_flights(t: ArrayLike, contact: ArrayLike, *, debounce: float) -> Fli
             if i > 0 and j < touch.size and edges[j - 1] - edges[i - 1] < debounce:
                 touch[i:j] = not value
     wait = np.diff(t) / math.sqrt(12.0)
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for i, j in _runs(~touch):
         up = (edges[i - 1], wait[i - 1]) if i > 0 else (NAN, NAN)
         down = (edges[j - 1], wait[j - 1]) if j < t.size else (NAN, NAN)
@@ -78,7 +78,7 @@ def contact_flights(t: ArrayLike, contact: ArrayLike, *, debounce: float) -> Fli
 
 
 def final_flight(flights: Flights, *, after: float) -> int | None:
-    """Index of the longest complete flight that ends after the forcing stops at `after` [s]; None where there is none."""
+    """Index of the longest complete flight that ends later than `after` [s] (forcing stops); None without one."""
     time = np.where(flights.landing > after, flights.time, np.nan)
     return None if not np.isfinite(time).any() else int(np.nanargmax(time))
 
@@ -92,14 +92,22 @@ def flight_height(time: float, sigma: float, *, gravity: float, gravity_sigma: f
 
 
 def track_flights(
-    t: ArrayLike, h: ArrayLike, sigma: ArrayLike, *, gravity: float, shortest: float, max_gap: float, ripple: float
+    t: ArrayLike,
+    h: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    gravity: float,
+    shortest: float,
+    max_gap: float,
+    ripple: float = 0.0,
 ) -> Flights:
     """Flights from the track: the intervals where h is a parabola of curvature -g, longer than `shortest` [s].
 
     t [s] increasing, h [m] up, sigma [m] > 0, shape (n,); NaN samples are left out, but a gap longer than max_gap [s]
-    ends a flight with a NaN edge. gravity [m/s^2] along the rail, > 0. ripple [m]: amplitude by which the hanging foot
-    shakes the rod in flight, about m_f/(M + m_f) of the foot's own (0 without a foot); it widens sigma. The motor must not move during the flight: the
-    rod alone then follows no parabola (use the time after the forcing, or pass the centre of mass).
+    ends a flight with a NaN edge. gravity [m/s^2] along the rail, > 0. ripple [m]: amplitude by which a hanging foot
+    shakes the rod in flight, about m_f/(M + m_f) of the foot's own; it widens sigma (0: no foot). The motor must not
+    move during the flight: the rod alone then follows no parabola (give the time after the forcing, or the centre of
+    mass of motor and rod).
 
     Windows slide over h + g t^2/2, which is straight in flight; a window passes when a straight line has a chi2 within
     the 99.9 % range, and all passing windows that touch make one flight. The window is the shortest that separates rest
@@ -116,7 +124,7 @@ def track_flights(
     t, h, sigma = t[good], h[good], np.hypot(sigma[good], ripple / math.sqrt(2.0))
     if np.any(np.diff(t) <= 0.0):
         raise ValueError("track_flights: t must increase from sample to sample")
-    rows: list[tuple[float, float, float, float]] = []
+    rows: list[tuple[float, ...]] = []
     pieces = np.split(np.arange(t.size), np.flatnonzero(np.diff(t) > max_gap) + 1)
     for piece in pieces:
         rows += _flights_of(t[piece], h[piece], sigma[piece], gravity, shortest)
@@ -134,7 +142,7 @@ def _flights_of(t: Array, h: Array, sigma: Array, gravity: float, shortest: floa
         k = slice(i, i + width)
         if _straight(t[k], y[k], sigma[k])[2] <= limit:
             flying[k] = True
-    rows = []
+    rows: list[tuple[float, ...]] = []
     for i, j in _runs(flying):
         if t[j - 1] - t[i] < 0.5 * shortest:
             continue
@@ -176,9 +184,9 @@ def _edge(t: Array, h: Array, sigma: Array, i: int, j: int, gravity: float) -> t
     """(time, sigma) where the flight of samples i..j ends, between samples.
 
     After the edge at t_e the rod is on a relaxed spring, x'' = -g - w^2 (x - x_e): against the parabola it gains
-    -s (tau - sin(w tau)/w) + g (tau^2/2 - (1 - cos(w tau))/w^2), tau = t - t_e, s its velocity at t_e. For given t_e and w
-    that is linear in the parabola's two parameters: the best of a grid of (t_e, w) starts the fit of all four. w only
-    has to describe the way down to the turning point. The same holds backwards in time for a lift-off.
+    -s (tau - sin(w tau)/w) + g (tau^2/2 - (1 - cos(w tau))/w^2), tau = t - t_e, s its velocity at t_e. For given t_e
+    and w that is linear in the parabola's two parameters: the best of a grid of (t_e, w) starts the fit of all four.
+    w only has to describe the way down to the turning point. The same holds backwards in time for a lift-off.
     """
     dt = float(np.median(np.diff(t)))
     turn = j

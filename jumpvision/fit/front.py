@@ -1,4 +1,4 @@
-"""Thickness of the jammed plug below the foot and its growth mu with intrusion (thesis Fig. 57, PHYSICS.md section 2)."""
+"""Thickness of the jammed plug below the foot and its growth mu with intrusion (thesis Fig. 57; PHYSICS.md, 2)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from jumpvision.fit.line import Line, fit_line_robust
 
 Array = NDArray[np.float64]
 
-LOCAL = 0.5  # the profile below this share of its largest speed is not used: only the neighbourhood of the front matters
+LOCAL = (
+    0.5  # the profile below this share of its largest speed is not used: only the neighbourhood of the front matters
+)
 REJECT = 4.0  # robust sigmas beyond which a frame is left out of mu
 NAN = float("nan")
 
@@ -42,8 +44,8 @@ def jammed_thickness(z: ArrayLike, speed: ArrayLike, sigma: ArrayLike, *, thresh
 
     Fitted is a plateau followed by an exponential, V for z < z0 and V exp(-(z - z0)/L) below, over the depths above
     which the smoothed speed exceeds half its maximum: the largest speed is the plateau of all vectors, not the noisiest
-    one, and the crossing z0 + L ln(1/threshold) falls between vectors. Where the data show no plateau (z0 above the first
-    vector) the exponential starts at the face and its value there is the largest speed.
+    one, and the crossing z0 + L ln(1/threshold) falls between vectors. Where the data show no plateau (z0 above the
+    first vector) the exponential starts at the face and its value there is the largest speed.
     """
     z, speed, sigma = checked("jammed_thickness", z=z, speed=speed, sigma=sigma)
     checked_sigma("jammed_thickness", sigma)

@@ -79,8 +79,8 @@ def jump_height(
     if np.any(np.diff(t) <= 0.0):
         raise ValueError("jump_height: t must increase from sample to sample")
     after, during = t >= motor_stop, t <= motor_stop
-    rise = _greatest(t[during], h[during], sigma[during], None)
-    apex = _greatest(t[after], h[after], sigma[after], foot_frequency)
+    rise = _greatest(t[during], h[during], sigma[during], None, -math.inf, motor_stop)
+    apex = _greatest(t[after], h[after], sigma[after], foot_frequency, motor_stop, math.inf)
     if apex is None:
         reason, apex = f"fewer than {SMALLEST} good samples after {motor_stop:g} s", (NAN, NAN, NAN, 0, NAN)
     else:
@@ -100,9 +100,12 @@ def jump_height(
 
 
 def _greatest(
-    t: Array, h: Array, sigma: Array, frequency: float | None
+    t: Array, h: Array, sigma: Array, frequency: float | None, begin: float, end: float
 ) -> tuple[float, float, float, int, float] | None:
-    """(height, sigma, time, n, chi2) of the highest point of the samples given; None with too few."""
+    """(height, sigma, time, n, chi2) of the highest point of the samples given; None with too few.
+
+    begin, end [s]: the interval that the samples stand for; the fit is carried on to it from the first or last sample.
+    """
     if t.size < SMALLEST:
         return None
     smooth = np.convolve(h, np.full(3, 1.0 / 3.0), mode="valid")  # so that no single noisy sample is the maximum
@@ -127,7 +130,9 @@ def _greatest(
     when0, span = t[top], max(t[hi - 1] - t[top], t[top] - t[lo])
     design = _design(t[k], when0, span, frequency if hi - lo >= 9 else None)
     p, cov, chi2 = _solve(design, h[k], sigma[k])
-    fine = np.linspace(t[lo], t[hi - 1], 16 * (hi - lo) + 1)
+    first = begin if lo == 0 and math.isfinite(begin) else t[lo]
+    last = end if hi == t.size and math.isfinite(end) else t[hi - 1]
+    fine = np.linspace(first, last, 16 * (hi - lo) + 1)
     curve = _design(fine, when0, span, frequency if hi - lo >= 9 else None)
     best = int(np.argmax(curve @ p))
     row = curve[best]
@@ -144,7 +149,7 @@ def _on_parabola(t: Array, h: Array, sigma: Array, lo: int, hi: int, side: int) 
     if hi - lo < SMALLEST + 3:
         return True
     outer = np.zeros(hi - lo, dtype=bool)
-    outer[:3 if side == 0 else 0] = True
+    outer[: 3 if side == 0 else 0] = True
     outer[hi - lo - (0 if side == 0 else 3) :] = True
     q, cov, _ = _solve(design[~outer], h[lo:hi][~outer], sigma[lo:hi][~outer])
     miss = float(np.mean(h[lo:hi][outer] - design[outer] @ q))
@@ -164,7 +169,7 @@ def _design(t: Array, centre: float, span: float, frequency: float | None) -> Ar
 
 def _solve(design: Array, y: Array, sigma: Array) -> tuple[Array, Array, float]:
     a, b = design / sigma[:, None], y / sigma
-    cov = np.linalg.pinv(a.T @ a)
+    cov: Array = np.linalg.pinv(a.T @ a).astype(np.float64)
     p = cov @ (a.T @ b)
     return p, cov, float(np.sum((b - a @ p) ** 2))
 

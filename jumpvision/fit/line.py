@@ -41,7 +41,7 @@ class Line:
 
 
 def fit_line(x: ArrayLike, y: ArrayLike, sigma: ArrayLike) -> Line:
-    """The straight line with the least sum ((y - line)/sigma)^2 (York 1966 with exact x); points with a NaN are left out.
+    """The straight line with the least sum ((y - line)/sigma)^2 ; x exact, points with a NaN left out.
 
     x, y, sigma: shape (n,); sigma > 0 [unit of y], independent from point to point.
     ValueError when shapes differ or a sigma is not positive.

@@ -22,7 +22,7 @@ def cone_growth(volume_fraction: float, critical: float) -> Packing:
     """mu = (1 - sin beta)/(phi_c/phi - 1), beta the mean of the jammed and the unjammed contact angle (eq. 30).
 
     volume_fraction: phi of the bed, below critical = phi_c (0.605 for poppy seeds): a bed at or above phi_c does not
-    consolidate and eq. (30) has no value. ValueError then, and below phi_c sqrt(2/3), where the unjammed angle has none.
+    consolidate and eq. (30) has no value. ValueError then, and below phi_c sqrt(2/3), without unjammed angle.
     """
     low = critical * math.sin(BETA_JAMMED)
     if not (0.0 < critical < 1.0 and low <= volume_fraction < critical):

@@ -20,7 +20,7 @@ NAN = float("nan")
 class RingDown:
     """x = offset + amplitude exp(-zeta omega0 (t - t0)) cos(omega_d (t - t0) + phase), t0 the first good sample.
 
-    frequency = omega_d/(2 pi) [Hz] is the observed (damped) one, omega0 = omega_d/sqrt(1 - zeta^2) [rad/s] the undamped.
+    frequency = omega_d/(2 pi) [Hz] is the observed (damped) one, omega0 = omega_d/sqrt(1 - zeta^2) [rad/s] not.
     amplitude, offset in the unit of x, phase in rad. chi2 over n - 5 degrees of freedom; the sigmas hold the scatter
     factor. reason: why everything is NaN, empty when good. zeta is not forced to be positive, so that its mean is not
     biased where it is small against its sigma.
@@ -66,18 +66,20 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
         return _none(n, NAN, f"{n} good samples, a ring-down needs 8")
     if np.any(np.diff(t) <= 0.0):
         raise ValueError("ring_down: t must increase from sample to sample")
-    t = t - t[0]
+    t = np.asarray(t - t[0], dtype=np.float64)
     frequency, n_independent = _start(t, x, sigma)
     flat = _linear(t, x, sigma, 0.0, 0.0)[1]
-    span = t[-1]
+    span = float(t[-1])
+
+    def residual(q: Array) -> Array:
+        return np.asarray((x - _model(t, q)) / sigma)
+
     best = None
     for decay in (0.0, 0.5 / span, 1.5 / span, 5.0 / span, 15.0 / span):  # the periodogram peak has no decay of its own
         p, _ = _linear(t, x, sigma, 2.0 * math.pi * frequency, decay)
         start = np.array([*p, 2.0 * math.pi * frequency, decay])
         size = max(math.hypot(p[0], p[1]), float(sigma.mean()))
-        fit = least_squares_fit(
-            lambda q: (x - _model(t, q)) / sigma, start, scale=[size, size, size, 1.0 / span, 1.0 / span]
-        )
+        fit = least_squares_fit(residual, start, scale=[size, size, size, 1.0 / span, 1.0 / span])
         if fit is not None and (best is None or fit[2] < best[2]):
             best = fit
     if best is None:
@@ -88,7 +90,9 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
     # the chi2 of 4 parameters fitted at the best of n_independent frequencies; log1p keeps tiny chances apart
     tail = math.exp(-0.5 * gain) * (1.0 + 0.5 * gain) if gain > 0.0 else 1.0
     if tail >= 1.0 or -math.expm1(n_independent * math.log1p(-tail)) > FALSE_ALARM:
-        return _none(n, chi2, f"no significant oscillation: chi2 {flat:.1f} of a constant, {chi2:.1f} of a damped cosine")
+        return _none(
+            n, chi2, f"no significant oscillation: chi2 {flat:.1f} of a constant, {chi2:.1f} of a damped cosine"
+        )
     if not 0.0 < p[3] < math.pi / float(np.median(np.diff(t))):
         return _none(n, chi2, "the oscillation is at or beyond the Nyquist frequency")
     c, s, offset, w, decay = p
@@ -125,12 +129,12 @@ def _model(t: Array, p: Array) -> Array:
 
 
 def _linear(t: Array, x: Array, sigma: Array, w: float, decay: float) -> tuple[Array, float]:
-    """((cos, sin, offset) amplitudes, chi2) at a given angular frequency and decay rate; w = 0 fits the offset alone."""
+    """((cos, sin, offset) amplitudes, chi2) at a given angular frequency and decay rate; w = 0: the offset alone."""
     e = np.exp(-decay * t)
     design = np.stack([e * np.cos(w * t), e * np.sin(w * t), np.ones_like(t)], axis=1)
     if w == 0.0:
         design[:, :2] = 0.0
-    p = np.linalg.lstsq(design / sigma[:, None], x / sigma, rcond=None)[0]
+    p: Array = np.linalg.lstsq(design / sigma[:, None], x / sigma, rcond=None)[0].astype(np.float64)
     return p, float(np.sum(((x - design @ p) / sigma) ** 2))
 
 
@@ -149,4 +153,4 @@ def _start(t: Array, x: Array, sigma: Array) -> tuple[float, float]:
 
 
 def _none(n: int, chi2: float, reason: str) -> RingDown:
-    return RingDown(*[NAN] * 11, chi2=chi2, n=n, reason=reason)
+    return RingDown(NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, chi2, n, reason)

@@ -147,7 +147,9 @@ def lost(path: Path, whole: int, promised: int) -> list[str]:
     if whole >= promised:
         return []
     missing = promised - whole
-    return [Truncated(f"{path}: truncated; the header promises {promised} frames, {whole} are whole, {missing} are lost")]
+    return [
+        Truncated(f"{path}: truncated; the header promises {promised} frames, {whole} are whole, {missing} are lost")
+    ]
 
 
 def check_image(path: Path, height: int, width: int) -> None:

@@ -44,7 +44,9 @@ class VideoFilm(Film):
 
         warnings: list[str] = []
         if missing := shortfall(scan):
-            warnings.append(Truncated(f"{path}: truncated; {missing} frames that the header promises are lost at the end"))
+            warnings.append(
+                Truncated(f"{path}: truncated; {missing} frames that the header promises are lost at the end")
+            )
         if line.lost:
             warnings.append(
                 f"{path}: {line.lost} frames are damaged or depend on a damaged one and are left out; "

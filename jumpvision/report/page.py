@@ -11,7 +11,7 @@ from .. import __version__
 from ..campaign import Outcome
 from ..experiment import Campaign
 from ..pipeline import write_aside
-from ..show import measured, overview
+from ..show import details, measured, overview
 from .heights import heights_picture
 
 PICTURES = {  # file: (heading, what it shows)
@@ -31,12 +31,15 @@ def write_report(
     from jinja2 import Environment, PackageLoader, select_autoescape
 
     heights = None if single else heights_picture(rows)
-    page = Environment(loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape()).get_template("report.html.j2")
+    page = Environment(loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape()).get_template(
+        "report.html.j2"
+    )
     text = page.render(
         title=outcomes[0].name if single else campaign.path.absolute().name,
         version=__version__,
         single=single,
         table=overview(campaign, outcomes) if any(o.summary for o in outcomes) else [],
+        details=details(campaign, outcomes),
         heights=inline(heights) if heights else None,
         experiments=[experiment_part(o) for o in outcomes],
         excluded=campaign.excluded,

@@ -80,7 +80,9 @@ def track_picture(track: Track, film: RodVideo) -> TrackPicture:
         right.errorbar(t.time_s, t.height_m * 1e3, t.sigma_m * 1e3, fmt=".", ms=2.5, lw=0.6, color=MEASURED)
         lost = t[t.height_m.isna()]
         if len(lost):
-            right.plot(lost.time_s, np.full(len(lost), right.get_ylim()[0]), "|", color=MODEL, label=f"{len(lost)} frames lost")
+            right.plot(
+                lost.time_s, np.full(len(lost), right.get_ylim()[0]), "|", color=MODEL, label=f"{len(lost)} frames lost"
+            )
             right.legend()
         sigma = float(np.median(good.sigma_px))
         right.set(title=f"rod height, median σ {sigma:.3f} px", xlabel="time [s]", ylabel="height above rest [mm]")
@@ -140,7 +142,7 @@ def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
 def busiest(field: Any) -> int:
     """Index of the frame with the largest mean speed."""
     speed = np.hypot(field.u, field.v).where(field.chc > 0).mean(("y", "x"))
-    return int(speed.fillna(0).argmax())
+    return int(speed.fillna(0).argmax("t"))
 
 
 @stage(version=1, picture=True)
@@ -155,7 +157,9 @@ def piv_picture(piv: Piv, film: GrainVideo) -> PivPicture:
     factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")
     origin_x, origin_y = field.attrs["origin_column_px"], field.attrs["origin_row_px"]
     rows, columns = image.shape
-    extent = np.array([-0.5 - origin_x, columns - 0.5 - origin_x, -(rows - 0.5 - origin_y), origin_y + 0.5]) * scale * factor
+    extent = (
+        np.array([-0.5 - origin_x, columns - 0.5 - origin_x, -(rows - 0.5 - origin_y), origin_y + 0.5]) * scale * factor
+    )
     every = max(1, len(field.x) // 32)
     f = field.isel(t=i, x=slice(None, None, every), y=slice(None, None, every))
     with styled() as Figure:
@@ -165,9 +169,18 @@ def piv_picture(piv: Piv, film: GrainVideo) -> PivPicture:
         speed = np.hypot(f.u, f.v)
         x, y = np.meshgrid(f.x * factor, f.y * factor)
         ok = f.chc.values > 0
-        arrows = axis.quiver(x[ok], y[ok], f.u.values[ok], f.v.values[ok], speed.values[ok], cmap="viridis", width=0.004)
+        apart = abs(float(f.x[1] - f.x[0])) * factor if f.sizes["x"] > 1 else 1.0
+        longest = float(np.nanquantile(speed.values[ok], 0.99)) if ok.any() else 1.0
+        size = {"angles": "xy", "scale_units": "xy", "scale": (longest or 1.0) / (2.5 * apart)}
+        arrows = axis.quiver(
+            x[ok], y[ok], f.u.values[ok], f.v.values[ok], speed.values[ok], cmap="viridis", width=0.004, **size
+        )
         bad = ~ok & np.isfinite(f.u.values)
-        axis.quiver(x[bad], y[bad], f.u.values[bad], f.v.values[bad], color=ACCENT, width=0.003)
+        axis.plot(x[bad], y[bad], "x", color=ACCENT, ms=3, mew=0.8, label="replaced")
+        if bad.any():
+            axis.legend(loc="lower right", facecolor="white", frameon=True)
+        axis.set_xlim(extent[0], extent[1])
+        axis.set_ylim(extent[2], extent[3])
         figure.colorbar(arrows, ax=axis, label=f"speed [{field.u.attrs['units']}]", shrink=0.8)
         share = float((field.chc.isel(t=i) > 0).sum() / np.isfinite(field.u.isel(t=i)).sum())
         axis.set(
@@ -192,12 +205,16 @@ def flow_picture(flow: Flow, piv: Piv) -> FlowPicture:
         top = float(np.nanquantile(shear, 0.99)) if np.isfinite(shear).any() else 1.0
         mesh = first.pcolormesh(field.x * factor, field.y * factor, shear, vmin=0, vmax=top or 1.0, cmap="magma")
         figure.colorbar(mesh, ax=first, label="shear rate [1/s]\nγ/√2 in simple shear", shrink=0.85)
-        first.set(title=f"t = {float(field.t[i]):.3f} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)", aspect="equal")
+        first.set(
+            title=f"t = {float(field.t[i]):.3f} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)", aspect="equal"
+        )
         first.grid(False)
         band(second, field.t * 1e3, field.momentum, field.momentum_sigma, MEASURED)
         second.set(title="grain momentum, downwards", xlabel="time [ms]", ylabel="P [kg m/s]")
         depth = field.foot_depth * 1e3
-        third.errorbar(depth, field.added_mass * 1e3, field.added_mass_sigma * 1e3, fmt=".", color=MEASURED, lw=0.8, ms=4)
+        third.errorbar(
+            depth, field.added_mass * 1e3, field.added_mass_sigma * 1e3, fmt=".", color=MEASURED, lw=0.8, ms=4
+        )
         third.set(title="added mass P / v_foot", xlabel="foot depth [mm]", ylabel="m_a [g]")
         return FlowPicture(png(figure))
 
@@ -232,14 +249,25 @@ def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None) -> Fit
 def draw_profile(axis: Any, fits: dict[str, Any], rod: Any, column: Any) -> None:
     """Speed below the foot at the frame with the fastest foot, and the exponential a^(z+b)."""
     c = column.field
-    i = int(np.nanargmax(np.where(np.isfinite(c.beta_deg), c.max_speed, np.nan))) if np.isfinite(c.beta_deg).any() else 0
+    i = (
+        int(np.nanargmax(np.where(np.isfinite(c.beta_deg), c.max_speed, np.nan)))
+        if np.isfinite(c.beta_deg).any()
+        else 0
+    )
     z = c.depth.values[:, i]
     top = float(c.max_speed[i])
-    axis.errorbar(z * 1e3, c.speed.values[:, i] / top, c.speed_sigma.values[:, i] / top, fmt=".", ms=3, lw=0.6, color=MEASURED)
-    line = np.linspace(np.nanmin(z), np.nanmax(z), 200)
-    axis.plot(line * 1e3, np.minimum(np.exp(float(c.log_a[i]) * (line + float(c.b[i]))), 1.0), color=MODEL, label="$a^{z+b}$")
+    axis.errorbar(
+        z * 1e3, c.speed.values[:, i] / top, c.speed_sigma.values[:, i] / top, fmt=".", ms=3, lw=0.6, color=MEASURED
+    )
+    line = np.linspace(0, np.nanmax(z), 200)
+    axis.plot(
+        line * 1e3, np.minimum(np.exp(float(c.log_a[i]) * (line + float(c.b[i]))), 1.0), color=MODEL, label="$a^{z+b}$"
+    )
     axis.axhline(float(c.attrs["front"]), color=QUIET, lw=0.8, ls="--")
-    axis.set(title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest")
+    axis.set_xlim(0)
+    axis.set(
+        title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest"
+    )
     axis.legend()
 
 
@@ -259,9 +287,14 @@ def draw_front(axis: Any, fits: dict[str, Any], rod: Any, column: Any) -> None:
     x = c.foot_depth.values * 1e3
     axis.errorbar(x, c.jammed_thickness * 1e3, c.jammed_thickness_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
     mu, cut = fits.get("mu"), fits.get("mu_intercept_m")
-    if mu and mu["value"] is not None and np.isfinite(x).any():
+    if mu and cut and mu["value"] is not None and np.isfinite(x).any():
         line = np.array([np.nanmin(x), np.nanmax(x)])
-        axis.plot(line, mu["value"] * line + cut["value"] * 1e3, color=MODEL, label=f"μ = {mu['value']:.2f} ± {mu['sigma']:.2f}")
+        axis.plot(
+            line,
+            mu["value"] * line + cut["value"] * 1e3,
+            color=MODEL,
+            label=f"μ = {mu['value']:.2f} ± {mu['sigma']:.2f}",
+        )
         axis.legend()
     axis.set(title="jammed front", xlabel="foot depth [mm]", ylabel="thickness [mm]")
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-
-
 from ..params import BedParams
 from ..pipeline import stage
 from ..records import BedHeight
@@ -18,7 +16,9 @@ def bed(image: BedImage, section: Bed | None, *, p: BedParams) -> BedHeight:
     scale, floor = need(image, "scale", "floor_row")
     picture = read_picture(image.path)
     if not 0 <= floor < picture.shape[0]:
-        raise ValueError(f"[bed_image] floor_row = {floor:g}: outside the picture, whose rows are 0 to {picture.shape[0] - 1}")
+        raise ValueError(
+            f"[bed_image] floor_row = {floor:g}: outside the picture, whose rows are 0 to {picture.shape[0] - 1}"
+        )
     surface = bed_surface(picture, floor_row=floor, method=p.method)
     found = bed_height(surface, floor)
     height, sigma = found.height * scale, found.sigma * scale
@@ -37,8 +37,7 @@ def fraction(height: float, sigma: float, section: Bed | None, p: BedParams) -> 
     """(phi, sigma), or None where neither the solid volume nor a reference is known."""
     if section and section.solid_volume is not None:
         length, width = need(section, "length", "width")
-        phi = volume_fraction(section.solid_volume, length, width, height, sigma)
-        return phi.value, phi.sigma
+        return volume_fraction(section.solid_volume, length, width, height, sigma)
     if p.reference_height is not None and p.reference_fraction is not None:
         relative = p.reference_fraction * p.reference_height / height
         return relative, relative * sigma / height
@@ -52,5 +51,3 @@ def packing(section: Bed | None, bed: BedHeight | None) -> tuple[float | None, f
     if bed and bed.values["volume_fraction"] is not None:
         return bed.values["volume_fraction"], bed.values["sigma_volume_fraction"]
     return None, None
-
-

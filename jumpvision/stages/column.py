@@ -33,9 +33,10 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
     down = -np.where(ok, near.v.values, 0.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         speed = (weight * down).sum(axis=1) / total
-        # windows overlap: neighbours in a row share pixels, so their mean is worth fewer vectors than it has
-        shared = max(1.0, field.attrs.get("window_px", 1) / field.attrs.get("step_px", 1))
-        sigma = np.sqrt(np.minimum(shared, near.sizes["x"]) / total)
+        # windows overlap: neighbours share pixels, so means along a row and fits down the column are worth fewer
+        # vectors than they have
+        shared = max(1.0, field.attrs["window_px"] / field.attrs["step_px"])
+        sigma = np.sqrt(shared * min(shared, near.sizes["x"]) / total)
     depth = field.foot_y.values[None, :] - near.y.values[:, None]
     below = depth > p.clear
     speed, sigma = np.where(below, speed, np.nan), np.where(below, sigma, np.nan)
@@ -51,14 +52,20 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
             "foot_speed": flow.field.foot_speed,
         },
         coords={"y": near.y, "t": near.t},
-        attrs={"front": p.front, "layer_m": p.layer, "half_width_m": p.half_width, "min_speed": flow.field.attrs["min_speed"]},
+        attrs={
+            "front": p.front,
+            "layer_m": p.layer,
+            "half_width_m": p.half_width,
+            "min_speed": flow.field.attrs["min_speed"],
+        },
     )
     return Column(data)
 
 
 UNITS = {
-    "max_speed": "m/s", "max_speed_sigma": "m/s", "jammed_thickness": "m", "jammed_thickness_sigma": "m", "log_a": "1/m",
-    "log_a_sigma": "1/m", "b": "m", "b_sigma": "m", "beta_deg": "degree", "beta_deg_sigma": "degree", "chi2": "1", "n": "1",
+    "max_speed": "m/s", "max_speed_sigma": "m/s", "jammed_thickness": "m", "jammed_thickness_sigma": "m",
+    "log_a": "1/m", "log_a_sigma": "1/m", "b": "m", "b_sigma": "m", "beta_deg": "degree", "beta_deg_sigma": "degree",
+    "chi2": "1", "n": "1",
 }  # fmt: skip
 
 

@@ -20,7 +20,7 @@ def open_film(section: RodVideo | GrainVideo) -> Film:
         film.close()
         raise FrameError(
             f"{'; '.join(film.warnings)}: copy the film from the camera again, or give "
-            f"[{section.name}] truncated = \"accept\" to use the {len(film)} whole frames"
+            f'[{section.name}] truncated = "accept" to use the {len(film)} whole frames'
         )
     for text in film.warnings:
         warnings.warn(text, StageWarning, stacklevel=3)

@@ -43,7 +43,12 @@ def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None,
     data = xr.Dataset(
         {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s"}) for k, a in maps.items()},
         coords={c: field[c] for c in ("x", "y", "t")},
-        attrs={"min_speed": p.min_speed, "initial_depth_m": p.initial_depth, "disc": film.foot, "source": field.attrs["source"]},
+        attrs={
+            "min_speed": p.min_speed,
+            "initial_depth_m": p.initial_depth,
+            "disc": film.foot,
+            "source": field.attrs["source"],
+        },
     )
     data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
     for name, (values, unit) in under_the_foot(field, film, section, bed, p, overlap).items():
@@ -68,7 +73,9 @@ def under_the_foot(
     out["foot_depth"] = (p.initial_depth - field.foot_y.values, "m")
     out["foot_speed"], out["foot_speed_sigma"] = (speed, "m/s"), (speed_sigma, "m/s")
     if phi is None:
-        warnings.warn("no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3)
+        warnings.warn(
+            "no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3
+        )
         return out
     rows = [momentum_of(field.isel(t=i), film, section, phi, overlap) for i in range(n)]
     momentum, sigma, covered = (np.array(a) for a in zip(*rows, strict=True))
@@ -87,14 +94,16 @@ def momentum_of(
     if not np.isfinite(top):
         return np.nan, np.nan, 0.0
     scale, a = film.scale or 1.0, frame.attrs
-    return grain_momentum(
+    found = grain_momentum(
         frame.v, frame.x, frame.y, frame.v_sigma, frame.chc.values > 0,
         top=top,
+        bottom=-(a["image_rows"] - 0.5 - a["origin_row_px"]) * scale,
         left=(-0.5 - a["origin_column_px"]) * scale,
         right=(a["image_columns"] - 0.5 - a["origin_column_px"]) * scale,
-        bottom=-(a["image_rows"] - 0.5 - a["origin_row_px"]) * scale,
+        axis_x=0.0,
         density=section.grain_density if section else Bed().grain_density,
         volume_fraction=phi,
         disc=film.foot,
-        correlation=overlap,
+        correlation_length=overlap,
     )  # fmt: skip
+    return found.value, found.sigma, found.covered

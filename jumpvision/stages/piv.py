@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .. import __version__
 from ..frames import Film
+from ..params import PivParams
 from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Piv
@@ -19,7 +20,6 @@ from ..vision.foot import FootTrack, track_foot
 from ..vision.piv.engine import piv_film
 from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_film
-from ..params import PivParams
 
 Array = NDArray[np.float64]
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
@@ -75,9 +75,9 @@ def foot_mask(
     """Usable pixels of frame i: not the foot's body; all columns are masked above the face if its width is unknown."""
     if foot is None:
         return None
-    half = half_width(film, robot)
+    half, axis = half_width(film, robot), film.axis_column or 0.0
     rows, columns = np.arange(shape[0])[:, None], np.arange(shape[1])
-    beside = np.abs(columns - film.axis_column) > half + 1 if half else np.zeros(shape[1], bool)
+    beside = np.abs(columns - axis) > half + 1 if half else np.zeros(shape[1], bool)
 
     def mask(i: int) -> NDArray[np.bool_]:
         row = foot.row[i]
@@ -149,7 +149,8 @@ def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p
     a, b = slice(0, n), slice(p.gap, p.gap + n)
     dt = time[b] - time[a]
     spread = np.hypot(foot.sigma[a], foot.sigma[b])
-    data["foot_y"] = ("t", -(0.5 * (foot.row[a] + foot.row[b]) - film.foot_row) * scale, {"units": unit})
+    first = film.foot_row or 0.0
+    data["foot_y"] = ("t", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, {"units": unit})
     data["foot_y_sigma"] = ("t", 0.5 * spread * scale, {"units": unit})
     data["foot_v"] = ("t", -(foot.row[b] - foot.row[a]) * scale / dt, {"units": f"{unit}/s"})
     data["foot_v_sigma"] = ("t", spread * scale / dt, {"units": f"{unit}/s"})

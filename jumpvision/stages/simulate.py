@@ -41,7 +41,7 @@ def simulate(
     *,
     p: SimulateParams,
 ) -> Simulation:
-    """x_r, x_f, x_m [m] absolute and the forces at 1 ms steps over the track's times; heights as a camera reports them."""
+    """x_r, x_f, x_m [m] absolute and the forces, in 1 ms steps over the track; heights as a camera reports them."""
     model = build_model(experiment, robot, spec, section, bed)
     forcing, stop = driver(log, law, motor, p)
     shift = model.parameters.dt or 0.0 if "time_offset" in model else 0.0
@@ -98,7 +98,9 @@ def driver(
     measured = read_motor(log, law) if log and p.driver != "law" else None
     if measured is None:
         if known is None:
-            raise InputError(["[actuation] frequency and amplitude, or [motor_log]: missing; the simulation needs a motor"])
+            raise InputError(
+                ["[actuation] frequency and amplitude, or [motor_log]: missing; the simulation needs a motor"]
+            )
         if motor and motor.kp is not None:
             warnings.warn(
                 "no [motor_log]: the motor is taken to follow its command exactly; the [motor] loop is not modelled",
@@ -128,7 +130,7 @@ def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> fl
 
 
 def output_times(forcing: Forcing, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
-    """Equal steps from `lead` seconds before the forcing starts to the end of the track (or AFTER beyond the motor's stop)."""
+    """Equal steps from `lead` seconds before the forcing to the end of the track (or AFTER beyond the motor's stop)."""
     first, last = forcing.start - lead, stop + AFTER
     if rod is not None:
         time = rod.arrays[0]

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ..frames import Film
-
+from ..params import TrackParams
 from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Track
@@ -19,8 +19,6 @@ from ..vision.background import LEAST, static_background
 from ..vision.ball import BallTrack, track_ball
 from ..vision.camera import Camera, camera
 from .films import open_film
-from ..params import TrackParams
-
 
 VIEWS = 300  # frames that the scene behind the ball is taken from
 
@@ -113,5 +111,3 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
     weight = 1 / motion.sigma_m[rest] ** 2
     zero = float((weight * motion.height_m[rest]).sum() / weight.sum())
     return motion.assign(height_m=motion.height_m - zero)
-
-

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ class Background:
     level: float
     ball: float
 
-    def removed(self, image: NDArray[np.generic]) -> Array:
+    def removed(self, image: NDArray[Any]) -> Array:
         """The image with the even scene `level` behind the ball; unchanged where the scene is not known."""
         contrast = self.ball - self.scene
         usable = np.isfinite(contrast) & (contrast / (self.ball - self.level) > FAINT)
@@ -37,7 +38,7 @@ class Background:
         return np.where(usable, self.level + share * (self.ball - self.level), image)
 
 
-def static_background(views: Iterable[tuple[NDArray[np.generic], float, float, float]]) -> Background | None:
+def static_background(views: Iterable[tuple[NDArray[Any], float, float, float]]) -> Background | None:
     """The scene from views (image (row, column), x, y, diameter [px]) of a film whose camera and light stand still.
 
     None where too little of it is ever seen to be of use.

@@ -28,6 +28,7 @@ BLURS = (0.3, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, widths tried for the edge in frame
 SMOOTH = 1.0  # px, standard deviation of the Gaussian that both pictures of the body are smoothed with
 BLOCK = 16  # columns that share a grain: the errors of blocks are independent, those of columns are not
 CLIP = 9.0  # squared residual, in variances, above which a pixel of the body says no more than that it is hidden
+GIVEN = 1.0  # px, uncertainty of a row read off the screen
 MAX_SIGMA = 0.5  # px, a worse face is no face
 
 
@@ -110,10 +111,11 @@ class _Body:
                 f, sigma, misfit = self._edge(first, start)
                 if sigma < MAX_SIGMA and abs(f - row) <= 4.0:
                     found.append((misfit, f, self.blur, sigma))
-            if not found:
-                raise ValueError(
-                    f"row = {row}: no edge of a body within 4 px of it in frame 0; give the row of its lower face"
-                )
+            if (
+                not found
+            ):  # a foot above its hole, dark on dark: its place is the one given, its motion is in its texture
+                self.row, self.blur, self.offset_sigma = row, BLURS[-1], GIVEN
+                break
             _, self.row, self.blur, self.offset_sigma = min(found)
         self._picture(first, None)
 

@@ -24,7 +24,7 @@ NAN = float("nan")
 
 @dataclass(frozen=True)
 class Surface:
-    """Row of the surface in each image column, pixel centres at integers, row down: column, row, sigma [px], shape (n,).
+    """Row of the surface in each image column, pixel centres at integers, rows down; shape (n,) [px].
 
     flag: "" where good, else why row and sigma are NaN.
     """
@@ -63,11 +63,13 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Su
     """
     grey = np.asarray(image, dtype=float)
     if grey.ndim != 2 or grey.shape[0] < 4 * REACH or grey.shape[1] < 2:
-        raise ValueError(f"bed_surface: image has shape {grey.shape}; a grey image of {4 * REACH} rows or more is needed")
+        raise ValueError(
+            f"bed_surface: image has shape {grey.shape}; a grey image of {4 * REACH} rows or more is needed"
+        )
     if floor_row is not None:
         if not 2 * REACH <= floor_row <= grey.shape[0]:
             raise ValueError(f"bed_surface: floor_row = {floor_row:g} must be in [{2 * REACH}, {grey.shape[0]}]")
-        grey = grey[: int(math.floor(floor_row)) + 1]
+        grey = grey[: math.floor(floor_row) + 1]
     grey = np.where(np.isfinite(grey), grey, np.nanmedian(grey))
     if method == "edge":
         return _edge(grey)
@@ -79,9 +81,9 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Su
 def bed_height(surface: Surface, floor_row: float) -> BedHeightPx:
     """Mean height above floor_row [px] = floor_row - mean surface row, at the middle of the columns.
 
-    A straight line (tilt) is fitted through the good columns and taken at the middle of all columns, so that columns lost
-    on one side do not shift the height. The surface is made of grains several px wide, hence neighbouring columns
-    scatter together: sigma comes from the scatter of block means (`_blocked_sigma`). NaN with fewer than 8 good columns.
+    A straight line (tilt) is fitted through the good columns and taken at the middle of all columns, so that columns
+    lost on one side do not shift the height. The surface is made of grains several px wide, hence neighbouring columns
+    scatter together: sigma comes from the scatter of block means (`_blocked_sigma`). NaN below 8 good columns.
     """
     good = surface.flag == ""
     n = int(good.sum())
@@ -211,13 +213,15 @@ def _edge_fit(grey: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_
 def _threshold(grey: Array) -> Surface:
     from skimage.filters import threshold_otsu
 
-    ny, nx = grey.shape
+    nx = grey.shape[1]
     column = np.arange(nx, dtype=float)
     if np.ptp(grey) == 0.0:
         return Surface(column, np.full(nx, NAN), np.full(nx, NAN), np.full(nx, "no bright-above-dark edge"))
     margin = ITERATIONS + 1  # the picture's border is no edge of the bed
     dark = np.pad(grey < threshold_otsu(grey), margin, mode="edge")
-    dark = binary_closing(binary_opening(dark, iterations=ITERATIONS), iterations=ITERATIONS)[margin:-margin, margin:-margin]
+    dark = binary_closing(binary_opening(dark, iterations=ITERATIONS), iterations=ITERATIONS)[
+        margin:-margin, margin:-margin
+    ]
     parts, count = label(dark)
     bed = parts == (1 + int(np.argmax(np.bincount(parts.ravel())[1:]))) if count else dark
     has = bed.any(axis=0)
@@ -229,9 +233,9 @@ def _threshold(grey: Array) -> Surface:
 def _blocked_sigma(residual: Array, n: int) -> tuple[int, float]:
     """(block, sigma of the mean) of n correlated residuals, NaN where a column is lost.
 
-    Block size: the smallest power of two with B^3 > 2 n (sigma_B/sigma_1)^4 (Lee et al. 2011), at least 8 blocks. Finite
-    blocks miss the correlation across their ends, a share proportional to 1/B of the variance: extrapolated from B/2
-    and B. The last factor widens sigma to the 68.3 % range of Student's t, as few blocks make the scatter uncertain.
+    Block size: the smallest power of two with B^3 > 2 n (sigma_B/sigma_1)^4 (Lee et al. 2011), at least 8 blocks.
+    Finite blocks miss the correlation across their ends, a share proportional to 1/B of the variance: extrapolated
+    from B/2 and B. The last factor widens sigma to the 68.3 % range of Student's t, as few blocks make it uncertain.
     """
     single = _sigma_of_mean(residual, 1)
     block, sigma, before = 1, single, single
@@ -240,7 +244,8 @@ def _blocked_sigma(residual: Array, n: int) -> tuple[int, float]:
         sigma = _sigma_of_mean(residual, block)
         if block**3 > 2.0 * n * (sigma / single) ** 4:
             break
-    sigma = math.sqrt(max(2.0 * sigma**2 - before**2, 0.5 * sigma**2))  # the difference is noisy: never below half
+    # the difference is noisy: never below half
+    sigma = math.sqrt(max(2.0 * sigma**2 - before**2, 0.5 * sigma**2))
     dof = max(residual.size // block - 2, 1)
     return block, sigma * float(student_t.isf(0.158655, dof))
 

@@ -1,0 +1,82 @@
+"""Straight lines, the packing theory and the record of a fit. About 3 s."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from jumpvision.fit.estimate import Estimate, least_squares_fit
+from jumpvision.fit.line import fit_line, fit_line_robust
+from jumpvision.fit.packing import cone_growth
+
+
+def test_sigmas_of_a_line_are_its_true_errors():
+    rng, z, c = np.random.default_rng(0), [], []
+    x = np.linspace(-1.0, 4.0, 40)
+    for _ in range(1500):
+        s = rng.uniform(0.1, 1.0, x.size)
+        line = fit_line(x, 2.0 - 0.7 * x + rng.normal(0.0, s), s)
+        at, at_sigma = line.at(3.0)
+        z.append(
+            [(line.slope + 0.7) / line.slope_sigma, (at + 0.1) / at_sigma, (line.intercept - 2) / line.intercept_sigma]
+        )
+        c.append(line.chi2)
+    # 0.683 +- 3 * 0.012, and up to 0.02 more because the scatter factor only widens
+    assert np.all(np.abs(np.mean(np.abs(z) < 1.0, axis=0) - 0.69) < 0.045)
+    assert np.mean(c) == pytest.approx(38.0, abs=3.0 * math.sqrt(2.0 * 38.0 / 1500))
+
+
+def test_understated_errors_are_widened_by_the_scatter():
+    rng, z = np.random.default_rng(1), []
+    x = np.linspace(0.0, 1.0, 60)
+    for _ in range(600):
+        line = fit_line(x, 3.0 * x + rng.normal(0.0, 0.5, x.size), np.full(x.size, 0.1))
+        z.append((line.slope - 3.0) / line.slope_sigma)
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.68) < 0.06
+
+
+def test_outliers_do_not_move_the_robust_line():
+    rng, z = np.random.default_rng(2), []
+    x = np.linspace(0.0, 1.0, 40)
+    for _ in range(300):
+        y = 2.2 * x + rng.normal(0.0, 0.05, x.size)
+        y[rng.choice(40, 4, replace=False)] += rng.uniform(2.0, 5.0, 4)
+        line = fit_line_robust(x, y, np.full(40, 0.05), reject=4.0)
+        z.append((line.slope - 2.2) / line.slope_sigma)
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.68) < 0.09  # 3 * 0.027
+    assert abs(np.mean(z)) < 3.0 / math.sqrt(300)
+
+
+def test_nothing_to_fit_is_a_value_and_a_bad_sigma_an_error():
+    assert math.isnan(fit_line([1.0, 1.0], [2.0, 3.0], [1.0, 1.0]).slope)
+    assert fit_line([1.0, np.nan], [2.0, 3.0], [1.0, 1.0]).reason
+    with pytest.raises(ValueError, match=r"sigma\[1\] = 0"):
+        fit_line([1.0, 2.0], [2.0, 3.0], [1.0, 0.0])
+    with pytest.raises(ValueError, match="shape"):
+        fit_line([1.0, 2.0], [2.0, 3.0], [1.0])
+
+
+def test_entry_has_exactly_the_keys_of_the_contract_and_no_nan():
+    entry = Estimate(math.nan, 1.0, "m", 3, 2.0, "why").entry()
+    assert entry == {"value": None, "sigma": 1.0, "unit": "m", "n": 3, "chi2": 2.0}
+    json.dumps(entry, allow_nan=False)
+
+
+def test_an_undetermined_parameter_is_refused():
+    x = np.linspace(0.0, 1.0, 9)
+    assert least_squares_fit(lambda p: x - (p[0] + p[1]) * x, [0.2, 0.3]) is None
+
+
+def test_growth_of_the_cone_at_the_thesis_packing():
+    cone = cone_growth(0.57, 0.605)
+    assert math.degrees(cone.beta_jammed) == pytest.approx(54.74, abs=0.005)
+    assert math.degrees(cone.beta_unjammed) == pytest.approx(60.08, abs=0.02)  # 60.07 from 54.736, printed from 54.72
+    assert math.degrees(cone.beta) == pytest.approx(57.4, abs=0.05)
+    assert cone.mu == pytest.approx(2.565, abs=0.0005)
+
+
+@pytest.mark.parametrize("phi", [0.605, 0.62, 0.4])
+def test_no_growth_where_the_equation_has_none(phi):
+    with pytest.raises(ValueError, match="volume_fraction"):
+        cone_growth(phi, 0.605)

@@ -1,0 +1,59 @@
+"""Ring-down: drawn damped cosines in the range of the robot. About 25 s."""
+
+import math
+
+import numpy as np
+import pytest
+
+from jumpvision.fit.ringdown import ring_down
+
+ZETA = 0.0083
+
+
+def draw(rng, amplitude, noise, span, f0, fps=200.0):
+    t = np.arange(0.0, span, 1.0 / fps) + 3.0
+    w0 = 2.0 * math.pi * f0
+    wd = w0 * math.sqrt(1.0 - ZETA**2)
+    tau = t - t[0]
+    x = 1e-3 + amplitude * np.exp(-ZETA * w0 * tau) * np.cos(wd * tau + rng.uniform(0.0, 2.0 * math.pi))
+    return t, x + rng.normal(0.0, noise, t.size), wd / (2.0 * math.pi)
+
+
+@pytest.mark.parametrize(
+    "amplitude, noise, span, f0",
+    [(3e-4, 1e-4, 1.0, 8.0), (5e-5, 2e-5, 0.5, 9.3), (3e-3, 5e-4, 0.5, 11.0), (3e-3, 2e-5, 1.5, 10.1)],
+)
+def test_sigmas_are_the_true_errors(amplitude, noise, span, f0):
+    rng, z = np.random.default_rng(5), []
+    for _ in range(150):
+        t, x, f = draw(rng, amplitude, noise, span, f0)
+        x[rng.random(t.size) < 0.05] = np.nan  # lost frames
+        r = ring_down(t, x, np.full(t.size, noise))
+        assert r.reason == ""
+        z.append(
+            [(r.frequency - f) / r.frequency_sigma, (r.zeta - ZETA) / r.zeta_sigma, (r.offset - 1e-3) / r.offset_sigma]
+        )
+    inside = np.mean(np.abs(z) < 1.0, axis=0)
+    # 150 draws: 0.683 +- 3 * 0.038; the scatter factor adds up to 0.2/sqrt(95) * 0.48 = 0.01
+    assert np.all((inside > 0.565) & (inside < 0.81)), inside
+    assert np.all(np.abs(np.mean(z, axis=0)) < 0.3)  # 3/sqrt(150) = 0.245, and the curvature of zeta
+
+
+def test_zeta_of_the_robot_is_resolved():
+    t, x, _ = draw(np.random.default_rng(0), 3e-3, 2e-5, 1.5, 11.13)
+    r = ring_down(t, x, np.full(t.size, 2e-5))
+    assert r.zeta_sigma < 0.01 * ZETA and abs(r.zeta - ZETA) < 4.0 * r.zeta_sigma
+    assert r.omega0 == pytest.approx(2.0 * math.pi * 11.13, abs=4.0 * r.omega0_sigma)
+    assert set(r.estimates()) == {"zeta", "frequency_hz", "omega0"}
+
+
+def test_noise_alone_is_not_an_oscillation():
+    rng = np.random.default_rng(1)
+    t = np.arange(150) / 200.0
+    found = [ring_down(t, rng.normal(0.0, 1e-4, t.size), np.full(t.size, 1e-4)) for _ in range(60)]
+    assert sum(r.reason == "" for r in found) <= 1  # 60 * FALSE_ALARM = 0.06 expected
+    assert "no significant oscillation" in found[0].reason and math.isnan(found[0].zeta)
+
+
+def test_too_few_samples_are_a_value():
+    assert "needs 8" in ring_down([0.0, 1.0], [0.0, 1.0], [1.0, 1.0]).reason
