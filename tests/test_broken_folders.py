@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -126,7 +127,11 @@ def second_with_the_same_name(folder: Path) -> None:
 
 
 def empty_film(folder: Path) -> None:
-    write.film(folder / "rod.avi", ball_film()[:0], rate=200.0)
+    (folder / "rod.avi").unlink()
+    with av.open(str(folder / "rod.avi"), "w") as container:
+        stream = container.add_stream("ffv1", rate=200)
+        stream.width, stream.height, stream.pix_fmt = 48, 90, "gray"
+        container.start_encoding()
 
 
 def dark_film(folder: Path) -> None:
@@ -169,7 +174,7 @@ BROKEN = {  # name: (how it is broken, what the message must say)
     "scale missing": (toml("scale = 5e-4\n", ""), ("scale", "missing")),
     "mass missing": (toml("motor_mass = 1.0\n", ""), ("[robot] motor_mass", "missing")),
     "sand without parameters": (
-        toml('ground = "hard"', 'ground = "granular"'), ("granular ground needs exactly one static force",)),
+        toml('ground = "hard"\n[robot]', 'ground = "granular"\n[robot]\nfoot_mass = 0.04'), ("granular ground needs exactly one static force",)),
     "unknown mechanism": (toml("terms = []", 'terms = ["magic"]'), ("unknown mechanism 'magic'",)),
     "a path that leads out": (toml('"motor.csv"', '"../../../motor.csv"'), ("[motor_log]", "outside")),
     "two experiments of one name": (second_with_the_same_name, ("same", "unique")),

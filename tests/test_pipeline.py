@@ -43,9 +43,9 @@ def toy_stages(monkeypatch):
 
     def fit(log: MotorLog, *, p: FitParams) -> First:
         CALLS.append("first")
-        if p.layer == 0.05:
-            warnings.warn("thick layer", StageWarning, stacklevel=2)
-        return First({"rows": len(log.path.read_text().splitlines()), "layer": p.layer})
+        if p.debounce == 0.05:
+            warnings.warn("long debounce", StageWarning, stacklevel=2)
+        return First({"rows": len(log.path.read_text().splitlines()), "debounce": p.debounce})
 
     def second(first: First, law: Actuation | None) -> Second:
         CALLS.append("second")
@@ -99,7 +99,7 @@ def test_a_second_run_recomputes_nothing(lab):
 def test_a_changed_parameter_recomputes_what_depends_on_it(lab):
     lab.make()
     assert lab.make(params={"bed": {"method": "threshold"}})[1] == ["third"]
-    assert lab.make(params={"fit": {"layer": 0.02}})[1] == ["first", "second", "third"]
+    assert lab.make(params={"fit": {"debounce": 0.02}})[1] == ["first", "second", "third"]
     assert lab.make()[1] == []  # the first results are still there
 
 
@@ -166,8 +166,8 @@ def test_a_lost_result_file_is_put_back(lab):
 
 def test_warnings_stay_with_the_result(lab):
     for _ in range(2):
-        w = lab.make(params={"fit": {"layer": 0.05}})[2]
-        assert next(s.warnings for s in w.steps) == ["thick layer"]
+        w = lab.make(params={"fit": {"debounce": 0.05}})[2]
+        assert next(s.warnings for s in w.steps) == ["long debounce"]
 
 
 def test_a_missing_section_is_named(lab):

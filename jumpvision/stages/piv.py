@@ -49,6 +49,12 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
     """Row of the foot's lower face in every frame, where the first frame's is given."""
     if film.foot_row is None or film.axis_column is None:
         return None
+    lowest, highest = p.foot_rows + 2, frames.shape[0] - 6
+    if not (lowest <= film.foot_row <= highest and 0 <= film.axis_column < frames.shape[1]):
+        raise ValueError(
+            f"[grain_video] foot_row = {film.foot_row:g}, axis_column = {film.axis_column:g}: the row must be in "
+            f"[{lowest}, {highest}] px, the column inside the {frames.shape[1]} columns of the film"
+        )
     half = half_width(film, robot)
     found = track_foot(
         watch(frames, "frames searched for the foot", len(frames)),

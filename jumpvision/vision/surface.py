@@ -12,6 +12,8 @@ from scipy.ndimage import binary_closing, binary_opening, label
 from scipy.special import ndtr
 from scipy.stats import t as student_t
 
+from jumpvision.vision.glow import glow_shift
+
 Array = NDArray[np.float64]
 
 REACH = 8  # px above and below the surface that the step filter and the edge fit look at
@@ -58,7 +60,7 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Su
 
     floor_row [px]: row of the bed's floor; nothing below it is looked at (None: the whole image).
     method "edge": a smooth chain of columns through the strongest bright-above-dark step, then in each column the row
-    and width of an error function fitted to the grey values; no threshold anywhere. method "threshold": as published,
+    and width of an error function fitted to the grey values, less what light through the grains adds (`glow`). method "threshold": as published,
     Otsu's threshold, a few erosions and dilations, and the first dark row of what hangs together with the bed.
     """
     grey = np.asarray(image, dtype=float)
@@ -136,7 +138,8 @@ def _edge(grey: Array) -> Surface:
     flag[~fitted] = "edge fit failed"
     flag[contrast < LOW_CONTRAST * typical] = "no contrast"
     bad = flag != ""
-    return Surface(column, np.where(bad, NAN, row), np.where(bad, NAN, sigma), flag)
+    shift, shift_sigma = glow_shift(grey, np.where(bad, NAN, row))
+    return Surface(column, np.where(bad, NAN, row + shift), np.where(bad, NAN, np.hypot(sigma, shift_sigma)), flag)
 
 
 @nb.njit(cache=True)
