@@ -23,6 +23,7 @@ from .pipeline import STAGES, Step, Workspace, sha256, sweep_leftovers, write_as
 from .progress import HOOK, Hook
 from .records import Summary, plain
 from .schema import InputError
+from .sections import NotApplicable
 
 Report = Callable[["Outcome"], None]
 
@@ -68,18 +69,18 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path) -> Outcome
     began = time.perf_counter()
     workspace = Workspace(experiment, results, plan.cache, verify=plan.verify)
     outcome = Outcome(experiment.name, results)
-    asked = plan.stages is not None
     blamed: set[int] = set()
     for output, made in wanted(plan):
         why = workspace.missing(output)
         if why:
-            if asked and made.name in (plan.stages or ()):
-                outcome.errors.append(f"{experiment.path / 'experiment.toml'}: {why}")
-            else:
+            if not made.picture:
                 outcome.not_run.append(why)
             continue
         try:
             workspace.make(output)
+        except NotApplicable as e:
+            if not made.picture:
+                outcome.not_run += [p for p in e.problems if p not in outcome.not_run]
         except Exception as e:
             if plan.debug and not isinstance(e, InputError):
                 raise

@@ -179,6 +179,7 @@ def _work(
     from .campaign import Plan, jumps_table, run_campaign, run_single, write_jumps
     from .experiment import is_campaign
     from .overrides import read_pipeline
+    from .schema import InputError
 
     definition = read_pipeline(pipeline) if pipeline else {}
     campaign = _open(path, options, definition.get("params"))
@@ -201,6 +202,8 @@ def _work(
                 options.workers or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
             )
             outcomes = run_campaign(campaign, plan, workers=workers or 1, done=progress.experiment)
+    if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
+        raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
     rows = jumps_table(campaign, outcomes)
     if not single and stages is None:
         write_jumps(rows, results)

@@ -25,7 +25,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from .experiment import Experiment
 from .schema import read
-from .sections import MissingKey, Section
+from .sections import MissingKey, NotApplicable, Section
 
 
 class StageWarning(UserWarning):
@@ -215,7 +215,12 @@ class Workspace:
             return ([values, self._hash(path)] if path else values), section
         if self._lack(i.type):
             return None, None
-        return self._make(i.type)
+        try:
+            return self._make(i.type)
+        except NotApplicable:
+            if i.optional:
+                return None, None
+            raise
 
     def _compute(self, made: Stage, arguments: Mapping[str, Any], entry: Path, key: str) -> tuple[Any, dict[str, Any]]:
         with warnings.catch_warnings(record=True) as caught:

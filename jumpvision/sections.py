@@ -19,6 +19,10 @@ class MissingKey(InputError):
     """A stage needs a key, or a section, that the folder does not give."""
 
 
+class NotApplicable(InputError):
+    """A stage finds that the folder has nothing for it to do: a film without a foot has no cone. Not a failure."""
+
+
 class Section:
     """One table of the file; `name` is its TOML name."""
 

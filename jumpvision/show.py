@@ -190,7 +190,9 @@ def outcome(
         }
         print(json.dumps(plain(data), indent=1))
     elif any(o.summary for o in outcomes):
-        table(overview(campaign, [o for o in outcomes if o.summary or o.errors]))
+        rows_of_heights = overview(campaign, [o for o in outcomes if o.summary or o.errors])
+        if len(rows_of_heights[0]) > 1:
+            table(rows_of_heights)
         if rows_of_details := details(campaign, outcomes):
             print()
             table(rows_of_details)

@@ -174,7 +174,8 @@ BROKEN = {  # name: (how it is broken, what the message must say)
     "scale missing": (toml("scale = 5e-4\n", ""), ("scale", "missing")),
     "mass missing": (toml("motor_mass = 1.0\n", ""), ("[robot] motor_mass", "missing")),
     "sand without parameters": (
-        toml('ground = "hard"\n[robot]', 'ground = "granular"\n[robot]\nfoot_mass = 0.04'), ("granular ground needs exactly one static force",)),
+        toml('ground = "hard"\n[robot]', 'ground = "granular"\n[robot]\nfoot_mass = 0.04'),
+        ("granular ground needs exactly one static force",)),
     "unknown mechanism": (toml("terms = []", 'terms = ["magic"]'), ("unknown mechanism 'magic'",)),
     "a path that leads out": (toml('"motor.csv"', '"../../../motor.csv"'), ("[motor_log]", "outside")),
     "two experiments of one name": (second_with_the_same_name, ("same", "unique")),
@@ -245,6 +246,20 @@ def test_the_other_experiments_of_a_campaign_go_on(folder, tmp_path, capsys):
     assert not (tmp_path / "results" / "bad" / "summary.json").exists()
     assert "no ball" in (tmp_path / "results" / "jumps.csv").read_text()
     assert "1 of 2 experiments done" in err
+
+
+def test_a_stage_without_its_recording_says_what_it_needs(folder, tmp_path, capsys):
+    assert main(["bed", str(folder), "--results", str(tmp_path / "r")]) == 2
+    assert "bed needs [bed_image]" in capsys.readouterr().err
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_stage_runs_where_a_campaign_has_its_recording(folder, tmp_path, capsys):
+    (folder.parent / "other").mkdir()
+    (folder.parent / "other" / "experiment.toml").write_text("")
+    assert main(["track", str(folder.parent), "--results", str(tmp_path / "r"), "--workers", "1"]) == 0
+    assert (tmp_path / "r" / "exp" / "track.csv").exists()
+    assert not (tmp_path / "r" / "other").exists()
 
 
 @pytest.mark.parametrize(

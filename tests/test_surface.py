@@ -136,7 +136,7 @@ def test_bad_calls_say_what_is_allowed():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_light_through_the_topmost_grains_does_not_lower_the_bed(seed):
-    """The laboratory's picture: 24 grey levels shine below a step of 190, which pulls a plain error function 0.15 px down.
+    """The laboratory's picture: 24 grey levels shine below a step of 190, which pulls a plain fit 0.15 px down.
 
     Bar 0.05 px on the mean surface of the picture itself, whose scatter over pictures is 0.017 px.
     """

@@ -163,7 +163,7 @@ def piv_picture(piv: Piv, film: GrainVideo) -> PivPicture:
     every = max(1, len(field.x) // 32)
     f = field.isel(t=i, x=slice(None, None, every), y=slice(None, None, every))
     with styled() as Figure:
-        figure = Figure(figsize=(6.4, 5.6), layout="constrained")
+        figure = Figure(figsize=(6.4, min(8.0, 0.7 + 5.2 * rows / columns)), layout="constrained")
         axis = figure.subplots()
         axis.imshow(image, cmap="gray", extent=extent, alpha=0.75)
         speed = np.hypot(f.u, f.v)

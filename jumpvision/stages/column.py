@@ -12,6 +12,7 @@ from ..fit.front import jammed_thickness
 from ..params import ColumnParams
 from ..pipeline import stage
 from ..records import Column, Flow, Piv
+from ..sections import NotApplicable
 
 
 @stage(version=1)
@@ -19,9 +20,9 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
     field = piv.field
     if field.x.attrs["units"] != "m":
-        raise ValueError("[grain_video] scale: missing; the column is fitted in metres: give scale = ... (m/px)")
+        raise NotApplicable(["column needs [grain_video] scale"])
     if "foot_y" not in field:
-        raise ValueError("[grain_video] foot_row and axis_column: missing; the column lies below the foot: give both")
+        raise NotApplicable(["column needs [grain_video] foot_row and axis_column"])
     near = field.isel(x=np.flatnonzero(np.abs(field.x.values) <= p.half_width))
     if near.sizes["x"] == 0:
         raise ValueError(f"[params.column] half_width = {p.half_width:g} m: no vector so close to the axis")

@@ -27,6 +27,7 @@ from .motor import position_at
 Array = NDArray[np.float64]
 NAN = math.nan
 AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
+HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved past hops too short to be seen
 MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
 
 
@@ -49,9 +50,10 @@ def fit(
     out: dict[str, Estimate] = {}
     flights = find_flights(rod, contact, robot, law, log, p)
     if flights is not None:
-        out["n_jumps"] = Estimate(float(len(flights)), 0.0, "", len(flights), 0.0)
+        jumps = longer_than(flights, p.shortest_flight)
+        out["n_jumps"] = Estimate(float(len(jumps)), 0.0, "", len(jumps), 0.0)
         if contact is not None or experiment.ground == "hard":
-            out |= flight_fits(flights, robot, law)
+            out |= flight_fits(jumps, robot, law)
     if rod is not None:
         out |= height_fits(rod, robot, law)
         out |= ring_fits(rod, flights, robot, law, p)
@@ -78,7 +80,7 @@ def find_flights(
                 f"{contact.path}: row {bad[0] + 1}, contact = {d.contact.iloc[bad[0]]:g}: "
                 "must be 0 or 1 (in the air, on the ground)"
             )
-        return longer_than(contact_flights(d.time_s, d.contact, debounce=p.debounce), p.shortest_flight)
+        return contact_flights(d.time_s, d.contact, debounce=p.debounce)
     if rod is None or robot is None:
         return None
     t, h, sigma = rod.arrays
@@ -166,13 +168,16 @@ def ring_fits(
             return {}  # in the air at the end of the record
         start = max(start, float(flights.landing[-1]))
     start += p.settle
-    ringing = t >= start
-    if ringing.sum() < 20:
-        return {}
-    ring = ring_down(t[ringing], h[ringing], sigma[ringing])
     limit = lift_off_amplitude(robot)
+    for _ in range(HOPPING):
+        ringing = t >= start
+        if ringing.sum() < 20:
+            return {}
+        ring = ring_down(t[ringing], h[ringing], sigma[ringing])
+        if ring.reason or limit is None or ring.amplitude <= limit:
+            break
+        start += HOP  # the spring would be stretched in every period: hops too short to be seen
     if not ring.reason and limit is not None and ring.amplitude > limit:
-        # the spring would be stretched in every period: the foot hops, and the motion is no free oscillation
         reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
         return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}
     out = ring.estimates()

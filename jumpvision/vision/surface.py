@@ -60,8 +60,9 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Su
 
     floor_row [px]: row of the bed's floor; nothing below it is looked at (None: the whole image).
     method "edge": a smooth chain of columns through the strongest bright-above-dark step, then in each column the row
-    and width of an error function fitted to the grey values, less what light through the grains adds (`glow`). method "threshold": as published,
-    Otsu's threshold, a few erosions and dilations, and the first dark row of what hangs together with the bed.
+    and width of an error function fitted to the grey values, less what light through the grains adds (`glow`).
+    method "threshold": as published, Otsu's threshold, a few erosions and dilations, and the first dark
+    row of what hangs together with the bed.
     """
     grey = np.asarray(image, dtype=float)
     if grey.ndim != 2 or grey.shape[0] < 4 * REACH or grey.shape[1] < 2:

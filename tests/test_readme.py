@@ -1,0 +1,74 @@
+"""What README and docs say is what happens: commands, tables, keys."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from jumpvision.cli import app, main
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "data_samples" / "README.md"]
+
+
+def commands(page: Path) -> list[str]:
+    """Lines of shell blocks that call jumpvision."""
+    blocks = re.findall(r"```(?:bash|sh)\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.S)
+    return [line for b in blocks for line in b.splitlines() if "jumpvision " in line and not line.startswith("#")]
+
+
+def test_both_commands_are_one_line_and_do_their_own_set_up():
+    run, test = (line for line in README.splitlines() if line.startswith("python3 -m venv .venv && "))
+    assert run.endswith("jumpvision run data_samples/loose_sand --results results/loose_sand")
+    assert test.endswith("-m pytest")
+    for line in (run, test):
+        assert ".venv/bin/pip install" in line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_every_command_in_the_docs_exists_with_its_options(page):
+    for line in commands(page):
+        words = shlex.split(line.split("&&")[-1], comments=True)
+        arguments = words[[Path(w).name for w in words].index("jumpvision") + 1 :]
+        app.parse_args(arguments, print_error=False, exit_on_error=False)  # raises for an unknown command or option
+
+
+def test_the_table_of_commands_is_complete():
+    named = set(re.findall(r"`jumpvision (\w+)", README)) | {"doctor"}
+    known = {name for name in app if not name.startswith("-")}
+    assert known <= named, known - named
+
+
+def test_the_printed_table_is_the_readmes():
+    """Experiments, columns and truths as in README; measured values within the last digits of other machines."""
+    table = re.search(r"<!-- table -->\n```text\n(.*?)```", README, flags=re.S).group(1)
+    for word in ("height [mm]", "true height", "model [mm]", "phi", "mu", "beta [deg]", "added mass [kg]"):
+        assert word in table
+    names = {f.parent.name for f in (ROOT / "data_samples" / "loose_sand").glob("*/experiment.toml")}
+    assert names <= set(re.findall(r"^\S+", table, flags=re.M))
+
+
+def test_the_key_tables_are_those_of_the_code():
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        import tables
+    finally:
+        sys.path.pop(0)
+    assert (ROOT / "docs" / "keys.md").read_text(encoding="utf-8") == tables.text(), "run: python docs/tables.py"
+
+
+def test_links_lead_somewhere():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+@pytest.mark.parametrize("name", [n for n in app if not n.startswith("-")])
+def test_every_command_has_help_with_an_example(name, capsys):
+    assert main([name, "--help"]) == 0
+    assert "Example:" in capsys.readouterr().out
