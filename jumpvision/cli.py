@@ -198,10 +198,7 @@ def _work(
         if single and campaign.experiments:
             outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
         else:
-            workers = (
-                options.workers or len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-            )
-            outcomes = run_campaign(campaign, plan, workers=workers or 1, done=progress.experiment)
+            outcomes = run_campaign(campaign, plan, workers=options.workers or cores(), done=progress.experiment)
     if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
         raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
     rows = jumps_table(campaign, outcomes)
@@ -214,6 +211,11 @@ def _work(
         made.append(write_report(campaign, outcomes, rows, results, single=single))
     show.outcome(campaign, outcomes, rows, results, made, as_json=options.json, single=single)
     return FAILED if any(o.errors for o in outcomes) else DONE
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -247,13 +247,12 @@ class Workspace:
             (aside / "receipt.json").write_text(json.dumps(receipt, indent=1), encoding="utf-8")
             _sync(aside)
             entry.parent.mkdir(parents=True, exist_ok=True)
-            if entry.exists():  # another run was faster, or the entry is damaged: replace it
-                shutil.rmtree(entry, ignore_errors=True)
             try:
                 os.rename(aside, entry)
-            except OSError:
-                if not (entry / "receipt.json").exists():
-                    raise
+            except OSError:  # there already: made by a faster run, or damaged
+                if not self._whole(entry, made.output):
+                    shutil.rmtree(entry)
+                    os.rename(aside, entry)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
         return record, receipt
@@ -270,6 +269,13 @@ class Workspace:
             raise
         except (ValueError, KeyError, OSError) as e:
             raise CorruptEntry(f"{entry}: unreadable in the cache ({type(e).__name__})") from e
+
+    def _whole(self, entry: Path, output: type) -> bool:
+        try:
+            self._load(entry, output)
+        except (FileNotFoundError, CorruptEntry):
+            return False
+        return True
 
     def _publish(self, entry: Path, output: type, receipt: Mapping[str, Any]) -> None:
         """The result file beside the others; replaced in one step when it differs."""

@@ -24,7 +24,8 @@ def test_the_falling_ball_of_a_photron_camera(real_data, tmp_path):
     for name in ("ball_12bit.mraw", "ball_12bit.cihx"):
         shutil.copy(real_data / "photron_ball_12bit" / name, tmp_path)
     (tmp_path / "experiment.toml").write_text(
-        '[rod_video]\nfile = "ball_12bit.mraw"\nscale = 2e-5\nball_diameter = 0.002526\n[params.track]\npolarity = "dark"\n'
+        '[rod_video]\nfile = "ball_12bit.mraw"\nscale = 2e-5\nball_diameter = 0.002526\n'
+        '[params.track]\npolarity = "dark"\n'
     )
     assert main(["track", str(tmp_path), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
     d = pd.read_csv(tmp_path / "r" / "track.csv")
