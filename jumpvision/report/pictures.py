@@ -10,7 +10,7 @@ import numpy as np
 
 from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, Piv, Record, RodMotion, Simulation, Track
-from ..sections import Actuation, BedImage, GrainVideo, RodVideo
+from ..sections import Actuation, BedImage, GrainVideo, NotApplicable, RodVideo
 from ..stages.films import open_film, read_picture
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
@@ -121,21 +121,24 @@ def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actua
 def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
     """The surface found in the picture of the bed."""
     grey = read_picture(image.path)
-    v = bed.values
+    v, profile = bed.values, bed.values["profile"]
     with styled() as Figure:
-        figure = Figure(figsize=(5.2, 4.2), layout="constrained")
-        axis = figure.subplots()
-        axis.imshow(grey, cmap="gray")
-        axis.plot(v["profile"]["column_px"], v["profile"]["row_px"], color=MODEL, lw=1)
+        figure = Figure(figsize=(8.6, 3.8), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1, 1.6))
+        left.imshow(grey, cmap="gray")
+        left.plot(profile["column_px"], profile["row_px"], color=MODEL, lw=1)
         if image.floor_row is not None:
-            axis.axhline(image.floor_row, color=GREEN, lw=1)
+            left.axhline(image.floor_row, color=GREEN, lw=1)
+        left.set(title="surface and floor", xlabel="column [px]", ylabel="row [px]")
+        left.grid(False)
+        x, height = (np.array(profile[k], float) * 1e3 for k in ("x_m", "height_m"))
+        mean, sigma = v["height_m"] * 1e3, v["sigma_m"] * 1e3
+        right.plot(x, height, color=MEASURED, lw=0.8)
+        right.axhspan(mean - 2 * sigma, mean + 2 * sigma, color=MODEL, alpha=0.25, lw=0)
+        right.axhline(mean, color=MODEL)
         phi = v["volume_fraction"]
-        text = f", φ = {phi:.4f} ± {v['sigma_volume_fraction']:.4f}" if phi is not None else ""
-        axis.set(
-            title=f"bed height {v['height_m'] * 1e3:.2f} ± {v['sigma_m'] * 1e3:.2f} mm{text}",
-            xlabel="column [px]", ylabel="row [px]",
-        )  # fmt: skip
-        axis.grid(False)
+        text = f"\nφ = {phi:.4f} ± {v['sigma_volume_fraction']:.4f}" if phi is not None else ""
+        right.set(title=f"bed height {mean:.2f} ± {sigma:.2f} mm{text}", xlabel="x [mm]", ylabel="height [mm]")
         return BedPicture(png(figure))
 
 
@@ -232,16 +235,13 @@ def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None) -> Fit
     v = fits.values
     if column is not None:
         panels += [draw_profile, draw_beta, draw_front]
-    if rod is not None and v.get("frequency_hz"):
+    if rod is not None and v.get("ring_start_s"):
         panels.append(draw_ring)
+    if not panels:
+        raise NotApplicable(["fit_picture needs a ring-down or a grain film"])
     with styled() as Figure:
-        n = max(len(panels), 1)
-        figure = Figure(figsize=(3.1 * n + 0.4, 3.2), layout="constrained")
-        axes = figure.subplots(1, n, squeeze=False)[0]
-        if not panels:
-            axes[0].axis("off")
-            axes[0].text(0.5, 0.5, "flights only:\nsee the table", ha="center", va="center")
-        for axis, draw in zip(axes, panels, strict=False):
+        figure = Figure(figsize=(3.1 * len(panels) + 0.4, 3.2), layout="constrained")
+        for axis, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
             draw(axis, v, rod, column)
         return FitPicture(png(figure))
 

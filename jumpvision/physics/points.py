@@ -1,0 +1,160 @@
+"""The points of a sweep: what every jump is made of, and its results on hard or granular ground.
+
+A point is a set of values by name (VALUES): the robot, its law and the bed. Values are arrays that broadcast.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jumpvision.physics.forcing import Segments
+from jumpvision.physics.half_cycles import half_cycle_rows
+from jumpvision.physics.hard import RESULTS, hard_sweep, sine_rows
+from jumpvision.physics.jump import simulate
+from jumpvision.physics.model import Model
+from jumpvision.physics.powers import acceleration
+from jumpvision.physics.scales import amplitude_of, damping_of, gravity_of
+
+Array = NDArray[np.float64]
+
+ROBOT = ("motor_mass", "rod_mass", "stiffness", "damping", "gravity", "landing_loss")
+LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
+BED = ("phi", "foot_radius")
+# parameters of a force of the ground that grow with the area of the foot (PHYSICS.md section 2)
+BY_AREA = ("k", "k1", "k2", "alpha", "s", "s_p")
+TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
+SAMPLES = 400  # of the motor force while the law runs
+
+
+def resolve(base: Mapping[str, float], given: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """All values of the points: `base` with `given` in their place.
+
+    base: every name of ROBOT and LAW (and of BED on granular ground). given may also hold `alpha` = M g/(k A), which
+    sets the amplitude, or gravity where `amplitude` is given too; and `zeta`, which sets the damping. A given
+    rod_mass keeps the total mass M, unless motor_mass is given too; a given frequency holds for both half cycles
+    unless frequency2 is given. ValueError where these contradict each other.
+    """
+    v = {n: np.asarray(x, float) for n, x in {**base, **given}.items() if n not in ("alpha", "zeta")}
+    if "frequency" in given and "frequency2" not in given:
+        v["frequency2"] = v["frequency"]
+    if "rod_mass" in given and "motor_mass" not in given:
+        total = base["motor_mass"] + base["rod_mass"]
+        v["motor_mass"] = total - v["rod_mass"]
+        if not (v["motor_mass"] > 0.0).all():
+            raise ValueError(
+                f"rod_mass = {np.max(v['rod_mass']):g} must be below the total mass {total:g} kg, which is kept; give "
+                "motor_mass too to change the total"
+            )
+    mass = v["motor_mass"] + v["rod_mass"]
+    if "zeta" in given:
+        v["damping"] = damping_of(np.asarray(given["zeta"], float), v["stiffness"], mass)
+    if "alpha" in given:
+        alpha = np.asarray(given["alpha"], float)
+        if "amplitude" not in given:
+            v["amplitude"] = amplitude_of(alpha, v["stiffness"], mass, v["gravity"])
+        elif "gravity" not in given:
+            v["gravity"] = gravity_of(alpha, v["stiffness"], mass, v["amplitude"])
+        else:
+            raise ValueError("alpha, amplitude and gravity: alpha = M g/(k A) follows from the others; leave one out")
+    return v
+
+
+def law_rows(v: Mapping[str, Array]) -> Array:
+    """Rows of a forcing.Segments for every point, (..., r, 6). ValueError for half cycles of other than one cycle."""
+    f, f2, amp, ph, n, wait = (v[name] for name in LAW)
+    if not (wait != 0.0).any() and np.array_equal(f, f2):
+        return sine_rows(f, amp, ph, n)
+    if (n != 1.0).any():
+        raise ValueError(
+            f"cycles = {n[n != 1.0].flat[0]:g} must be 1 where a delay or a second frequency divides the cycle"
+        )
+    return half_cycle_rows(f, f2, amp, ph, wait)
+
+
+def hard_points(v: Mapping[str, Array]) -> dict[str, NDArray]:
+    """hard_sweep at the points."""
+    return hard_sweep(law_rows(v), **{name: v[name] for name in ROBOT})
+
+
+def model_at(model: Model, v: Mapping[str, Array]) -> Model:
+    """The model with the values of one point (numbers). Another foot_radius changes the ground's forces by its area."""
+    parameters, foot = model.parameters, model.foot_radius
+    if foot and float(v["foot_radius"]) != foot:
+        area = (float(v["foot_radius"]) / foot) ** 2
+        grown = {n: getattr(parameters, n) * area for n in BY_AREA if getattr(parameters, n) is not None}
+        parameters = dataclasses.replace(parameters, **grown)
+    return dataclasses.replace(
+        model,
+        parameters=parameters,
+        motor_mass=float(v["motor_mass"]),
+        rod_mass=float(v["rod_mass"]),
+        spring_stiffness=float(v["stiffness"]),
+        spring_damping=float(v["damping"]),
+        gravity=float(v["gravity"]),
+        foot_radius=float(v["foot_radius"]) if foot else None,
+        volume_fraction=float(v["phi"]) if model.volume_fraction else None,
+    )
+
+
+def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol: float) -> dict[str, Array]:
+    """The results of jump.simulate at the points, arrays (n,); v: arrays (n,). NaN where a motion cannot be followed.
+
+    As hard_sweep's, from the first lift-off [s] to peak_force_N; peaks are of SAMPLES points of the law (right to
+    (2 pi / SAMPLES)^2 / 8 of a cycle's peak), NaN with motor_lag, where X_m'' is not that of the law.
+    """
+    rows = law_rows(v)
+    n = rows.shape[0]
+    out = {name: np.full(n, np.nan) for name in RESULTS}
+    built: dict[tuple[float, ...], Model] = {}
+    names = [m for m in (*ROBOT, *BED) if m in v]
+    for i in range(n):
+        key = tuple(float(v[m][i]) for m in names)
+        if key not in built:
+            built[key] = model_at(model, {m: v[m][i] for m in names})
+        try:
+            found = _jump(built[key], Segments(rows[i]), rtol, atol)
+        except RuntimeError:
+            continue
+        for name, value in found.items():
+            out[name][i] = value
+    return out
+
+
+def _jump(model: Model, law: Segments, rtol: float, atol: float) -> dict[str, float]:
+    """The results of one jump."""
+    driven = np.linspace(law.start, law.stop, SAMPLES, endpoint=False)
+    tail = TAIL
+    while True:
+        m = simulate(model, law, t=np.append(driven, law.stop + tail), rtol=rtol, atol=atol)
+        airborne = m.flights.size > 0 and math.isnan(m.flights[-1, 1])
+        if not airborne or (m.flights[:, 1] > law.stop).any() or tail > 30.0:
+            break
+        tail *= 2.0
+    late = np.flatnonzero(~(m.flights[:, 1] <= law.stop))  # ends after the forcing, or not at all
+    force, rate = np.full(SAMPLES, np.nan), law(driven)[1]
+    if "motor_lag" not in model:
+        v_motor = m.rod_velocity[:-1] + rate
+        rail = np.zeros(SAMPLES)
+        if "viscous_friction" in model:
+            rail -= (model.parameters.c_v or 0.0) * v_motor
+        if "coulomb_friction" in model:
+            rail -= (model.parameters.F_c or 0.0) * np.sign(v_motor)
+        # m_m a_m = -m_m g + F_m + rail with a_m = a_r + X_m'' and M a_r = -M g + F_s + rail - m_m X_m''
+        share = model.m_m / model.M
+        accel = (1.0 - share) * acceleration(law, driven) + (m.spring_force[:-1] + rail) / model.M
+        force = model.m_m * accel - rail
+    return {
+        "com_height_m": m.com_height,
+        "flight_height_m": m.flight_height if late.size else 0.0,
+        "jump_height_m": m.jump_height,
+        "n_jumps": float(late[0] + 1 if late.size else len(m.flights)),
+        "lift_off_s": float(m.flights[0, 0]) - law.start if len(m.flights) else math.nan,
+        "peak_power_W": float(np.max(force * rate)),
+        "peak_force_N": float(np.max(force)),
+        "peak_motor_speed": float(np.max(np.abs(rate))),
+    }
