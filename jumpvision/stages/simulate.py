@@ -52,7 +52,7 @@ def simulate(
         m = hard_jump(
             motor_mass=model.m_m, rod_mass=model.rod_mass, stiffness=model.k_s, damping=model.c_s, gravity=model.g,
             landing_loss=model.parameters.e or 0.0 if "landing_loss" in model else 0.0, forcing=forcing, t=true,
-            t_end=float(true[-1]),
+            t_end=max(float(true[-1]), forcing.stop),
         )  # fmt: skip
         foot = np.maximum(m.rod, 0.0)  # the massless foot stands at 0 or hangs on the relaxed spring
         columns = (m.rod, foot, m.motor, m.ground_force, m.spring_force)
