@@ -160,9 +160,10 @@ def doctor(*, json: bool = False) -> int:
 
 def _open(path: Path, options: Options, pipeline: dict[str, Any] | None = None) -> Any:
     """The campaign at `path`; a single experiment is a campaign of one."""
-    from .experiment import Campaign, is_campaign, open_campaign, open_experiment
+    from .experiment import Campaign, folder_of, is_campaign, open_campaign, open_experiment
     from .overrides import parse
 
+    path = folder_of(path)
     given: dict[str, Any] = {"overrides": parse(options.set), "pipeline": pipeline}
     if path.is_dir() and is_campaign(path):
         return open_campaign(path, **given)
@@ -177,10 +178,11 @@ def _work(
 ) -> int:
     from . import show
     from .campaign import Plan, jumps_table, run_campaign, run_single, write_jumps
-    from .experiment import is_campaign
+    from .experiment import folder_of, is_campaign
     from .overrides import read_pipeline
     from .schema import InputError
 
+    path = folder_of(path)
     definition = read_pipeline(pipeline) if pipeline else {}
     campaign = _open(path, options, definition.get("params"))
     results = options.results or path.absolute().parent / "results" / path.absolute().name

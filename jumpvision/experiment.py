@@ -118,8 +118,14 @@ def open_campaign(
     return Campaign(folder, tuple(found), excluded)
 
 
+def folder_of(path: str | os.PathLike[str]) -> Path:
+    """The folder meant by a path: itself, or that of the experiment.toml or campaign.toml it names."""
+    path = Path(path)
+    return path.parent if path.name in (EXPERIMENT, CAMPAIGN) and path.is_file() else path
+
+
 def _folder(path: str | os.PathLike[str]) -> Path:
-    folder = Path(path)
+    folder = folder_of(path)
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
         raise InputError([f"{folder}: {what}; give an experiment folder (with {EXPERIMENT}) or a folder of them"])

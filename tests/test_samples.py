@@ -250,7 +250,7 @@ def test_one_experiment_alone_inherits_its_campaign(results, tmp_path):
 
 @pytest.mark.parametrize("path", ["hard_ground", "loose_sand/stutter-7.0Hz-1"])
 def test_the_motor_log_drives_the_model_like_the_law_it_samples(path, tmp_path):
-    """Both describe one motion; the spline through the 6.25 um log is off by up to 0.02 mm where the law has a corner."""
+    """Both describe one motion; the spline through the 6.25 um log is off by up to 0.02 mm at the law's corners."""
     rods = []
     for driver in ("law", "log"):
         out = tmp_path / driver

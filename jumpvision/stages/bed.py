@@ -5,14 +5,15 @@ from __future__ import annotations
 from ..params import BedParams
 from ..pipeline import stage
 from ..records import BedHeight
-from ..sections import Bed, BedImage, need
+from ..sections import Bed, BedImage, Calibration, need
 from ..vision.surface import bed_height, bed_surface, volume_fraction
-from .films import read_picture
+from .films import read_picture, warn_uncalibrated
 
 
 @stage(version=1)
-def bed(image: BedImage, section: Bed | None, *, p: BedParams) -> BedHeight:
+def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *, p: BedParams) -> BedHeight:
     """Mean height above the floor [m]; volume fraction from the grains' solid volume, or relative to a reference."""
+    warn_uncalibrated(calibration, image.name)
     scale, floor = need(image, "scale", "floor_row")
     picture = read_picture(image.path)
     if not 0 <= floor < picture.shape[0]:

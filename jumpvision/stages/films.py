@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..frames import Film, FrameError, open_frames
 from ..pipeline import StageWarning
-from ..sections import GrainVideo, RodVideo
+from ..sections import Calibration, GrainVideo, RodVideo
 
 
 def open_film(section: RodVideo | GrainVideo) -> Film:
@@ -25,6 +25,16 @@ def open_film(section: RodVideo | GrainVideo) -> Film:
     for text in film.warnings:
         warnings.warn(text, StageWarning, stacklevel=3)
     return film
+
+
+def warn_uncalibrated(calibration: Calibration | None, section: str) -> None:
+    """Say so where a lens or marks are given that this stage does not use."""
+    if calibration and (calibration.k1 or calibration.k2 or calibration.marks):
+        warnings.warn(
+            f"[calibration] distortion and marks are applied to [rod_video] only, not to [{section}]",
+            StageWarning,
+            stacklevel=3,
+        )
 
 
 def read_picture(path: Path) -> NDArray[np.generic]:

@@ -40,7 +40,7 @@ def summary(
         "kind": law.kind if law else None,
         "jump_height_m": get("jump_height_m"),
         "sigma_m": get("jump_height_m", "sigma"),
-        "n_jumps": get("n_jumps"),
+        "n_jumps": None if get("n_jumps") is None else int(get("n_jumps")),
         "volume_fraction": phi,
         "sigma_volume_fraction": phi_sigma,
     }
