@@ -19,11 +19,12 @@ from typing import Any
 
 from . import __version__
 from .experiment import Campaign, Experiment
-from .pipeline import STAGES, Step, Workspace, sha256, sweep_leftovers, write_aside
+from .pipeline import STAGES, Step, Workspace
 from .progress import HOOK, Hook
 from .records import Summary, plain
 from .schema import InputError
 from .sections import NotApplicable
+from .storage import sha256, sweep_leftovers, write_aside
 
 Report = Callable[["Outcome"], None]
 

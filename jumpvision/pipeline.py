@@ -13,12 +13,10 @@ import inspect
 import json
 import os
 import shutil
-import socket
 import time
 import types
-import uuid
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -26,6 +24,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from .experiment import Experiment
 from .schema import read
 from .sections import MissingKey, NotApplicable, Section
+from .storage import aside_folder, companions, copy_aside, sha256, sync, write_aside
 
 
 class StageWarning(UserWarning):
@@ -236,8 +235,7 @@ class Workspace:
         for w in caught:
             if not issubclass(w.category, StageWarning):
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
-        aside = self.cache / f"writing-{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
-        aside.mkdir(parents=True)
+        aside = aside_folder(self.cache)
         try:
             record.save(aside)
             receipt = {
@@ -245,7 +243,7 @@ class Workspace:
                 "outputs": {f.name: sha256(f) for f in sorted(aside.iterdir())},
             }  # fmt: skip
             (aside / "receipt.json").write_text(json.dumps(receipt, indent=1), encoding="utf-8")
-            _sync(aside)
+            sync(aside)
             entry.parent.mkdir(parents=True, exist_ok=True)
             try:
                 os.rename(aside, entry)
@@ -317,73 +315,3 @@ class Workspace:
         digest = sha256(path)
         write_aside(memo, json.dumps({"stamp": stamp, "sha256": digest}))
         return digest
-
-
-def companions(path: Path) -> list[Path]:
-    """A recording and the header files that belong to it (Photron .cih, .cihx)."""
-    beside = [
-        path.with_suffix(s) for s in (".cih", ".cihx", ".mraw") if path.suffix.lower() in (".mraw", ".cih", ".cihx")
-    ]
-    return [path, *(f for f in beside if f != path and f.is_file())]
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file's content, in hex."""
-    with path.open("rb") as f:
-        return hashlib.file_digest(f, "sha256").hexdigest()
-
-
-def write_aside(path: Path, text: str) -> None:
-    """Write a text file in one step: it is whole, old or new, at any moment."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
-    try:
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
-
-
-def copy_aside(source: Path, target: Path) -> None:
-    """Copy a file in one step."""
-    aside = target.with_name(f".{target.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
-    try:
-        shutil.copyfile(source, aside)
-        os.replace(aside, target)
-    finally:
-        aside.unlink(missing_ok=True)
-
-
-def _sync(folder: Path) -> None:
-    """Make the entry's files durable before the rename that declares them whole."""
-    for f in folder.iterdir():
-        fd = os.open(f, os.O_RDWR)
-        try:
-            os.fsync(fd)
-        finally:
-            os.close(fd)
-
-
-def sweep_leftovers(results: Path, cache: Path) -> None:
-    """Remove what killed runs of this machine left behind: aside folders and files of processes that are gone."""
-    for f in [*cache.glob(f"writing-{socket.gethostname()}-*"), *_tmp_files(results), *_tmp_files(cache / "hashes")]:
-        pid = int(f.name.split("-")[-2])
-        if not _alive(pid):
-            shutil.rmtree(f, ignore_errors=True) if f.is_dir() else f.unlink(missing_ok=True)
-
-
-def _tmp_files(folder: Path) -> Iterator[Path]:
-    for pattern in (".*-*-*.tmp", "*/.*-*-*.tmp"):
-        yield from (f for f in folder.glob(pattern) if f.name.split("-")[-2].isdigit())
-
-
-def _alive(pid: int) -> bool:
-    if os.name == "nt":  # no harmless signal there: such a file is removed by `jumpvision cache`
-        return True
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from jumpvision import pipeline
+from jumpvision import pipeline, storage
 from jumpvision.experiment import open_experiment
 from jumpvision.params import BedParams, FitParams
 from jumpvision.pipeline import STAGES, StageWarning, Workspace, stage
@@ -244,7 +244,7 @@ def test_killed_at_any_moment_it_resumes_with_a_whole_result(lab):
             assert len(json.loads(result.read_text())) == 20000
     subprocess.run([sys.executable, script, lab.root], check=True, stdout=subprocess.DEVNULL)
     assert len(json.loads(result.read_text())) == 20000
-    pipeline.sweep_leftovers(lab.root / "results", lab.root / "cache")
+    storage.sweep_leftovers(lab.root / "results", lab.root / "cache")
     assert not list((lab.root / "cache").glob("writing-*"))
     assert not list((lab.root / "results").glob(".*.tmp"))
 

@@ -10,8 +10,8 @@ from typing import Any
 from .. import __version__
 from ..campaign import Outcome
 from ..experiment import Campaign
-from ..pipeline import write_aside
 from ..show import details, measured, overview
+from ..storage import write_aside
 from .heights import heights_picture
 
 PICTURES = {  # file: (heading, what it shows)

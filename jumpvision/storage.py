@@ -1,0 +1,88 @@
+"""Files written so that they are whole, old or new, at any moment; hashes; what killed runs leave behind."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import socket
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def aside_folder(cache: Path) -> Path:
+    """A new folder to write a cache entry in before it is renamed; its name says which process owns it."""
+    aside = cache / f"writing-{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    aside.mkdir(parents=True)
+    return aside
+
+
+def companions(path: Path) -> list[Path]:
+    """A recording and the header files that belong to it (Photron .cih, .cihx)."""
+    beside = [
+        path.with_suffix(s) for s in (".cih", ".cihx", ".mraw") if path.suffix.lower() in (".mraw", ".cih", ".cihx")
+    ]
+    return [path, *(f for f in beside if f != path and f.is_file())]
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file's content, in hex."""
+    with path.open("rb") as f:
+        return hashlib.file_digest(f, "sha256").hexdigest()
+
+
+def write_aside(path: Path, text: str) -> None:
+    """Write a text file in one step: it is whole, old or new, at any moment."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def copy_aside(source: Path, target: Path) -> None:
+    """Copy a file in one step."""
+    aside = target.with_name(f".{target.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
+    try:
+        shutil.copyfile(source, aside)
+        os.replace(aside, target)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def sync(folder: Path) -> None:
+    """Make the entry's files durable before the rename that declares them whole."""
+    for f in folder.iterdir():
+        fd = os.open(f, os.O_RDWR)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+
+
+def sweep_leftovers(results: Path, cache: Path) -> None:
+    """Remove what killed runs of this machine left behind: aside folders and files of processes that are gone."""
+    for f in [*cache.glob(f"writing-{socket.gethostname()}-*"), *_tmp_files(results), *_tmp_files(cache / "hashes")]:
+        pid = int(f.name.split("-")[-2])
+        if not _alive(pid):
+            shutil.rmtree(f, ignore_errors=True) if f.is_dir() else f.unlink(missing_ok=True)
+
+
+def _tmp_files(folder: Path) -> Iterator[Path]:
+    for pattern in (".*-*-*.tmp", "*/.*-*-*.tmp"):
+        yield from (f for f in folder.glob(pattern) if f.name.split("-")[-2].isdigit())
+
+
+def _alive(pid: int) -> bool:
+    if os.name == "nt":  # no harmless signal there: such a file is removed by `jumpvision cache`
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
