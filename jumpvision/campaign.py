@@ -19,7 +19,7 @@ from typing import Any
 
 from . import __version__
 from .experiment import Campaign, Experiment
-from .pipeline import STAGES, Step, Workspace
+from .pipeline import STAGES, NotCached, Step, Workspace
 from .progress import HOOK, Hook
 from .records import Summary, plain
 from .schema import InputError
@@ -63,12 +63,15 @@ class Outcome:
         return [f"{s.stage}: {w}" for s in self.steps for w in s.warnings]
 
 
-def run_experiment(experiment: Experiment, plan: Plan, results: Path) -> Outcome:
-    """Every stage of the plan that has inputs, then the pictures; errors are kept in the outcome, not raised."""
+def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_cached: bool = False) -> Outcome:
+    """Every stage of the plan that has inputs, then the pictures; errors are kept in the outcome, not raised.
+
+    only_cached: raises NotCached when something would have to be computed.
+    """
     for module in plan.modules:
         importlib.import_module(module)
     began = time.perf_counter()
-    workspace = Workspace(experiment, results, plan.cache, verify=plan.verify)
+    workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, only_cached=only_cached)
     outcome = Outcome(experiment.name, results)
     blamed: set[int] = set()
     for output, made in wanted(plan):
@@ -79,6 +82,8 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path) -> Outcome
             continue
         try:
             workspace.make(output)
+        except NotCached:
+            raise
         except NotApplicable as e:
             if not made.picture:
                 outcome.not_run += [p for p in e.problems if p not in outcome.not_run]
@@ -156,10 +161,20 @@ def run_campaign(campaign: Campaign, plan: Plan, *, workers: int, done: Report) 
             outcomes[name] = run_experiment(*job)
             done(outcomes[name])
         return list(outcomes.values())
+    # what is all in the cache is done here, faster than a worker process starts
+    for name, job in list(jobs.items()):
+        try:
+            outcomes[name] = run_experiment(*job, only_cached=True)
+        except NotCached:
+            continue
+        done(outcomes[name])
+    waiting = {n: job for n, job in jobs.items() if n not in outcomes}
+    if not waiting:
+        return [outcomes[n] for n in jobs]
     # films first: the longest jobs must not start last
-    order = sorted(jobs, key=lambda n: -sum(hasattr(s, "frame_rate") for s in jobs[n][0].sections.values()))
+    order = sorted(waiting, key=lambda n: -sum(hasattr(s, "frame_rate") for s in jobs[n][0].sections.values()))
     context = multiprocessing.get_context("spawn")  # fork is unsafe under OpenMP and OpenCV threads
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context, initializer=_worker) as pool:
+    with ProcessPoolExecutor(min(workers, len(waiting)), mp_context=context, initializer=_worker) as pool:
         futures = {pool.submit(run_experiment, *jobs[n]): n for n in order}
         try:
             for future in as_completed(futures):

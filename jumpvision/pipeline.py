@@ -97,6 +97,10 @@ class Step:
     key: str
 
 
+class NotCached(Exception):
+    """A stage would have to be computed where only what is there already was asked for."""
+
+
 class CorruptEntry(Exception):
     """A cached file does not have the checksum of its receipt."""
 
@@ -106,10 +110,14 @@ class Workspace:
 
     results: folder of the result files. cache: folder shared by the experiments of a campaign.
     verify: hash every input again instead of trusting an unchanged size and modification time.
+    only_cached: raise NotCached instead of computing a stage.
     """
 
-    def __init__(self, experiment: Experiment, results: Path, cache: Path, *, verify: bool = False):
+    def __init__(
+        self, experiment: Experiment, results: Path, cache: Path, *, verify: bool = False, only_cached: bool = False
+    ):
         self.experiment, self.results, self.cache, self.verify = experiment, Path(results), Path(cache), verify
+        self.only_cached = only_cached
         self.steps: list[Step] = []
         self.inputs: dict[str, str] = {}  # relative path -> SHA-256
         self.outputs: set[str] = set()  # names of the result files made
@@ -185,6 +193,8 @@ class Workspace:
             record, receipt = self._load(entry, output)
             state = "cached"
         except (FileNotFoundError, CorruptEntry) as e:
+            if self.only_cached:
+                raise NotCached(made.name) from None
             if isinstance(e, CorruptEntry):
                 warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)
             record, receipt = self._compute(made, arguments, entry, key)

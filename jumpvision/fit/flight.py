@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2 as chi2_law
+from scipy.special import chdtri
 
 from jumpvision.fit.estimate import Estimate, checked, checked_sigma, least_squares_fit, scatter_factor
 
@@ -136,7 +136,7 @@ def _flights_of(t: Array, h: Array, sigma: Array, gravity: float, shortest: floa
     if width is None:
         return []
     y = h + 0.5 * gravity * (t - t[0]) ** 2
-    limit = float(chi2_law.isf(ALLOWED, width - 2))
+    limit = float(chdtri(width - 2, ALLOWED))
     flying = np.zeros(t.size, dtype=bool)
     for i in range(t.size - width + 1):
         k = slice(i, i + width)
@@ -228,7 +228,7 @@ def _edge(t: Array, h: Array, sigma: Array, i: int, j: int, gravity: float) -> t
         return crude
     p, cov, chi2 = fit
     spread = scatter_factor(chi2, dof) * math.sqrt(float(cov[2, 2]))
-    if chi2 > chi2_law.isf(ALLOWED, dof) or spread > 3.0 * dt:
+    if chi2 > chdtri(dof, ALLOWED) or spread > 3.0 * dt:
         return float(t[i] + p[2]), max(spread, dt)  # no spring-like landing: good to a frame at best
     return float(t[i] + p[2]), spread
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2 as chi2_law
+from scipy.special import chdtri
 
 from jumpvision.fit.estimate import Estimate, checked, checked_sigma, scatter_factor
 
@@ -144,7 +144,7 @@ def _on_parabola(t: Array, h: Array, sigma: Array, lo: int, hi: int, side: int) 
     """Whether samples lo..hi lie on one parabola, and the three outermost of one side on that of the others."""
     design = _design(t[lo:hi], t[lo], t[hi - 1] - t[lo], None)
     p, _, chi2 = _solve(design, h[lo:hi], sigma[lo:hi])
-    if chi2 > chi2_law.isf(ALLOWED, hi - lo - 3) or p[2] >= 0.0:
+    if chi2 > chdtri(hi - lo - 3, ALLOWED) or p[2] >= 0.0:
         return False
     if hi - lo < SMALLEST + 3:
         return True

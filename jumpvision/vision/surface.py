@@ -9,8 +9,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_closing, binary_opening, label
-from scipy.special import ndtr
-from scipy.stats import t as student_t
+from scipy.special import ndtr, stdtrit
 
 from jumpvision.vision.glow import glow_shift
 
@@ -251,7 +250,7 @@ def _blocked_sigma(residual: Array, n: int) -> tuple[int, float]:
     # the difference is noisy: never below half
     sigma = math.sqrt(max(2.0 * sigma**2 - before**2, 0.5 * sigma**2))
     dof = max(residual.size // block - 2, 1)
-    return block, sigma * float(student_t.isf(0.158655, dof))
+    return block, sigma * float(stdtrit(dof, 1.0 - 0.158655))
 
 
 def _sigma_of_mean(residual: Array, block: int) -> float:
