@@ -232,10 +232,13 @@ class Workspace:
             raise
 
     def _compute(self, made: Stage, arguments: Mapping[str, Any], entry: Path, key: str) -> tuple[Any, dict[str, Any]]:
+        record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
             try:
                 record = made.function(**arguments)
+            except NotApplicable as e:
+                nothing_to_do = e.problems
             except MissingKey as e:
                 raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None
             except Exception as e:
@@ -247,9 +250,11 @@ class Workspace:
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
         aside = aside_folder(self.cache)
         try:
-            record.save(aside)
+            if record is not None:
+                record.save(aside)
             receipt = {
                 "stage": made.name, "version": made.version, "key": key, "warnings": notes,
+                "not_applicable": nothing_to_do,
                 "outputs": {f.name: sha256(f) for f in sorted(aside.iterdir())},
             }  # fmt: skip
             (aside / "receipt.json").write_text(json.dumps(receipt, indent=1), encoding="utf-8")
@@ -263,17 +268,21 @@ class Workspace:
                     os.rename(aside, entry)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
+        if nothing_to_do:
+            raise NotApplicable(nothing_to_do)
         return record, receipt
 
     def _load(self, entry: Path, output: type) -> tuple[Any, dict[str, Any]]:
-        """The record and receipt of a whole, undamaged entry."""
+        """The record and receipt of a whole, undamaged entry; NotApplicable where it says that there is none."""
         try:
             receipt = json.loads((entry / "receipt.json").read_text(encoding="utf-8"))
             for name, digest in receipt["outputs"].items():
                 if sha256(entry / name) != digest:
                     raise CorruptEntry(f"{entry / name}: damaged in the cache")
+            if receipt["not_applicable"]:
+                raise NotApplicable(receipt["not_applicable"])
             return output.load(entry), receipt  # type: ignore[attr-defined]
-        except FileNotFoundError:
+        except (FileNotFoundError, NotApplicable):
             raise
         except (ValueError, KeyError, OSError) as e:
             raise CorruptEntry(f"{entry}: unreadable in the cache ({type(e).__name__})") from e
@@ -281,6 +290,8 @@ class Workspace:
     def _whole(self, entry: Path, output: type) -> bool:
         try:
             self._load(entry, output)
+        except NotApplicable:
+            return True
         except (FileNotFoundError, CorruptEntry):
             return False
         return True

@@ -14,7 +14,7 @@ import jumpvision
 
 ROOT = Path(jumpvision.__file__).parent
 FLOORS = [  # from the ground up; a module may import its own floor's package and what lies below
-    {"schema", "progress"},
+    {"schema", "progress", "storage"},
     {"frames", "vision", "field", "fit", "physics", "dem"},  # core: rooms beside each other
     {"diagnosis", "planning"},
     {"sections", "params", "logs"},
@@ -22,6 +22,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"pipeline", "overrides"},
     {"stages"},
     {"campaign"},
+    {"sweep"},
     {"show"},
     {"report", "demo"},
     {"cli"},

@@ -16,9 +16,9 @@ import pytest
 from jumpvision import pipeline, storage
 from jumpvision.experiment import open_experiment
 from jumpvision.params import BedParams, FitParams
-from jumpvision.pipeline import STAGES, StageWarning, Workspace, stage
+from jumpvision.pipeline import STAGES, NotCached, StageWarning, Workspace, stage
 from jumpvision.records import Values
-from jumpvision.sections import Actuation, MissingKey, MotorLog, need
+from jumpvision.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
 
 CALLS: list[str] = []
 
@@ -189,6 +189,47 @@ def test_an_error_says_where_and_leaves_nothing_half_written(lab):
     assert "in stage 'bed'" in e.value.__notes__[0]
     assert not list((lab.root / "cache").glob("writing-*"))
     assert not (lab.root / "results" / "third.json").exists()
+
+
+def test_a_stage_with_nothing_to_do_is_asked_once(lab):
+    """Its reason is remembered; a record that can do without it is made all the same."""
+
+    class Maybe(Values):
+        file = "maybe.json"
+
+    class After(Values):
+        file = "after.json"
+
+    def track(log: MotorLog) -> Maybe:
+        CALLS.append("track")
+        raise NotApplicable(["track needs a ball"])
+
+    def piv(maybe: Maybe | None, log: MotorLog) -> After:
+        return After({"maybe": maybe is not None})
+
+    track.__annotations__ = {"log": MotorLog, "return": Maybe}
+    piv.__annotations__ = {"maybe": Maybe | None, "log": MotorLog, "return": After}
+    stage(version=1)(track)
+    stage(version=1)(piv)
+    for calls in (["track"], []):
+        with pytest.raises(NotApplicable, match="needs a ball"):
+            lab.make(Maybe)
+        assert calls == CALLS
+        assert lab.make(After)[0] == {"maybe": False}
+
+
+def test_only_cached_computes_nothing(lab):
+    def make():
+        return Workspace(
+            open_experiment(lab.root / "exp"), lab.root / "results", lab.root / "cache", only_cached=True
+        ).make(Third)
+
+    with pytest.raises(NotCached):
+        make()
+    lab.make()
+    CALLS.clear()
+    make()
+    assert CALLS == []
 
 
 def test_two_stages_for_one_record_are_refused():
