@@ -24,8 +24,10 @@ def open_video(path: Path, threads: str) -> tuple[Any, Any]:
     """(av container, its first video stream, ready to decode with "AUTO" (frames in parallel) or "SLICE" threads)."""
     import av
 
+    # titles and comments in another encoding must not stop a film; from PyAV 19 on they never do
+    tolerant = {"metadata_errors": "ignore"} if int(av.__version__.split(".")[0]) < 19 else {}
     try:
-        container = av.open(str(path), metadata_errors="ignore")
+        container = av.open(str(path), **tolerant)
     except (av.FFmpegError, ValueError, OSError) as error:
         raise FrameError(f"{path}: not a film, or its header is lost: {error}; copy it again") from error
     try:
