@@ -25,7 +25,7 @@ def open_video(path: Path, threads: str) -> tuple[Any, Any]:
     import av
 
     # titles and comments in another encoding must not stop a film; from PyAV 19 on they never do
-    tolerant = {"metadata_errors": "ignore"} if int(av.__version__.split(".")[0]) < 19 else {}
+    tolerant: dict[str, Any] = {"metadata_errors": "ignore"} if int(av.__version__.split(".")[0]) < 19 else {}
     try:
         container = av.open(str(path), **tolerant)
     except (av.FFmpegError, ValueError, OSError) as error:
