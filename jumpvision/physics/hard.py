@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.physics.forcing import Forcing, Segments
-from jumpvision.physics.hard_arc import AIR, ARC_SIZE, KIND, evaluate
-from jumpvision.physics.hard_flow import motor, simulate
+from jumpvision.physics.hard_arc import AIR, ARC_SIZE, KERNEL, KIND, evaluate
+from jumpvision.physics.hard_flow import motor, row, simulate
 
 Array = NDArray[np.float64]
 
@@ -33,6 +33,8 @@ RANGES = {
     "frequency": ("Hz", 0.0, False),
     "phase": ("rad", -math.inf, True),
 }
+
+BLOCK = 256  # jumps
 
 RESULTS = (
     "com_height_m",
@@ -112,7 +114,7 @@ def hard_jump(
     for name, value in robot.items():
         _check(name, value)
     pieces = _pieces(forcing)
-    stop = pieces[-1, 1]
+    stop = pieces[-2, 1]
     if not stop <= t_end < math.inf:
         raise ValueError(f"t_end = {t_end} must be finite and not before the forcing ends, {stop:g} s")
     times = np.atleast_1d(np.asarray([] if t is None else t, dtype=float))
@@ -133,7 +135,7 @@ def hard_jump(
     flights = flights[:n_flights]
     x, v, x_motor, f_s = _sample(rows[:n_arcs], pieces[0], times, q, gravity, w2, gam)
     cut = airborne and longest == 0.0
-    step_in, step_out = motor(pieces[0], 0.0)[1], motor(pieces[-1], stop - pieces[-1, 0])[1]
+    step_in, step_out = motor(pieces[0], 0.0)[1], motor(pieces[-2], stop - pieces[-2, 0])[1]
     reduced = motor_mass * rod_mass / mass
     return HardMotion(
         t=times,
@@ -149,7 +151,7 @@ def hard_jump(
         flight_height=math.nan if cut else gravity * longest**2 / 8.0,
         peak_power_W=motor_mass * power,
         peak_force_N=motor_mass * force,
-        peak_motor_speed=_peak_speed(pieces),
+        peak_motor_speed=_peak_speed(pieces, len(pieces) - 1),
         impulse_work_J=(0.5 * reduced * step_in**2, -0.5 * reduced * step_out**2),
     )
 
@@ -186,10 +188,13 @@ def hard_sweep(
     for name, value in values.items():
         _check(name, value)
     shape = np.broadcast_shapes(laws.shape[:-2], *(np.shape(v) for v in values.values()))
-    robots = np.stack([np.broadcast_to(np.asarray(v, float), shape).ravel() for v in values.values()])
+    one = all(np.size(v) == 1 for v in values.values())
+    each = [np.broadcast_to(np.asarray(v, float), (1,) * len(shape) if one else shape) for v in values.values()]
+    robots = np.stack([v.ravel() for v in each])
     rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
     out = np.empty((len(RESULTS), rows.shape[0]))
-    _sweep(np.ascontiguousarray(rows), robots, out)
+    with nb.parallel_chunksize(1):  # blocks are handed out as threads become free, where the threading layer can
+        _sweep(np.ascontiguousarray(rows), robots, out)
     result: dict[str, NDArray] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result
@@ -251,43 +256,46 @@ def _check_rows(rows: Array) -> None:
         raise ValueError("forcing: every row must end after it starts, t1 > t0")
     if not (rows[..., 3] >= 0).all() or not (rows[..., 4] >= 0).all():
         raise ValueError("forcing: amplitude A must be >= 0 m (0: a pause) and omega >= 0 rad/s; shift the phase by pi")
-    first, last = rows[..., 5], rows[..., 4] * (rows[..., 1] - rows[..., 0]) + rows[..., 5]
-    begins, ends = (rows[..., 2] + rows[..., 3] * np.sin(angle) for angle in (first, last))
-    gap = np.abs(rows[..., 1:, 0] - rows[..., :-1, 1])
-    jump = np.abs(begins[..., 1:] - ends[..., :-1])
+    before, after = rows[..., :-1, :], rows[..., 1:, :]
+    last = before[..., 4] * (before[..., 1] - before[..., 0]) + before[..., 5]
+    gap = np.abs(after[..., 0] - before[..., 1])
+    jump = np.abs(
+        after[..., 2] + after[..., 3] * np.sin(after[..., 5]) - before[..., 2] - before[..., 3] * np.sin(last)
+    )
     if (gap > 1e-9).any() or (jump > 1e-9).any():
         raise ValueError("forcing: rows must be contiguous in time and X_m continuous, to 1e-9 s and 1e-9 m")
 
 
 def _pieces(forcing: Forcing) -> Array:
-    """The (n, 9) rows of hard_arc.make_arc."""
+    """The (n, 9) rows of hard_arc.make_arc, and one for simulate to fill in."""
     if isinstance(forcing, Segments):
         rows = np.asarray(forcing.rows, float)
         _check_rows(rows)
-        out = np.zeros((len(rows), 9))
-        out[:, [0, 1, 2, 6, 7, 8]] = rows
+        out = np.zeros((len(rows) + 1, 9))
+        out[:-1, [0, 1, 2, 6, 7, 8]] = rows
     else:
         if not (
             np.isfinite(forcing.c).all() and np.isfinite(forcing.knots).all() and np.all(np.diff(forcing.knots) > 0)
         ):
             raise ValueError("forcing: the spline must be finite, its knots increasing")
-        out = np.zeros((forcing.c.shape[1], 9))
-        out[:, 0], out[:, 1] = forcing.knots[:-1], forcing.knots[1:]
-        out[:, 2:6] = forcing.c[::-1].T
-    out[:-1, 1] = out[1:, 0]
+        out = np.zeros((forcing.c.shape[1] + 1, 9))
+        out[:-1, 0], out[:-1, 1] = forcing.knots[:-1], forcing.knots[1:]
+        out[:-1, 2:6] = forcing.c[::-1].T
+    out[:-2, 1] = out[1:-1, 0]
     return out
 
 
-@nb.njit(cache=True)
-def _peak_speed(pieces: NDArray) -> float:
-    """Greatest |X_m'| [m/s]; a piece is a sinusoid or a cubic."""
+@nb.njit(**KERNEL)
+def _peak_speed(pieces: NDArray, n: int) -> float:
+    """Greatest |X_m'| [m/s] of the first n pieces; each is a sinusoid or a cubic."""
     peak = 0.0
-    for i in range(pieces.shape[0]):
-        p = pieces[i]
+    for i in range(n):
+        p = row(pieces, i)
         length = p[1] - p[0]
-        peak = max(peak, abs(motor(p, 0.0)[1]), abs(motor(p, length)[1]))
         if math.floor((p[7] * length + p[8]) / math.pi) >= math.ceil(p[8] / math.pi):  # |cos| = 1 inside
             peak = max(peak, p[6] * p[7])
+        if peak < p[6] * p[7] + abs(p[3]) or p[4] != 0.0 or p[5] != 0.0:
+            peak = max(peak, abs(motor(p, 0.0)[1]), abs(motor(p, length)[1]))
         if p[5] != 0.0 and 0.0 < -p[4] / (3.0 * p[5]) < length:  # a crest of the parabola
             peak = max(peak, abs(p[3] - p[4] * p[4] / (3.0 * p[5])))
     return peak
@@ -302,7 +310,7 @@ def _sample(
     for i in range(t.size):
         if t[i] < rows[0, 0]:
             x[i], v[i], f[i] = -g / w2, 0.0, g
-            xm[i] = x[i] + motor(piece, 0.0)[0]
+            xm[i] = x[i] + (piece[2] + piece[6] * math.sin(piece[8]))  # not fused: zero where the law starts at zero
             continue
         row = rows[np.searchsorted(rows[:, 0], t[i], side="right") - 1]
         x[i], v[i], _, mx, _, _, _ = evaluate(row[2:], t[i] - row[0], q, g)
@@ -311,18 +319,21 @@ def _sample(
     return x, v, xm, f
 
 
-@nb.njit(cache=True, parallel=True)
+@nb.njit(parallel=True, **KERNEL)
 def _sweep(laws: NDArray, robots: NDArray, out: NDArray) -> None:
-    """hard_sweep, flat: laws (n, r, 6), robots (6, n) in the order of its arguments, out (8, n) as RESULTS."""
-    for i in nb.prange(laws.shape[0]):
-        motor_mass, rod_mass, k, c, g, loss = robots[:, i]
-        mass = motor_mass + rod_mass
-        pieces = np.zeros((laws.shape[1], 9))
-        pieces[:, :3], pieces[:, 6:] = laws[i, :, :3], laws[i, :, 3:]
-        none = np.empty((0, 2))
-        _, _, n_jumps, first, com, rod, longest, power, force, _ = simulate(
-            pieces, motor_mass / mass, g, k / mass, 0.5 * c / mass, math.sqrt(1.0 - loss), math.inf, none, none
-        )
-        out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
-        out[4, i], out[5, i], out[6, i] = first - laws[i, 0, 0], motor_mass * power, motor_mass * force
-        out[7, i] = _peak_speed(pieces)
+    """hard_sweep, flat: laws (n, r, 6), robots (6, n or 1) in the order of its arguments, out (8, n) as RESULTS."""
+    for block in nb.prange((laws.shape[0] + BLOCK - 1) // BLOCK):
+        pieces, none = np.zeros((laws.shape[1] + 1, 9)), np.empty((0, 2))
+        for i in range(block * BLOCK, min((block + 1) * BLOCK, laws.shape[0])):
+            j = min(i, robots.shape[1] - 1)
+            motor_mass, k, c, g, loss = robots[0, j], robots[2, j], robots[3, j], robots[4, j], robots[5, j]
+            mass = motor_mass + robots[1, j]
+            for r in range(laws.shape[1]):
+                for column in range(3):
+                    pieces[r, column], pieces[r, 6 + column] = laws[i, r, column], laws[i, r, 3 + column]
+            _, _, n_jumps, first, com, rod, longest, power, force, _ = simulate(
+                pieces, motor_mass / mass, g, k / mass, 0.5 * c / mass, math.sqrt(1.0 - loss), math.inf, none, none
+            )
+            out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
+            out[4, i], out[5, i], out[6, i] = first - laws[i, 0, 0], motor_mass * power, motor_mass * force
+            out[7, i] = _peak_speed(pieces, laws.shape[1])

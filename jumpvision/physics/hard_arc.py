@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import cmath
 import math
+from typing import Any
 
 import numba as nb
+import numpy as np
 from numpy.typing import NDArray
 
 Arc = tuple[float, ...]
@@ -26,11 +28,39 @@ KIND, W2, GAMMA, OMEGA_D, P0, P1, P2, P3, PS, PC, HA, HB, D0, D1, D2, D3, AMP, O
 # inverse and cancels against the homogeneous one; the RESONANT form has no such difference.
 NEAR = 1e-3
 
+# a multiplication and an addition may be rounded once; x / 0 is inf, untested
+KERNEL: dict[str, Any] = {"cache": True, "fastmath": {"contract"}, "error_model": "numpy"}
+INLINE: dict[str, Any] = {**KERNEL, "forceinline": True}  # an arc handed over in memory costs more than its evaluation
 
-@nb.njit(cache=True)
+
+@nb.njit(**INLINE)
+def sincos(x: float) -> tuple[float, float]:
+    """sin x and cos x to 1.2e-16, both for less than the price of a library's sine.
+
+    x less the nearest multiple of pi/2 (in two parts, Cody and Waite: exact for 2^20 of them), then the minimax
+    polynomials of fdlibm's k_sin.c and k_cos.c.
+    """
+    if not abs(x) < 1e6:
+        return math.sin(x), math.cos(x)
+    n = np.floor(x * 0.6366197723675814 + 0.5)
+    r = (x - n * 1.5707963267341256) - n * 6.077100506506192e-11
+    z = r * r
+    s = 2.75573137070700676789e-06 + z * (-2.50507602534068634195e-08 + z * 1.58969099521155010221e-10)
+    s = 8.33333333332248946124e-03 + z * (-1.98412698298579493134e-04 + z * s)
+    s = r + r * z * (-1.66666666666666324348e-01 + z * s)
+    c = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
+    c = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * c)
+    c = 1.0 - (0.5 * z - z * z * (4.16666666666666019037e-02 + z * c))
+    turn = int(n) & 3
+    if turn & 1:
+        s, c = c, s
+    return (-s if turn & 2 else s), (-c if (turn + 1) & 2 else c)
+
+
+@nb.njit(**INLINE)
 def make_arc(
     grounded: bool,
-    piece: NDArray,
+    piece: NDArray | tuple[float, ...],
     tau: float,
     length: float,
     x: float,
@@ -51,7 +81,7 @@ def make_arc(
     d0 = piece[2] + (piece[3] + (piece[4] + d3 * tau) * tau) * tau
     amp, om = piece[6], piece[7]
     ph = piece[8] + om * tau
-    sin, cos = math.sin(ph), math.cos(ph)
+    sin, cos = sincos(ph) if amp != 0.0 else (0.0, 0.0)
     if not grounded:
         qa = q * amp
         jerk = 6.0 * abs(q * d3) + abs(qa) * om**3
@@ -89,7 +119,7 @@ def make_arc(
     )  # fmt: skip
 
 
-@nb.njit(cache=True)
+@nb.njit(**KERNEL)
 def _resonant(arc: Arc, s: float) -> tuple[float, float]:
     """x and v of the response from rest to PS sin(omega s + phase), with no difference of nearly equal numbers.
 
@@ -109,7 +139,7 @@ def _resonant(arc: Arc, s: float) -> tuple[float, float]:
     return x, eta.real - arc[GAMMA] * x
 
 
-@nb.njit(cache=True)
+@nb.njit(**INLINE)
 def rod(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
     """x [m] and x' [m/s] at s; sin and cos of omega s + phase."""
     om, gam = arc[OMEGA], arc[GAMMA]
@@ -130,22 +160,28 @@ def rod(arc: Arc, s: float, sin: float, cos: float) -> tuple[float, float]:
         c, sn = slow * (1.0 - 0.5 * fade), slow * (0.5 * fade / kappa if kappa > 0.0 else s)
     else:
         decay = math.exp(-gam * s)
-        c, sn = decay * math.cos(arc[OMEGA_D] * s), decay * math.sin(arc[OMEGA_D] * s) / arc[OMEGA_D]
+        sn, c = sincos(arc[OMEGA_D] * s)
+        c, sn = decay * c, decay * sn / arc[OMEGA_D]
     # (a C + b S)' with b = v + gamma a: C' = -gamma C - Omega^2 S, S' = C - gamma S
     x += arc[HA] * c + arc[HB] * sn
     v += (arc[HB] - gam * arc[HA]) * c - (gam * arc[HB] + (arc[W2] - gam * gam) * arc[HA]) * sn
     return x, v
 
 
-@nb.njit(cache=True)
-def evaluate(arc: Arc, s: float, q: float, g: float) -> tuple[float, float, float, float, float, float, float]:
-    """x, x', x'' of the rod and X, X', X'', X''' of the motor at s. x'' comes from the equation of motion."""
-    angle = arc[OMEGA] * s + arc[PHASE]
-    sin, cos = math.sin(angle), math.cos(angle)
-    x, v = rod(arc, s, sin, cos)
+@nb.njit(**INLINE)
+def drive(arc: Arc, s: float) -> tuple[float, float, float, float, float, float]:
+    """X, X', X'', X''' of the motor at s, then sin and cos of omega s + phase."""
     om, w = arc[OMEGA], arc[AMP]
+    sin, cos = sincos(om * s + arc[PHASE]) if w != 0.0 else (0.0, 0.0)
     mx = ((arc[D3] * s + arc[D2]) * s + arc[D1]) * s + arc[D0] + w * sin
     mv = (3.0 * arc[D3] * s + 2.0 * arc[D2]) * s + arc[D1] + w * om * cos
     ma = 6.0 * arc[D3] * s + 2.0 * arc[D2] - w * om * om * sin
-    mj = 6.0 * arc[D3] - w * om * om * om * cos
+    return mx, mv, ma, 6.0 * arc[D3] - w * om * om * om * cos, sin, cos
+
+
+@nb.njit(**INLINE)
+def evaluate(arc: Arc, s: float, q: float, g: float) -> tuple[float, float, float, float, float, float, float]:
+    """x, x', x'' of the rod and X, X', X'', X''' of the motor at s. x'' comes from the equation of motion."""
+    mx, mv, ma, mj, sin, cos = drive(arc, s)
+    x, v = rod(arc, s, sin, cos)
     return x, v, -g - q * ma - 2.0 * arc[GAMMA] * v - arc[W2] * x, mx, mv, ma, mj

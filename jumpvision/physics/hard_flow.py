@@ -16,15 +16,21 @@ from __future__ import annotations
 import math
 
 import numba as nb
-import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.physics.hard_arc import (
+    AMP,
     ARC_SIZE,
+    D0,
+    D1,
+    D2,
+    D3,
     GAMMA,
     HA,
     HB,
+    INLINE,
     JERK,
+    KERNEL,
     OMEGA,
     P0,
     P1,
@@ -34,62 +40,104 @@ from jumpvision.physics.hard_arc import (
     PS,
     W2,
     Arc,
+    drive,
     evaluate,
     make_arc,
+    sincos,
 )
+
+Best = tuple[float, float, float]
 
 GRAZE = 1e-6  # m/s
 STRIDE = 1.0  # rad of the fastest oscillation in a step: extrema between steps show as a change of sign of the rate
+FREE_STRIDE = 3.0  # rad of the free oscillation, whose extrema are pi or more apart
 ROUNDING = 1e-15
 SETTLED_RISE = 1e-10  # m
 HEIGHT, FORCE, POWER = 0, 1, 2
 END, CROSSING, SETTLED = 0, 1, 2
 
 
-@nb.njit(cache=True)
-def _newton(f: float, f1: float, f2: float, j: float, h: float) -> float:
-    """A root of the cubic f + f1 h + f2 h^2/2 + j h^3/6 from h, where the iteration is monotone."""
+@nb.njit(**INLINE)
+def _newton(f: float, f1: float, c2: float, c3: float, h: float) -> float:
+    """A root of the cubic f + f1 h + c2 h^2 + c3 h^3 from h, where the iteration is monotone after its first step."""
     for _ in range(100):
-        p = f + h * (f1 + h * (f2 / 2.0 + h * j / 6.0))
-        slope = f1 + h * (f2 + h * j / 2.0)
+        slope = f1 + h * (2.0 * c2 + h * (3.0 * c3))
         if slope <= 0.0:
             break
-        step = p / slope
+        step = (f + h * (f1 + h * (c2 + h * c3))) / slope
         h -= step
-        if abs(step) <= 1e-9 * abs(h):
+        if abs(step) <= 1e-7 * abs(h):  # the error is its square
             break
     return h
 
 
-@nb.njit(cache=True)
+@nb.njit(**INLINE)
 def safe_step(f: float, f1: float, f2: float, j: float, cap: float) -> float:
     """The first positive root of f + f1 h + f2 h^2/2 + j h^3/6 (f <= 0, j >= 0), or cap if that comes first."""
-    if f1 > 0.0:
-        disc = f2 * f2 - 2.0 * j * f1
-        if f2 < 0.0 and disc > 0.0:  # a hump at h1: the root lies before it, or beyond the dip that follows
-            h1 = 2.0 * f1 / (-f2 + math.sqrt(disc))
-            if f + h1 * (f1 + h1 * (f2 / 2.0 + h1 * j / 6.0)) >= 0.0:
-                return min(_newton(f, f1, f2, j, 0.0), cap)
-        else:
-            return min(_newton(f, f1, f2, j, 0.0), cap)
-    if f + cap * (f1 + cap * (f2 / 2.0 + cap * j / 6.0)) <= 0.0:
+    c2, c3 = 0.5 * f2, j * (1.0 / 6.0)
+    humped = f1 > 0.0 and f2 < 0.0
+    beyond = f + cap * (f1 + cap * (c2 + cap * c3)) > 0.0
+    if not humped and not beyond:
         return cap
-    return _newton(f, f1, f2, j, cap)
+    start = math.inf
+    disc = f1 * f1 - 2.0 * f * f2
+    if disc >= 0.0 and (f1 > 0.0 or f2 > 0.0):  # without j the root comes later, and the cubic rises from here to there
+        start = -2.0 * f / (f1 + math.sqrt(disc)) if f1 > 0.0 else (math.sqrt(disc) - f1) / f2
+    if start > cap and humped:
+        disc = f2 * f2 - 2.0 * j * f1
+        h = 2.0 * f1 / (-f2 + math.sqrt(disc)) if disc > 0.0 else math.inf
+        # no hump, or one above zero at h: the root lies before it; else beyond the dip that follows
+        if disc <= 0.0 or f + h * (f1 + h * (c2 + h * c3)) >= 0.0:
+            start = 0.0
+    if start > cap and not beyond:
+        return cap
+    return min(_newton(f, f1, c2, c3, min(start, cap)), cap)
 
 
-@nb.njit(cache=True)
-def quantity(arc: Arc, s: float, which: int, q: float, g: float) -> tuple[float, float]:
-    """A height (x + q X), F_m / m_m or F_m X_m' / m_m, and its rate."""
+@nb.njit(**KERNEL)
+def quantity(arc: Arc, s: float, which: int, q: float, g: float) -> tuple[float, float, float]:
+    """A height (x + q X), F_m / m_m or F_m X_m' / m_m, and its first two derivatives."""
     x, v, a, mx, mv, ma, mj = evaluate(arc, s, q, g)
     if which == HEIGHT:
-        return x + q * mx, v + q * mv
-    force, rate = a + ma + g, (1.0 - q) * mj - 2.0 * arc[GAMMA] * a - arc[W2] * v
+        return x + q * mx, v + q * mv, a + q * ma
+    om = arc[OMEGA]
+    ms = om * om * (6.0 * arc[D3] * s + 2.0 * arc[D2] - ma)  # of the sinusoid, X'''' = -omega^2 X''
+    jerk = -q * mj - 2.0 * arc[GAMMA] * a - arc[W2] * v
+    force, rate, bend = a + ma + g, jerk + mj, (1.0 - q) * ms - 2.0 * arc[GAMMA] * jerk - arc[W2] * a
     if which == FORCE:
-        return force, rate
-    return force * mv, rate * mv + force * ma
+        return force, rate, bend
+    return force * mv, rate * mv + force * ma, bend * mv + 2.0 * rate * ma + force * mj
 
 
-@nb.njit(cache=True)
+@nb.njit(**KERNEL)
+def _crest(
+    arc: Arc, lo: float, hi: float, ends: tuple[float, float, float, float], which: int, q: float, g: float, best: float
+) -> float:
+    """The greater of best and the maximum of a quantity on a step at whose ends its rate changes from + to -."""
+    y0, r0, y1, r1 = ends
+    h = hi - lo
+    # Newton's steps from the crest of the cubic through the ends, halving where they leave the bracket
+    c = 6.0 * (y1 - y0) / h - 3.0 * (r0 + r1)
+    b = r1 - r0 + c
+    root = math.sqrt(max(b * b + 4.0 * c * r0, 0.0))
+    m = lo + h * min(2.0 * r0 / (root - b) if b < 0.0 else (root + b) / (2.0 * c), 1.0)
+    for _ in range(60):
+        y, r, bend = quantity(arc, m, which, q, g)
+        best = max(best, y)
+        if r > 0.0:
+            lo = m
+        else:
+            hi = m
+        step = -r / bend if bend < 0.0 else math.inf
+        if abs(step) <= 3e-5 * h:  # the parabola's crest is then right to 1e-14 of the rise
+            return max(best, y + 0.5 * r * step)
+        m += step
+        if not lo < m < hi:
+            m = 0.5 * (lo + hi)
+    return best
+
+
+@nb.njit(**INLINE)
 def top(
     arc: Arc, lo: float, hi: float, ends: tuple[float, float, float, float], which: int, q: float, g: float, best: float
 ) -> float:
@@ -100,90 +148,105 @@ def top(
         return best
     if max(y0, y1) + (hi - lo) * max(r0, -r1) ** 2 / (r0 - r1) <= best:  # twice the rise under a straight rate
         return best
-    a, b, fa, fb, side = lo, hi, r0, r1, 0
-    for _ in range(60):  # regula falsi after Illinois
-        m = (a * fb - b * fa) / (fb - fa)
-        y, r = quantity(arc, m, which, q, g)
-        best = max(best, y)
-        if abs(r) <= 1e-7 * (r0 - r1):  # the value is then right to 1e-14 of its rise
-            break
-        if r > 0.0:
-            a, fa = m, r
-            if side == 1:
-                fb *= 0.5
-            side = 1
-        else:
-            b, fb = m, r
-            if side == -1:
-                fa *= 0.5
-            side = -1
-    return best
+    return _crest(arc, lo, hi, ends, which, q, g, best)
 
 
-@nb.njit(cache=True)
+@nb.njit(**INLINE)
 def _rounding(arc: Arc, s: float) -> float:
     """How far from zero x [m] may come out where it is zero."""
     poly = abs(arc[P0]) + s * (abs(arc[P1]) + s * (abs(arc[P2]) + s * abs(arc[P3])))
     return ROUNDING * (poly + abs(arc[PS]) + abs(arc[PC]) + abs(arc[HA]) + s * abs(arc[HB]))
 
 
-@nb.njit(cache=True)
-def follow(
-    arc: Arc, up: bool, left: float, moving: bool, best: NDArray, q: float, g: float
-) -> tuple[float, int, float, float]:
-    """Follow an arc to its event or for `left` [s]: how long, how it ended, x and v there.
+@nb.njit(**KERNEL)
+def _most(arc: Arc, length: float) -> tuple[float, float]:
+    """Bounds of |X''| and |X'| for `length` [s]."""
+    accel = 6.0 * abs(arc[D3]) * length + 2.0 * abs(arc[D2]) + arc[AMP] * arc[OMEGA] * arc[OMEGA]
+    speed = (3.0 * abs(arc[D3]) * length + 2.0 * abs(arc[D2])) * length + abs(arc[D1]) + arc[AMP] * arc[OMEGA]
+    return accel, speed
 
-    best: (3,) greatest HEIGHT, FORCE and POWER so far, updated. An arc ends by CROSSING x = 0, at the END of its piece,
-    or SETTLED: grounded with the motor stopped and no way to leave the ground again.
+
+@nb.njit(**INLINE)
+def follow(
+    arc: Arc, up: bool, left: float, moving: bool, x: float, v: float, best: Best, q: float, g: float
+) -> tuple[float, int, float, float, Best]:
+    """Follow an arc from x, v to its event or for `left` [s]: how long, how it ended, x, v and best there.
+
+    best: greatest HEIGHT, FORCE and POWER so far. An arc ends by CROSSING x = 0, at the END of its piece, or SETTLED:
+    grounded with the motor stopped and no way to leave the ground again.
     """
-    x, v, a, mx, mv, ma, mj = evaluate(arc, 0.0, q, g)
-    y, yv = x + q * mx, v + q * mv
-    best[HEIGHT] = max(best[HEIGHT], y)
+    sign = -1.0 if up else 1.0
+    height, force, power = best
     if up and not moving:  # a parabola
         s = min((v + math.sqrt(v * v + 2.0 * g * max(x, 0.0))) / g, left)
         rise = max(min(v / g, s), 0.0)
-        best[HEIGHT] = max(best[HEIGHT], y + rise * (v - 0.5 * g * rise))
-        return s, (END if s == left else CROSSING), x + s * (v - 0.5 * g * s), v - g * s
+        crest = x + q * arc[D0] + rise * (v - 0.5 * g * rise)
+        end = END if s == left else CROSSING
+        return s, end, x + s * (v - 0.5 * g * s), v - g * s, (max(height, crest), force, power)
+    mx, mv, ma, mj, _, _ = drive(arc, 0.0)
+    a = -g - q * ma - 2.0 * arc[GAMMA] * v - arc[W2] * x
+    y, yv = x + q * mx, v + q * mv
+    height = max(height, y)
+    start_y, start_yv = y, yv
     f_m, f_r = a + ma + g, (1.0 - q) * mj - 2.0 * arc[GAMMA] * a - arc[W2] * v
+    p, p_r = f_m * mv, f_r * mv + f_m * ma
+    pace, watch = math.sqrt(arc[W2]) + arc[OMEGA], moving
     if moving:
-        best[FORCE], best[POWER] = max(best[FORCE], f_m), max(best[POWER], f_m * mv)
-    sign = -1.0 if up else 1.0
-    pace = math.sqrt(arc[W2]) + arc[OMEGA]
+        force, power = max(force, f_m), max(power, p)
+    else:
+        pace /= FREE_STRIDE
+    if up:  # F_m = (m_m - q m_m) X'': most often it cannot reach what it was on the ground
+        accel, speed = _most(arc, left)
+        watch = (1.0 - q) * accel > force or (1.0 - q) * accel * speed > power
+        if not watch:
+            pace = 0.0
     cap = STRIDE / pace if pace > 0.0 else left
-    s = 0.0
+    s, ended = 0.0, END
     while s < left:
         if not moving and v * v + arc[W2] * (x + g / arc[W2]) ** 2 < arc[W2] * SETTLED_RISE**2:
-            return left, SETTLED, x, v
+            ended = SETTLED
+            break
         h = safe_step(min(sign * x, 0.0), sign * v, sign * a, arc[JERK], min(cap, left - s))
         s0, s = s, min(max(s + h, s * (1.0 + 4e-16) + 1e-18), left)
-        y0, yv0, f0, fr0, p0, pr0 = y, yv, f_m, f_r, f_m * mv, f_r * mv + f_m * ma
-        v0 = v
+        v0, y0, yv0, f0, fr0, p0, pr0 = v, y, yv, f_m, f_r, p, p_r
         x, v, a, mx, mv, ma, mj = evaluate(arc, s, q, g)
-        y, yv = x + q * mx, v + q * mv
-        best[HEIGHT] = top(arc, s0, s, (y0, yv0, y, yv), HEIGHT, q, g, best[HEIGHT])
-        f_m, f_r = a + ma + g, (1.0 - q) * mj - 2.0 * arc[GAMMA] * a - arc[W2] * v
-        if moving:
-            best[FORCE] = top(arc, s0, s, (f0, fr0, f_m, f_r), FORCE, q, g, best[FORCE])
-            ends = (p0, pr0, f_m * mv, f_r * mv + f_m * ma)
-            best[POWER] = top(arc, s0, s, ends, POWER, q, g, best[POWER])
+        if not up:
+            y, yv = x + q * mx, v + q * mv
+            height = top(arc, s0, s, (y0, yv0, y, yv), HEIGHT, q, g, height)
+        if watch:
+            f_m, f_r = a + ma + g, (1.0 - q) * mj - 2.0 * arc[GAMMA] * a - arc[W2] * v
+            p, p_r = f_m * mv, f_r * mv + f_m * ma
+            force = top(arc, s0, s, (f0, fr0, f_m, f_r), FORCE, q, g, force)
+            power = top(arc, s0, s, (p0, pr0, p, p_r), POWER, q, g, power)
         if sign * v > 0.0 and sign * x >= -_rounding(arc, s):
-            return s, CROSSING, x, v
+            ended = CROSSING
+            break
         if not moving and v0 > 0.0 >= v:  # the first crest of a free ring-down is its highest
-            return left, SETTLED, x, v
-    return left, END, x, v
+            ended = SETTLED
+            break
+    if up:  # y'' = -g, whatever the motor does
+        rise = max(min(start_yv / g, s), 0.0)
+        height = max(height, start_y + rise * (start_yv - 0.5 * g * rise))
+    return (left if ended == SETTLED else s), ended, x, v, (height, force, power)
 
 
-@nb.njit(cache=True)
-def motor(piece: NDArray, tau: float) -> tuple[float, float, float]:
+@nb.njit(**INLINE)
+def row(p: NDArray, i: int) -> tuple[float, ...]:
+    """A forcing piece as a tuple: no counting of references."""
+    return p[i, 0], p[i, 1], p[i, 2], p[i, 3], p[i, 4], p[i, 5], p[i, 6], p[i, 7], p[i, 8]
+
+
+@nb.njit(**INLINE)
+def motor(piece: NDArray | tuple[float, ...], tau: float) -> tuple[float, float, float]:
     """X_m [m] and its first two derivatives at tau [s] into a piece."""
-    angle = piece[7] * tau + piece[8]
-    sin, cos = piece[6] * math.sin(angle), piece[6] * piece[7] * math.cos(angle)
+    sin, cos = sincos(piece[7] * tau + piece[8])
+    sin, cos = piece[6] * sin, piece[6] * piece[7] * cos
     mx = ((piece[5] * tau + piece[4]) * tau + piece[3]) * tau + piece[2] + sin
     mv = (3.0 * piece[5] * tau + 2.0 * piece[4]) * tau + piece[3] + cos
     return mx, mv, 6.0 * piece[5] * tau + 2.0 * piece[4] - piece[7] * piece[7] * sin
 
 
-@nb.njit(cache=True)
+@nb.njit(**KERNEL)
 def simulate(
     pieces: NDArray,
     q: float,
@@ -197,32 +260,34 @@ def simulate(
 ) -> tuple[int, int, int, float, float, float, float, float, float, bool]:
     """One jump from rest.
 
-    pieces: (n, 9) forcing rows of hard_arc.make_arc. keep: sqrt(1 - e). t_end [s]: not before the forcing ends; inf:
-    the landing of the first flight that begins after the forcing, or when none can follow. rows (m, 2 + ARC_SIZE):
-    start, end and fields of the arcs; flights (m, 2): lift-off and landing [s]; both are filled as far as they go.
+    pieces: (n + 1, 9) forcing rows of hard_arc.make_arc; the last, for the motor at rest, is filled in here. keep:
+    sqrt(1 - e). t_end [s]: not before the forcing ends; inf: the landing of the first flight that begins after the
+    forcing, or when none can follow. rows (m, 2 + ARC_SIZE): start, end and fields of the arcs; flights (m, 2):
+    lift-off and landing [s]; both are filled as far as they go.
 
     Returns the numbers of arcs, of flights and of jumps (flights up to the first that ends after the forcing), the
     first lift-off [s] (NaN if none), the greatest y - y_rest and, after the forcing, x_r + M g/k [m], the
     duration of the longest flight that ends after the forcing [s], the peaks of F_m/m_m and F_m X_m'/m_m during the
     forcing, and whether the robot is in the air at the end.
     """
-    n = pieces.shape[0]
-    free = np.zeros(9)
-    free[0], free[1] = pieces[n - 1, 1], t_end
-    best = np.full(3, -math.inf)
+    n = pieces.shape[0] - 1
+    for j in range(9):
+        pieces[n, j] = 0.0
+    pieces[n, 0], pieces[n, 1] = pieces[n - 1, 1], t_end
+    best = (-math.inf, -math.inf, -math.inf)
     x, v, motor_v = -g / w2, 0.0, 0.0
-    rest = x + q * motor(pieces[0], 0.0)[0]
+    rest = 0.0
     n_arcs, n_flights, n_jumps = 0, 0, 0
     first, longest, com = math.nan, 0.0, 0.0
     airborne, lift, lift_v, landing_v = False, 0.0, 0.0, 0.0
     for i in range(n + 1):
-        piece = pieces[i] if i < n else free
-        if i == n:
-            free[2] = motor(pieces[n - 1], pieces[n - 1, 1] - pieces[n - 1, 0])[0]
-        mv = motor(piece, 0.0)[1]
+        piece = row(pieces, i)
+        mx, mv, _ = motor(piece, 0.0) if i < n else (piece[2], 0.0, 0.0)
         v -= q * (mv - motor_v)  # y' does not jump
+        if i == 0:
+            rest = x + q * mx
         if i == n:
-            com, best[HEIGHT] = best[HEIGHT] - rest, x + q * free[2]
+            com, best = best[HEIGHT] - rest, (x + q * mx, best[FORCE], best[POWER])
         tau, length = 0.0, piece[1] - piece[0]
         while tau < length:
             now = piece[0] + tau
@@ -241,12 +306,12 @@ def simulate(
                     longest = max(longest, now - lift)
                     if n_jumps == 0:
                         n_jumps = n_flights
-                if i == n and lift >= free[0] and math.isinf(t_end):
+                if i == n and lift >= piece[0] and math.isinf(t_end):
                     airborne = False
                     break
             airborne = up
             arc = make_arc(not up, piece, tau, length - tau, x, v, q, g, w2, gam)
-            s, ended, x, v = follow(arc, up, length - tau, i < n, best, q, g)
+            s, ended, x, v, best = follow(arc, up, length - tau, i < n, x, v, best, q, g)
             if n_arcs < rows.shape[0]:
                 rows[n_arcs, 0], rows[n_arcs, 1] = now, now + s
                 for j in range(ARC_SIZE):
@@ -258,7 +323,8 @@ def simulate(
                 if up:
                     landing_v = -v
                     v *= keep
-        motor_v = motor(piece, length)[1] if i < n else 0.0
+        if i < n:
+            pieces[n, 2], motor_v, _ = motor(piece, length)
     if airborne:
         n_flights += 1
         if n_flights == 1:
@@ -266,5 +332,5 @@ def simulate(
     if n_jumps == 0:
         n_jumps = n_flights
     com = max(com, best[HEIGHT] - rest)
-    rod = best[HEIGHT] - q * free[2] + g / w2
+    rod = best[HEIGHT] - q * pieces[n, 2] + g / w2
     return n_arcs, n_flights, n_jumps, first, com, rod, longest, best[POWER], best[FORCE], airborne
