@@ -28,6 +28,7 @@ def best_by_alpha(
     mass: float,
     stiffness: float,
     gravity: float,
+    landing_loss: float,
     lowest: float,
     highest: float,
     points: int,
@@ -36,7 +37,8 @@ def best_by_alpha(
 ) -> dict[str, NDArray]:
     """The one-cycle jump of greatest `key` over lowest <= f/f_0 <= highest.
 
-    alpha, phase [rad], rod_share m_r/M and zeta broadcast to (...). mass M [kg], stiffness [N/m], gravity [m/s^2].
+    alpha, phase [rad], rod_share m_r/M and zeta broadcast to (...). mass M [kg], stiffness [N/m], gravity [m/s^2],
+    landing_loss: see hard_jump.
     points, rounds: see optimum.best_jump. Returns hard_sweep's results, frequency_ratio and amplitude_m, each (...).
     """
     a, ph, share, z = np.broadcast_arrays(*(np.asarray(v, float) for v in (alpha, phase, rod_share, zeta)))
@@ -50,7 +52,7 @@ def best_by_alpha(
             stiffness=stiffness,
             damping=damping_of(z[..., None], stiffness, mass),
             gravity=gravity,
-            landing_loss=0.0,
+            landing_loss=landing_loss,
         )
 
     shape = (*a.shape, 1)
@@ -66,32 +68,49 @@ def best_two_frequencies(
     mass: float,
     stiffness: float,
     gravity: float,
+    landing_loss: float,
     lowest: float,
     highest: float,
+    highest2: float,
     points: int,
+    points2: int,
     rounds: int,
 ) -> dict[str, NDArray]:
     """The highest stutter jump (phase pi/2) whose two half cycles have frequencies of their own (thesis Fig 36).
 
-    Arguments as in best_by_alpha, alpha (n,). Returns its results with frequency_ratio and frequency2_ratio, (n,).
+    Arguments as in best_by_alpha, alpha (n,). The first frequency is searched in lowest..highest (in f_0) on grids of
+    `points`, for every second frequency of a search in highest/2..highest2 on grids of `points2`, equal in log: the
+    height is a narrow ridge in the first and flat in the second, so one grid over both would miss it.
+    Returns the results with frequency_ratio and frequency2_ratio, (n,).
     """
     a = np.asarray(alpha, float)
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
-    def jumps(at: list[Array]) -> dict[str, NDArray]:
-        return hard_sweep(
-            half_cycle_rows(at[0] * f0, at[1] * f0, amp[:, None], STUTTER, 0.0),
-            motor_mass=mass * (1.0 - rod_share),
-            rod_mass=mass * rod_share,
-            stiffness=stiffness,
-            damping=damping_of(zeta, stiffness, mass),
-            gravity=gravity,
-            landing_loss=0.0,
-        )
+    def of_second(at: list[Array]) -> dict[str, NDArray]:
+        second = np.exp(at[0])
 
-    shape = (*a.shape, 2)
-    at, best = best_jump(jumps, np.full(shape, lowest), np.full(shape, highest), points=points, rounds=rounds, key=KEY)
-    return best | {"frequency_ratio": at[..., 0], "frequency2_ratio": at[..., 1], "amplitude_m": amp}
+        def of_first(at: list[Array]) -> dict[str, NDArray]:
+            return hard_sweep(
+                half_cycle_rows(at[0] * f0, second[..., None] * f0, amp[:, None, None], STUTTER, 0.0),
+                motor_mass=mass * (1.0 - rod_share),
+                rod_mass=mass * rod_share,
+                stiffness=stiffness,
+                damping=damping_of(zeta, stiffness, mass),
+                gravity=gravity,
+                landing_loss=landing_loss,
+            )
+
+        shape = (*second.shape, 1)
+        first, best = best_jump(
+            of_first, np.full(shape, lowest), np.full(shape, highest), points=points, rounds=rounds, key=KEY
+        )
+        return best | {"frequency_ratio": first[..., 0]}
+
+    low, high = np.log(0.5 * highest), np.log(highest2)
+    at, best = best_jump(
+        of_second, np.full((*a.shape, 1), low), np.full((*a.shape, 1), high), points=points2, rounds=rounds, key=KEY
+    )
+    return best | {"frequency2_ratio": np.exp(at[..., 0]), "amplitude_m": amp}
 
 
 def crossing(alpha: ArrayLike, ratio: ArrayLike, *, rising: bool) -> Array:

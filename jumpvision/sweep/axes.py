@@ -89,7 +89,7 @@ def read_axes(ground: str, given: Mapping[str, str]) -> dict[str, Array]:
         elif count < 2 or count > MOST or not ends[0] < ends[1]:
             problems.append(f"{at}: must be LO:HI:N with LO < HI and 2 <= N <= {MOST}; for one value give the value")
         else:
-            out[name] = np.linspace(*ends, count)
+            out[name] = np.linspace(ends[0], ends[1], count)
     if not problems and (total := math.prod(a.size for a in out.values())) > MOST:
         problems.append(
             f"{' '.join(f'{option(n)} {given[n]}' for n in given)}: {total:g} points; at most {MOST}: use fewer"

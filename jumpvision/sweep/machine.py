@@ -13,7 +13,7 @@ from ..experiment import Experiment, ModelSpec, merged, open_experiment
 from ..physics.model import Model
 from ..physics.parameters import ModelParameters
 from ..schema import InputError, closest, read
-from ..sections import Actuation, Bed, Robot, need
+from ..sections import Actuation, Bed, Header, Robot
 from ..stages.simulate import LINEAR_TERMS, build_model
 
 # mechanisms that only correct the robot's values, or change what a film shows
@@ -56,6 +56,7 @@ class Machine:
 
 def machine(ground: str, experiment: Path | None, overrides: Mapping[str, Mapping[str, Any]]) -> Machine:
     """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place."""
+    overrides = {name: table for name, table in overrides.items() if table}  # "params" is always there
     if experiment is not None:
         folder = experiment.parent if experiment.name == "experiment.toml" else experiment
         e = open_experiment(folder, overrides=overrides)
@@ -71,18 +72,15 @@ def machine(ground: str, experiment: Path | None, overrides: Mapping[str, Mappin
         default = () if ground == "hard" else ("two_resistance", "inertial_drag")
         spec = spec or ModelSpec(default)
     else:
-        e = None
         robot, law, bed, spec = _thesis(ground, overrides)
         name, thesis = f"thesis robot, {ground} ground", not overrides
-    where = e or Experiment(Path(name), name, _Header(ground), {}, {})  # type: ignore[arg-type]
-    model = plain_model(build_model(where, robot, spec, bed, None))
-    thesis_law = Actuation(**THESIS[ground]["actuation"])
+        e = Experiment(Path("--set"), name, Header(ground=ground), {}, {})
+    model = plain_model(build_model(e, robot, spec, bed, None))
+    usual = Actuation(**THESIS[ground]["actuation"])  # where the experiment has no [actuation] or lacks these
     if not law.moves:
         law = dataclasses.replace(law, kind="stutter")
-    frequency = law.frequency or thesis_law.frequency
-    amplitude = law.amplitude or (thesis_law.amplitude if e is None else None)
-    if amplitude is None:
-        amplitude = need(law, "amplitude")[0]
+    frequency = law.frequency or usual.frequency
+    amplitude = law.amplitude or usual.amplitude
     values = {
         "motor_mass": model.m_m, "rod_mass": model.rod_mass, "stiffness": model.k_s, "damping": model.c_s,
         "gravity": model.g, "landing_loss": (model.parameters.e or 0.0) if "landing_loss" in model else 0.0,
@@ -91,11 +89,6 @@ def machine(ground: str, experiment: Path | None, overrides: Mapping[str, Mappin
     }  # fmt: skip
     values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
     return Machine(name, model, values, thesis)
-
-
-@dataclass(frozen=True)
-class _Header:
-    ground: str
 
 
 def plain_model(model: Model) -> Model:
@@ -124,6 +117,4 @@ def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Ro
     _, more = read(ModelParameters, values, "--set [model]")
     if problems + more:
         raise InputError(problems + more)
-    return (*found, ModelSpec(terms, values))  # type: ignore[return-value]
-
-
+    return (*found, ModelSpec(terms, values))

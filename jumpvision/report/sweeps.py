@@ -1,0 +1,173 @@
+"""The figure of a sweep: maps or lines over its axes, or the figure of a named analysis."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from . import lift_off, motion, scaling
+from .pictures import png
+from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+
+# name: title, factor, unit on the figure
+SHOWN = {
+    "com_height_m": ("height of the centre of mass", 1e3, "mm"),
+    "n_jumps": ("number of jumps", 1.0, ""),
+    "peak_power_W": ("peak motor power", 1.0, "W"),
+    "peak_force_N": ("peak motor force", 1.0, "N"),
+    "flight_height_m": ("flight height", 1e3, "mm"),
+    "jump_height_m": ("jump height of the rod", 1e3, "mm"),
+    "lift_off_s": ("first lift-off", 1e3, "ms"),
+}
+AXIS = {
+    "frequency": ("frequency", 1.0, "Hz"), "frequency2": ("second frequency", 1.0, "Hz"),
+    "phase": ("phase", 1 / np.pi, "π"),
+    "amplitude": ("amplitude", 1e3, "mm"), "delay": ("delay", 1e3, "ms"), "gravity": ("gravity", 1.0, "m/s²"),
+    "rod_mass": ("rod mass", 1.0, "kg"), "motor_mass": ("motor mass", 1.0, "kg"), "zeta": ("ζ", 1.0, ""),
+    "alpha": ("α", 1.0, ""), "phi": ("volume fraction φ", 1.0, ""), "foot_radius": ("foot radius", 1e3, "mm"),
+    "cycles": ("cycles", 1.0, ""), "stiffness": ("stiffness", 1e-3, "kN/m"),
+}  # fmt: skip
+DRAWN = 600  # points of an axis in a figure: more than its pixels
+COUNTED = 8  # from here numbers of jumps share a colour
+
+NAMED = {
+    "minimum-amplitude": lift_off.least_amplitude, "lift-off-time": lift_off.time, "alpha": scaling.alpha,
+    "estimates": scaling.estimates, "animals": scaling.animals, "two-frequency": scaling.two_frequency,
+    "scatter": motion.scatter, "bifurcation": motion.bifurcation, "traces": motion.traces,
+}  # fmt: skip
+
+
+def picture(data: xr.Dataset) -> bytes:
+    """The figure as PNG."""
+    steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
+    data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
+    with styled() as Figure:
+        draw = NAMED.get(data.attrs["analysis"])
+        figure = draw(data, Figure) if draw else grid(data, Figure)
+        return png(figure)
+
+
+def grid(data: xr.Dataset, Figure: Any) -> Any:
+    """By the number of axes: bars of a single jump, lines, maps, or maps in rows of a third axis."""
+    dims = data.com_height_m.dims
+    if len(dims) == 2:
+        figure = Figure(figsize=(10.4, 6.4), layout="constrained")
+        for axis, name in zip(figure.subplots(2, 3).flat, list(SHOWN)[:6]):
+            one_map(figure, axis, data[name], data)
+            if name == "com_height_m":
+                regions(axis, data)
+    elif len(dims) == 1:
+        figure = lines(data, Figure, str(dims[0]))
+    elif len(dims) == 0:
+        figure = Figure(figsize=(6.4, 2.6), layout="constrained")
+        axis = figure.subplots()
+        names = ["com_height_m", "flight_height_m", "jump_height_m"]
+        axis.barh([SHOWN[n][0] for n in names], [float(data[n]) * 1e3 for n in names], color=MEASURED)
+        axis.set(title="one jump", xlabel="[mm]")
+    else:
+        figure = panels(data, Figure)
+    figure.suptitle(_what(data, dims), fontsize=8, color=QUIET, x=0.01, ha="left")
+    return figure
+
+
+def _what(data: xr.Dataset, dims: Any) -> str:
+    """The robot and the values that all jumps share."""
+    constants = json.loads(data.attrs["constants"])
+    law = [n for n in ("frequency", "phase", "amplitude", "cycles", "delay") if n not in dims]
+    if "alpha" in data.coords and "amplitude" in law and "amplitude" not in data.coords:
+        law.remove("amplitude")
+    said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
+    said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
+    words = [f"{AXIS[n][0]} {v * AXIS[n][1]:.4g} {AXIS[n][2]}".strip() for n, v in said if v or n != "delay"]
+    return f"{data.attrs['robot']}: {', '.join(words)}"
+
+
+def label(name: str) -> str:
+    """An axis with its unit."""
+    words, _, unit = AXIS[name]
+    return f"{words} [{unit}]" if unit else words
+
+
+def one_map(figure: Any, axis: Any, values: xr.DataArray, data: xr.Dataset) -> None:
+    """One quantity over two axes, the first of them upwards; f_0 where frequency is one of them."""
+    import matplotlib as mpl
+
+    up, right = (str(d) for d in values.dims)
+    title, factor, unit = SHOWN[str(values.name)]
+    x, y = (data[n].values * AXIS[n][1] for n in (right, up))
+    z = values.values * factor
+    more: dict[str, Any] = {}
+    if values.name == "n_jumps":
+        z = np.where(z < 0, np.nan, np.minimum(z, COUNTED))
+        top = int(max(np.nanmax(z), 2)) if np.isfinite(z).any() else 2
+        more = {"norm": mpl.colors.BoundaryNorm(np.arange(-0.5, top + 1), 256)}
+    elif np.isfinite(z).any():
+        # a few singular points (impulses, long flights of fast jumps) must not hide the rest
+        more = {"vmin": min(0.0, float(np.nanmin(z))), "vmax": float(np.nanpercentile(z, 99.5))}
+    seen = axis.pcolormesh(x, y, z, shading="nearest", rasterized=True, **more)
+    bar = figure.colorbar(seen, ax=axis, extend="max" if "vmax" in more and np.nanmax(z) > more["vmax"] else "neither")
+    bar.ax.set_ylabel(unit)
+    if values.name == "n_jumps":
+        ticks = np.arange(0, top + 1)
+        bar.set_ticks(ticks, labels=[f"{t:d}" if t < COUNTED else f"≥ {t:d}" for t in ticks])
+    for name, line in (("frequency", axis.axhline if up == "frequency" else axis.axvline),):
+        if name in values.dims and "f0_Hz" in data.attrs and data.attrs["ground"] == "hard":
+            line(data.attrs["f0_Hz"], color="white", lw=0.8, ls=":")
+    axis.set(title=title, xlabel=label(right), ylabel=label(up))
+    axis.grid(False)
+
+
+def regions(axis: Any, data: xr.Dataset) -> None:
+    """Outlines and names of the regions of single, stutter and multi-jumps."""
+    up, right = (str(d) for d in data.jump_class.dims)
+    x, y = (data[n].values * AXIS[n][1] for n in (right, up))
+    kind = data.jump_class.values
+    for edge in (0.5, 1.5, 2.5):
+        if (kind < edge).any() and (kind > edge).any():
+            axis.contour(x, y, kind, levels=[edge], colors="white", linewidths=0.6)
+    for i, name in ((1, "S"), (2, "stutter"), (3, "MJ")):
+        here = np.argwhere(kind == i)
+        if len(here) > 0.02 * kind.size:
+            place = here[np.argmin(np.abs(here - np.median(here, axis=0)).sum(axis=1))]
+            axis.text(x[place[1]], y[place[0]], name, color="white", fontsize=7, ha="center", va="bottom")
+
+
+def lines(data: xr.Dataset, Figure: Any, dim: str) -> Any:
+    """Heights, numbers, power and force along one axis."""
+    figure = Figure(figsize=(9.2, 5.4), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
+    x = data[dim].values * AXIS[dim][1]
+    heights = (("com_height_m", MEASURED, "-"), ("flight_height_m", MODEL, "--"), ("jump_height_m", GREEN, ":"))
+    for name, color, style in heights:
+        axes[0, 0].plot(x, data[name] * 1e3, style, color=color, label=SHOWN[name][0])
+    axes[0, 0].set(title="heights", ylabel="[mm]")
+    axes[0, 0].legend(fontsize=7, frameon=True, framealpha=0.8, edgecolor="none")
+    axes[0, 1].step(x, np.where(data.n_jumps < 0, np.nan, data.n_jumps), where="mid", color=MEASURED)
+    axes[0, 1].set(title="number of jumps")
+    axes[0, 1].yaxis.get_major_locator().set_params(integer=True)
+    axes[1, 0].plot(x, data.peak_power_W, color=ACCENT)
+    axes[1, 0].set(title="peak motor power", ylabel="[W]", xlabel=label(dim))
+    axes[1, 1].plot(x, data.peak_force_N, color=ACCENT)
+    axes[1, 1].set(title="peak motor force", ylabel="[N]", xlabel=label(dim))
+    return figure
+
+
+def panels(data: xr.Dataset, Figure: Any) -> Any:
+    """Maps of the height over the first two axes at six values of the third; further axes at their middle."""
+    height = data.com_height_m
+    rest = {d: data.sizes[d] // 2 for d in height.dims[3:]}
+    height = height.isel(rest)
+    third = str(height.dims[2])
+    at = np.unique(np.linspace(0, data.sizes[third] - 1, 6).round().astype(int))
+    figure = Figure(figsize=(10.4, 6.4), layout="constrained")
+    axes = figure.subplots(2, 3, sharex=True, sharey=True).flat
+    for axis, i in zip(axes, at):
+        one_map(figure, axis, height.isel({third: i}), data)
+        name, factor, unit = AXIS[third]
+        axis.set_title(f"height at {name} {float(data[third][i]) * factor:.4g} {unit}".rstrip())
+    for axis in list(axes)[: 6 - len(at)]:
+        axis.set_visible(False)
+    return figure

@@ -1,0 +1,99 @@
+"""A sweep from options to a data set: which analysis, which axes, which robot."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..physics.points import resolve
+from ..schema import InputError, closest
+from . import motions, scaling, thresholds
+from .axes import Array, option, read_axes
+from .compute import Say
+from .machine import Machine, machine
+from .study import Analysis, Rows, Study
+
+GROUNDS = ("hard", "granular")
+ROBOT_AXES = ("gravity", "rod_mass", "motor_mass", "stiffness", "zeta")
+
+# name: function, axes it takes as ranges, axes it takes as single values besides ROBOT_AXES
+ANALYSES: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...]]] = {
+    "minimum-amplitude": (thresholds.least_amplitude, ("frequency", "phase", "cycles"), ()),
+    "lift-off-time": (thresholds.lift_off_time, ("frequency", "amplitude", "phase"), ("cycles",)),
+    "alpha": (scaling.alpha, ("alpha",), ("amplitude",)),
+    "scatter": (motions.scatter, ("frequency", "phase"), ("amplitude", "cycles", "alpha")),
+    "bifurcation": (motions.bifurcation, ("frequency", "amplitude"), ()),
+    "traces": (motions.traces, ("frequency", "phase"), ("amplitude", "alpha")),
+    "estimates": (scaling.estimates, ("alpha",), ()),
+    "animals": (scaling.animals, (), ()),
+    "two-frequency": (scaling.two_frequency, ("alpha",), ()),
+}
+NAMES = ("map", *ANALYSES)
+GRID = {"frequency": (0.2, 1.8, 320), "phase": (0.0, 2.0 * np.pi, 241)}  # f_0 and rad: the map where no range is given
+SLOW_GRID = {"frequency": (0.35, 1.5, 40), "phase": (0.0, 2.0 * np.pi, 25)}  # where a jump takes half a millisecond
+
+
+def run(
+    ground: str,
+    given: Mapping[str, str],
+    *,
+    analysis: str,
+    experiment: Path | None,
+    overrides: Mapping[str, Mapping[str, Any]],
+    workers: int,
+    say: Say,
+) -> tuple[xr.Dataset, Rows]:
+    """The data set of a sweep and its table of numbers. given: axes as typed. InputError names every problem."""
+    problems = []
+    if ground not in GROUNDS:
+        problems.append(f"sweep {ground}: unknown ground{closest(ground, GROUNDS)}")
+    if analysis not in NAMES:
+        problems.append(f"--analysis {analysis}: unknown{closest(analysis, NAMES)}")
+    elif analysis != "map" and ground == "granular":
+        problems.append(f"--analysis {analysis}: is of hard ground; sweep hard, or leave --analysis out")
+    if problems:
+        raise InputError(problems)
+    axes = read_axes(ground, given)
+    robot = machine(ground, experiment, overrides)
+    values = {n: a for n, a in axes.items() if a.ndim == 0}
+    ranges = {n: a for n, a in axes.items() if a.ndim}
+    if analysis == "map":
+        study = Study(robot, ranges, values, workers, say)
+        if not ranges:
+            grid = GRID if robot.exact else SLOW_GRID
+            usual = {n: np.linspace(*x) * (study.f0 if n == "frequency" else 1.0) for n, x in grid.items()}
+            study = dataclasses.replace(study, ranges={n: x for n, x in usual.items() if n not in values})
+        return motions.grid(study)
+    if not robot.exact:
+        raise InputError([f"--analysis {analysis}: needs the exact flow, which holds for a massless foot and the terms "
+                          f"landing_loss and corrections of the robot; this one is: {robot.model}"])  # fmt: skip
+    function, takes, singles = ANALYSES[analysis]
+    allowed = {*takes, *singles, *ROBOT_AXES}
+    for n in axes:
+        if n in ranges and n not in takes:
+            words = f"takes a range of {' or '.join(map(option, takes))}" if takes else "takes no range"
+            problems.append(f"{option(n)} {given[n]}: --analysis {analysis} {words}; leave it out, or give one value")
+        elif n not in allowed:
+            problems.append(f"{option(n)} {given[n]}: --analysis {analysis} does not use it; leave it out")
+    if problems:
+        raise InputError(problems)
+    return function(Study(_changed(robot, values), ranges, values, workers, say))
+
+
+def _changed(robot: Machine, values: Mapping[str, Array]) -> Machine:
+    """The robot with single values in place of its constants."""
+    if not values:
+        return robot
+    try:
+        found = resolve(robot.values, values)
+    except ValueError as e:
+        raise InputError([f"sweep hard: {e}"]) from None
+    robot_changed = any(n in ROBOT_AXES or n in ("amplitude", "alpha", "cycles") for n in values)
+    return dataclasses.replace(
+        robot, values={n: float(v) for n, v in found.items()}, thesis=robot.thesis and not robot_changed
+    )
