@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -20,17 +21,19 @@ class RecordError(ValueError):
     """A result file does not hold what its record declares."""
 
 
-class Record:
+class Record(ABC):
     """A result with a file name; `save` writes the file into a folder, `load` reads it back unchanged."""
 
     file: ClassVar[str]
 
+    @abstractmethod
     def save(self, folder: Path) -> None:
-        raise NotImplementedError  # pragma: no cover
+        """Write the file into `folder`."""
 
     @classmethod
+    @abstractmethod
     def load(cls, folder: Path) -> Self:
-        raise NotImplementedError  # pragma: no cover
+        """Read it back from `folder`."""
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
 from jumpvision.fit.estimate import Estimate, checked, checked_sigma, scatter_factor
+from jumpvision.fit.mean import difference_noise, weighted_mean
 
 Array = NDArray[np.float64]
 
@@ -43,14 +44,9 @@ def rest_height(t: ArrayLike, h: ArrayLike, sigma: ArrayLike, *, until: float) -
     """
     t, h, sigma = checked("rest_height", t=t, h=h, sigma=sigma)
     checked_sigma("rest_height", sigma)
-    use = np.isfinite(h) & np.isfinite(sigma) & (t < until)
-    n = int(use.sum())
-    if n == 0:
-        return Estimate(NAN, NAN, "m", 0, NAN, f"no good sample before {until:g} s")
-    w = sigma[use] ** -2
-    mean = float(np.average(h[use], weights=w))
-    chi2 = float(np.sum(w * (h[use] - mean) ** 2))
-    return Estimate(mean, scatter_factor(chi2, n - 1) * float(w.sum()) ** -0.5, "m", n, chi2)
+    before = t < until
+    mean = weighted_mean(h[before], sigma[before], "m")
+    return replace(mean, reason=f"no good sample before {until:g} s") if mean.reason else mean
 
 
 def jump_height(
@@ -110,7 +106,7 @@ def _greatest(
         return None
     smooth = np.convolve(h, np.full(3, 1.0 / 3.0), mode="valid")  # so that no single noisy sample is the maximum
     top = int(np.argmax(smooth)) + 1
-    scale = max(1.0, _noise(h) / float(np.median(sigma)))
+    scale = max(1.0, difference_noise(h) / float(np.median(sigma)))
     lo = max(0, min(top - SMALLEST // 2, t.size - SMALLEST))
     hi = lo + SMALLEST
     growing = True
@@ -172,8 +168,3 @@ def _solve(design: Array, y: Array, sigma: Array) -> tuple[Array, Array, float]:
     cov: Array = np.linalg.pinv(a.T @ a).astype(np.float64)
     p = cov @ (a.T @ b)
     return p, cov, float(np.sum((b - a @ p) ** 2))
-
-
-def _noise(h: Array) -> float:
-    """Noise of a smooth track from its third differences (variance 20 times the noise's), robust."""
-    return float(np.median(np.abs(np.diff(h, 3)))) / 0.6745 / math.sqrt(20.0) if h.size >= 8 else 0.0

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import xarray as xr
 
+from ..field.profile import central_column
 from ..fit.column import beta, fit_column
 from ..fit.front import jammed_thickness
 from ..params import ColumnParams
@@ -23,25 +24,21 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
         raise NotApplicable(["column needs [grain_video] scale"])
     if "foot_y" not in field:
         raise NotApplicable(["column needs [grain_video] foot_row and axis_column"])
-    near = field.isel(x=np.flatnonzero(np.abs(field.x.values) <= p.half_width))
-    if near.sizes["x"] == 0:
-        raise ValueError(f"[params.column] half_width = {p.half_width:g} m: no vector so close to the axis")
-    order = np.argsort(-field.y.values)  # downwards from the top
-    near = near.isel(y=order)
-    ok = near.chc.values > 0
-    weight = np.where(ok, near.v_sigma.values**-2, 0.0)
-    total = weight.sum(axis=1)
-    down = -np.where(ok, near.v.values, 0.0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        speed = (weight * down).sum(axis=1) / total
-        # windows overlap: neighbours share pixels, so means along a row and fits down the column are worth fewer
-        # vectors than they have
-        shared = max(1.0, field.attrs["window_px"] / field.attrs["step_px"])
-        sigma = np.sqrt(shared * min(shared, near.sizes["x"]) / total)
-    depth = field.foot_y.values[None, :] - near.y.values[:, None]
+    field = field.sortby("y", ascending=False)  # downwards from the top
+    shared = field.attrs["window_px"] / field.attrs["step_px"]
+    profiles = [
+        central_column(
+            f.v, f.v_sigma, f.chc.values > 0, f.x, half_width=p.half_width, correlation_length=shared
+        )
+        for f in (field.isel(t=i) for i in range(field.sizes["t"]))
+    ]  # fmt: skip
+    speed, sigma = (np.stack(a, axis=-1) for a in zip(*profiles, strict=True))
+    # windows overlap down the column too: a fit to its rows is worth fewer vectors than it has
+    sigma = sigma * math.sqrt(max(1.0, shared))
+    depth = field.foot_y.values[None, :] - field.y.values[:, None]
     below = depth > p.clear
     speed, sigma = np.where(below, speed, np.nan), np.where(below, sigma, np.nan)
-    rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(near.sizes["t"])]
+    rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(field.sizes["t"])]
     over_t = {k: ("t", np.array([r[k] for r in rows]), {"units": u}) for k, u in UNITS.items()}
     data = xr.Dataset(
         {
@@ -52,7 +49,7 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
             "foot_depth": flow.field.foot_depth,
             "foot_speed": flow.field.foot_speed,
         },
-        coords={"y": near.y, "t": near.t},
+        coords={"y": field.y, "t": field.t},
         attrs={
             "front": p.front,
             "layer_m": p.layer,

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..experiment import Experiment
-from ..fit.estimate import Estimate, scatter_factor
+from ..fit.estimate import Estimate
 from ..fit.flight import Flights, contact_flights, final_flight, flight_height, track_flights
 from ..fit.front import fit_mu
 from ..fit.height import jump_height, rest_height
 from ..fit.line import fit_line
+from ..fit.mean import weighted_mean
 from ..fit.packing import cone_growth
 from ..fit.ringdown import ring_down
 from ..logs import read_log
@@ -224,18 +225,6 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
         slope = out["log_a"].value * math.tan(math.radians(out["beta_deg"].value))
         out["beta_deg_per_mm_layer"] = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["beta_deg"].n, NAN)
     return out
-
-
-def weighted_mean(values: Array, sigma: Array, unit: str) -> Estimate:
-    """Inverse-variance mean; the sigma holds the scatter where the values scatter more than stated."""
-    ok = np.isfinite(values) & (sigma > 0)
-    n = int(ok.sum())
-    if n == 0:
-        return Estimate(NAN, NAN, unit, 0, NAN, "no frame allows it")
-    w = sigma[ok] ** -2.0
-    mean = float(np.average(values[ok], weights=w))
-    chi2 = float(np.sum(w * (values[ok] - mean) ** 2))
-    return Estimate(mean, scatter_factor(chi2, n - 1) * float(w.sum()) ** -0.5, unit, n, chi2)
 
 
 def mass_fits(flow: Flow) -> dict[str, Estimate]:

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ..fit.mean import difference_noise
 from ..logs import read_log
 from ..pipeline import stage
 from ..records import RodMotion, Track
@@ -25,20 +26,15 @@ def from_table(table: RodTrack) -> pd.DataFrame:
     """A track made elsewhere; without sigma_m its noise is estimated from third differences."""
     d = read_log(table.path, "time_s", "height_m", optional=("sigma_m",), at_least=8)
     height = d.height_m.to_numpy()
-    sigma = d.sigma_m.to_numpy() if "sigma_m" in d else np.full(len(d), difference_noise(height))
+    sigma = d.sigma_m.to_numpy() if "sigma_m" in d else np.full(len(d), noise_of(height))
     if (sigma <= 0).any():
         i = int(np.flatnonzero(sigma <= 0)[0])
         raise ValueError(f"{table.path}: row {i + 1}, sigma_m = {sigma[i]:g}: must be above 0 m")
     return pd.DataFrame({"time_s": d.time_s, "height_m": height, "sigma_m": sigma})
 
 
-def difference_noise(height: NDArray[np.float64]) -> float:
-    """White noise [m] of a smooth series, from its third differences: median |d3| / (0.6745 sqrt(20)).
-
-    The median keeps motion out: most of a recording is rest or smooth flight.
-    """
-    d3 = np.diff(height, 3)
-    sigma = float(np.median(np.abs(d3)) / (0.6745 * np.sqrt(20.0)))
-    resolution = np.diff(np.unique(height))
-    floor = float(resolution.min()) / np.sqrt(12.0) if resolution.size else 0.0
-    return max(sigma, floor, np.finfo(float).tiny)
+def noise_of(height: NDArray[np.float64]) -> float:
+    """Noise [m] of a track that states none: that of its third differences, at least that of its rounding."""
+    steps = np.diff(np.unique(height))
+    rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
+    return max(difference_noise(height), rounding, np.finfo(float).tiny)

@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from ..frames import Film
+from ..fit.mean import weighted_mean
 from ..params import TrackParams
 from ..pipeline import StageWarning, stage
-from ..progress import watch
 from ..records import Track
 from ..sections import Actuation, Calibration, RodVideo
-from ..vision.background import LEAST, static_background
-from ..vision.ball import BallTrack, track_ball
+from ..vision.ball import track_ball
+from ..vision.ball_film import track_film
 from ..vision.camera import Camera, camera
 from .films import open_film
-
-VIEWS = 300  # frames that the scene behind the ball is taken from
 
 
 @stage(version=1)
@@ -36,9 +32,12 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
         diameter = p.diameter or (film.ball_diameter / view.scale if film.ball_diameter else None)
         exposure = film.exposure or float(frames.meta.get("exposure_s") or 0.0)
         interval = float(np.median(np.diff(frames.time))) if len(frames) > 1 else np.inf
-        found = follow(
-            frames, p, diameter=diameter, streak=exposure > 0, exposure_fraction=min(exposure / interval, 1.0)
-        )
+        follow = partial(
+            track_ball, diameter=diameter, polarity=p.polarity, method=p.method, search=p.search,
+            seed=(p.seed[0], p.seed[1]) if p.seed else None, streak=exposure > 0,
+            exposure_fraction=min(exposure / interval, 1.0),
+        )  # fmt: skip
+        found = track_film(frames, follow, scene=p.background == "static" and p.method == "disc")
         n, time = len(found.x), frames.time
     flag = np.array(found.flag, dtype=object)
     for i, reason in film.excluded().items():
@@ -60,30 +59,6 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
             "height_m": view.height(x, y), "sigma_m": sigma * view.scale, "flag": flag,
         }
     )  # fmt: skip
-
-
-def follow(
-    frames: Film, p: TrackParams, *, diameter: float | None, streak: bool, exposure_fraction: float
-) -> BallTrack:
-    """The ball in every frame; a second time with the still scene removed, where that makes it more certain."""
-
-    def track_in(images: Iterable[NDArray[np.generic]], what: str) -> BallTrack:
-        return track_ball(
-            watch(images, what, len(frames)), diameter=diameter, polarity=p.polarity, method=p.method, search=p.search,
-            seed=(p.seed[0], p.seed[1]) if p.seed else None, streak=streak, exposure_fraction=exposure_fraction,
-        )  # fmt: skip
-
-    found = track_in(frames, "frames tracked")
-    good = np.flatnonzero(found.flag == "")
-    if p.background == "none" or p.method != "disc" or good.size < LEAST:
-        return found
-    sample = good[:: max(1, good.size // VIEWS)]
-    scene = static_background((frames[i], found.x[i], found.y[i], found.diameter[i]) for i in sample)
-    if scene is None:
-        return found
-    again = track_in((scene.removed(image) for image in frames), "frames tracked without the scene")
-    lost = np.count_nonzero(again.flag != "") > np.count_nonzero(found.flag != "")
-    return found if lost or np.nanmedian(again.sigma) > np.nanmedian(found.sigma) else again
 
 
 def film_camera(film: RodVideo, calibration: Calibration, shape: tuple[int, int]) -> Camera:
@@ -108,6 +83,5 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
         )
     if not rest.any():
         rest[np.flatnonzero(good)[0]] = True
-    weight = 1 / motion.sigma_m[rest] ** 2
-    zero = float((weight * motion.height_m[rest]).sum() / weight.sum())
+    zero = weighted_mean(motion.height_m[rest], motion.sigma_m[rest], "m").value
     return motion.assign(height_m=motion.height_m - zero)
