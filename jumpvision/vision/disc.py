@@ -30,6 +30,7 @@ SECTORS = 16
 KEEP, DROP = 3.5, 7.0  # residual in standard deviations: full weight up to KEEP, none from DROP on
 EDGE = 0.02  # pixels with E in (EDGE, 1 - EDGE) are the edge
 MIN_S = 0.29  # px, the blur of a square pixel alone
+ROUGH_END = 0.05  # of sigma: last step of a fit that need not come to rest
 MAX_STEPS = 40
 SQRT2 = math.sqrt(2.0)
 ROOT_2PI = math.sqrt(2.0 * math.pi)
@@ -219,6 +220,7 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     soft = 1e30
     settled = False
     good = False
+    size = np.inf
     for _ in range(MAX_STEPS):
         if not settled:
             zone[0], zone[1], zone[2] = p[0], p[1], p[2]
@@ -264,7 +266,10 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     total, count = _accumulate(img, p, n_par, zone, noise, soft, True, h, g, classes, sectors)
     for m in range(n_par):
         h[m, m] += weight[m]
-    good = _invert(h, n_par, cov) and good
+    if not _invert(h, n_par, cov):
+        good = False
+    elif settled and not good:  # a pixel that goes in and out of the fit: the rest of the walk is a part of sigma
+        good = size < ROUGH_END * np.sqrt(max(cov[0, 0], cov[1, 1]))
     return cov, classes, sectors, total / max(1.0, count - n_par), good
 
 
