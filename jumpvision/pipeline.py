@@ -244,7 +244,8 @@ class Workspace:
             except Exception as e:
                 e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
                 raise
-        notes = [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+        # a picture reads the film that its stage has read: its warnings are known
+        notes = [str(w.message) for w in caught if issubclass(w.category, StageWarning) and not made.picture]
         for w in caught:
             if not issubclass(w.category, StageWarning):
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)

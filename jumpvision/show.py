@@ -142,12 +142,13 @@ def overview(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]
 def details(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
     """One row a quantity that only some experiments have: the cone from grain films, the ring-down."""
     truth = known_truth(campaign)
+    synthetic = any(truth.values())
     return [
         {
             "experiment": o.name,
             "quantity": heading,
             "measured": measured(o.summary[key], o.summary.get(sigma), factor),
-            "true": plain_number(truth[o.name].get(key), factor),
+            **({"true": plain_number(truth[o.name].get(key), factor)} if synthetic else {}),
         }
         for o in outcomes
         for key, sigma, heading, factor in QUANTITIES[3:]

@@ -270,3 +270,14 @@ def test_a_wrong_call_ends_with_code_2(call, capsys):
     err = capsys.readouterr().err
     assert err.startswith("jumpvision: ")
     assert "Traceback" not in err
+
+
+def test_a_film_alone_is_fine_and_claims_nothing_it_cannot_know(folder, tmp_path, capsys):
+    """No actuation: no rest, no jump height, no ring-down of what may be a driven motion."""
+    (folder / "experiment.toml").write_text('[rod_video]\nfile = "rod.avi"\nscale = 5e-4\nball_diameter = 0.0095\n')
+    code, out, err = run(folder, tmp_path / "r", capsys)
+    assert code == 0, err
+    text = (tmp_path / "r" / "summary.json").read_text()
+    for key in ("jump_height_m", "zeta", "frequency_hz", "simulated_height_m"):
+        assert f'"{key}": null' in text
+    assert "true" not in out

@@ -161,9 +161,14 @@ def foot_frequency(robot: Robot | None) -> float | None:
 def ring_fits(
     rod: RodMotion, flights: Flights | None, robot: Robot | None, law: Actuation | None, p: FitParams
 ) -> dict[str, Estimate]:
-    """Free oscillation on the ground after the last landing (or of the whole track where the motor never moves)."""
+    """Free oscillation on the ground after the last landing (or of the whole track with actuation kind "none").
+
+    Nothing where it is not known when the motor rests: a driven motion is no ring-down.
+    """
+    if law is None or law.kind == "custom":
+        return {}
     t, h, sigma = rod.arrays
-    start = law.stop if law and law.moves else t[0]
+    start = law.stop if law.moves else t[0]
     if flights is not None and len(flights):
         if not np.isfinite(flights.landing[-1]):
             return {}  # in the air at the end of the record
