@@ -165,6 +165,10 @@ class RodVideo(FileSection):
     ball_diameter: float | None = param(None, "m", "diameter of the ball", lo=0, hi=0.5, open_lo=True)
     exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
+    clock: str = param(
+        "file", "", "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
+        choices=("file", "declared"),
+    )  # fmt: skip
     truncated: str = param("refuse", "", "a film that was cut off: refuse it, or accept its whole frames",
                            choices=("refuse", "accept"))  # fmt: skip
     up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
@@ -229,6 +233,10 @@ class GrainVideo(FileSection):
     scale: float | None = param(None, "m/px", "metres per pixel; without it the field is in px", **SCALE)
     foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
     axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
+    clock: str = param(
+        "file", "", "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
+        choices=("file", "declared"),
+    )  # fmt: skip
     truncated: str = param("refuse", "", "a film that was cut off: refuse it, or accept its whole frames",
                            choices=("refuse", "accept"))  # fmt: skip
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))

@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from ..frames import Film, FrameError, open_frames
 from ..pipeline import StageWarning
-from ..sections import Calibration, GrainVideo, RodVideo
+from ..sections import Calibration, GrainVideo, RodVideo, need
 
 
 def open_film(section: RodVideo | GrainVideo) -> Film:
     """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it."""
     film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start)
+    if section.clock == "declared":
+        film = timed_as_declared(film, section)
     if film.truncated and section.truncated != "accept":
         film.close()
         raise FrameError(
@@ -24,6 +26,18 @@ def open_film(section: RodVideo | GrainVideo) -> Film:
         )
     for text in film.warnings:
         warnings.warn(text, StageWarning, stacklevel=3)
+    return film
+
+
+def timed_as_declared(film: Film, section: RodVideo | GrainVideo) -> Film:
+    """The film with its time stamps stretched to `frame_rate`; gaps in them stay gaps."""
+    (rate,) = need(section, "frame_rate")
+    if film.time_source == "declared" or len(film) < 2:
+        return film
+    film.close()
+    film = open_frames(section.path, start=section.start)  # without a rate to disagree with
+    step = float(np.median(np.diff(film.time)))
+    film.time = film.time[0] + (film.time - film.time[0]) / (rate * step)
     return film
 
 
