@@ -118,7 +118,7 @@ def clock(
                 if differs(frame_rate, stamps):
                     warnings.append(
                         f"{path}: frame_rate = {frame_rate:g} Hz is declared, but the file's own time stamps give "
-                        f'{recorded:g} Hz; the file\'s are used (clock = "declared" takes yours: a film saved at playback rate)'
+                        f"{recorded:g} Hz; the file's are used (a film saved at playback rate: clock = 'declared')"
                     )
             return Clock(start + stamps, "file", warnings)
         bad = int(np.argmax(~(step > 0))) + 1 if n > 1 else 0
