@@ -55,12 +55,13 @@ def test_a_textured_scene_no_longer_pulls_the_ball():
     assert 0.56 < np.mean(np.abs(z) < 1) < 0.81
 
 
-def test_a_moving_scene_keeps_the_first_result():
+def test_a_moving_scene_makes_nothing_worse():
     rng = np.random.default_rng(5)
-    frames, _ = film(rng, texture=0.0)
+    frames, rows = film(rng, texture=0.0)
     moving = frames + np.stack([gaussian_filter(rng.normal(0, 60, SHAPE), 2.0) for _ in frames]).clip(0, 40)
     first, second = track_film(moving, follow, scene=False), track_film(moving, follow, scene=True)
-    assert np.nanmedian(second.sigma) <= np.nanmedian(first.sigma)
+    error = [np.nanstd(t.y - rows) for t in (first, second)]
+    assert error[1] <= 1.05 * error[0]  # a scene that is not there is not subtracted, or does no harm
 
 
 def test_a_ball_that_hides_the_scene_leaves_it_unknown():

@@ -120,12 +120,12 @@ def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, 
     `time_offset`: the frame stamped t shows t + dt; `camera_scale`: heights are multiplied by scale.
     """
     frames = np.atleast_1d(np.asarray(t, float))
-    true = frames + (model.parameters.dt or 0.0 if "time_offset" in model else 0.0)
+    true = frames + model.time_shift
     lead = [forcing.start] if true[0] > forcing.start else []
     tail = [] if true.size + len(lead) > 1 else [true[-1] + 1e-3]
     motion = simulate(model, forcing, t=np.concatenate([lead, true, tail]), rtol=rtol, atol=atol)
     heights = motion.rod[len(lead) : len(lead) + true.size] - motion.rest
-    return heights * (model.parameters.scale or 1.0) if "camera_scale" in model else heights
+    return heights * model.camera_factor
 
 
 def pack(model: Model) -> NDArray[Any]:

@@ -142,6 +142,16 @@ class Model:
         """Gravity along the rail [m/s^2]."""
         return self.gravity + self._extra("tilt", "dg")
 
+    @property
+    def camera_factor(self) -> float:
+        """Reported height / true height."""
+        return self.parameters.scale or 1.0 if "camera_scale" in self else 1.0
+
+    @property
+    def time_shift(self) -> float:
+        """dt [s]: a frame stamped t shows t + dt."""
+        return self._extra("time_offset", "dt")
+
     def _extra(self, mechanism: str, name: str) -> float:
         return getattr(self.parameters, name) if mechanism in self else 0.0
 

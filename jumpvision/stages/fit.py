@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..experiment import Experiment
+from ..fit.column import beta_sensitivity
 from ..fit.estimate import Estimate
 from ..fit.flight import Flights, contact_flights, final_flight, flight_height, track_flights
 from ..fit.front import fit_mu
@@ -19,6 +20,7 @@ from ..fit.packing import cone_growth
 from ..fit.ringdown import ring_down
 from ..logs import read_log
 from ..params import FitParams
+from ..physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
 from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, RodMotion
 from ..sections import Actuation, Bed, ContactLog, MotorLog, Robot
@@ -86,25 +88,33 @@ def find_flights(
         return None
     t, h, sigma = rod.arrays
     motor = position_at(t, law, log)
-    if motor is not None and robot.motor_mass and robot.rod_mass:
-        h = h + robot.motor_mass / (robot.motor_mass + robot.rod_mass) * motor
+    mass = total_mass(robot)
+    if motor is not None and mass and robot.motor_mass:
+        h = h + robot.motor_mass / mass * motor
     elif law is not None and law.moves:  # the rod alone follows no parabola while the motor moves
         h = np.where(t > law.stop, h, np.nan)
     return track_flights(
-        t, h, sigma, gravity=robot.gravity, shortest=p.shortest_flight, max_gap=p.max_gap, ripple=foot_ripple(robot)
+        t,
+        h,
+        sigma,
+        gravity=robot.gravity,
+        shortest=p.shortest_flight,
+        max_gap=p.max_gap,
+        ripple=foot_ripple(*spring) if (spring := hanging_foot(robot)) else 0.0,
     )
 
 
-def foot_ripple(robot: Robot) -> float:
-    """Amplitude [m] by which the foot, swinging on the spring that the lift-off leaves stretched, shakes the rod.
+def total_mass(robot: Robot | None) -> float | None:
+    """Mass of motor and rod [kg], where both are known."""
+    return robot.motor_mass + robot.rod_mass if robot and robot.motor_mass and robot.rod_mass else None
 
-    The foot is held down by little more than its weight when it leaves, so it swings by about m_f g/k and what the
-    spring's rate at lift-off adds; the rod answers with m_f/(M + m_f) of it. Three times the static part is allowed.
-    """
-    if not (robot.foot_mass and robot.spring_stiffness and robot.motor_mass and robot.rod_mass):
-        return 0.0
-    M = robot.motor_mass + robot.rod_mass
-    return 3 * robot.foot_mass / (M + robot.foot_mass) * (M * robot.gravity / robot.spring_stiffness)
+
+def hanging_foot(robot: Robot | None) -> tuple[float, float, float, float] | None:
+    """k, m_f, M, g of a robot with a foot, where they are known."""
+    mass = total_mass(robot)
+    if robot is None or mass is None or not (robot.foot_mass and robot.spring_stiffness):
+        return None
+    return robot.spring_stiffness, robot.foot_mass, mass, robot.gravity
 
 
 def longer_than(flights: Flights, shortest: float) -> Flights:
@@ -142,20 +152,14 @@ def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None) -> d
     rest = rest_height(t, h, sigma, until=law.start)
     if not math.isfinite(rest.value):  # the track starts in motion: its first point is the best there is
         rest = Estimate(float(h[0]), float(sigma[0]), "m", 1, 0.0)
-    found = jump_height(t, h, sigma, motor_stop=law.stop, rest=rest, foot_frequency=foot_frequency(robot))
+    foot = hanging_foot(robot)
+    swing = foot_frequency(*foot[:3]) if foot else None
+    found = jump_height(t, h, sigma, motor_stop=law.stop, rest=rest, foot_frequency=swing)
     return {
         "jump_height_m": Estimate(found.value, found.sigma, "m", found.n, found.chi2, found.reason),
         "apex_time_s": Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason),
         "motor_rise_m": Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN),
     }
-
-
-def foot_frequency(robot: Robot | None) -> float | None:
-    """Frequency [Hz] of a foot hanging from the spring in flight, sqrt(k/m_f + k/M)/(2 pi); None without a foot."""
-    if robot is None or not (robot.foot_mass and robot.spring_stiffness and robot.motor_mass and robot.rod_mass):
-        return None
-    M = robot.motor_mass + robot.rod_mass
-    return math.sqrt(robot.spring_stiffness * (1 / robot.foot_mass + 1 / M)) / (2 * math.pi)
 
 
 def ring_fits(
@@ -174,7 +178,8 @@ def ring_fits(
             return {}  # in the air at the end of the record
         start = max(start, float(flights.landing[-1]))
     start += p.settle
-    limit = lift_off_amplitude(robot)
+    mass, k = total_mass(robot), robot.spring_stiffness if robot else None
+    limit = lift_off_amplitude(k, mass, robot.gravity) if robot and k and mass else None
     for _ in range(HOPPING):
         ringing = t >= start
         if ringing.sum() < 20:
@@ -198,13 +203,6 @@ def ring_fits(
     return out
 
 
-def lift_off_amplitude(robot: Robot | None) -> float | None:
-    """M g/k [m]: the largest oscillation that keeps the spring compressed."""
-    if robot is None or not (robot.motor_mass and robot.rod_mass and robot.spring_stiffness):
-        return None
-    return (robot.motor_mass + robot.rod_mass) * robot.gravity / robot.spring_stiffness
-
-
 def pushing(column: Column) -> NDArray[np.bool_]:
     """Frames in which the foot pushes the grains: the largest grain speed is the foot's."""
     c = column.field
@@ -226,9 +224,9 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
     out["mu"] = line.slope_estimate("")
     out["mu_intercept_m"] = Estimate(line.intercept, line.intercept_sigma, "m", line.n, line.chi2, line.reason)
     if not out["log_a"].reason:
-        # beta rests on the layer chosen: d beta / d layer, per millimetre
-        slope = out["log_a"].value * math.tan(math.radians(out["beta_deg"].value))
-        out["beta_deg_per_mm_layer"] = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["beta_deg"].n, NAN)
+        slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
+        per_mm = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["log_a"].n, NAN)
+        out["beta_deg_per_mm_layer"] = per_mm
     return out
 
 

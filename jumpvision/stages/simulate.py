@@ -44,10 +44,8 @@ def simulate(
     """x_r, x_f, x_m [m] absolute and the forces, in 1 ms steps over the track; heights as a camera reports them."""
     model = build_model(experiment, robot, spec, section, bed)
     forcing, stop = driver(log, law, motor, p)
-    shift = model.parameters.dt or 0.0 if "time_offset" in model else 0.0
-    factor = model.parameters.scale or 1.0 if "camera_scale" in model else 1.0
-    times = output_times(forcing, stop, rod, lead=0.05 + abs(shift))
-    true = times + shift
+    times = output_times(forcing, stop, rod, lead=0.05 + abs(model.time_shift))
+    true = times + model.time_shift
     if model.ground == "hard" and model.m_f == 0.0 and set(model.terms) <= LINEAR_TERMS:
         m = hard_jump(
             motor_mass=model.m_m, rod_mass=model.rod_mass, stiffness=model.k_s, damping=model.c_s, gravity=model.g,
@@ -61,7 +59,7 @@ def simulate(
         columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
     table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
     rest = table.rod_m.iloc[0]
-    return Simulation(table.assign(rod_m=rest + factor * (table.rod_m - rest)))
+    return Simulation(table.assign(rod_m=rest + model.camera_factor * (table.rod_m - rest)))
 
 
 def build_model(

@@ -1,0 +1,42 @@
+"""The loaded spring against the laboratory's own integration of whole jumps on sand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from jumpvision.lab.jumper import simulate
+from jumpvision.lab.mechanisms import Law
+from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH
+from jumpvision.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
+
+M = SAND_ROBOT.motor_mass + SAND_ROBOT.rod_mass
+SPRING = SAND_ROBOT.spring_stiffness, SAND_ROBOT.foot_mass, M
+
+
+@pytest.mark.parametrize(("kind", "frequency"), [("single", 5.5), ("single", 10.0), ("stutter", 5.0), ("stutter", 7.0)])
+def test_a_foot_in_flight_shakes_the_rod_by_less_than_allowed_and_at_its_frequency(kind, frequency):
+    """Longest flight after the motor stops: the rod less its parabola is the foot's swing, seen in the rod."""
+    law = Law(frequency, 0.01875, PHASE[kind], 0.1)
+    m = simulate(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=1.2, bed_density=570.0)
+    begin, length = max(
+        ((max(t, law.stop), t + f - max(t, law.stop)) for t, f in zip(m.lift_offs, m.flights, strict=True)),
+        key=lambda flight: flight[1],
+    )
+    w = (m.t > begin + 1e-3) & (m.t < begin + length - 1e-3)
+    swing = m.rod[w] - m.foot[w]  # the spring's stretch: nothing else happens between rod and foot in flight
+    swing = swing - swing.mean()
+    ripple = 0.5 * np.ptp(swing) * SAND_ROBOT.foot_mass / (M + SAND_ROBOT.foot_mass)
+    assert ripple < foot_ripple(*SPRING, SAND_ROBOT.gravity)
+    crossings = m.t[w][1:][np.diff(np.sign(swing)) != 0]
+    # half periods between crossings; damping moves the frequency by zeta^2/2 = 0.3 %, the mean of the window by some %
+    assert 0.5 / np.mean(np.diff(crossings)) == pytest.approx(foot_frequency(*SPRING), rel=0.05)
+
+
+def test_the_spring_relaxes_at_the_lift_off_amplitude():
+    """Upper turning point of an oscillation about rest: relaxed where the amplitude is the static deflection M g/k."""
+    k, _, mass = SPRING
+    assert k * lift_off_amplitude(k, mass, 9.81) == pytest.approx(mass * 9.81)
+    assert math.isclose(foot_frequency(k, 1e12, mass), math.sqrt(k / mass) / (2 * math.pi), rel_tol=1e-6)
