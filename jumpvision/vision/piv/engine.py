@@ -12,8 +12,9 @@ from scipy import ndimage
 from jumpvision.vision.piv import field as code
 from jumpvision.vision.piv.field import VectorField
 from jumpvision.vision.piv.predict import Mask, at, predict, slope
-from jumpvision.vision.piv.refine import CONVERGED, COVERED, FLAT, RIM, Frame, prepare, refine, taper
+from jumpvision.vision.piv.refine import CONVERGED, COVERED, FLAT, Frame, prepare, refine, taper
 from jumpvision.vision.piv.validate import local_median, normalised_median
+from jumpvision.vision.piv.window import RIM
 
 Array = NDArray[np.float64]
 
