@@ -1,0 +1,1 @@
+"""What a simulation gets wrong, why, and what mends it: statistics over any system of one-dimensional motions."""

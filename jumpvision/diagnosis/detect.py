@@ -1,0 +1,158 @@
+"""Does the model fail at all? The residuals' size, and their projection on what each missing mechanism would leave."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from .fitting import Fit, Problem
+from .system import Candidate
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.02  # below this p a model is called discrepant
+DRAWS = 20_000  # of the noise, for the largest of many scores
+WEAK, STRONG = 0.3, 30.0  # noise units: an effect outside is tried again with another strength
+DEPENDENT = 1e-6  # share of a sensitivity that is left beside the fitted parameters and still counts
+
+
+@dataclass(frozen=True)
+class Direction:
+    """What a mechanism at one shape would add to the whitened residuals, less what the fitted parameters can mimic.
+
+    vector: (n,) unit vector over all residuals and priors; strength: of the mechanism at unit length of the vector.
+    kept: share of the effect (length) that the fitted parameters cannot mimic.
+    """
+
+    mechanism: str
+    shape: tuple[float, ...]
+    vector: Array
+    strength: float
+    kept: float
+
+
+@dataclass(frozen=True)
+class Detection:
+    """p_value: of the better of two looks, corrected for looking twice. score: of each direction, N(0, 1) if none."""
+
+    p_value: float
+    p_chi2: float
+    p_score: float
+    chi2_per_dof: float
+    directions: tuple[Direction, ...]
+    score: Array
+
+    @property
+    def discrepant(self) -> bool:
+        return self.p_value < LEVEL
+
+
+class Span:
+    """The residuals of a fit stacked with its priors, and the projection that removes what its parameters can do."""
+
+    def __init__(self, fit: Fit) -> None:
+        priors = [(i, p) for i, p in enumerate(fit.parameters) if math.isfinite(p.sigma)]
+        self.lengths = [r.size for r in fit.residuals]
+        self.extra = len(priors)
+        pull = np.array([(p.start - fit.values[i]) / p.sigma for i, p in priors])
+        self.residual = np.concatenate([*fit.residuals, pull])
+        rows = np.zeros((self.extra, len(fit.parameters)))
+        for k, (i, p) in enumerate(priors):
+            rows[k, i] = 1.0 / p.sigma
+        matrix = np.vstack([*fit.jacobian, rows])
+        scale = np.linalg.norm(matrix, axis=0)
+        matrix = matrix[:, scale > 0] / scale[scale > 0]
+        u, s, _ = np.linalg.svd(matrix, full_matrices=False) if matrix.size else (matrix, np.zeros(0), None)
+        self.basis = u[:, s > 1e-9 * (s[0] if s.size else 1.0)]
+
+    def off(self, x: Array) -> Array:
+        """Columns x (n,) or (n, k), priors' rows included, less their part within the span."""
+        return x - self.basis @ (self.basis.T @ x)
+
+    def stack(self, parts: Sequence[Array]) -> Array:
+        """Effects by observation as one column over residuals and priors."""
+        return np.concatenate([*parts, np.zeros(self.extra)])
+
+
+def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -> list[Direction]:
+    """Directions of every mechanism not yet in the model (those that replace a term have none)."""
+    span = Span(fit)
+    out = []
+    for name, candidate in problem.system.candidates.items():
+        if name in fit.mechanisms or candidate.replaces or (among is not None and name not in among):
+            continue
+        for shape in candidate.shapes:
+            if (effect := _effect(problem, fit, name, candidate, shape)) is None:
+                continue
+            parts, strength = effect
+            column = span.stack(parts)
+            length = float(np.linalg.norm(column))
+            rest = span.off(column)
+            left = float(np.linalg.norm(rest))
+            if length > 0 and left > DEPENDENT * length:
+                out.append(Direction(name, shape, rest / left, strength / left, left / length))
+    return out
+
+
+def _effect(
+    problem: Problem, fit: Fit, name: str, candidate: Candidate, shape: tuple[float, ...]
+) -> tuple[list[Array], float] | None:
+    """Whitened change of the prediction by a weak mechanism, and how strong it was."""
+    strength, *others = candidate.parameters
+    fixed = dict(zip((p.name for p in others), shape or [p.start for p in others]))
+    mechanisms = (*fit.mechanisms, name)
+    at = fit.named
+    base = at.get(strength.name, candidate.null) if strength.name in at else candidate.null
+    room_up, room_down = strength.high - base, base - strength.low
+    sign = 1.0 if room_up > 0 else -1.0
+    amount = 0.02 * strength.scale
+    for _ in range(4):
+        amount = min(amount, 0.9 * (room_up if sign > 0 else room_down))
+        values = {**fixed, **at, strength.name: base + sign * amount}
+        there = problem.residuals(mechanisms, values)
+        if there is None:
+            amount *= 0.1
+            continue
+        parts = [a - b for a, b in zip(fit.residuals, there)]
+        size = math.sqrt(sum(float(d @ d) for d in parts))
+        if WEAK <= size <= STRONG or size == 0.0:
+            break
+        if amount * 3.0 / size > strength.scale and size < WEAK:  # nothing in this data shows it
+            break
+        amount *= 3.0 / size
+    else:
+        if there is None:
+            return None
+    return None if there is None or size == 0.0 else (parts, sign * amount)
+
+
+def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.random.Generator) -> Detection:
+    """Two looks at a fit: chi^2, and the largest score among the directions (correlated as they are)."""
+    span = Span(fit)
+    residual = span.off(span.residual)
+    dof = max(problem.n + span.extra - span.basis.shape[1], 1)
+    chi2 = float(residual @ residual)
+    spread = math.sqrt(2.0 / dof + (2.0 / problem.noise.n if problem.noise.n else 0.0))  # the noise is an estimate too
+    p_chi2 = float(stats.norm.sf(math.log(chi2 / dof) / spread + 0.5 * spread)) if chi2 > 0 else 1.0
+    score, tau = np.array([d.vector @ residual for d in found]), problem.noise.log_sigma
+    p_score = 1.0
+    if found:
+        matrix = np.stack([d.vector for d in found], axis=1)
+        top = float(np.max(np.abs(score)))
+        correlation = matrix.T @ matrix
+        w, v = np.linalg.eigh(correlation)
+        draws = rng.standard_normal((DRAWS, w.size)) @ (v * np.sqrt(np.maximum(w, 0.0))).T
+        draws *= np.exp(0.5 * tau * rng.standard_normal((DRAWS, 1)))
+        beyond = int(np.sum(np.max(np.abs(draws), axis=1) >= top))
+        p_score = (beyond + 1) / (DRAWS + 1)
+        if beyond < 20:  # beyond the draws: the sum over directions bounds it, with the same doubt about the noise
+            grid, weight = np.polynomial.hermite_e.hermegauss(31)
+            tails = 2.0 * stats.norm.sf(top / np.exp(0.5 * tau * grid))
+            p_score = min(p_score, float(len(found) * (weight @ tails) / weight.sum()))
+    p = min(1.0, 2.0 * min(p_chi2, p_score))
+    return Detection(p, p_chi2, p_score, chi2 / dof, tuple(found), score)

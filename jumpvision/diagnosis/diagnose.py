@@ -1,0 +1,96 @@
+"""The whole questioning, in order: noise, baseline, test, where, which cause, gain, next experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .detect import Detection, detect, directions
+from .fitting import Fit, Problem
+from .gain import Gain, extrapolation, gain
+from .locating import Cell, locate
+from .naming import Naming, name
+from .noise import Noise
+from .proposing import Proposal, Runnable, propose
+from .system import Parameter, System
+
+STARTS = 6  # of the baseline's fit, over the ranges of its parameters
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What is wrong with a model, or that nothing is. naming, gain, next_experiment: None for an adequate model."""
+
+    noise: Noise
+    baseline: Fit
+    detection: Detection
+    where: list[Cell]
+    naming: Naming | None = None
+    gain: Gain | None = None
+    extrapolation: dict[str, Gain] | None = None
+    next_experiment: Proposal | None = None
+
+    @property
+    def adequate(self) -> bool:
+        return not self.detection.discrepant
+
+
+def diagnose(
+    system: System,
+    noise: Noise,
+    rng: np.random.Generator,
+    *,
+    by: Sequence[str] = (),
+    stops: Sequence[float] | None = None,
+    runnable: Sequence[Runnable] = (),
+    say: Say = lambda text: None,
+) -> Diagnosis:
+    """Questions a system. by: labels of the observations to report by. stops: time after which each one's apex counts.
+
+    Raises ValueError when the baseline cannot be followed on the data.
+    """
+    problem = Problem(system, noise)
+    say("fitting the baseline")
+    base = fit_baseline(problem, rng)
+    say("testing it")
+    found = detect(problem, base, directions(problem, base), rng)
+    where = locate(problem, base, tuple(by), rng)
+    if not found.discrepant:
+        return Diagnosis(noise, base, found, where)
+    say(f"discrepant (p = {found.p_value:.2g}): trying {len(system.candidates)} mechanisms")
+    naming = name(problem, base, found, rng)
+    say("predicting held-out conditions")
+    times = stops if stops is not None else [float(o.t[0]) for o in system.observations]
+    best = naming.best.fit
+    gained = gain(problem, base, best, times, rng)
+    beyond = extrapolation(problem, base, best, by[0], times, rng) if by else {}
+    second = next((e.fit for e in naming.tried if e is not naming.best), base)
+    proposal = propose(runnable, best, second, noise) if runnable else None
+    return Diagnosis(noise, base, found, where, naming, gained, beyond, proposal)
+
+
+def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:
+    """The baseline from its own values and, where it has ranges, from the better ones of a few drawn in them."""
+    free = problem.system.baseline
+    starts = [{p.name: p.start for p in free}]
+    if free:
+        starts += [{p.name: draw(p, rng) for p in free} for _ in range(4 * STARTS)]
+    cost = [problem.cost((), s) for s in starts]
+    chosen = [0, *(i for i in np.argsort(cost) if i != 0 and cost[i] < cost[0])][:3]
+    fits = [f for f in (problem.fit((), starts[i]) for i in chosen) if f is not None]
+    if not fits:
+        raise ValueError(
+            "the baseline model cannot be simulated with its own parameters for these jumps; "
+            "check [model] and [model.fit]"
+        )
+    return min(fits, key=lambda f: f.chi2)
+
+
+def draw(p: Parameter, rng: np.random.Generator) -> float:
+    """A value from a parameter's prior."""
+    if np.isfinite(p.sigma):
+        return float(np.clip(rng.normal(p.start, p.sigma), p.low, p.high))
+    return float(rng.uniform(p.low, p.high))

@@ -1,0 +1,233 @@
+"""Fits of a system to its observations: whitened residuals, priors as further residuals, Gauss-Newton with bounds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .noise import Noise
+from .system import Observation, Parameter, System, parameters
+
+Array = NDArray[np.float64]
+
+STEP = 1e-3  # of a parameter's scale, for derivatives
+ITERATIONS = 30
+ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
+
+
+def whitened(noise: Noise, o: Observation, r: Array) -> Array:
+    """Residual columns r (n,) or (n, k) of an observation, whitened, their unknown zero level projected out."""
+    white = noise.whiten(o.t, r, o.spread)
+    level = noise.whiten(o.t, np.ones(o.t.size), o.spread)
+    return white - np.multiply.outer(level, level @ white) / (level @ level)
+
+
+@dataclass
+class Fit:
+    """A fitted model. values: parameters in their order; covariance of them by the curvature at the end.
+
+    residuals: whitened, one array an observation; jacobian: d(whitened prediction)/d(parameters), the same rows.
+    chi2: residuals and priors, chi2_first where the fit began; converged: no step was worth taking any more.
+    log_evidence: Laplace's approximation, up to a constant that all models share.
+    """
+
+    mechanisms: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    values: Array
+    residuals: list[Array]
+    jacobian: list[Array]
+    chi2: float
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    log_evidence: float = -math.inf
+    chi2_first: float = math.inf
+    converged: bool = False
+
+    @property
+    def at_low(self) -> dict[str, float]:
+        """Every parameter at the low end of its range."""
+        return {p.name: p.low for p in self.parameters}
+
+    @property
+    def named(self) -> dict[str, float]:
+        return dict(zip((p.name for p in self.parameters), self.values.tolist()))
+
+    def sigma(self, name: str) -> float:
+        i = [p.name for p in self.parameters].index(name)
+        return math.sqrt(max(float(self.covariance[i, i]), 0.0))
+
+
+class Problem:
+    """A system with its noise: residuals, derivatives and fits over all or some observations."""
+
+    def __init__(self, system: System, noise: Noise) -> None:
+        self.system, self.noise = system, noise
+        self.all = tuple(range(len(system.observations)))
+
+    @property
+    def n(self) -> int:
+        """Independent residuals: one an observation goes for its zero level."""
+        return sum(o.t.size - 1 for o in self.system.observations)
+
+    def residuals(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int] | None = None
+    ) -> list[Array] | None:
+        """Whitened measured-minus-predicted; None where the model cannot be followed there."""
+        which = self.all if which is None else which
+        predicted = self.system.predict(mechanisms, values, which)
+        if not all(np.all(np.isfinite(y)) for y in predicted):
+            return None
+        observations = self.system.observations
+        return [whitened(self.noise, observations[i], observations[i].y - y) for i, y in zip(which, predicted)]
+
+    def jacobian(
+        self,
+        mechanisms: tuple[str, ...],
+        free: Sequence[Parameter],
+        values: Array,
+        at: list[Array],
+        which: Sequence[int] | None = None,
+    ) -> list[Array]:
+        """d(prediction)/d(parameter) by one-sided differences, away from a bound; zero where it cannot be had."""
+        names = [p.name for p in free]
+        columns: list[list[Array]] = []
+        for i, p in enumerate(free):
+            step = STEP * p.scale
+            step = -step if values[i] + step > p.high else step
+            for h in (step, -step):
+                moved = values.copy()
+                moved[i] += h
+                there = self.residuals(mechanisms, dict(zip(names, moved.tolist())), which)
+                if there is not None:
+                    columns.append([(a - b) / h for a, b in zip(at, there)])
+                    break
+            else:
+                columns.append([np.zeros_like(a) for a in at])
+        return [np.stack(c, axis=1) for c in zip(*columns)] if free else [np.zeros((a.size, 0)) for a in at]
+
+    def cost(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int] | None = None
+    ) -> float:
+        """chi^2 of residuals and priors at some values, without a fit; inf where the model cannot be followed."""
+        free = parameters(self.system, mechanisms)
+        r = self.residuals(mechanisms, {p.name: values.get(p.name, p.start) for p in free}, which)
+        pull = sum(((values.get(p.name, p.start) - p.start) / p.sigma) ** 2 for p in free)
+        return math.inf if r is None else float(sum(a @ a for a in r) + pull)
+
+    def fit(
+        self,
+        mechanisms: tuple[str, ...] = (),
+        start: Mapping[str, float] | None = None,
+        which: Sequence[int] | None = None,
+        iterations: int = ITERATIONS,
+    ) -> Fit | None:
+        """Best values from `start` (default: the parameters' own); None when the model cannot be followed there."""
+        free = parameters(self.system, mechanisms)
+        names = [p.name for p in free]
+        axes = Axes(free)
+        x = axes.inward(np.array([(start or {}).get(p.name, p.start) for p in free], float))
+        centre, weight = np.array([p.start for p in free]), np.array([1.0 / p.sigma**2 for p in free])
+
+        def residuals(x: Array) -> list[Array] | None:
+            return self.residuals(mechanisms, dict(zip(names, axes.values(x).tolist())), which)
+
+        def cost(r: list[Array], x: Array) -> float:
+            return float(sum(a @ a for a in r) + np.sum(weight * (axes.values(x) - centre) ** 2))
+
+        if (r := residuals(x)) is None:
+            return None
+        first = best = cost(r, x)
+        damping, converged = 1e-3, True
+        jac = self.jacobian(mechanisms, free, axes.values(x), r, which)
+        for _ in range(iterations if free else 0):
+            rate = axes.rate(x)
+            hessian = (sum((j.T @ j for j in jac), np.diag(weight)) * rate).T * rate
+            slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) - weight * (axes.values(x) - centre))
+            gain = 0.0
+            for _ in range(12):
+                step = _bounded(hessian, slope, damping, x, axes.low, axes.high)
+                expected = float(2 * slope @ step - step @ hessian @ step)
+                if expected < ENOUGH:
+                    break
+                there = residuals(x + step)
+                if there is not None and (new := cost(there, x + step)) < best:
+                    damping = damping / 10 if best - new > 0.25 * expected else damping
+                    gain, best, r, x = best - new, new, there, x + step
+                    break
+                damping = max(damping * 6.0, 1e-4)
+            if gain == 0.0:
+                break
+            jac = self.jacobian(mechanisms, free, axes.values(x), r, which)
+            if gain < ENOUGH:
+                break
+        else:
+            converged = not free
+        fit = self._finish(mechanisms, free, axes.values(x), r, jac, best, weight)
+        fit.chi2_first, fit.converged = first, converged
+        return fit
+
+    def _finish(
+        self,
+        mechanisms: tuple[str, ...],
+        free: tuple[Parameter, ...],
+        x: Array,
+        r: list[Array],
+        jac: list[Array],
+        chi2: float,
+        weight: Array,
+    ) -> Fit:
+        hessian = sum((j.T @ j for j in jac), np.zeros((x.size, x.size))) + np.diag(weight)
+        # a parameter that the data do not touch is as wide as its range
+        width = np.array([p.high - p.low for p in free])
+        full: Array = np.asarray(hessian + np.diag(12.0 / width**2))
+        covariance: Array = np.asarray(np.linalg.inv(full) if x.size else full)
+        evidence = -0.5 * chi2
+        if x.size:
+            prior = sum(math.log(p.width) for p in free)
+            evidence += 0.5 * (x.size * math.log(2 * math.pi) - np.linalg.slogdet(full)[1]) - prior
+        return Fit(mechanisms, free, x, r, jac, chi2, covariance, float(evidence))
+
+
+class Axes:
+    """Coordinates of a fit: a parameter itself, or its logarithm."""
+
+    def __init__(self, free: Sequence[Parameter]) -> None:
+        self.log = np.array([p.log for p in free], bool)
+        least = np.array([max(p.low, 1e-4 * p.scale) if p.log else p.low for p in free])
+        self.low = np.where(self.log, np.log(np.where(self.log, least, 1.0)), least)
+        top = np.array([p.high for p in free])
+        self.high = np.where(self.log, np.log(np.where(self.log, top, 1.0)), top)
+
+    def values(self, x: Array) -> Array:
+        return np.where(self.log, np.exp(np.where(self.log, x, 0.0)), x)
+
+    def inward(self, values: Array) -> Array:
+        """Coordinates of these values, moved into the bounds."""
+        with np.errstate(divide="ignore"):
+            x = np.where(self.log, np.log(np.where(self.log, np.maximum(values, 0.0), 1.0)), values)
+        return np.clip(x, self.low, self.high)
+
+    def rate(self, x: Array) -> Array:
+        """d(value)/d(coordinate)."""
+        return np.where(self.log, self.values(x), 1.0)
+
+
+def _bounded(hessian: Array, slope: Array, damping: float, x: Array, low: Array, high: Array) -> Array:
+    """Damped Gauss-Newton step that stays within the bounds: coordinates that would leave are set on their bound."""
+    step = np.zeros_like(x)
+    free = np.ones(x.size, bool)
+    damped = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1e-300))
+    for _ in range(x.size + 1):
+        if not free.any():
+            break
+        rest = slope - damped @ np.where(free, 0.0, step)
+        step[free] = np.linalg.solve(damped[np.ix_(free, free)] + 1e-300 * np.eye(int(free.sum())), rest[free])
+        out = free & ((x + step < low) | (x + step > high))
+        if not out.any():
+            break
+        step = np.where(out, np.clip(x + step, low, high) - x, step)
+        free &= ~out
+    return step

@@ -1,0 +1,257 @@
+"""The jumper as a system that can be questioned: tracks of the rod, the model of each jump, the vocabulary."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.jump import Motion, simulate
+from jumpvision.physics.model import Model
+from jumpvision.schema import InputError
+
+from .noise import Noise, Stretch, estimate, frame_of, keep_one_a_run, powers, rounding_step
+from .system import Observation, Parameter
+from .vocabulary import candidates
+
+Array = NDArray[np.float64]
+
+RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
+LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than of the model
+PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")
+ROBOT = ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping", "foot_radius", "gravity")
+
+
+@dataclass(frozen=True)
+class Jump:
+    """One measured jump: rod height above rest y (n,) [m] at t (n,) [s], what drove it, the model questioned.
+
+    stop: when the motor stops [s]. labels: kind, frequency, phi, ... to report by. law: the command is what drives.
+    """
+
+    name: str
+    model: Model
+    forcing: Forcing
+    stop: float
+    t: Array
+    y: Array
+    group: str
+    condition: str
+    law: bool
+    labels: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Jumper:
+    """System of jumps that share a robot and a model (`volume_fraction` may differ).
+
+    fit: parameters of the model, or of the robot, that the baseline may re-fit -> (low, high); sigma: standard
+    uncertainties of given ones, used as priors. Raises InputError for a name that the model has not.
+    """
+
+    def __init__(
+        self,
+        jumps: Sequence[Jump],
+        fit: Mapping[str, tuple[float, float]],
+        sigma: Mapping[str, float],
+        workers: int = 2,
+    ) -> None:
+        self.jumps = list(jumps)
+        self.model = self.jumps[0].model
+        self.pool = ThreadPoolExecutor(workers)
+        self.baseline = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
+        drives = all(j.law for j in self.jumps)
+        self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
+        self.observations: list[Observation] = []
+        motions = [self._motion(j, j.model, j.t) for j in self.jumps]
+        for jump, motion in zip(self.jumps, motions):
+            self.observations.append(_observation(jump, motion))
+        # trials made alike are simulated once
+        keys = [_key(j, o.t) for j, o in zip(self.jumps, self.observations)]
+        self.like = [keys.index(k) for k in keys]
+
+    def _free(self, name: str, limits: tuple[float, float] | None, sigma: float | None) -> Parameter:
+        owner: Any = self.model if name in ROBOT else self.model.parameters
+        meta = type(owner).__dataclass_fields__[name].metadata
+        value = getattr(owner, name)
+        if value is None and limits is None:
+            raise InputError([f"[model.sigma] {name}: a prior on a value that the model does not give; give {name}"])
+        value = 0.5 * sum(limits) if value is None and limits else float(value)
+        least = meta.get("lo")
+        spread = sigma or math.inf
+        if limits is None:
+            assert sigma is not None
+            limits = (value - 8 * sigma, value + 8 * sigma)
+            limits = (max(limits[0], float(least)) if least is not None else limits[0], limits[1])
+        scale = min(0.1 * (limits[1] - limits[0]), spread if math.isfinite(spread) else math.inf)
+        return Parameter(name, value, limits[0], limits[1], scale, spread, meta["unit"])
+
+    def build(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Model:
+        """The model of the first jump with these mechanisms and values. Raises InputError where it cannot be."""
+        base = self.model
+        terms = list(base.terms)
+        for name in mechanisms:
+            gone = self.candidates[name].replaces
+            terms = [name if t == gone else t for t in terms] if gone else [*terms, name]
+        extra = {k: v for k, v in values.items() if k not in ROBOT}
+        if "depth_drag" in terms and "C" not in extra and base.parameters.C is None:
+            extra["C"] = 1.0  # only the product b C shows without the added mass
+        robot: dict[str, Any] = {k: v for k, v in values.items() if k in ROBOT}
+        return replace(base, terms=tuple(terms), parameters=replace(base.parameters, **extra), **robot)
+
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
+        """Heights above rest as the camera reports them [m]; NaN for a model that cannot be."""
+        try:
+            model = self.build(mechanisms, values)
+        except InputError:
+            return [np.full(self.observations[i].t.size, np.nan) for i in which]
+
+        def one(i: int) -> Array:
+            jump, t = self.jumps[i], self.observations[i].t
+            try:
+                motion = self._motion(jump, with_bed(model, jump.model), t + model.time_shift)
+            except (RuntimeError, ValueError):
+                return np.full(t.size, np.nan)
+            return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
+
+        runs = sorted({self.like[i] for i in which})
+        heights = dict(zip(runs, self.pool.map(one, runs)))
+        return [heights[self.like[i]] for i in which]
+
+    @staticmethod
+    def _motion(jump: Jump, model: Model, t: Array) -> Motion:
+        lead = [jump.forcing.start] if t[0] > jump.forcing.start else []
+        return simulate(model, jump.forcing, t=np.concatenate([lead, t]), rtol=RTOL, atol=ATOL, stop=jump.stop)
+
+
+def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
+    f = jump.forcing
+    rows = (f.rows.tobytes(),) if isinstance(f, Segments) else (f.knots.tobytes(), f.c.tobytes())
+    return (*rows, jump.stop, jump.model.volume_fraction, t.tobytes())
+
+
+def with_bed(model: Model, other: Model) -> Model:
+    """The model in the other's bed; both were checked, so it is not checked again."""
+    if model.volume_fraction == other.volume_fraction:
+        return model
+    out = copy.copy(model)
+    object.__setattr__(out, "volume_fraction", other.volume_fraction)
+    return out
+
+
+def _observation(jump: Jump, motion: Motion) -> Observation:
+    """The part of the track that is questioned: to the LANDINGS-th landing after the motor's stop."""
+    landed = motion.flights[:, 1]
+    landed = landed[landed > jump.stop]
+    end = landed[LANDINGS - 1] if landed.size >= LANDINGS else np.inf
+    keep = np.flatnonzero(jump.t <= end)
+    if rounding_step(jump.y) > 0:
+        keep = np.intersect1d(keep, keep_one_a_run(jump.y))
+    parts = parts_of(motion, jump)[-jump.t.size :][keep]
+    return Observation(
+        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts
+    )
+
+
+def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
+    """Part of the jump that each output time belongs to, as the baseline has it."""
+    t = motion.t
+    out = np.full(t.size, "pre_load", dtype="U12")
+    air, intruding = motion.mode == 0, motion.mode == 2
+    lifts, lands = motion.flights[:, 0], motion.flights[:, 1]
+    flown = np.searchsorted(lands[np.isfinite(lands)], t, side="right")  # landings so far
+    started = np.zeros(t.size, bool)
+    digs = motion.events["time"][motion.events["kind"] == "intrude"]
+    started = t >= (digs[0] if digs.size else np.inf)
+    out[started] = "push_off"
+    out[started & intruding] = "intrusion"
+    last = np.zeros(t.size)
+    if lands.size and np.isfinite(lands).any():
+        ends = lands[np.isfinite(lands)]
+        last = np.where(flown > 0, ends[np.maximum(flown - 1, 0)], -np.inf)
+        after = flown > 0
+        out[after] = "push_off"
+        out[after & (t - last < 0.03)] = "landing"
+        out[after & intruding] = "re_intrusion"
+    out[air] = "flight"
+    if lifts.size == 0:
+        out[t < jump.forcing.start] = "pre_load"
+    return out
+
+
+def quiet(jumps: Sequence[Jump]) -> list[Stretch]:
+    """Stretches of the tracks whose course needs no model: differences of trials, else rest and flight."""
+    rounded = any(rounding_step(j.y) > 0 for j in jumps)
+    out: list[Stretch] = []
+    groups: dict[str, list[Jump]] = {}
+    for j in jumps:
+        groups.setdefault(j.group, []).append(j)
+    for trials in groups.values():
+        # n - 1 independent differences of n trials (Helmert), each of the variance of one trial
+        for k in range(1, len(trials)):
+            tracks = [_at(trials[0].t, j) for j in trials[: k + 1]]
+            good = np.all(np.isfinite(tracks), axis=0) & (trials[0].t < trials[0].stop + 0.05)
+            if good.sum() < 8:
+                continue
+            y = (tracks[k] - np.mean(tracks[:k], axis=0))[good] / math.sqrt(1.0 + 1.0 / k)
+            out.append(Stretch(trials[0].t[good], y, np.ones((int(good.sum()), 1))))
+    if sum(x.t.size for x in out) >= 400:
+        return out
+    for j in jumps:
+        rest = j.t < j.forcing.start
+        if rest.sum() >= 6 and not rounded:
+            out.append(Stretch(j.t[rest], j.y[rest], np.ones((int(rest.sum()), 1))))
+        out += _flights(j)
+    return out
+
+
+def _at(t: Array, jump: Jump) -> Array:
+    """A trial's heights at the frames t of another, NaN where it has no frame within 1e-6 s."""
+    i = np.clip(np.searchsorted(jump.t, t - 1e-6), 0, jump.t.size - 1)
+    return np.where(np.abs(jump.t[i] - t) < 2e-6, jump.y[i], np.nan)
+
+
+FALL = 0.3  # of g: how near to free fall a stretch must be to be called a flight
+
+
+def _flights(jump: Jump) -> list[Stretch]:
+    """The longest flight after the motor stopped, found in the track itself by its curvature -g.
+
+    Its course: a polynomial of degree 4 and the ring of the foot on its spring.
+    """
+    m = jump.model
+    after = np.flatnonzero(jump.t > jump.stop)
+    if after.size < 16:
+        return []
+    t, y = jump.t[after], jump.y[after]
+    top = int(np.argmax(y))
+    best: Stretch | None = None
+    for half in range(8, 60, 2):
+        window = slice(max(top - half, 0), min(top + half + 1, t.size))
+        if t[window].size < 16:
+            continue
+        curve = 2.0 * np.polyfit(t[window] - t[top], y[window], 2)[0]
+        if abs(curve / m.g + 1.0) > FALL:
+            break
+        inner = slice(window.start + 2, window.stop - 2)
+        design = powers(t[inner], 4)
+        if m.m_f > 0:
+            ring = math.sqrt(m.k_s * (1.0 / m.m_f + 1.0 / m.M))
+            decay = np.exp(-0.5 * m.c_s * (1.0 / m.m_f + 1.0 / m.M) * (t[inner] - t[inner][0]))
+            phase = ring * t[inner]
+            design = np.column_stack([design, decay * np.cos(phase), decay * np.sin(phase)])
+        if t[inner].size > design.shape[1] + 4:
+            best = Stretch(t[inner], y[inner], design)
+    return [best] if best is not None else []
+
+
+def noise_of(jumps: Sequence[Jump]) -> Noise:
+    """The noise of the tracks, from where no model is needed. Raises ValueError where there is too little of that."""
+    step = max(rounding_step(j.y) for j in jumps)
+    return estimate(quiet(jumps), frame_of([j.t for j in jumps]), floor=step / math.sqrt(12.0))

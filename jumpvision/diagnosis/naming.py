@@ -1,0 +1,231 @@
+"""Which mechanism explains what the baseline gets wrong: every one is fitted, alone and, where that fails, in pairs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .detect import Detection, Direction, detect, directions
+from .fitting import Fit, Problem
+
+Array = NDArray[np.float64]
+
+CONFIDENCE = 0.9  # of the set of models that is kept
+FIRSTS, SECONDS = 4, 4  # pairs tried: the best single ones, each with those its residuals ask for
+LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
+BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A model that was tried. probability: among all tried, equal before; delta_score: held-out log-likelihood gain."""
+
+    fit: Fit
+    probability: float
+    delta_score: float
+    detection: Detection | None = None
+
+    @property
+    def mechanisms(self) -> tuple[str, ...]:
+        return self.fit.mechanisms
+
+
+@dataclass(frozen=True)
+class Naming:
+    """named: () when no model in the vocabulary passes the test that the baseline failed.
+
+    tried: best first. twins: the mechanisms beside each named one that would do as well, itself included.
+    """
+
+    named: tuple[str, ...]
+    best: Explanation
+    tried: tuple[Explanation, ...]
+    twins: tuple[tuple[str, ...], ...]
+
+    def probability(self, mechanism: str) -> float:
+        return sum(e.probability for e in self.tried if mechanism in e.mechanisms)
+
+
+def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator) -> Naming:
+    """Fits every mechanism of the vocabulary, then pairs if no single one passes the test."""
+    singles = race(problem, [s for m in problem.system.candidates for s in _starts(problem, base, found, m)])
+    models, tests = [base, *singles], {}
+    for fit in singles[:FIRSTS]:
+        tests[fit.mechanisms] = detect(problem, fit, directions(problem, fit), rng)
+        if not tests[fit.mechanisms].discrepant:
+            break
+    if all(t.discrepant for t in tests.values()):
+        pairs = race(problem, _pairs(problem, base, singles, tests))
+        models += pairs
+        for fit in pairs[:2]:
+            tests[fit.mechanisms] = detect(problem, fit, directions(problem, fit), rng)
+    weight = np.array([f.log_evidence for f in models])
+    weight = np.exp(weight - weight.max())
+    weight /= weight.sum()
+    score = held_out_score(problem, base)
+    tried = tuple(
+        Explanation(f, float(w), held_out_score(problem, f) - score, tests.get(f.mechanisms))
+        for w, f in sorted(zip(weight, models), key=lambda x: -x[1].log_evidence)
+    )
+    passed = [e for e in tried if e.detection is not None and not e.detection.discrepant]
+    if not passed:
+        return Naming((), tried[0], tried, ())
+    best = passed[0]
+    return Naming(best.mechanisms, best, tried, _twins(best, tried))
+
+
+Start = tuple[tuple[str, ...], dict[str, float]]
+
+
+def race(problem: Problem, starts: Sequence[Start]) -> list[Fit]:
+    """The best fit of every set of mechanisms, the likeliest first; those that cannot win are not fitted to the end."""
+    running = [f for m, s in starts if (f := problem.fit(m, s, iterations=LAP)) is not None]
+    for _ in range(LAPS):
+        best = min((f.chi2 for f in running), default=0.0)
+        slow = []
+        for i, fit in enumerate(running):
+            if fit.converged or fit.chi2 - best > max(BEHIND * (fit.chi2_first - fit.chi2), CLOSE):
+                continue
+            more = problem.fit(fit.mechanisms, fit.named, iterations=LAP)
+            assert more is not None
+            running[i] = more
+            slow.append(i)
+        if not slow:
+            break
+    out: dict[frozenset[str], Fit] = {}
+    for fit in sorted(running, key=lambda f: -f.log_evidence):
+        out.setdefault(frozenset(fit.mechanisms), fit)
+    return list(out.values())
+
+
+def _starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> list[Start]:
+    """The two best of a few strengths and shapes, and of the linear estimates from the baseline's residuals."""
+    candidate = problem.system.candidates[mechanism]
+    if candidate.replaces:
+        return [((mechanism,), base.named)]
+    linear = [
+        start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
+    ]
+    if not linear:
+        return []
+    strength, *others = candidate.parameters
+    tries = list(linear)
+    for shape in candidate.shapes:
+        fixed = dict(zip((p.name for p in others), shape or [p.start for p in others]))
+        for factor in (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 10.0):
+            value = base.named.get(strength.name, candidate.null) + factor * strength.scale
+            if strength.low <= value <= strength.high:
+                tries.append({**base.named, **fixed, strength.name: value})
+    return _best_of(problem, (mechanism,), tries, 2)
+
+
+def _best_of(problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int) -> list[Start]:
+    """The n starts of least cost over one trial of each condition."""
+    first = {o.condition: i for i, o in reversed(list(enumerate(problem.system.observations)))}
+    cost = [problem.cost(mechanisms, t, sorted(first.values())) for t in tries]
+    return [(mechanisms, tries[i]) for i in np.argsort(cost)[:n] if math.isfinite(cost[i])]
+
+
+def start_of(problem: Problem, fit: Fit, direction: Direction, score: float) -> dict[str, float]:
+    """First values of a fit with one more mechanism: its strength as the linear estimate has it, within its range."""
+    strength, *others = problem.system.candidates[direction.mechanism].parameters
+    null = problem.system.candidates[direction.mechanism].null
+    base = fit.named.get(strength.name, null)
+    value = min(max(base + direction.strength * score, strength.low), strength.high)
+    if value == base:  # the estimate lies on the wrong side of the null
+        value = min(max(base + 0.1 * strength.scale, strength.low), strength.high)
+    shape = dict(zip((p.name for p in others), direction.shape or [p.start for p in others]))
+    return {**shape, **fit.named, strength.name: value}
+
+
+def _pairs(problem: Problem, base: Fit, singles: Sequence[Fit], tests: dict[tuple[str, ...], Detection]) -> list[Start]:
+    """Pairs of one of the best single mechanisms with those its residuals ask for, and those known to go together.
+
+    Each from the end of the single fit and from ordinary strengths: a single fit that fails may have run far off.
+    """
+    pairs: dict[frozenset[str], list[dict[str, float]]] = {}
+    candidates = problem.system.candidates
+    for fit in singles[:FIRSTS]:
+        test = tests[fit.mechanisms]
+        asked: dict[str, tuple[float, Direction]] = {}
+        for d, z in zip(test.directions, test.score):
+            if abs(z) > abs(asked.get(d.mechanism, (0.0, d))[0]):
+                asked[d.mechanism] = (float(z), d)
+        for z, d in sorted(asked.values(), key=lambda x: -abs(x[0]))[:SECONDS]:
+            pairs.setdefault(frozenset((*fit.mechanisms, d.mechanism)), []).append(start_of(problem, fit, d, z))
+    for m, c in candidates.items():
+        pairs |= {frozenset((m, o)): [] for o in c.goes_with if o in candidates and frozenset((m, o)) not in pairs}
+    out: list[Start] = []
+    for pair, warm in pairs.items():
+        names = tuple(n for n in candidates if n in pair)
+        tries = list(warm)
+        for factors in ((1.0, 1.0), (4.0, 1.0), (1.0, 4.0), (4.0, 4.0)):
+            for values in (base.named, {p.name: p.start for p in problem.system.baseline}, base.at_low):
+                moved = dict(values)
+                for n, factor in zip(names, factors):
+                    strength = candidates[n].parameters[0]
+                    moved[strength.name] = min(candidates[n].null + factor * strength.scale, strength.high)
+                tries.append(moved)
+        out += _best_of(problem, names, tries, 2)
+    return out
+
+
+def held_out_score(problem: Problem, fit: Fit) -> float:
+    """Log-likelihood of each condition as predicted from the others, summed; by the curvature at the full fit."""
+    n = len(fit.parameters)
+    prior = np.array([1.0 / p.sigma**2 + 12.0 / (p.high - p.low) ** 2 for p in fit.parameters])
+    hessian = sum((j.T @ j for j in fit.jacobian), np.diag(prior) if n else np.zeros((0, 0)))
+    total = 0.0
+    conditions: dict[str, list[int]] = {}
+    for i, o in enumerate(problem.system.observations):
+        conditions.setdefault(o.condition, []).append(i)
+    for held in conditions.values():
+        r = np.concatenate([fit.residuals[i] for i in held])
+        j = np.vstack([fit.jacobian[i] for i in held])
+        rest = hessian - j.T @ j + 1e-12 * np.diag(np.diag(hessian)) if n else hessian
+        slope = j.T @ r
+        total -= 0.5 * float(r @ r)
+        if n:
+            total -= 0.5 * float(slope @ np.linalg.solve(rest, slope))
+            total -= 0.5 * float(np.linalg.slogdet(hessian)[1] - np.linalg.slogdet(rest)[1])
+    return total
+
+
+def confidence_set(tried: Sequence[Explanation]) -> list[Explanation]:
+    """The likeliest models that together hold CONFIDENCE of the probability."""
+    out, total = [], 0.0
+    for e in tried:
+        out.append(e)
+        total += e.probability
+        if total >= CONFIDENCE:
+            break
+    return out
+
+
+def _twins(best: Explanation, tried: Sequence[Explanation]) -> tuple[tuple[str, ...], ...]:
+    """For each named mechanism, those that stand in its place in another model of the confidence set."""
+    out = []
+    for m in best.mechanisms:
+        rest = set(best.mechanisms) - {m}
+        others = [
+            next(iter(set(e.mechanisms) - rest))
+            for e in confidence_set(tried)
+            if rest <= set(e.mechanisms) and len(e.mechanisms) == len(best.mechanisms) and e is not best
+            and m not in e.mechanisms
+        ]  # fmt: skip
+        if others:
+            out.append((m, *dict.fromkeys(others)))
+    return tuple(out)
+
+
+def likely(tried: Sequence[Explanation], at_least: float = 1e-4) -> list[str]:
+    """Mechanisms by their probability."""
+    total: dict[str, float] = {}
+    for e in tried:
+        for m in e.mechanisms:
+            total[m] = total.get(m, 0.0) + e.probability
+    return [m for m, p in sorted(total.items(), key=lambda x: -x[1]) if p >= at_least or math.isnan(p)]

@@ -1,0 +1,135 @@
+"""The noise of a set of tracks, learned where no model is needed, and what it makes of residuals.
+
+Noise is taken as a first-order autoregression: standard deviation s, correlation rho from one frame to the next. It is
+estimated by restricted maximum likelihood from stretches whose true course is known up to a few linear coefficients:
+rest (a constant), flight (a polynomial), the difference of two trials made alike (a constant).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Noise on a smooth course: y (n,) at the times t (n,) [s]; design (n, k): what the course may be made of."""
+
+    t: Array
+    y: Array
+    design: Array
+
+
+@dataclass(frozen=True)
+class Noise:
+    """s: standard deviation [unit of y]; rho: correlation over `frame` [s]; n: samples it was learned from.
+
+    log_sigma: standard uncertainty of the logarithm of the noise power at low frequencies, where a model's errors lie.
+    """
+
+    s: float
+    rho: float
+    frame: float
+    log_sigma: float = 0.0
+    n: int = 0
+
+    def whiten(self, t: Array, r: Array, spread: Array | None = None) -> Array:
+        """Columns r (n,) or (n, k) at t (n,) as independent numbers of unit variance, were they this noise."""
+        r = np.asarray(r, float)
+        flat = r.ndim == 1
+        x = (r[:, None] if flat else r) / self.s
+        if spread is not None:
+            x = x / spread[:, None]
+        rho = self.rho ** (np.diff(t) / self.frame) if self.rho > 0 else np.zeros(t.size - 1)
+        out = x.copy()
+        out[1:] = (x[1:] - rho[:, None] * x[:-1]) / np.sqrt(1.0 - rho * rho)[:, None]
+        return out[:, 0] if flat else out
+
+
+def frame_of(times: Sequence[Array]) -> float:
+    """Time between frames [s]: the median over all tracks."""
+    return float(np.median(np.concatenate([np.diff(t) for t in times if t.size > 1])))
+
+
+RHO = np.linspace(0.0, 0.97, 98)  # noise of cameras is not anticorrelated
+
+
+def estimate(stretches: Sequence[Stretch], frame: float, floor: float = 0.0) -> Noise:
+    """Noise of all stretches together. floor: the least s can be (rounding: step / sqrt(12)).
+
+    Raises ValueError when the stretches hold fewer than 20 samples beyond their coefficients.
+    """
+    usable = [x for x in stretches if x.t.size > x.design.shape[1] + 2]
+    free = sum(x.t.size - x.design.shape[1] for x in usable)
+    if free < 20:
+        raise ValueError(
+            f"noise: {free} samples at rest, in flight or repeated; at least 20 are needed: "
+            "film the robot at rest before the motor starts, or repeat trials (same `group`)"
+        )
+    score = np.array([_profile(usable, float(rho), frame, free) for rho in RHO])
+    best = int(np.argmin(score[:, 0]))
+    rho = float(RHO[best])
+    if 0 < best < RHO.size - 1:  # vertex of the parabola through the three best
+        a, b, c = score[best - 1 : best + 2, 0]
+        if (bend := a - 2 * b + c) > 0:
+            rho += 0.5 * float(a - c) / float(bend) * float(RHO[1] - RHO[0])
+    rho = min(max(rho, 0.0), float(RHO[-1]))
+    s = max(math.sqrt(_profile(usable, rho, frame, free)[1]), floor)
+    # power at low frequency ~ s_e^2 / (1 - rho)^2: var(ln s_e^2) = 2/n, var(rho) = (1 - rho^2)/n
+    log_sigma = math.sqrt(2.0 / free + 4.0 * (1.0 + rho) / (1.0 - rho) / free)
+    return Noise(s, rho, frame, log_sigma, free)
+
+
+def _profile(stretches: Sequence[Stretch], rho: float, frame: float, free: int) -> tuple[float, float]:
+    """-2 ln of the restricted likelihood at its best s, and that s^2."""
+    unit = Noise(1.0, rho, frame)
+    total, logs = 0.0, 0.0
+    for x in stretches:
+        white, design = unit.whiten(x.t, x.y), unit.whiten(x.t, x.design)
+        steps = rho ** (np.diff(x.t) / frame) if rho > 0 else np.zeros(x.t.size - 1)
+        logs += float(np.sum(np.log1p(-steps * steps)))
+        if design.shape[1]:
+            q, upper = np.linalg.qr(design)
+            white = white - q @ (q.T @ white)
+            logs += 2.0 * float(np.sum(np.log(np.abs(np.diag(upper)))))
+        total += float(white @ white)
+    return free * math.log(total / free) + logs, total / free
+
+
+def powers(t: Array, degree: int) -> Array:
+    """Design (n, degree + 1) of a polynomial, its columns orthogonal."""
+    u = 2.0 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1.0
+    return np.polynomial.legendre.legvander(u, degree)
+
+
+def rounding_step(y: Array) -> float:
+    """Step of a table whose numbers were rounded [unit of y]; 0 when they were not (or only to display).
+
+    A rounded track has few different values: their least spacing is the step.
+    """
+    values = np.unique(y)
+    if values.size < 2 or values.size > 0.9 * y.size:
+        return 0.0
+    steps = np.diff(values)
+    step = float(np.min(steps[steps > 1e-9 * np.ptp(values)]))
+    off = np.abs(steps / step - np.round(steps / step))
+    return step if float(np.max(off)) < 0.02 else 0.0
+
+
+def keep_one_a_run(y: Array, longest: int = 2) -> NDArray[np.int64]:
+    """Indices to keep of a rounded track: of a run of equal values longer than `longest`, only its middle.
+
+    The rounding error of such a run is one number, not many.
+    """
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(y) != 0.0, [True]]))
+    keep: list[int] = []
+    for a, b in itertools.pairwise(edges):
+        keep += range(a, b) if b - a <= longest else [(a + b - 1) // 2]
+    return np.array(keep, dtype=np.int64)

@@ -1,0 +1,96 @@
+"""What is questioned: measured motions, a model that predicts them, and the mechanisms that may be missing from it.
+
+The engine knows nothing of jumpers: a pendulum or a falling ball is questioned in the same way (`System`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that a fit may change.
+
+    start: first value. low, high: physical range. sigma: standard uncertainty of a Gaussian prior about `start` (inf:
+    none, any value in the range alike). scale: a change that matters, for steps of derivatives. log: positive, and
+    changed by factors in a fit, where it multiplies others.
+    """
+
+    name: str
+    start: float
+    low: float
+    high: float
+    scale: float
+    sigma: float = math.inf
+    unit: str = ""
+    log: bool = False
+
+    @property
+    def width(self) -> float:
+        """Width of the prior as of a uniform one: the range, or sqrt(2 pi) sigma."""
+        return min(self.high - self.low, math.sqrt(2 * math.pi) * self.sigma)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A mechanism that may be missing. The first parameter is its strength, absent at `null`; the rest is its shape.
+
+    shapes: sets of shape parameters at which its effect is tried first (their order: that of the parameters).
+    replaces: a term that it takes the place of (then there is no strength at which it is absent).
+    goes_with: mechanisms of one cause with it, always tried as a pair.
+    """
+
+    parameters: tuple[Parameter, ...]
+    null: float = 0.0
+    shapes: tuple[tuple[float, ...], ...] = ((),)
+    replaces: str = ""
+    goes_with: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One measured motion: y (n,) at the times t (n,) [s], increasing.
+
+    group: trials of one condition made alike. condition: what is held out together. spread: (n,) factor >= 1 on the
+    noise, where repeated trials scatter by more than it. labels: anything to report by (kind, frequency, ...).
+    parts: (n,) name of the part of the motion each sample belongs to (for "where").
+    """
+
+    name: str
+    t: Array
+    y: Array
+    group: str
+    condition: str
+    labels: Mapping[str, Any] = field(default_factory=dict)
+    spread: Array | None = None
+    parts: NDArray[np.str_] | None = None
+
+
+class System(Protocol):
+    """Motions, the baseline's free parameters and the vocabulary of mechanisms."""
+
+    observations: Sequence[Observation]
+    baseline: tuple[Parameter, ...]
+    candidates: Mapping[str, Candidate]
+
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
+        """y of the observations `which` with these mechanisms beside the baseline's; NaN where it cannot be said."""
+        ...
+
+
+def parameters(system: System, mechanisms: Sequence[str]) -> tuple[Parameter, ...]:
+    """The free parameters of the baseline with these mechanisms; one that several share is there once."""
+    out = {p.name: p for p in system.baseline}
+    for m in mechanisms:
+        for p in system.candidates[m].parameters:
+            out[p.name] = p
+    return tuple(out.values())
