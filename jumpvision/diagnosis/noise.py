@@ -131,5 +131,5 @@ def keep_one_a_run(y: Array, longest: int = 2) -> NDArray[np.int64]:
     edges = np.flatnonzero(np.concatenate([[True], np.diff(y) != 0.0, [True]]))
     keep: list[int] = []
     for a, b in itertools.pairwise(edges):
-        keep += range(a, b) if b - a <= longest else [(a + b - 1) // 2]
+        keep += range(a, b) if b - a <= longest else [int(a + b - 1) // 2]
     return np.array(keep, dtype=np.int64)
