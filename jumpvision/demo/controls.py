@@ -63,7 +63,7 @@ SLIDERS = (
     _motor("amplitude", "amplitude A", "mm", 0.5, 30.0, 0.05, 1e3),
     _motor("cycles", "cycles", "", 1.0, 10.0, 1.0),
     _motor("delay", "delay", "ms", 0.0, 800.0, 5.0, 1e3),
-    _motor("frequency2", "second frequency f₂", "Hz", 1.0, 24.0, 0.05),
+    _motor("frequency2", "second half f₂", "Hz", 1.0, 24.0, 0.05),
     _robot("motor_mass", "motor mass", "kg", 0.1, 3.0, 0.005),
     _robot("rod_mass", "rod mass", "kg", 0.01, 1.0, 0.005),
     _robot("foot_mass", "foot mass", "kg", 0.0, 0.3, 0.005),

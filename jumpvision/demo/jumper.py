@@ -30,7 +30,8 @@ from .controls import GROUNDS
 
 Array = NDArray[np.float64]
 
-SAMPLES = 600  # of the motion that is drawn
+FEWEST, MOST = 600, 2000  # samples of the motion that is drawn
+SPACING = 2e-3  # s, of the samples where their number is between those
 LEAD, AFTER = 0.08, 0.3  # s, drawn before the motor starts and after the landing (or the motor's stop)
 LONGEST = 20.0  # s, of a law
 MOST_POINTS = 100_000  # of a map
@@ -41,11 +42,12 @@ RANGES = {"t": (0.0, 60.0), "x": (-0.5, 0.5)}
 
 
 def jump(question: Mapping[str, Any]) -> dict[str, Any]:
-    """The motion for drawing, SAMPLES long in m, N, W, s rounded to 1e-6, and the numbers. InputError for bad input."""
+    """The motion for drawing in m, N, W, s, rounded to 1e-6, and the numbers. InputError for bad input."""
     m = _machine(question)
     law = _law(m, question)
     numbers, end = _exact(m, law) if m.exact else _integrated(m, law)
-    t = np.linspace(law.start - LEAD, max(end, law.stop) + AFTER, SAMPLES)
+    first, last = law.start - LEAD, max(end, law.stop) + AFTER
+    t = np.linspace(first, last, int(np.clip((last - first) / SPACING, FEWEST, MOST)))
     motion: HardMotion | Motion
     if m.exact:
         motion = hard_jump(**_robot(m), forcing=law, t=t, t_end=float(t[-1]))
@@ -68,7 +70,7 @@ def jump(question: Mapping[str, Any]) -> dict[str, Any]:
         "alpha": mass * v["gravity"] / (v["stiffness"] * v["amplitude"]),
         "zeta": 0.5 * v["damping"] / math.sqrt(v["stiffness"] * mass),
         "f_over_f0": v["frequency"] / f0,
-        "stop_s": law.stop,
+        "stop_s": law.stop - law.start,
     }
     if m.model.ground == "granular":
         numbers["depth_m"] = float(-np.min(foot))

@@ -13,7 +13,6 @@ function row(slider, change) {
   const number = el("input", { type: "number", step: "any", id: `${id}-n`, title: slider.meaning });
   const unit = el("span", { className: "unit", textContent: slider.unit });
   const wrong = el("p", { className: "wrong", id: `${id}-wrong`, hidden: true });
-  wrong.setAttribute("role", "alert");
   number.setAttribute("aria-label", `${slider.label}, ${slider.unit || "number"}`);
   number.setAttribute("aria-describedby", wrong.id);
   range.setAttribute("aria-describedby", wrong.id);
@@ -81,16 +80,9 @@ export function build(form, page, on) {
       sand.hidden = state.ground !== "granular";
       for (const input of sand.querySelectorAll("input")) input.checked = input.value === state.sand;
     },
-    // Problems at their fields; returns those that name no visible field.
+    // Each problem at the fields that it names.
     fail(problems) {
-      const left = [];
-      for (const r of rows) r.fail("");
-      for (const p of problems) {
-        const named = rows.filter((r) => p.keys.includes(r.slider.key) && !r.node.hidden);
-        for (const r of named) r.fail(p.text);
-        if (!named.length) left.push(p.text);
-      }
-      return left;
+      for (const r of rows) r.fail(problems.find((p) => p.keys.includes(r.slider.key))?.text);
     },
     set(key, value) { rows.find((r) => r.slider.key === key).set(value); },
     range(key) { const s = rows.find((r) => r.slider.key === key).slider; return [s.lo / s.factor, s.hi / s.factor]; },

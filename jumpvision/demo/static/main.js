@@ -39,9 +39,9 @@ async function ask() {
 }
 
 function complain(problems) {
-  const left = controls.fail(problems);
+  controls.fail(problems);
   $("trouble").hidden = false;
-  $("trouble").textContent = left.join("\n") || "No jump for these values; the field says why. The last one that could be computed is shown.";
+  $("trouble").textContent = `No jump for these values. ${problems.map((p) => p.text).join(". ")}. ${answer ? "The last jump that could be computed is shown." : ""}`;
 }
 
 function show(reply, asked) {
@@ -188,7 +188,7 @@ function frame(now) {
       if (rested > 0.8) { rested = 0; time = motion.t[0]; }
     }
   }
-  if (!playing && !dirty && traces.pointer === traces.drawn && !resized()) return;
+  if (!playing && !dirty && traces.pointer === traces.drawn) return;
   dirty = false;
   traces.drawn = traces.pointer;
   robot.draw(motion, time);
@@ -200,14 +200,10 @@ function frame(now) {
   $("scrub").setAttribute("aria-valuetext", $("clock").textContent);
 }
 
-let width = 0, ratio = 0;
-function resized() {
-  const is = innerWidth !== width || devicePixelRatio !== ratio;
-  [width, ratio] = [innerWidth, devicePixelRatio];
-  return is;
-}
 const redraw = () => { dirty = true; map.draw(); };
 addEventListener("resize", redraw);
+const sizes = new ResizeObserver(redraw);
+for (const canvas of document.querySelectorAll("canvas")) sizes.observe(canvas);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 
 enter("hard");

@@ -41,11 +41,11 @@ export class HeightMap {
         if (!reply) { this.note.textContent = "no map for these values"; return; }
         reply.height_m.forEach((column, j) => { heights[i + j] = column; });
         if (heights.length === n) { this.heights = heights; this.paint(); this.draw(); }
-        this.progress = exact ? "" : `${n} × ${n} jumps on sand, ${Math.round(100 * Math.min(1, (i + strip) / n))} %`;
+        this.progress = exact ? "" : `${n} × ${n} jumps, integrated: ${Math.round(100 * Math.min(1, (i + strip) / n))} %`;
         this.say();
       }
     }
-    if (!exact) this.progress = `${PASSES[1]} × ${PASSES[1]} jumps on sand`;
+    if (!exact) this.progress = `${PASSES[1]} × ${PASSES[1]} jumps, integrated`;
     else this.progress = `${FINE} × ${FINE} jumps`;
     this.say();
   }
@@ -97,11 +97,16 @@ export class HeightMap {
     c.textAlign = "right";
     for (const [p, text] of [[0, "0"], [0.5, "π/2"], [1, "π"], [1.5, "3π/2"], [2, "2π"]]) c.fillText(text, LEFT - 6, Math.min(Math.max(y(p * Math.PI), TOP + 6), TOP + H - 4));
     if (this.f0 > lo && this.f0 < hi) {
-      c.strokeStyle = "#fff";
-      c.setLineDash([3, 4]);
-      c.beginPath(); c.moveTo(x(this.f0), TOP); c.lineTo(x(this.f0), TOP + H); c.stroke();
+      for (const [colour, width, dash] of [["#0006", 3, []], ["#fff", 1, [3, 4]]]) { // seen on dark and on bright
+        c.strokeStyle = colour;
+        c.lineWidth = width;
+        c.setLineDash(dash);
+        c.beginPath(); c.moveTo(x(this.f0), TOP); c.lineTo(x(this.f0), TOP + H); c.stroke();
+      }
       c.setLineDash([]);
       c.textAlign = "left";
+      c.fillStyle = "#0008";
+      c.fillRect(x(this.f0) + 2, TOP + 1, 18, 16);
       c.fillStyle = "#fff";
       c.fillText("f₀", x(this.f0) + 4, TOP + 9);
     }

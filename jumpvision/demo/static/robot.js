@@ -77,7 +77,7 @@ export class Robot {
     const turns = 7, tilt = Math.min(0.45 * radius, 0.5 * (low - high) / turns), n = 40 * turns;
     for (const front of [false, true]) {
       c.strokeStyle = front ? ink.ink : ink.soft;
-      c.lineWidth = front ? 2.4 : 1.4;
+      c.lineWidth = (front ? 0.17 : 0.1) * Math.min(radius, 14);
       c.beginPath();
       let on = false;
       for (let i = 0; i <= n; i++) {

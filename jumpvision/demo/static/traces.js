@@ -45,7 +45,7 @@ export class Traces {
       c.textBaseline = "middle";
       c.textAlign = "right";
       c.lineWidth = 1;
-      for (const v of ticks(low, high, 2)) {
+      for (const v of ticks(low, high, 3)) {
         c.strokeStyle = ink.line;
         c.beginPath(); c.moveTo(LEFT, Math.round(y(v)) + 0.5); c.lineTo(w - RIGHT, Math.round(y(v)) + 0.5); c.stroke();
         c.fillStyle = ink.soft;
@@ -73,7 +73,7 @@ export class Traces {
     c.textAlign = "center";
     c.fillStyle = ink.soft;
     const places = ticks(lo, hi, Math.max(3, w / 110));
-    for (const v of places) c.fillText(label(v * 1e3), x(v), h - BOTTOM / 2);
+    for (const v of places) if (x(v) < w - RIGHT - 40) c.fillText(label(v * 1e3), x(v), h - BOTTOM / 2);
     c.textAlign = "right";
     c.fillText("ms", w - RIGHT, h - BOTTOM / 2);
     for (const [v, colour] of [[t, ink.ink], [shown, ink.soft]]) {

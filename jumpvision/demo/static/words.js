@@ -7,13 +7,14 @@ export const headline = (n) => (n.n_jumps === 0 ? "Stays on the ground" : `Jumps
 
 export function story(n) {
   if (n.n_jumps === 0) return n.jump_height_m > 5e-5 ? `The rod rises ${mm(n.jump_height_m)}, the foot never leaves the ground.` : "The foot never leaves the ground.";
-  const flights = n.n_jumps === 1 ? "one flight" : `${n.n_jumps} flights`;
-  return `In ${flights}, first off the ground ${ms(n.lift_off_s)} after the motor starts; the motor stops at ${ms(n.stop_s)}.`;
+  const flights = n.n_jumps === 1 ? "One flight" : `${n.n_jumps} flights`;
+  const text = `${flights}; lifts off ${ms(n.lift_off_s)} after the motor starts, which runs for ${ms(n.stop_s)}.`;
+  return text.replace(/ ms/g, "\u00a0ms");
 }
 
 export function table(n, question) {
   const rows = [
-    ["height from the longest flight", mm(n.flight_height_m)],
+    ["flight height g t²/8", mm(n.flight_height_m)],
     ["rise of the centre of mass", mm(n.com_height_m)],
     ["peak power of the motor", `${number(n.peak_power_W, 2)} W`],
     ["peak force of the motor", `${number(n.peak_force_N, 1)} N`],
@@ -24,8 +25,8 @@ export function table(n, question) {
   rows.push(["damping ratio ζ", number(n.zeta, 4)]);
   if (n.depth_m !== undefined) rows.push(["deepest point of the foot", mm(n.depth_m)]);
   if (n.added_mass_kg !== undefined) {
-    const foot = question.set.robot.foot_mass;
-    rows.push(["mass of the jammed cone", `${number(n.added_mass_kg * 1e3, 0)} g${foot > 0 ? `, ${number(n.added_mass_kg / foot, 1)} feet` : ""}`]);
+    rows.push(["mass of the jammed cone", `${number(n.added_mass_kg * 1e3, 0)} g`]);
+    rows.push(["cone / foot mass", number(n.added_mass_kg / question.set.robot.foot_mass, 1)]);
   }
   return rows;
 }
