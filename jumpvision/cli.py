@@ -238,7 +238,7 @@ def demo(*, port: int = 8765, browser: bool = True) -> int:
     from .demo.server import Server
 
     with Server(port) as server:
-        show.line("compiling the solvers (the first time up to half a minute) ...")
+        show.line("compiling the solvers (the first time up to a minute) ...")
         warm_up()
         print(server.address, flush=True)
         show.line("Ctrl-C stops the server")

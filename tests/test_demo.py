@@ -391,7 +391,9 @@ def test_a_click_on_the_map_sets_frequency_and_phase(open_page):
 
 def test_sand_and_its_laws(open_page):
     page = open_page(reduced_motion="reduce")
+    until(page, "document.querySelector('#map-note').textContent.startsWith('200')")
     page.locator("input[value=granular]").check(force=True)
+    assert not page.inner_text("#map-note").startswith("200")  # the floor's map is no longer shown
     cone = changed(page, 41.0)
     assert page.locator("#s-C").is_visible() and not page.locator("#s-alpha").is_visible()
     page.locator("input[value=drag]").check(force=True)

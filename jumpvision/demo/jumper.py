@@ -22,7 +22,7 @@ from ..physics.hard import HardMotion, hard_jump
 from ..physics.jump import Motion, simulate
 from ..physics.points import ROBOT, hard_points, jump_results, law_rows, resolve, simulated_points, until_landed
 from ..physics.powers import powers
-from ..physics.scales import natural_frequency
+from ..physics.scales import damping_of, gravity_of, natural_frequency
 from ..schema import InputError
 from ..sweep.compute import ATOL, RTOL
 from ..sweep.machine import Machine, machine
@@ -67,8 +67,8 @@ def jump(question: Mapping[str, Any]) -> dict[str, Any]:
     f0 = float(natural_frequency(v["stiffness"], mass))
     numbers |= {
         "f0_Hz": f0,
-        "alpha": mass * v["gravity"] / (v["stiffness"] * v["amplitude"]),
-        "zeta": 0.5 * v["damping"] / math.sqrt(v["stiffness"] * mass),
+        "alpha": v["gravity"] / gravity_of(1.0, v["stiffness"], mass, v["amplitude"]),
+        "zeta": v["damping"] / float(damping_of(1.0, v["stiffness"], mass)),
         "f_over_f0": v["frequency"] / f0,
         "stop_s": law.stop - law.start,
     }

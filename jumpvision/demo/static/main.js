@@ -31,7 +31,11 @@ async function ask() {
     again = false;
     const asked = question(), from = state;
     let reply;
-    try { reply = await post("api/jump", asked); } catch { reply = { ok: false, problems: [{ keys: [], text: "The server does not answer; is `jumpvision demo` still running?" }] }; }
+    try {
+      reply = await post("api/jump", asked);
+    } catch {
+      reply = { ok: false, problems: [{ keys: [], text: "The server does not answer; is `jumpvision demo` still running?" }] };
+    }
     if (from !== state) { again = true; continue; }
     if (reply.ok) show(reply, asked); else complain(reply.problems);
   }
@@ -41,7 +45,8 @@ async function ask() {
 function complain(problems) {
   controls.fail(problems);
   $("trouble").hidden = false;
-  $("trouble").textContent = `No jump for these values. ${problems.map((p) => p.text).join(". ")}. ${answer ? "The last jump that could be computed is shown." : ""}`;
+  const kept = answer ? "The last jump that could be computed is shown." : "";
+  $("trouble").textContent = `No jump for these values. ${problems.map((p) => p.text).join(". ")}. ${kept}`;
 }
 
 function show(reply, asked) {
@@ -104,6 +109,9 @@ function kindOf() {
 
 function enter(ground) {
   state = states[ground];
+  mapKey = "";
+  clearTimeout(mapTimer);
+  map.forget();
   $("law").hidden = !state.hand;
   controls.show(state);
   kindOf();

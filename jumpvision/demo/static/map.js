@@ -27,6 +27,15 @@ export class HeightMap {
     };
   }
 
+  // Nothing known: the map of other ground is not shown.
+  forget() {
+    this.run++;
+    this.heights = this.image = this.top = this.point = null;
+    this.progress = "";
+    this.draw();
+    this.say();
+  }
+
   // Asks for the whole map; a later call makes an earlier one stop.
   async refresh(question, exact, frequency) {
     const run = ++this.run;
@@ -95,7 +104,9 @@ export class HeightMap {
     for (const f of ticks(lo, hi, 5)) c.fillText(label(f), x(f), h - BOTTOM + 10);
     c.fillText("frequency [Hz]", LEFT + W / 2, h - 7);
     c.textAlign = "right";
-    for (const [p, text] of [[0, "0"], [0.5, "π/2"], [1, "π"], [1.5, "3π/2"], [2, "2π"]]) c.fillText(text, LEFT - 6, Math.min(Math.max(y(p * Math.PI), TOP + 6), TOP + H - 4));
+    for (const [p, text] of [[0, "0"], [0.5, "π/2"], [1, "π"], [1.5, "3π/2"], [2, "2π"]]) {
+      c.fillText(text, LEFT - 6, Math.min(Math.max(y(p * Math.PI), TOP + 6), TOP + H - 4));
+    }
     if (this.f0 > lo && this.f0 < hi) {
       for (const [colour, width, dash] of [["#0006", 3, []], ["#fff", 1, [3, 4]]]) { // seen on dark and on bright
         c.strokeStyle = colour;

@@ -63,7 +63,10 @@ export class Robot {
     c.strokeStyle = ink.card;
     c.globalAlpha = 0.45;
     c.lineWidth = 1.5;
-    for (const d of [-0.18, 0, 0.18]) { c.beginPath(); c.moveTo(o.x - 0.36 * size, Y(middle) + d * size); c.lineTo(o.x + 0.36 * size, Y(middle) + d * size); c.stroke(); }
+    for (const d of [-0.18, 0, 0.18]) {
+      const y = Y(middle) + d * size;
+      c.beginPath(); c.moveTo(o.x - 0.36 * size, y); c.lineTo(o.x + 0.36 * size, y); c.stroke();
+    }
     c.globalAlpha = 1;
     if (now.ground > 0) this.arrow(c, ink, o.x + half + 12, Y(foot), Math.min(90, 90 * now.ground / Math.max(...motion.ground)), now.ground);
     const style = this.grip.style, wide = Math.max(44, 1.3 * size), tall = Math.max(44, size);
@@ -108,7 +111,9 @@ export class Robot {
       const r = now.cone_radius * k, deep = bottom + now.cone_height * k;
       c.fillStyle = ink.jam;
       c.globalAlpha = 0.75;
-      c.beginPath(); c.moveTo(o.x - half, bottom); c.lineTo(o.x - r, deep); c.lineTo(o.x + r, deep); c.lineTo(o.x + half, bottom); c.closePath(); c.fill();
+      c.beginPath();
+      c.moveTo(o.x - half, bottom); c.lineTo(o.x - r, deep); c.lineTo(o.x + r, deep); c.lineTo(o.x + half, bottom);
+      c.closePath(); c.fill();
       c.globalAlpha = 1;
     }
     c.restore();

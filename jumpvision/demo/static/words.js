@@ -6,7 +6,8 @@ const ms = (v) => `${number(v === null ? null : v * 1e3, 1)} ms`;
 export const headline = (n) => (n.n_jumps === 0 ? "Stays on the ground" : `Jumps ${mm(n.jump_height_m)} high`);
 
 export function story(n) {
-  if (n.n_jumps === 0) return n.jump_height_m > 5e-5 ? `The rod rises ${mm(n.jump_height_m)}, the foot never leaves the ground.` : "The foot never leaves the ground.";
+  const stays = "the foot never leaves the ground.";
+  if (n.n_jumps === 0) return n.jump_height_m > 5e-5 ? `The rod rises ${mm(n.jump_height_m)}, ${stays}` : stays.replace("t", "T");
   const flights = n.n_jumps === 1 ? "One flight" : `${n.n_jumps} flights`;
   const text = `${flights}; lifts off ${ms(n.lift_off_s)} after the motor starts, which runs for ${ms(n.stop_s)}.`;
   return text.replace(/ ms/g, "\u00a0ms");
