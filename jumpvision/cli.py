@@ -221,6 +221,39 @@ def sweep(
 
 
 @app.command
+def demo(*, port: int = 8765, browser: bool = True) -> int:
+    """The interactive jumper: a page in the browser, computed on this machine; Ctrl-C stops it.
+
+    Example: jumpvision demo --port 8765
+
+    Parameters
+    ----------
+    port
+        Of http://127.0.0.1; 0 takes a free one.
+    browser
+        Open the page in the browser.
+    """
+    from . import show
+    from .demo.jumper import warm_up
+    from .demo.server import Server
+
+    with Server(port) as server:
+        show.line("compiling the solvers (the first time up to a minute) ...")
+        warm_up()
+        print(server.address, flush=True)
+        show.line("Ctrl-C stops the server")
+        if browser:
+            import webbrowser
+
+            webbrowser.open(server.address)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            show.line("stopped")
+    return DONE
+
+
+@app.command
 def params(stage: str | None = None, *, json: bool = False) -> int:
     """Tables of all parameters: default, unit, allowed values and meaning.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import math
 import types
 from collections.abc import Iterable, Mapping
@@ -57,9 +58,14 @@ def closest(name: str, names: Iterable[str]) -> str:
     return f"; allowed: {', '.join(sorted(names))}" if len(names) <= 30 else ""
 
 
+@functools.cache  # resolving annotations takes a millisecond
+def _hints(cls: type) -> dict[str, Any]:
+    return get_type_hints(cls)
+
+
 def type_of(cls: type, name: str) -> tuple[Any, bool]:
     """The plain type of a field and whether None is allowed."""
-    hint = get_type_hints(cls)[name]
+    hint = _hints(cls)[name]
     if get_origin(hint) in (Union, types.UnionType):
         rest = [t for t in get_args(hint) if t is not type(None)]
         return rest[0], True

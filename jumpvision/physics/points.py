@@ -7,20 +7,22 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jumpvision.physics.forcing import Segments
+from jumpvision.physics.forcing import Forcing, Segments
 from jumpvision.physics.half_cycles import half_cycle_rows
 from jumpvision.physics.hard import RESULTS, hard_sweep, sine_rows
-from jumpvision.physics.jump import simulate
+from jumpvision.physics.jump import Motion, simulate
 from jumpvision.physics.model import Model
 from jumpvision.physics.powers import acceleration
 from jumpvision.physics.scales import amplitude_of, damping_of, gravity_of
 
 Array = NDArray[np.float64]
+M = TypeVar("M")
 
 ROBOT = ("motor_mass", "rod_mass", "stiffness", "damping", "gravity", "landing_loss")
 LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
@@ -28,6 +30,7 @@ BED = ("phi", "foot_radius")
 # parameters of a force of the ground that grow with the area of the foot (PHYSICS.md section 2)
 BY_AREA = ("k", "k1", "k2", "alpha", "s", "s_p")
 TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
+MOST = 30.0  # s, longest tail that is doubled once more
 SAMPLES = 400  # of the motor force while the law runs
 
 
@@ -117,7 +120,7 @@ def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol:
         if key not in built:
             built[key] = model_at(model, {m: v[m][i] for m in names})
         try:
-            found = _jump(built[key], Segments(rows[i]), rtol, atol)
+            found, _ = jump_results(built[key], Segments(rows[i]), rtol=rtol, atol=atol)
         except RuntimeError:
             continue
         for name, value in found.items():
@@ -125,16 +128,32 @@ def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol:
     return out
 
 
-def _jump(model: Model, law: Segments, rtol: float, atol: float) -> dict[str, float]:
-    """The results of one jump."""
-    driven = np.linspace(law.start, law.stop, SAMPLES, endpoint=False)
+def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
+    """The motion, followed until a flight has ended after the motor's stop [s], if there is one, or MOST seconds on.
+
+    follow(end): the motion until `end` [s] and its flights (m, 2): lift-off and landing [s], NaN while in the air.
+    """
     tail = TAIL
     while True:
-        m = simulate(model, law, t=np.append(driven, law.stop + tail), rtol=rtol, atol=atol)
-        airborne = m.flights.size > 0 and math.isnan(m.flights[-1, 1])
-        if not airborne or (m.flights[:, 1] > law.stop).any() or tail > 30.0:
-            break
+        motion, flights = follow(stop + tail)
+        airborne = flights.size > 0 and math.isnan(flights[-1, 1])
+        if not airborne or (flights[:, 1] > stop).any() or tail > MOST:
+            return motion
         tail *= 2.0
+
+
+def jump_results(model: Model, law: Forcing, *, rtol: float, atol: float) -> tuple[dict[str, float], Motion]:
+    """The results of one jump by their names in RESULTS, as simulated_points gives them, and its motion.
+
+    The motion's times are SAMPLES of the law, from its start, and one after the landing.
+    """
+    driven = np.linspace(law.start, law.stop, SAMPLES, endpoint=False)
+
+    def follow(end: float) -> tuple[Motion, Array]:
+        motion = simulate(model, law, t=np.append(driven, end), rtol=rtol, atol=atol)
+        return motion, motion.flights
+
+    m = until_landed(follow, law.stop)
     late = np.flatnonzero(~(m.flights[:, 1] <= law.stop))  # ends after the forcing, or not at all
     force, rate = np.full(SAMPLES, np.nan), law(driven)[1]
     if "motor_lag" not in model:
@@ -148,7 +167,7 @@ def _jump(model: Model, law: Segments, rtol: float, atol: float) -> dict[str, fl
         share = model.m_m / model.M
         accel = (1.0 - share) * acceleration(law, driven) + (m.spring_force[:-1] + rail) / model.M
         force = model.m_m * accel - rail
-    return {
+    results = {
         "com_height_m": m.com_height,
         "flight_height_m": m.flight_height if late.size else 0.0,
         "jump_height_m": m.jump_height,
@@ -158,3 +177,4 @@ def _jump(model: Model, law: Segments, rtol: float, atol: float) -> dict[str, fl
         "peak_force_N": float(np.max(force)),
         "peak_motor_speed": float(np.max(np.abs(rate))),
     }
+    return results, m

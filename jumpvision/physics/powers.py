@@ -1,26 +1,30 @@
-"""Forces and the three powers of a hard-ground jump along its motion (PHYSICS.md section 1, thesis Figs 29-31, 33)."""
+"""Forces and powers of a jump without rail friction along its motion (PHYSICS.md section 1, thesis Figs 29-31, 33)."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.forcing import Segments
+from jumpvision.physics.forcing import Forcing, Segments
 from jumpvision.physics.hard import HardMotion
+from jumpvision.physics.jump import Motion
 
 Array = NDArray[np.float64]
 
 
-def acceleration(law: Segments, t: Array) -> Array:
+def acceleration(law: Forcing, t: Array) -> Array:
     """X_m'' [m/s^2] at the times t (n,) [s], without the impulses of velocity steps; 0 outside the law."""
-    row = np.clip(np.searchsorted(law.rows[:, 0], t, side="right") - 1, 0, len(law.rows) - 1)
-    t0, _, _, amp, w, phase = law.rows[row].T
     inside = (t >= law.start) & (t < law.stop)
-    return np.where(inside, -amp * w * w * np.sin(w * (t - t0) + phase), 0.0)
+    if isinstance(law, Segments):
+        row = np.clip(np.searchsorted(law.rows[:, 0], t, side="right") - 1, 0, len(law.rows) - 1)
+        t0, _, _, amp, w, phase = law.rows[row].T
+        return np.where(inside, -amp * w * w * np.sin(w * (t - t0) + phase), 0.0)
+    piece = np.clip(np.searchsorted(law.knots, t, side="right") - 1, 0, law.c.shape[1] - 1)
+    return np.where(inside, 6.0 * law.c[0, piece] * (t - law.knots[piece]) + 2.0 * law.c[1, piece], 0.0)
 
 
 def powers(
-    motion: HardMotion, law: Segments, *, motor_mass: float, rod_mass: float, gravity: float
+    motion: HardMotion | Motion, law: Forcing, *, motor_mass: float, rod_mass: float, gravity: float
 ) -> dict[str, Array]:
     """Velocities [m/s], forces [N] and powers [W] at motion.t, each (n,); x up.
 

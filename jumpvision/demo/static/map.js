@@ -1,0 +1,146 @@
+// The map of jump heights over (f, phase) with the current point; exact ground in one piece, sand in passes and strips.
+import { colours, context, label, ticks } from "./draw.js";
+
+const LEFT = 40, RIGHT = 58, TOP = 6, BOTTOM = 34;
+const FINE = 200, PASSES = [24, 72], STRIP = 6; // points each way; on sand: of each pass, and columns of one request
+const spaced = (lo, hi, n) => Array.from({ length: n }, (_, i) => lo + ((i + 0.5) / n) * (hi - lo));
+
+export class HeightMap {
+  constructor(canvas, note, ask, pick) {
+    Object.assign(this, { canvas, note, ask, point: null, heights: null, run: 0, hover: null });
+    this.phase = [0, 2 * Math.PI];
+    const place = (e) => {
+      const box = canvas.getBoundingClientRect(), [lo, hi] = this.frequency;
+      const u = (e.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT), v = 1 - (e.clientY - box.top - TOP) / (box.height - TOP - BOTTOM);
+      return u < 0 || u > 1 || v < 0 || v > 1 ? null : [lo + u * (hi - lo), v * 2 * Math.PI];
+    };
+    canvas.onclick = (e) => { const p = this.frequency && place(e); if (p) pick(...p); };
+    canvas.onpointermove = (e) => { this.hover = this.frequency && place(e); this.say(); };
+    canvas.onpointerleave = () => { this.hover = null; this.say(); };
+    canvas.onkeydown = (e) => {
+      const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] }[e.key];
+      if (!step || !this.point) return;
+      e.preventDefault();
+      const [lo, hi] = this.frequency, turn = 2 * Math.PI;
+      const f = Math.min(Math.max(this.point[0] + step[0] * 0.1, lo), hi);
+      pick(f, Math.min(Math.max(this.point[1] + step[1] * turn / 100, 0), turn));
+    };
+  }
+
+  // Nothing known: the map of other ground is not shown.
+  forget() {
+    this.run++;
+    this.heights = this.image = this.top = this.point = null;
+    this.progress = "";
+    this.draw();
+    this.say();
+  }
+
+  // Asks for the whole map; a later call makes an earlier one stop.
+  async refresh(question, exact, frequency) {
+    const run = ++this.run;
+    this.frequency = frequency;
+    for (const n of exact ? [FINE] : PASSES) {
+      const f = spaced(...frequency, n), phases = spaced(...this.phase, n);
+      const strip = exact ? n : n === PASSES[0] ? n / 2 : STRIP;
+      const heights = this.heights && n !== PASSES[0] && !exact ? Array.from(f, (x) => phases.map((p) => this.value(x, p))) : [];
+      for (let i = 0; i < n; i += strip) {
+        const reply = await this.ask({ ...question, frequencies: f.slice(i, i + strip), phases });
+        if (run !== this.run) return;
+        if (!reply) { this.note.textContent = "no map for these values"; return; }
+        reply.height_m.forEach((column, j) => { heights[i + j] = column; });
+        if (heights.length === n) { this.heights = heights; this.paint(); this.draw(); }
+        this.progress = exact ? "" : `${n} × ${n} jumps, integrated: ${Math.round(100 * Math.min(1, (i + strip) / n))} %`;
+        this.say();
+      }
+    }
+    if (!exact) this.progress = `${PASSES[1]} × ${PASSES[1]} jumps, integrated`;
+    else this.progress = `${FINE} × ${FINE} jumps`;
+    this.say();
+  }
+
+  value(f, phase) {
+    const n = this.heights.length, [lo, hi] = this.frequency;
+    const i = Math.min(Math.floor(((f - lo) / (hi - lo)) * n), n - 1), j = Math.min(Math.floor((phase / (2 * Math.PI)) * n), n - 1);
+    return this.heights[i][j];
+  }
+
+  say() {
+    let text = this.progress || "";
+    if (this.hover && this.heights) {
+      const v = this.value(...this.hover);
+      text = `${this.hover[0].toFixed(2)} Hz, ${(this.hover[1] / Math.PI).toFixed(2)} π: ${v === null ? "unknown" : `${(v * 1e3).toFixed(1)} mm`}`;
+    }
+    if (this.note.textContent !== text) this.note.textContent = text;
+  }
+
+  paint() {
+    const n = this.heights.length;
+    this.top = Math.max(1e-4, ...this.heights.flat().filter((v) => v !== null));
+    this.image = Object.assign(document.createElement("canvas"), { width: n, height: n });
+    const c = this.image.getContext("2d"), data = c.createImageData(n, n);
+    this.heights.forEach((column, i) => column.forEach((v, j) => {
+      const colour = v === null ? [128, 128, 128] : this.table[Math.round(255 * Math.max(0, v) / this.top)];
+      data.data.set([...colour, 255], 4 * ((n - 1 - j) * n + i));
+    }));
+    c.putImageData(data, 0, 0);
+  }
+
+  draw() {
+    if (!this.frequency) return;
+    const { c, w, h } = context(this.canvas), ink = colours();
+    const W = w - LEFT - RIGHT, H = h - TOP - BOTTOM, [lo, hi] = this.frequency;
+    const x = (f) => LEFT + ((f - lo) / (hi - lo)) * W, y = (p) => TOP + (1 - p / (2 * Math.PI)) * H;
+    if (this.image) {
+      c.imageSmoothingEnabled = this.image.width < 150;
+      c.drawImage(this.image, LEFT, TOP, W, H);
+    } else {
+      c.fillStyle = ink.line;
+      c.fillRect(LEFT, TOP, W, H);
+    }
+    c.fillStyle = ink.soft;
+    c.textBaseline = "middle";
+    c.textAlign = "center";
+    for (const f of ticks(lo, hi, 5)) c.fillText(label(f), x(f), h - BOTTOM + 10);
+    c.fillText("frequency [Hz]", LEFT + W / 2, h - 7);
+    c.textAlign = "right";
+    for (const [p, text] of [[0, "0"], [0.5, "π/2"], [1, "π"], [1.5, "3π/2"], [2, "2π"]]) {
+      c.fillText(text, LEFT - 6, Math.min(Math.max(y(p * Math.PI), TOP + 6), TOP + H - 4));
+    }
+    if (this.f0 > lo && this.f0 < hi) {
+      for (const [colour, width, dash] of [["#0006", 3, []], ["#fff", 1, [3, 4]]]) { // seen on dark and on bright
+        c.strokeStyle = colour;
+        c.lineWidth = width;
+        c.setLineDash(dash);
+        c.beginPath(); c.moveTo(x(this.f0), TOP); c.lineTo(x(this.f0), TOP + H); c.stroke();
+      }
+      c.setLineDash([]);
+      c.textAlign = "left";
+      c.fillStyle = "#0008";
+      c.fillRect(x(this.f0) + 2, TOP + 1, 18, 16);
+      c.fillStyle = "#fff";
+      c.fillText("f₀", x(this.f0) + 4, TOP + 9);
+    }
+    if (this.top) { // colour bar
+      const left = w - RIGHT + 10;
+      for (let i = 0; i < H; i++) {
+        c.fillStyle = `rgb(${this.table[Math.round(255 * (1 - i / H))]})`;
+        c.fillRect(left, TOP + i, 8, 1.5);
+      }
+      c.textAlign = "left";
+      c.fillStyle = ink.soft;
+      for (const v of ticks(0, this.top * 1e3, 4)) c.fillText(label(v), left + 13, Math.min(TOP + H * (1 - v / (this.top * 1e3)), TOP + H - 4));
+      c.fillText("mm", left, h - BOTTOM + 10);
+    }
+    if (this.point) {
+      const [f, p] = this.point, turn = 2 * Math.PI;
+      const px = Math.min(Math.max(x(f), LEFT), LEFT + W), py = y(((p % turn) + turn) % turn || (p ? turn : 0));
+      for (const [colour, width] of [["#000", 4], ["#fff", 2]]) {
+        c.strokeStyle = colour;
+        c.lineWidth = width;
+        c.beginPath(); c.arc(px, py, 6, 0, 7); c.stroke();
+      }
+      c.lineWidth = 1;
+    }
+  }
+}
