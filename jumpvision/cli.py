@@ -96,6 +96,25 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
 
 
 @app.command
+def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
+    """What the simulation gets wrong, why, the extended model and what it gains (diagnosis.json, model.toml).
+
+    Example: jumpvision diagnose data_samples/loose_sand
+    """
+    from . import show
+    from .experiment import is_campaign, folder_of
+    from .schema import InputError
+
+    if not is_campaign(folder_of(path)):
+        raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
+    campaign, outcomes, plan, _ = _outcomes(path, ("rod", "bed"), options)
+    made: list[Path] = []
+    data = _question(campaign, outcomes, plan, options, made)
+    show.diagnosis(data, made, as_json=options.json)
+    return FAILED if any(o.errors for o in outcomes) else DONE
+
+
+@app.command
 def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     """One self-contained HTML page with the figures, from the results (computing what is missing).
 
@@ -302,10 +321,34 @@ def _work(
     path: Path, stages: tuple[str, ...] | None, options: Options, *, pipeline: Path | None = None, page: bool = False
 ) -> int:
     from . import show
-    from .campaign import Plan, jumps_table, run_campaign, run_single, write_jumps
+    from .campaign import jumps_table, write_jumps
+    from .schema import InputError
+
+    campaign, outcomes, plan, single = _outcomes(path, stages, options, pipeline)
+    if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
+        raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
+    rows = jumps_table(campaign, outcomes)
+    made, diagnosis = [], None
+    if not single and stages is None:
+        write_jumps(rows, plan.results)
+        from .question.jumps import worth_asking
+
+        if plan.stages is None and worth_asking(campaign):
+            diagnosis = _question(campaign, outcomes, plan, options, made)
+    if page and any(o.steps for o in outcomes):
+        from .report.page import write_report
+
+        made.append(write_report(campaign, outcomes, rows, plan.results, single=single, diagnosis=diagnosis))
+    show.outcome(campaign, outcomes, rows, plan.results, made, as_json=options.json, single=single, diagnosis=diagnosis)
+    return FAILED if any(o.errors for o in outcomes) else DONE
+
+
+def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipeline: Path | None = None) -> Any:
+    """Run the stages; (campaign, outcomes, plan, whether it is a single experiment)."""
+    from . import show
+    from .campaign import Plan, run_campaign, run_single
     from .experiment import folder_of, is_campaign
     from .overrides import read_pipeline
-    from .schema import InputError
 
     path = folder_of(path)
     definition = read_pipeline(pipeline) if pipeline else {}
@@ -326,18 +369,23 @@ def _work(
             outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
         else:
             outcomes = run_campaign(campaign, plan, workers=options.workers or cores(), done=progress.experiment)
-    if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
-        raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
-    rows = jumps_table(campaign, outcomes)
-    if not single and stages is None:
-        write_jumps(rows, results)
-    made = []
-    if page and any(o.steps for o in outcomes):
-        from .report.page import write_report
+    return campaign, outcomes, plan, single
 
-        made.append(write_report(campaign, outcomes, rows, results, single=single))
-    show.outcome(campaign, outcomes, rows, results, made, as_json=options.json, single=single)
-    return FAILED if any(o.errors for o in outcomes) else DONE
+
+def _question(campaign: Any, outcomes: Any, plan: Any, options: Options, made: list[Path]) -> dict[str, Any]:
+    """Diagnose a campaign whose tracks are there; adds the files written to `made`."""
+    from . import show
+    from .question.run import question
+
+    draw = None
+    if options.pictures:
+        from .report.diagnosis import diagnosis_picture as draw
+    data, files = question(
+        campaign, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=options.workers or cores(),
+        draw=draw, say=lambda text: show.line(f"diagnose: {text}"),
+    )  # fmt: skip
+    made += files
+    return data
 
 
 def cores() -> int:

@@ -34,6 +34,7 @@ class Jump:
     """One measured jump: rod height above rest y (n,) [m] at t (n,) [s], what drove it, the model questioned.
 
     stop: when the motor stops [s]. labels: kind, frequency, phi, ... to report by. law: the command is what drives.
+    sigma: (n,) noise that the track itself states [m], if any. spread: factor on the campaign's noise.
     """
 
     name: str
@@ -46,6 +47,8 @@ class Jump:
     condition: str
     law: bool
     labels: Mapping[str, Any] = field(default_factory=dict)
+    sigma: Array | None = None
+    spread: float = 1.0
 
 
 class Jumper:
@@ -111,18 +114,24 @@ class Jumper:
             model = self.build(mechanisms, values)
         except InputError:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
-
-        def one(i: int) -> Array:
-            jump, t = self.jumps[i], self.observations[i].t
-            try:
-                motion = self._motion(jump, with_bed(model, jump.model), t + model.time_shift)
-            except (RuntimeError, ValueError):
-                return np.full(t.size, np.nan)
-            return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
-
         runs = sorted({self.like[i] for i in which})
-        heights = dict(zip(runs, self.pool.map(one, runs)))
+        jobs = self.pool.map(lambda i: self._height(self.jumps[i], self.observations[i].t, model, values), runs)
+        heights = dict(zip(runs, jobs))
         return [heights[self.like[i]] for i in which]
+
+    def height(self, jump: Jump, t: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
+        """The same for one jump, measured or not, at the frames t (n,) [s]."""
+        try:
+            return self._height(jump, t, self.build(mechanisms, values), values)
+        except InputError:
+            return np.full(t.size, np.nan)
+
+    def _height(self, jump: Jump, t: Array, model: Model, values: Mapping[str, float]) -> Array:
+        try:
+            motion = self._motion(jump, of_jump(model, jump.model, values), t + model.time_shift)
+        except (RuntimeError, ValueError):
+            return np.full(t.size, np.nan)
+        return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
 
     @staticmethod
     def _motion(jump: Jump, model: Model, t: Array) -> Motion:
@@ -133,15 +142,19 @@ class Jumper:
 def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
     f = jump.forcing
     rows = (f.rows.tobytes(),) if isinstance(f, Segments) else (f.knots.tobytes(), f.c.tobytes())
-    return (*rows, jump.stop, jump.model.volume_fraction, t.tobytes())
+    own = tuple(getattr(jump.model, n) for n in (*ROBOT, "volume_fraction", "grain_density"))
+    return (*rows, jump.stop, own, t.tobytes())
 
 
-def with_bed(model: Model, other: Model) -> Model:
-    """The model in the other's bed; both were checked, so it is not checked again."""
-    if model.volume_fraction == other.volume_fraction:
+def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
+    """The model with a jump's own bed and robot where they are not fitted; both were checked, so it is not again."""
+    names = [n for n in (*ROBOT, "volume_fraction", "grain_density") if n not in values]
+    differ = [n for n in names if getattr(model, n) != getattr(own, n)]
+    if not differ:
         return model
     out = copy.copy(model)
-    object.__setattr__(out, "volume_fraction", other.volume_fraction)
+    for n in differ:
+        object.__setattr__(out, n, getattr(own, n))
     return out
 
 
@@ -155,8 +168,9 @@ def _observation(jump: Jump, motion: Motion) -> Observation:
         keep = np.intersect1d(keep, keep_one_a_run(jump.y))
     parts = parts_of(motion, jump)[-jump.t.size :][keep]
     return Observation(
-        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts
-    )
+        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts,
+        spread=np.full(keep.size, jump.spread) if jump.spread != 1.0 else None,
+    )  # fmt: skip
 
 
 def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
@@ -191,7 +205,8 @@ def quiet(jumps: Sequence[Jump]) -> list[Stretch]:
     out: list[Stretch] = []
     groups: dict[str, list[Jump]] = {}
     for j in jumps:
-        groups.setdefault(j.group, []).append(j)
+        if j.spread == 1.0:  # the campaign's common noise
+            groups.setdefault(j.group, []).append(j)
     for trials in groups.values():
         # n - 1 independent differences of n trials (Helmert), each of the variance of one trial
         for k in range(1, len(trials)):
@@ -203,7 +218,7 @@ def quiet(jumps: Sequence[Jump]) -> list[Stretch]:
             out.append(Stretch(trials[0].t[good], y, np.ones((int(good.sum()), 1))))
     if sum(x.t.size for x in out) >= 400:
         return out
-    for j in jumps:
+    for j in (j for j in jumps if j.spread == 1.0):
         rest = j.t < j.forcing.start
         if rest.sum() >= 6 and not rounded:
             out.append(Stretch(j.t[rest], j.y[rest], np.ones((int(rest.sum()), 1))))

@@ -78,9 +78,12 @@ class Observation:
 class System(Protocol):
     """Motions, the baseline's free parameters and the vocabulary of mechanisms."""
 
-    observations: Sequence[Observation]
-    baseline: tuple[Parameter, ...]
-    candidates: Mapping[str, Candidate]
+    @property
+    def observations(self) -> Sequence[Observation]: ...
+    @property
+    def baseline(self) -> tuple[Parameter, ...]: ...
+    @property
+    def candidates(self) -> Mapping[str, Candidate]: ...
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """y of the observations `which` with these mechanisms beside the baseline's; NaN where it cannot be said."""

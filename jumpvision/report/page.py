@@ -25,7 +25,13 @@ PICTURES = {  # file: (heading, what it shows)
 
 
 def write_report(
-    campaign: Campaign, outcomes: list[Outcome], rows: list[dict[str, Any]], results: Path, *, single: bool
+    campaign: Campaign,
+    outcomes: list[Outcome],
+    rows: list[dict[str, Any]],
+    results: Path,
+    *,
+    single: bool,
+    diagnosis: dict[str, Any] | None = None,
 ) -> Path:
     """Write report.html into `results` and return its path."""
     from jinja2 import Environment, PackageLoader, select_autoescape
@@ -43,6 +49,10 @@ def write_report(
         heights=inline(heights) if heights else None,
         experiments=[experiment_part(o) for o in outcomes],
         excluded=campaign.excluded,
+        verdict=diagnosis["sentence"] if diagnosis else "",
+        diagnosis=inline((results / "diagnosis.png").read_bytes())
+        if diagnosis and (results / "diagnosis.png").exists()
+        else None,
         failed=[o for o in outcomes if o.errors],
         done=sum(not o.errors for o in outcomes),
     )
