@@ -25,7 +25,16 @@ from jumpvision.schema import InputError
 from jumpvision.sweep.dataset import write
 from jumpvision.sweep.laws import EXAMPLE, read_laws
 from jumpvision.sweep.machine import machine
+from jumpvision.sweep.run import GRANULAR, run
 
+SMALL = {  # fewer points where the defaults are for a figure
+    "height-phi": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
+    "jump-types": {"phi": "0.57:0.63:5"},
+    "delay": {"delay": "0:0.3:31", "frequency": "8:11:4"},
+    "alpha-fit": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
+    "drag-scale": {"frequency": "5:11:4"},
+    "foot-radius": {"foot_radius": "0.03:0.05:3"},
+}
 SAND = machine("granular", None, {})
 PHI = np.repeat(np.linspace(0.57, 0.63, 9), 2)
 
@@ -72,7 +81,7 @@ def test_a_straight_law_seldom_asks_for_a_kink():
 
 
 def test_a_law_that_cannot_be_fitted_or_asked_is_refused():
-    with pytest.raises(ValueError, match="at least five"):
+    with pytest.raises(ValueError, match="five or more"):
         fit_packing_law([0.57, 0.58, 0.6, 0.61, np.nan], np.ones(5), np.ones(5))
     with pytest.raises(ValueError, match="sigma: must be > 0"):
         fit_packing_law(PHI, PHI, np.zeros(PHI.size))
@@ -106,3 +115,112 @@ def test_a_bad_file_of_laws_is_told(text, words, tmp_path):
     with pytest.raises(InputError) as error:
         read_laws(tmp_path / "laws.toml")
     assert words in str(error.value) and "laws.toml" in str(error.value)
+
+
+# -- the drag of the singles -----------------------------------------------------------------------------------------
+def test_a_drag_is_fitted_back():
+    """Heights linear in alpha between the ones tried: the fit is exact there, and at an end it says so by staying."""
+    alpha, slope = np.array([0.0, 10.0, 40.0, 100.0]), np.array([1e-4, 3e-4])
+    heights = 0.04 + alpha[:, None] * slope
+    found, rms = fitted_drag(alpha, heights, [0.04 + 27.0 * slope[0], 0.04 + 27.0 * slope[1]])
+    assert found == pytest.approx(27.0, abs=1e-3) and rms < 1e-7  # xatol 1e-4
+    assert fitted_drag(alpha, heights, [0.2, np.nan])[0] == pytest.approx(100.0, abs=1e-3)
+    with pytest.raises(ValueError, match="no jump is finite"):
+        fitted_drag(alpha, heights, [np.nan, np.nan])
+
+
+# -- sweeps ----------------------------------------------------------------------------------------------------------
+@functools.cache
+def study(name, laws=None, model=None, **axes):
+    return run("granular", axes, analysis=name, experiment=None, overrides={}, workers=1, say=lambda text: None,
+               laws=laws, model=model)  # fmt: skip
+
+
+def contract(folder):
+    script = os.environ.get("JUMPVISION_CONTRACT_CHECK")
+    if not script:
+        pytest.skip("JUMPVISION_CONTRACT_CHECK does not name contract_check.py")
+    done = subprocess.run([sys.executable, script, str(folder)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_point_of_a_sweep_over_phi_has_the_parameters_of_the_laws():
+    """Foot twice as wide as that of the laws: forces by area (4), and the laws' own values where they hold."""
+    data, _ = study("map", laws=EXAMPLE, phi="0.58:0.62:2", foot_radius="0.0762", frequency="7", phase="1.5708")
+    assert data.jump_height_m.dims == ("phi",) and "example" in data.attrs["laws_source"]
+    for i, (k1, k2, b) in enumerate(  # by hand from example_laws.toml
+        [(2100 + 1400 * 10 / 35, 2100 + 2400 * 10 / 60, 17.2 + 4.8 * 10 / 35),
+         (3500 + 5500 * 15 / 25, 2100 + 2400 * 50 / 60, 22.0 + 18.0 * 15 / 25)]
+    ):  # fmt: skip
+        p = dataclasses.replace(SAND.model.parameters, k1=4 * k1, k2=4 * k2, b=b)
+        model = dataclasses.replace(SAND.model, parameters=p, foot_radius=0.0762,
+                                    volume_fraction=float(data.phi[i]))  # fmt: skip
+        law = sinusoid(7.0, 0.01875, 1.5708)
+        jump = simulate(model, law, t=[0.0, law.stop + 0.6], rtol=1e-9, atol=1e-11)
+        assert float(data.jump_height_m[i]) == pytest.approx(jump.jump_height, abs=2e-6)  # rtol 1e-6 of the sweep
+
+
+def test_the_laws_change_nothing_where_they_are_the_model():
+    with_laws, _ = study("map", laws=EXAMPLE, frequency="5:9:3", phase="4.7124")
+    without, _ = study("map", frequency="5:9:3", phase="4.7124")
+    np.testing.assert_array_equal(with_laws.jump_height_m, without.jump_height_m)
+
+
+def test_a_model_file_replaces_the_model(tmp_path):
+    file = tmp_path / "model.toml"
+    file.write_text(
+        '[model]\nterms = ["two_resistance", "inertial_drag"]\nk1 = 2100\nk2 = 2100\ndelta = 0.01\nalpha = 73'
+    )
+    data, _ = study("map", model=file, frequency="6:8:2", phase="1.5708")
+    model = force_model(SAND.model, "constant drag", alpha=73.0)
+    law = sinusoid(8.0, 0.01875, 1.5708)
+    jump = simulate(model, law, t=[0.0, law.stop + 0.6], rtol=1e-9, atol=1e-11)
+    assert float(data.jump_height_m[1]) == pytest.approx(jump.jump_height, abs=2e-6)
+    assert "model.toml" in data.attrs["robot"]
+
+
+@pytest.mark.parametrize("name", GRANULAR)
+def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
+    data, rows = study(name, **SMALL.get(name, {}))
+    assert rows and all(r["ours"] and "nan" not in r["ours"] for r in rows)
+    assert all("units" in v.attrs for v in data.data_vars.values())
+    write(data, tmp_path)
+    assert picture(data).startswith(b"\x89PNG")
+    contract(tmp_path)
+
+
+def test_foot_forces_scale_with_area_and_added_mass_with_volume():
+    data, _ = study("foot-radius", **SMALL["foot-radius"])
+    r = data.foot_radius.values
+    np.testing.assert_allclose(data.drag_kg_per_m / data.drag_kg_per_m[0], (r / r[0]) ** 2, rtol=1e-12)
+    np.testing.assert_allclose(data.added_mass_kg / data.added_mass_kg[0], (r / r[0]) ** 3, rtol=1e-12)
+    cone = math.pi * r**3 * math.tan(math.pi / 3) / 3  # the cone of height R tan(theta) that (33) ends as
+    np.testing.assert_allclose(data.added_mass_kg, 2.7 * 0.57 * 1000.0 * cone, rtol=1e-9)
+
+
+# -- the command -----------------------------------------------------------------------------------------------------
+def test_the_command(tmp_path, capsys):
+    words = ["--laws", str(EXAMPLE), "--phi", "0.58:0.62:3", "--frequency", "8", "--phase", "4.712"]
+    assert main(["sweep", "granular", *words, "--results", str(tmp_path), "--json", "--workers", "1"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [os.path.basename(f) for f in said["files"]] == ["sweep.nc", "sweep.png"]
+    contract(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        (["granular", "--analysis", "jump-type"], "did you mean 'jump-types'"),
+        (["hard", "--analysis", "delay"], "is of granular ground"),
+        (["hard", "--laws", str(EXAMPLE)], "no meaning on hard ground"),
+        (["granular", "--laws", "nowhere.toml"], "cannot be read"),
+        (["granular", "--model", "nowhere.toml"], "cannot be read"),
+        (["granular", "--laws", str(EXAMPLE), "--phi", "0.5:0.6:3"], "outside 0.57 to 0.63"),
+        (["granular", "--analysis", "jump-types", "--phi", "0.5:0.6:3"], "outside 0.57 to 0.63"),
+        (["granular", "--analysis", "delay", "--foot-radius", "0.03"], "does not use it"),
+        (["granular", "--analysis", "delay", "--set", 'model.terms=["two_resistance"]'], "add depth_drag"),
+    ],
+)
+def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys):
+    assert main(["sweep", *words, "--results", str(tmp_path / "out"), "--workers", "1"]) == 2
+    assert told in capsys.readouterr().err and not (tmp_path / "out").exists()

@@ -33,7 +33,7 @@ def height_phi(data: xr.Dataset, Figure: Any) -> Any:
     right.axhline(hard, color=QUIET, ls="--", lw=1)
     right.axhline(hard / 3, color=QUIET, ls=":", lw=1)
     right.set(
-        title="best single (dashed: hard ground, dotted: a third of it)", xlabel=PHI, ylabel=HEIGHT, ylim=(0, None)
+        title="best single; dashed: hard ground,\ndotted: a third of it", xlabel=PHI, ylabel=HEIGHT, ylim=(0, None)
     )
     return figure
 

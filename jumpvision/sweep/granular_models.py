@@ -32,7 +32,7 @@ def alpha_fit(s: Study) -> tuple[xr.Dataset, Rows]:
     f = s.axis("frequency", FREQUENCIES)
     here = np.array([s.machine.values["phi"]])
     alpha, rms, cone, tried = drag_of_singles(s, f, here)
-    phi = PACKINGS
+    phi = s.ranges.get("phi", PACKINGS)
     all_alpha, all_rms, _, _ = (
         drag_of_singles(s, FREQUENCIES[::3], phi) if s.machine.laws else (alpha, rms, cone, tried)
     )
@@ -92,7 +92,7 @@ def force_models(s: Study) -> tuple[xr.Dataset, Rows]:
         results.append(batch(s, {n: v for n, v in law_of.items() if n != "phi"}, model))
         cone = {n: here.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
         mass = cone_mass(np, np.maximum(-m.foot, 0.0), **cone) * (m.mode == MODES.index("intrude"))
-        up = (law(m.t)[1] > 0.0) & (m.t < law.stop)
+        up = (m.t > law.stop - 0.5 / frequency) & (m.t < law.stop)  # the second half cycle
         columns = {n: getattr(m, n) for n in ("rod", "foot", "motor", "spring_force", "ground_force", "mode")}
         for n, x in (columns | {"added_mass": mass * ("added_mass" in model)}).items():
             series.setdefault(n, []).append(np.asarray(x, float))

@@ -39,7 +39,7 @@ GRANULAR: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...], bool]] = {
     "height-phi": (granular_studies.height_phi, ("frequency", "phi"), ("amplitude",), True),
     "jump-types": (granular_studies.jump_types, ("phi",), ("amplitude",), True),
     "delay": (granular_studies.delay, ("delay", "frequency"), ("phi", "amplitude"), False),
-    "alpha-fit": (granular_models.alpha_fit, ("frequency",), ("phi", "amplitude"), False),
+    "alpha-fit": (granular_models.alpha_fit, ("frequency", "phi"), ("amplitude",), False),
     "force-models": (granular_models.force_models, (), ("frequency", "phi", "amplitude"), False),
     "drag-scale": (granular_models.drag_scale, ("frequency", "phi"), ("amplitude",), False),
     "foot-radius": (granular_studies.foot_radius, ("foot_radius",), ("phi", "amplitude"), False),
