@@ -106,7 +106,7 @@ def fit_packing_law(
     j = _jacobian(x - at, below, above) * w[:, None]
     inside = trial[profile <= chi2 + CHI2_95 * scatter]
     return PackingFit(
-        phi_c=at, value_c=value_c, slope_below=below, slope_above=above, covariance=scatter * np.linalg.pinv(j.T @ j),
+        phi_c=at, value_c=value_c, slope_below=below, slope_above=above, covariance=scatter * _inverse(j.T @ j),
         interval=(min(float(inside.min()), at), max(float(inside.max()), at)) if inside.size else (at, at),
         p_straight=float((1 + np.sum(ratio[1:] >= ratio[0])) / (1 + DRAWS)),
         chi2=chi2, n=x.size, range=(float(x.min()), float(x.max())),
@@ -124,6 +124,14 @@ def _jacobian(d: Array, below: float, above: float) -> Array:
     """Derivatives (..., 4) of the value by phi_c, value_c and the slopes at the distances d (...) from the kink."""
     slope = np.where(d < 0.0, below, np.where(d > 0.0, above, 0.5 * (below + above)))
     return np.stack([-slope, np.ones_like(d), np.minimum(d, 0.0), np.maximum(d, 0.0)], axis=-1)
+
+
+def _inverse(normal: Array) -> Array:
+    """The inverse of a normal matrix, NaN where it has none: two equal slopes leave the kink no place."""
+    scale = np.sqrt(np.diag(normal))
+    if not (scale > 0.0).all() or np.linalg.cond(normal / np.outer(scale, scale)) > 1e12:
+        return np.full(normal.shape, np.nan)
+    return np.linalg.inv(normal / np.outer(scale, scale)) / np.outer(scale, scale)
 
 
 def _kinks(trial: Array, x: Array, w: Array, data: Array) -> tuple[Array, Array]:

@@ -32,6 +32,7 @@ TYPES: dict[str, tuple[float, float]] = {  # phase [rad], delay [s]
     "delayed stutter": (STUTTER, HOP_DELAY),
 }
 FREQUENCIES = np.linspace(3.0, 12.0, 37)  # Hz
+EXAMPLE_RANGE = (0.57, 0.63)
 DRAGS = np.r_[0.0, np.geomspace(5.0, 1000.0, 18)]  # kg/m, tried for alpha
 TAIL = 0.5  # s shown after the motor stops
 
@@ -59,6 +60,13 @@ def motion(s: Study, model: Model, given: Mapping[str, float], samples: int) -> 
     law = Segments(law_rows({n: np.atleast_1d(x) for n, x in v.items()})[0])
     t = np.linspace(law.start, law.stop + TAIL, samples)
     return simulate(here, law, t=t, rtol=RTOL, atol=ATOL), law, here
+
+
+def packings(s: Study, count: int) -> Array:
+    """Volume fractions over the range that all laws know; of the example where they are all constants."""
+    laws = s.machine.laws.laws.values() if s.machine.laws else ()
+    low, high = max((x.phi[0] for x in laws), default=0.0), min((x.phi[-1] for x in laws), default=1.0)
+    return np.linspace(*((low, high) if high - low < 1.0 else EXAMPLE_RANGE), count)
 
 
 def need_cone(s: Study) -> None:

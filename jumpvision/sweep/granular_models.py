@@ -16,7 +16,18 @@ from ..physics.force_models import force_model
 from ..physics.jump import MODES
 from ..physics.packing_laws import fit_packing_law
 from .dataset import Variable, dataset
-from .granular import DRAGS, FREQUENCIES, Array, batch, drag_of_singles, heights, motion, need_cone, placeholder
+from .granular import (
+    DRAGS,
+    FREQUENCIES,
+    Array,
+    batch,
+    drag_of_singles,
+    heights,
+    motion,
+    need_cone,
+    packings,
+    placeholder,
+)
 from .granular_studies import PACKINGS, kink
 from .study import Rows, Study
 
@@ -32,7 +43,7 @@ def alpha_fit(s: Study) -> tuple[xr.Dataset, Rows]:
     f = s.axis("frequency", FREQUENCIES)
     here = np.array([s.machine.values["phi"]])
     alpha, rms, cone, tried = drag_of_singles(s, f, here)
-    phi = s.ranges.get("phi", PACKINGS)
+    phi = s.ranges.get("phi", packings(s, PACKINGS))
     all_alpha, all_rms, _, _ = (
         drag_of_singles(s, FREQUENCIES[::3], phi) if s.machine.laws else (alpha, rms, cone, tried)
     )
@@ -76,7 +87,7 @@ def force_models(s: Study) -> tuple[xr.Dataset, Rows]:
     """
     need_cone(s)
     phi = np.array([s.machine.values["phi"]])
-    dense = PACKINGS[-1] if s.machine.laws else phi[0]
+    dense = packings(s, 2)[-1] if s.machine.laws else phi[0]
     tried = s.axis("frequency", FREQUENCIES)
     frequency = float(tried[np.argmax(heights(s, "stutter", {"frequency": tried, "phi": dense}))])
     alpha = s.machine.model.parameters.alpha
@@ -151,7 +162,7 @@ def drag_scale(s: Study) -> tuple[xr.Dataset, Rows]:
     """What the cone's added mass and the scale b of its drag do to both jump types, loose and dense (section 3.4)."""
     need_cone(s)
     f = s.axis("frequency", FREQUENCIES)
-    phi = s.axis("phi", PACKINGS[[0, -1]]) if s.machine.laws else np.array([s.machine.values["phi"]])
+    phi = s.axis("phi", packings(s, 2)) if s.machine.laws else np.array([s.machine.values["phi"]])
     kinds = ("single", "stutter")
     base = s.machine.laws
     model = s.machine.model

@@ -25,12 +25,13 @@ from .granular import (
     heights,
     motion,
     need_cone,
+    packings,
     placeholder,
     with_alpha,
 )
 from .study import Rows, Study
 
-PACKINGS = np.linspace(0.57, 0.63, 13)
+PACKINGS = 13
 HEIGHT_SIGMA = 1e-3  # m, of a height in an experiment: what the kink of a simulated curve is weighed with
 
 
@@ -50,7 +51,7 @@ def kink(fit: PackingFit, factor: float, unit: str) -> str:
 
 def height_phi(s: Study) -> tuple[xr.Dataset, Rows]:
     """Single jumps over frequency and volume fraction (Fig 45(a))."""
-    f, phi = s.axis("frequency", FREQUENCIES), s.axis("phi", np.linspace(PACKINGS[0], PACKINGS[-1], 25))
+    f, phi = s.axis("frequency", FREQUENCIES), s.axis("phi", packings(s, 2 * PACKINGS - 1))
     phase = TYPES["single"][0]
     found = batch(s, {"frequency": f, "phi": phi, "phase": phase, "delay": 0.0})
     hard = best_on_hard_ground(s, "single", f)
@@ -75,7 +76,7 @@ def jump_types(s: Study) -> tuple[xr.Dataset, Rows]:
     """Heights of all jump types against volume fraction, frequencies kept from the densest bed; the constant drag
     fitted to the singles beside the cone; heights from after the hop (Figs 45(b), 59(b))."""
     need_cone(s)
-    phi, f = s.axis("phi", PACKINGS), FREQUENCIES
+    phi, f = s.axis("phi", packings(s, PACKINGS)), FREQUENCIES
     alpha, rms, _, _ = drag_of_singles(s, f[::3], phi)
     older, laws = baseline(s), with_alpha(s, phi, alpha)
     model = placeholder(s.machine.model, older)
