@@ -177,6 +177,12 @@ def test_a_model_file_replaces_the_model(tmp_path):
     jump = simulate(model, law, t=[0.0, law.stop + 0.6], rtol=1e-9, atol=1e-11)
     assert float(data.jump_height_m[1]) == pytest.approx(jump.jump_height, abs=2e-6)
     assert "model.toml" in data.attrs["robot"]
+    file.write_text('[model]\nterms = ["two_resistance"]\nk1 = 2100\nk2 = 2100')
+    with pytest.raises(InputError, match=r"model.toml: model delta: missing"):
+        machine("granular", None, {}, model_file=file)
+    file.write_text("k1 = 2100")
+    with pytest.raises(InputError, match=r"\[model\]: missing"):
+        machine("granular", None, {}, model_file=file)
 
 
 @pytest.mark.parametrize("name", GRANULAR)

@@ -92,7 +92,11 @@ def machine(
         own = {**given.parameters, **overrides.get("model", {})}
         spec = ModelSpec(tuple(own.pop("terms", given.terms)), own, given.fit)
         name += f", model of {model_file.name}"
-    model = plain_model(build_model(e, robot, spec, bed, None))
+    try:
+        model = plain_model(build_model(e, robot, spec, bed, None))
+    except InputError as error:
+        at = f"{e.path / 'experiment.toml'}: "
+        raise InputError([p.replace(at, f"{model_file}: ") if model_file else p for p in error.problems]) from None
     usual = Actuation(**THESIS[ground]["actuation"])  # where the experiment has no [actuation] or lacks these
     if not law.moves:
         law = dataclasses.replace(law, kind="stutter")
