@@ -180,13 +180,15 @@ def sweep(
     axes: SweepAxes = SweepAxes(),
     analysis: str = "map",
     experiment: Path | None = None,
+    model: Path | None = None,
+    laws: Path | None = None,
     results: Path = Path("results/sweep"),
     settings: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     json: bool = False,
     workers: int | None = None,
     pictures: bool = True,
 ) -> int:
-    """Jumps over any axes, or a named analysis of thesis chapter II: sweep.nc and sweep.png.
+    """Jumps over any axes, or a named analysis of thesis chapters II and III: sweep.nc and sweep.png.
 
     Example: jumpvision sweep hard --frequency 4:18:200 --phase 0:6.283:200
 
@@ -196,9 +198,15 @@ def sweep(
         hard or granular.
     analysis
         map, or on hard ground minimum-amplitude, lift-off-time, alpha, scatter, bifurcation, traces, estimates,
-        animals, two-frequency.
+        animals, two-frequency; on granular ground height-phi, jump-types, delay, alpha-fit, force-models, drag-scale,
+        foot-radius.
     experiment
         An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot.
+    model
+        A TOML file whose [model] replaces the model, e.g. model.toml.
+    laws
+        A TOML file of the bed's parameters against volume fraction; named analyses on granular ground default to an
+        example (docs/granular.md).
     results
         Folder for the files.
     settings
@@ -224,7 +232,7 @@ def sweep(
         try:
             data, rows = run_sweep(
                 ground, given, analysis=analysis, experiment=experiment, overrides=parse(settings),
-                workers=workers or cores(), say=show.line,
+                workers=workers or cores(), say=show.line, model=model, laws=laws,
             )  # fmt: skip
         finally:
             HOOK.reset(token)
