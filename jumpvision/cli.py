@@ -102,7 +102,7 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
     Example: jumpvision diagnose data_samples/loose_sand
     """
     from . import show
-    from .experiment import is_campaign, folder_of
+    from .experiment import folder_of, is_campaign
     from .schema import InputError
 
     if not is_campaign(folder_of(path)):
@@ -336,7 +336,8 @@ def _work(
     if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
         raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
     rows = jumps_table(campaign, outcomes)
-    made, diagnosis = [], None
+    made: list[Path] = []
+    diagnosis = None
     if not single and stages is None:
         write_jumps(rows, plan.results)
         from .question.jumps import worth_asking
@@ -384,13 +385,11 @@ def _question(campaign: Any, outcomes: Any, plan: Any, options: Options, made: l
     """Diagnose a campaign whose tracks are there; adds the files written to `made`."""
     from . import show
     from .question.run import question
+    from .report.diagnosis import diagnosis_picture
 
-    draw = None
-    if options.pictures:
-        from .report.diagnosis import diagnosis_picture as draw
     data, files = question(
         campaign, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=options.workers or cores(),
-        draw=draw, say=lambda text: show.line(f"diagnose: {text}"),
+        draw=diagnosis_picture if options.pictures else None, say=lambda text: show.line(f"diagnose: {text}"),
     )  # fmt: skip
     made += files
     return data

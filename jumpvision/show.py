@@ -191,9 +191,8 @@ def diagnosis(data: dict[str, Any], made: list[Path], *, as_json: bool) -> None:
         )
     if n := data["next_experiment"]:
         what = f"{n['kind']} at {n['frequency']} Hz" + (f", delay {n['delay']} s" if n["delay"] else "")
-        line(
-            f"next experiment: {what} separates {' from '.join(n['separates'])} (10^{n['expected_log10_odds']:.1f} odds)"
-        )
+        odds = f"10^{n['expected_log10_odds']:.1f} odds"
+        line(f"next experiment: {what} separates {' from '.join(n['separates'])} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))
 
 
