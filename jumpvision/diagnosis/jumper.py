@@ -17,7 +17,17 @@ from jumpvision.physics.jump import Motion, simulate
 from jumpvision.physics.model import Model
 from jumpvision.schema import InputError
 
-from .noise import Noise, Stretch, estimate, frame_of, keep_one_a_run, powers, rounding_step
+from .noise import (
+    Noise,
+    Stretch,
+    coefficients,
+    estimate,
+    frame_of,
+    keep_one_a_run,
+    powers,
+    rounding_step,
+    spread_of,
+)
 from .system import Observation, Parameter
 from .vocabulary import candidates
 
@@ -26,6 +36,8 @@ Array = NDArray[np.float64]
 RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
 LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than of the model
 PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")
+SCATTER = ("start", "bed")  # what may differ from trial to trial
+STIFFNESS = ("k", "k1", "k2", "sigma_cone")
 ROBOT = ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping", "foot_radius", "gravity")
 
 
@@ -98,6 +110,7 @@ class Jumper:
     def build(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Model:
         """The model of the first jump with these mechanisms and values. Raises InputError where it cannot be."""
         base = self.model
+        values = {n: v for n, v in values.items() if n not in SCATTER}
         terms = list(base.terms)
         for name in mechanisms:
             gone = self.candidates[name].replaces
@@ -119,6 +132,18 @@ class Jumper:
         heights = dict(zip(runs, jobs))
         return [heights[self.like[i]] for i in which]
 
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> dict[str, list[Array]]:
+        """`start`: when the motor starts [s]; `bed`: stiffness of the sand, as a factor."""
+        at = self.predict(mechanisms, values, which)
+        steps = {"start": 1e-5, **({"bed": 1e-3} if self.model.ground == "granular" else {})}
+        out = {}
+        for name, step in steps.items():
+            moved = self.predict(mechanisms, {**values, name: step}, which)
+            out[name] = [(b - a) / step for a, b in zip(at, moved)]
+        return out
+
     def height(self, jump: Jump, t: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
         """The same for one jump, measured or not, at the frames t (n,) [s]."""
         try:
@@ -128,7 +153,8 @@ class Jumper:
 
     def _height(self, jump: Jump, t: Array, model: Model, values: Mapping[str, float]) -> Array:
         try:
-            motion = self._motion(jump, of_jump(model, jump.model, values), t + model.time_shift)
+            own = of_jump(model, jump.model, values)
+            motion = self._motion(jump, own, t + own.time_shift - values.get("start", 0.0))
         except (RuntimeError, ValueError):
             return np.full(t.size, np.nan)
         return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
@@ -150,11 +176,15 @@ def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
     """The model with a jump's own bed and robot where they are not fitted; both were checked, so it is not again."""
     names = [n for n in (*ROBOT, "volume_fraction", "grain_density") if n not in values]
     differ = [n for n in names if getattr(model, n) != getattr(own, n)]
-    if not differ:
+    stiffer = 1.0 + values.get("bed", 0.0)
+    if not differ and stiffer == 1.0:
         return model
     out = copy.copy(model)
     for n in differ:
         object.__setattr__(out, n, getattr(own, n))
+    if stiffer != 1.0:
+        k = {n: v * stiffer for n in STIFFNESS if (v := getattr(model.parameters, n)) is not None}
+        object.__setattr__(out, "parameters", replace(model.parameters, **k))
     return out
 
 
@@ -199,25 +229,59 @@ def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
     return out
 
 
+def learn_noise(system: Jumper) -> tuple[Noise, dict[str, float]]:
+    """(noise of the tracks, scatter from trial to trial), from where no model is needed or a rough one will do.
+
+    From differences of trials made alike: what scatter could do to them (`Jumper.scatter` of the model as given) is
+    fitted to each. With few trials, from rest and flight, and no scatter is known.
+    Raises ValueError where there is too little of all that.
+    """
+    jumps = system.jumps
+    step = max(rounding_step(j.y) for j in jumps)
+    frame = frame_of([j.t for j in jumps])
+    pairs = differences(system)
+    if sum(x.t.size for x in pairs) < ENOUGH_REPEATED:
+        return estimate([*pairs, *quiet(jumps)], frame, floor=step / math.sqrt(12.0)), {}
+    noise = estimate(pairs, frame, floor=step / math.sqrt(12.0))
+    found = [coefficients(noise, x) for x in pairs]
+    names = list(system.scatter((), {p.name: p.start for p in system.baseline}, [0]))
+    scatter = {n: spread_of([(c[k + 1], v[k + 1]) for c, v in found]) for k, n in enumerate(names)}
+    return noise, scatter
+
+
+def differences(system: Jumper) -> list[Stretch]:
+    """n - 1 independent differences of n trials of a group (Helmert), each with the variance of one trial.
+
+    Design: the zero level, then what scatters, until the motor has stopped (later it depends too much on the model).
+    """
+    jumps = system.jumps
+    start = {p.name: p.start for p in system.baseline}
+    groups: dict[str, list[int]] = {}
+    for i, j in enumerate(jumps):
+        if j.spread == 1.0:  # of the campaign's common noise
+            groups.setdefault(j.group, []).append(i)
+    out = []
+    for trials in groups.values():
+        first = jumps[trials[0]]
+        for k in range(1, len(trials)):
+            tracks = [_at(first.t, jumps[i]) for i in trials[: k + 1]]
+            good = np.all(np.isfinite(tracks), axis=0) & (first.t < first.stop + 0.05)
+            if good.sum() < 12:
+                continue
+            t = first.t[good]
+            y = (tracks[k] - np.mean(tracks[:k], axis=0))[good] / math.sqrt(1.0 + 1.0 / k)
+            effects = [system.height(first, t, (), {**start, n: h}) for n, h in (("start", 1e-5), ("bed", 1e-3))]
+            at = system.height(first, t, (), start)
+            columns = [(e - at) / h for e, h in zip(effects, (1e-5, 1e-3))]
+            usable = columns[: 2 if system.model.ground == "granular" else 1]
+            out.append(Stretch(t, y, np.column_stack([np.ones(t.size), *(np.nan_to_num(c) for c in usable)])))
+    return out
+
+
 def quiet(jumps: Sequence[Jump]) -> list[Stretch]:
-    """Stretches of the tracks whose course needs no model: differences of trials, else rest and flight."""
+    """Stretches of single tracks whose course needs no model: rest and flight."""
     rounded = any(rounding_step(j.y) > 0 for j in jumps)
     out: list[Stretch] = []
-    groups: dict[str, list[Jump]] = {}
-    for j in jumps:
-        if j.spread == 1.0:  # the campaign's common noise
-            groups.setdefault(j.group, []).append(j)
-    for trials in groups.values():
-        # n - 1 independent differences of n trials (Helmert), each of the variance of one trial
-        for k in range(1, len(trials)):
-            tracks = [_at(trials[0].t, j) for j in trials[: k + 1]]
-            good = np.all(np.isfinite(tracks), axis=0) & (trials[0].t < trials[0].stop + 0.05)
-            if good.sum() < 8:
-                continue
-            y = (tracks[k] - np.mean(tracks[:k], axis=0))[good] / math.sqrt(1.0 + 1.0 / k)
-            out.append(Stretch(trials[0].t[good], y, np.ones((int(good.sum()), 1))))
-    if sum(x.t.size for x in out) >= 400:
-        return out
     for j in (j for j in jumps if j.spread == 1.0):
         rest = j.t < j.forcing.start
         if rest.sum() >= 6 and not rounded:
@@ -232,6 +296,7 @@ def _at(t: Array, jump: Jump) -> Array:
     return np.where(np.abs(jump.t[i] - t) < 2e-6, jump.y[i], np.nan)
 
 
+ENOUGH_REPEATED = 400  # samples of differences that are worth more than rest and flight
 FALL = 0.3  # of g: how near to free fall a stretch must be to be called a flight
 
 
@@ -264,9 +329,3 @@ def _flights(jump: Jump) -> list[Stretch]:
         if t[inner].size > design.shape[1] + 4:
             best = Stretch(t[inner], y[inner], design)
     return [best] if best is not None else []
-
-
-def noise_of(jumps: Sequence[Jump]) -> Noise:
-    """The noise of the tracks, from where no model is needed. Raises ValueError where there is too little of that."""
-    step = max(rounding_step(j.y) for j in jumps)
-    return estimate(quiet(jumps), frame_of([j.t for j in jumps]), floor=step / math.sqrt(12.0))

@@ -89,6 +89,12 @@ class System(Protocol):
         """y of the observations `which` with these mechanisms beside the baseline's; NaN where it cannot be said."""
         ...
 
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> Mapping[str, list[Array]]:
+        """What may differ from trial to trial of one condition: d(y)/d(it), by name; {} when nothing does."""
+        ...
+
 
 def parameters(system: System, mechanisms: Sequence[str]) -> tuple[Parameter, ...]:
     """The free parameters of the baseline with these mechanisms; one that several share is there once."""

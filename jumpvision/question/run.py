@@ -17,7 +17,7 @@ from .. import __version__
 from ..campaign import Outcome
 from ..diagnosis.diagnose import Diagnosis, diagnose
 from ..diagnosis.gain import apex
-from ..diagnosis.jumper import Jump, Jumper, noise_of
+from ..diagnosis.jumper import Jump, Jumper, learn_noise
 from ..experiment import Campaign
 from ..physics.forcing import Segments, delayed, sinusoid
 from ..records import plain
@@ -72,11 +72,11 @@ def question(
         laws = [law for e in experiments if (law := e.section(Actuation)) is not None and law.moves]
         system = Jumper(jumps, ranges, priors, workers)
         try:
-            noise = noise_of(jumps)
+            noise, scatter = learn_noise(system)
         except ValueError as e:
             raise InputError([f"{campaign.path}: {e}"]) from None
         found = diagnose(
-            system, noise, np.random.default_rng(SEED), by=("kind",), stops=[j.stop for j in jumps],
+            system, noise, np.random.default_rng(SEED), scatter=scatter, by=("kind",), stops=[j.stop for j in jumps],
             runnable=proposals(system, laws), say=say,
         )  # fmt: skip
         data = document(found, system, heights_of(found, system), None)
