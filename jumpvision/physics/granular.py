@@ -1,6 +1,6 @@
 """The jumper as a hybrid system: equations of motion in each mode, and the rules that change the mode.
 
-State s = [y, w, x_f, v_f, X]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and its
+State s = [y, w, x_f, v_f(, X)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and its
 rate w; the foot x_f, v_f; X, the motor's position, only where it lags its command. In y the motor enters through X_m
 and X_m' alone (PHYSICS.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous,
 and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
@@ -20,12 +20,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from jumpvision.physics import scalar
+from jumpvision.physics import scalar, tangents
 from jumpvision.physics.cone import cone_mass, cone_mass_slope
 from jumpvision.physics.forcing import segment_xv
+from jumpvision.physics.kernel import kernel
 from jumpvision.physics.terms import (
     coulomb_friction,
     linear_penetration,
@@ -43,23 +43,27 @@ Array = NDArray[np.float64]
 AIR, STUCK, INTRUDE = 0, 1, 2
 HARD, LINEAR, TWO_RESISTANCE, RFT_CONE = 0, 1, 2, 3
 SINE, CUBIC = 0, 1
-N_STATE = 5
-Y, W, XF, VF, X = range(N_STATE)
+Y, W, XF, VF, X = range(5)
 
 CONSTANTS = np.dtype(
     [(n, np.int64) for n in ("static", "massless")]
     + [(n, np.float64) for n in ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack")]
-    + [(n, np.float64) for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "theta")]
+    + [
+        (n, np.float64)
+        for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "tan_theta")
+    ]
     + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau")]
 )
 """Numbers of one jumper: zero switches a term off. C is 0 without added mass, C_drag without depth drag; tau = 0
 without lag. lam and factor are 1 when unused."""
 
 
-@njit
+@kernel
 def drive(kind: int, row: Array, t: float) -> tuple[float, float, float]:
     """Command X_m, X_m', X_m'' at t on one piece: a row of `Segments`, or (t0, t1, c3, c2, c1, c0) of a `Spline`."""
     if kind == SINE:
+        if row[3] == 0.0:
+            return row[2], 0.0, 0.0
         x, v = segment_xv(row, t)
         return x, v, -row[4] * row[4] * (x - row[2])
     h = t - row[0]
@@ -67,7 +71,13 @@ def drive(kind: int, row: Array, t: float) -> tuple[float, float, float]:
     return x, (3.0 * row[2] * h + 2.0 * row[3]) * h + row[4], 6.0 * row[2] * h + 2.0 * row[3]
 
 
-@njit
+@kernel
+def is_still(kind: int, row: Array) -> bool:
+    """Whether the command stands still on this piece."""
+    return row[3] == 0.0 if kind == SINE else row[2] == 0.0 and row[3] == 0.0 and row[4] == 0.0
+
+
+@kernel
 def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
     """Position of the motor relative to the rod X_m [m] with its two rates, after the lag tau X' + X = command."""
     x, v, a = drive(kind, row, t)
@@ -77,7 +87,7 @@ def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, flo
     return x, v, a
 
 
-@njit
+@kernel
 def rod(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float, float, float]:
     """x_r [m], v_r [m/s], v_m = v_r + X_m' [m/s], X_m [m], X_m'' [m/s^2]."""
     x, v, a = motor(t, s, kind, row, p)
@@ -85,7 +95,7 @@ def rod(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float
     return s[Y] - ratio * x, s[W] - ratio * v, s[W] + (1.0 - ratio) * v, x, a
 
 
-@njit
+@kernel
 def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     """F_s [N], positive upwards on the rod."""
     if p.massless == 1 and mode == AIR:
@@ -94,7 +104,7 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     return spring(stretch, v_r - s[VF], p.k_s, p.c_s) + spring_hardening(scalar, stretch, p.k_3)
 
 
-@njit
+@kernel
 def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
     """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop: last pause (0: none)."""
     factor = p.factor if z_g > 0.0 else 1.0
@@ -103,7 +113,7 @@ def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
     elif p.static == TWO_RESISTANCE:
         f = two_resistance(scalar, z, factor * p.k1, p.k2, p.delta)
     else:
-        f = rft_cone(scalar, z, factor * p.k1, p.sigma_cone, p.mu, p.theta, p.R)
+        f = rft_cone(tangents, z, factor * p.k1, p.sigma_cone, p.mu, p.tan_theta, p.R)
     if p.s > 0.0:
         f += reintrusion_overshoot(scalar, z, z_g, p.s, p.lam)
     if p.s_p > 0.0:
@@ -111,55 +121,71 @@ def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
     return f
 
 
-@njit
+@kernel
 def drag_coefficient(z: float, p: Any) -> float:
     """alpha + b dm_a/dz [kg/m], what v^2 is multiplied by."""
     if p.C_drag > 0.0:
-        return p.alpha + p.b * cone_mass_slope(scalar, z, p.C_drag, p.mu, p.theta, p.R, p.phi, p.rho)
+        return p.alpha + p.b * cone_mass_slope(tangents, z, p.C_drag, p.mu, p.tan_theta, p.R, p.phi, p.rho)
     return p.alpha
 
 
-@njit
+@kernel
 def foot_inertia(z: float, p: Any) -> float:
     """m_f + m_a(z) [kg]."""
     if p.C > 0.0:
-        return p.m_f + cone_mass(scalar, z, p.C, p.mu, p.theta, p.R, p.phi, p.rho)
+        return p.m_f + cone_mass(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
     return p.m_f
 
 
-@njit
-def rhs(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, ds: Array) -> float:
-    """Writes ds/dt; returns F_s [N]."""
+@kernel
+def rhs(
+    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, i: int
+) -> float:
+    """Writes ds/dt into row i of k; returns F_s [N]."""
     x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
     force = spring_force(x_r, v_r, s, mode, p)
-    ds[Y] = s[W]
+    k[i, Y] = s[W]
     if slip == 0:
-        ds[W] = -p.m_r / p.M * acceleration
+        k[i, W] = -p.m_r / p.M * acceleration
     else:
         rail = viscous_friction(scalar, v_m, p.c_v) + coulomb_friction(scalar, float(slip), p.F_c)
-        ds[W] = -p.g + (force + rail) / p.M
-    ds[XF] = s[VF]
+        k[i, W] = -p.g + (force + rail) / p.M
+    k[i, XF] = s[VF]
     if mode == STUCK or p.massless == 1:
-        ds[XF] = 0.0
-        ds[VF] = 0.0
+        k[i, XF] = 0.0
+        k[i, VF] = 0.0
     elif mode == AIR:
-        ds[VF] = -p.g - force / p.m_f
+        k[i, VF] = -p.g - force / p.m_f
     else:
         z = -s[XF]
         resist = static_force(z, memory[1], memory[2], p) + drag_coefficient(z, p) * s[VF] * s[VF]
-        ds[VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
-    ds[X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > 0.0 else 0.0
+        k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
+    if p.tau > 0.0:
+        k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau
     return force
 
 
-@njit
+@kernel
+def motor_force(
+    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array
+) -> tuple[float, float]:
+    """F_m [N] and its power F_m X_m' [W], from m_m a_m = -m_m g + F_m + rail."""
+    force = rhs(t, s, mode, slip, memory, kind, row, p, k, 0)
+    _, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    total = k[0, W] + p.m_r / p.M * acceleration
+    rail = p.M * (k[0, W] + p.g) - force
+    effort = p.m_m * (total + p.g) - rail
+    return effort, effort * (v_m - v_r)
+
+
+@kernel
 def rail_force(t: float, s: Array, mode: int, kind: int, row: Array, p: Any) -> float:
     """Force the rail must give [N] to hold the carriage still."""
     x_r, v_r, _, _, acceleration = rod(t, s, kind, row, p)
     return p.M * p.g - spring_force(x_r, v_r, s, mode, p) - p.m_r * acceleration
 
 
-@njit
+@kernel
 def guards(
     t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any
 ) -> tuple[float, float, float]:
@@ -185,7 +211,7 @@ def guards(
     return first, second, third
 
 
-@njit
+@kernel
 def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> int:
     """Mode of a foot at rest on the ground: 0 <= push <= F_p holds it."""
     if p.massless == 1:
@@ -199,7 +225,7 @@ def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> 
     return STUCK
 
 
-@njit
+@kernel
 def grip(t: float, s: Array, mode: int, kind: int, row: Array, p: Any, still: float) -> int:
     """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
     if p.F_c == 0.0:
