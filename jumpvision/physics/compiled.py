@@ -70,7 +70,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     start, stop = edges[0], edges[n - 2]
     lagging = p.tau > 0.0
     rate = math.sqrt(p.k_s / p.M)
-    tolerance = np.full(granular.X + 1 if lagging else granular.X, atol)
+    tolerance = np.full(granular.V if lagging else granular.X, atol)
     tolerance[granular.W] *= rate
     tolerance[granular.VF] *= rate
     s, space = np.empty(tolerance.size), events.workspace(tolerance.size)

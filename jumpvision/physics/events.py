@@ -21,14 +21,18 @@ from jumpvision.physics.granular import (
     AIR,
     HARD,
     INTRUDE,
+    N_MOTION,
     STUCK,
     VF,
+    WORKS,
     XF,
     W,
     Y,
     foot_inertia,
     grip,
     guards,
+    kinetic,
+    motor,
     rail_force,
     rhs,
     rod,
@@ -101,7 +105,7 @@ def run(
 
     constants: (1,) CONSTANTS. rows: (n, 6) pieces of the forcing (`granular.drive`), valid between edges (n + 1,).
     s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT), modes (n,) and log
-    (MAX_EVENTS, 2: time, kind) are filled. max_step [s]. space: `workspace` of n.
+    (MAX_EVENTS, 2: time, kind) are filled; s ends as the state at edges[n]. max_step [s]. space: `workspace` of n.
     peaks: (2,) greatest motor force [N] and power [W] until `stop`, without its impulses; or (0,).
     """
     p, size = constants[0], s.size
@@ -110,10 +114,14 @@ def run(
     if peaks.size > 0:
         peaks[0], peaks[1] = p.m_m * p.g, 0.0
     mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
+    v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0)
     rod_before, rod_after, com = -np.inf, -np.inf, -np.inf
     for piece in range(rows.shape[0]):
         t, end, row = edges[piece], edges[piece + 1], rows[piece]
+        if size > N_MOTION and p.kp == 0.0:
+            v_new = motor(t, s, kind, row, p)[1]
+            s[N_MOTION + 1] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
         fresh = True  # the equations changed: a forcing piece or a mode begins
         new_mode = settle(t, s, memory, kind, row, p) if mode == STUCK else mode
         was, slip = slip, grip(t, s, mode, kind, row, p, STILL)
@@ -149,6 +157,7 @@ def run(
                 armed[0], armed[1], armed[2] = now[0] > 0.0, now[1] > 0.0, now[2] > 0.0
                 fresh = False
             if t >= end:
+                v_old = motor(t, s, kind, row, p)[1]
                 break
             steps += 1
             if steps > MAX_STEPS:
@@ -286,6 +295,8 @@ def run(
                 log[n_log, 0], log[n_log, 1] = t, LANDING
                 n_log += 1
                 mode = STUCK
+                v = motor(t, s, kind, row, p)[1] if size > N_MOTION else 0.0
+                before = kinetic(s, v, p.m_f, p)
                 if p.static == HARD:
                     x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
                     s[W] += (np.sqrt(1.0 - p.e) - 1.0) * v_r
@@ -301,6 +312,9 @@ def run(
                     else:
                         s[VF] = 0.0
                         new_mode = settle(t, s, memory, kind, row, p)
+                if size > N_MOTION:
+                    mass = p.m_f if p.static == HARD else foot_inertia(memory[0], p)
+                    s[N_MOTION + len(WORKS) - 1] += before - kinetic(s, v, mass, p)
                 if p.F_c > 0.0:
                     slip = grip(t, s, new_mode, kind, row, p, STILL)
     if mode == INTRUDE:

@@ -1,9 +1,10 @@
 """The jumper as a hybrid system: equations of motion in each mode, and the rules that change the mode.
 
-State s = [y, w, x_f, v_f(, X)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and its
-rate w; the foot x_f, v_f; X, the motor's position, only where it lags its command. In y the motor enters through X_m
-and X_m' alone (PHYSICS.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous,
-and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
+State s = [y, w, x_f, v_f(, X, V)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and
+its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where it lags its command or a feedback
+loop drives it; behind them WORKS, where the energy ledger asks for them. In y the motor enters through X_m and X_m'
+alone (PHYSICS.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous, and
+v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
 
 Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard
 ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of
@@ -43,7 +44,11 @@ Array = NDArray[np.float64]
 AIR, STUCK, INTRUDE = 0, 1, 2
 HARD, LINEAR, TWO_RESISTANCE, RFT_CONE = 0, 1, 2, 3
 SINE, CUBIC = 0, 1
-Y, W, XF, VF, X = range(5)
+Y, W, XF, VF, X, V = range(6)
+N_MOTION = V + 1
+WORKS = ("motor", "impulse", "spring_damping", "static", "reintrusion_overshoot", "stop_go_overshoot", "inertial_drag",
+         "depth_drag", "added_mass", "viscous_friction", "coulomb_friction", "landing")  # fmt: skip
+"""Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
 
 CONSTANTS = np.dtype(
     [(n, np.int64) for n in ("static", "massless")]
@@ -52,7 +57,7 @@ CONSTANTS = np.dtype(
         (n, np.float64)
         for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "tan_theta")
     ]
-    + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau")]
+    + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau", "kp", "kd", "max_force")]
 )
 """Numbers of one jumper: zero switches a term off. C is 0 without added mass, C_drag without depth drag; tau = 0
 without lag. lam and factor are 1 when unused."""
@@ -79,7 +84,9 @@ def is_still(kind: int, row: Array) -> bool:
 
 @kernel
 def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
-    """Position of the motor relative to the rod X_m [m] with its two rates, after the lag tau X' + X = command."""
+    """X_m [m], the motor relative to the rod, with its two rates, after the lag tau X' + X = command or the loop."""
+    if p.kp > 0.0:
+        return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
     x, v, a = drive(kind, row, t)
     if p.tau > 0.0:
         rate = (x - s[X]) / p.tau
@@ -160,9 +167,64 @@ def rhs(
         z = -s[XF]
         resist = static_force(z, memory[1], memory[2], p) + drag_coefficient(z, p) * s[VF] * s[VF]
         k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
-    if p.tau > 0.0:
-        k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau
+    if s.size > X:
+        k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > 0.0 else 0.0
+    if s.size > V:
+        k[i, V] = 0.0
+    if p.kp > 0.0:
+        effort = loop_force(t, s, kind, row, p)
+        k[i, X] = s[V]
+        # X'' = a_m - a_r, m_m a_m = -m_m g + F_m + rail, m_r a_r = -m_r g - F_m + F_s
+        k[i, V] = effort * p.M / (p.m_m * p.m_r) + viscous_friction(scalar, v_m, p.c_v) / p.m_m - force / p.m_r
+    if s.size > N_MOTION:
+        works(t, s, mode, slip, memory, kind, row, p, force, k, i)
     return force
+
+
+@kernel
+def loop_force(t: float, s: Array, kind: int, row: Array, p: Any) -> float:
+    """F_m [N] of the motor's feedback loop: PD on the encoder plus the load m_m g, within max_force; row[6] is the gain
+    of the piece over kp."""
+    x, v, _ = drive(kind, row, t)
+    effort = p.kp * row[6] * (x - s[X]) + p.kd * (v - s[V]) + p.m_m * p.g
+    return min(max(effort, -p.max_force), p.max_force)
+
+
+@kernel
+def works(
+    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, force: float, k: Array,
+    i: int,
+) -> None:  # fmt: skip
+    """Writes the powers [W] of WORKS behind the slopes of the motion: the motor's into the jumper, losses out of it."""
+    for j in range(N_MOTION, s.size):
+        k[i, j] = 0.0
+    _, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    acceleration = k[i, V] if p.kp > 0.0 else acceleration
+    rail = p.M * (k[i, W] + p.g) - force
+    # m_m a_m = -m_m g + F_m + rail
+    k[i, N_MOTION] = (p.m_m * (k[i, W] + p.m_r / p.M * acceleration + p.g) - rail) * (v_m - v_r)
+    if not (p.massless == 1 and mode == AIR):
+        k[i, N_MOTION + 2] = p.c_s * (v_r - s[VF]) ** 2
+    if mode == INTRUDE:
+        z, speed = -s[XF], -s[VF]
+        again = reintrusion_overshoot(scalar, z, memory[1], p.s, p.lam)
+        pause = stop_go_overshoot(scalar, z, memory[2], p.s_p, p.lam)
+        k[i, N_MOTION + 3] = (static_force(z, memory[1], memory[2], p) - again - pause) * speed
+        k[i, N_MOTION + 4], k[i, N_MOTION + 5] = again * speed, pause * speed
+        k[i, N_MOTION + 6] = p.alpha * speed**3
+        k[i, N_MOTION + 7] = (drag_coefficient(z, p) - p.alpha) * speed**3
+        if p.C > 0.0:  # grains that join the cone at its speed bring half the energy that they take
+            slope = cone_mass_slope(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
+            k[i, N_MOTION + 8] = -0.5 * slope * speed**3
+    if slip != 0:
+        k[i, N_MOTION + 9] = p.c_v * v_m * v_m
+        k[i, N_MOTION + 10] = p.F_c * slip * v_m
+
+
+@kernel
+def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
+    """Kinetic energy [J] at the motor's rate v = X_m' with `mass` moving as the foot."""
+    return 0.5 * p.M * s[W] * s[W] + 0.5 * p.m_m * p.m_r / p.M * v * v + 0.5 * mass * s[VF] * s[VF]
 
 
 @kernel
@@ -172,7 +234,7 @@ def motor_force(
     """F_m [N] and its power F_m X_m' [W], from m_m a_m = -m_m g + F_m + rail."""
     force = rhs(t, s, mode, slip, memory, kind, row, p, k, 0)
     _, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
-    total = k[0, W] + p.m_r / p.M * acceleration
+    total = k[0, W] + p.m_r / p.M * (k[0, V] if p.kp > 0.0 else acceleration)
     rail = p.M * (k[0, W] + p.g) - force
     effort = p.m_m * (total + p.g) - rail
     return effort, effort * (v_m - v_r)

@@ -13,11 +13,11 @@ from jumpvision.physics import (
     compiled,
     events,
     granular,
-    runge_kutta,
     terms,
     within,
 )
 from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.loop import Loop
 from jumpvision.physics.model import Model
 from jumpvision.physics.parameters import MECHANISMS
 
@@ -57,7 +57,7 @@ class Motion:
 
 
 def simulate(
-    model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float, stop: float | None = None
+    model: Model, forcing: Forcing | Loop, *, t: ArrayLike, rtol: float, atol: float, stop: float | None = None
 ) -> Motion:
     """The motion of a robot settled at rest at t[0], driven by `forcing`.
 
@@ -74,31 +74,54 @@ def simulate(
         raise ValueError(f"simulate t[0] = {t[0]:g} s: must be <= the start of the forcing, {forcing.start:g} s")
     if not (0 < rtol < 1 and 0 < atol < 1):
         raise ValueError(f"simulate rtol = {rtol!r}, atol = {atol!r}: must be in (0, 1); give e.g. 1e-7 and 1e-9")
-    stop = forcing.stop if stop is None else float(stop)
-    constants = pack(model)
+    return follow(model, forcing, t, rtol, atol, forcing.stop if stop is None else float(stop))[0]
+
+
+def follow(
+    model: Model, forcing: Forcing | Loop, t: Array, rtol: float, atol: float, stop: float, works: bool = False
+) -> tuple[Motion, Array, Array]:
+    """`simulate` with the states [`granular`] at the end and at rest; works: with the energies WORKS behind them."""
+    constants, n = pack(model), granular.X
+    if isinstance(forcing, Loop):
+        if refused := [x for x in ("motor_lag", "coulomb_friction") if x in model]:
+            raise ValueError(f"simulate: {refused[0]} cannot act together with a motor's feedback loop; remove one")
+        for name in ("kp", "kd", "max_force"):
+            constants[name] = getattr(forcing, name)
+    if isinstance(forcing, Loop) or works:
+        n = granular.N_MOTION + works * len(granular.WORKS)
+    elif "motor_lag" in model:
+        n = granular.V
     kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
     position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
     rest, foot = equilibrium(model)
     ratio = model.m_m / model.M
-    state = np.array([rest + ratio * position, 0.0, foot, 0.0] + [position] * ("motor_lag" in model))
+    state = np.zeros(n)
+    state[granular.Y], state[granular.XF] = rest + ratio * position, foot
+    if n > granular.X:
+        state[granular.X] = position
+    start = state.copy()
     driven = int(np.searchsorted(t, forcing.start))
     out = np.empty((t.size, within.N_OUT))
     out[:driven] = rest, foot, rest + position, 0.0, 0.0, (model.M + model.m_f) * model.g, model.M * model.g
     modes, log = np.full(t.size, granular.STUCK), np.empty((events.MAX_EVENTS, 2))
     rate = math.sqrt(model.k_s / model.M)
+    tolerance = np.full(n, atol)
+    tolerance[[granular.W, granular.VF]] *= rate
+    tolerance[granular.V : granular.N_MOTION] *= rate
+    tolerance[granular.N_MOTION :] *= model.M * model.g
     com = (model.M * state[0] + model.m_f * foot) / (model.M + model.m_f)
-    status, n, depth, before, after, top = compiled.solver()(
+    status, count, depth, before, after, top = compiled.solver()(
         constants, kind, rows, edges, state, -foot, stop, t[driven:], out[driven:], modes[driven:], log, rtol,
-        runge_kutta.tolerances(state.size, atol, rate), 2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
+        tolerance, 2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
     )  # fmt: skip
     if status != events.OK:
         what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
         raise RuntimeError(f"simulate: {what}; check the parameters of the model:\n{model}")
-    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:n]], dtype=EVENT)
+    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:count]], dtype=EVENT)
     flights = _flights(named)
     landed = (flights[:, 1] - flights[:, 0])[flights[:, 1] > stop]
     column: dict[str, Any] = dict(zip(OUTPUTS, np.ascontiguousarray(out.T)))
-    return Motion(
+    motion = Motion(
         t=t,
         **column,
         mode=modes,
@@ -111,6 +134,7 @@ def simulate(
         com_height=top - com,
         flight_height=model.g * float(landed.max()) ** 2 / 8 if landed.size else math.nan,
     )
+    return motion, state, start
 
 
 def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float) -> Array:
@@ -159,11 +183,14 @@ def equilibrium(model: Model) -> tuple[float, float]:
     return -squeeze - z, -z
 
 
-def pieces(forcing: Forcing, stop: float, end: float) -> tuple[int, Array, Array]:
+def pieces(forcing: Forcing | Loop, stop: float, end: float) -> tuple[int, Array, Array]:
     """Kind, rows (n, 6) and edges (n + 1,) of the forcing from its start to `end` with the motor at rest after it.
 
-    An edge lies at `stop` also where the law goes on.
+    An edge lies at `stop` also where the law goes on. A loop's rows have a seventh column, its gain.
     """
+    if isinstance(forcing, Loop):
+        kind, rows, edges = pieces(forcing.command, stop, end)
+        return kind, np.column_stack([rows, forcing.gains(rows)]), edges
     if isinstance(forcing, Segments):
         kind, rows = granular.SINE, forcing.rows
         still = [forcing.stop, np.inf, float(forcing(forcing.stop)[0][0]), 0.0, 0.0, 0.0]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.granular import VF, W, rhs
+from jumpvision.physics.granular import rhs
 from jumpvision.physics.kernel import kernel
 
 Array = NDArray[np.float64]
@@ -104,10 +104,3 @@ def middle(s: Array, s1: Array, k: Array, h: float, out: Array) -> None:
     """Writes the state halfway from its values and slopes at both ends (cubic Hermite; third order, for signs)."""
     for j in range(s.size):
         out[j] = 0.5 * (s[j] + s1[j]) + 0.125 * h * (k[0, j] - k[N_SLOPES - 1, j])
-
-
-def tolerances(n: int, atol: float, rate: float) -> Array:
-    """Absolute tolerance of n states: atol [m] for positions, atol times the spring's rate [1/s] for velocities."""
-    out = np.full(n, atol)
-    out[[W, VF]] *= rate
-    return out
