@@ -49,10 +49,10 @@ def test_batch_is_the_jumps_one_by_one(name):
         share = one.m_m / one.M
         force = one.m_m * ((1 - share) * accel + m.spring_force[:-1] / one.M)
         power = force * law(driven)[1]
-        # at an impulse the force steps: the sample before it is late by up to 1e-5 of the law, 10 rad; the samples
-        # of a step are right to the fourth power of 0.1
-        assert got["peak_force_N"][i] == pytest.approx(force.max(), rel=1e-4)
-        assert got["peak_power_W"][i] == pytest.approx(power.max(), abs=1e-4 * np.abs(power).max())
+        # the sample before an impulse is up to 1e-5 of the law early, where the ringing foot (300 rad/s over 0.3 s)
+        # changes force and power by up to 100 times that of their size
+        assert got["peak_force_N"][i] == pytest.approx(force.max(), rel=1e-3)
+        assert got["peak_power_W"][i] == pytest.approx(power.max(), abs=1e-3 * np.abs(power).max())
 
 
 def test_shapes_broadcast_and_a_jump_off_the_ground_is_followed_to_its_landing():
