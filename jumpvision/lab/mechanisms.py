@@ -17,6 +17,7 @@ MECHANISMS: dict[str, tuple[str, ...]] = {
     "foot_mass": ("dm_f",),
     "reintrusion_overshoot": ("s", "lam"),
     "stop_go_overshoot": ("s_p", "lam"),
+    "compaction": ("factor",),
     "viscous_friction": ("c_v",),
     "coulomb_friction": ("F_c",),
     "spring_hardening": ("k_3",),
@@ -52,10 +53,24 @@ class Law(NamedTuple):
     start: float
     cycles: float = 1.0
     delay: float = 0.0
+    dwell_gain: float = 1.0  # position gain during the delay / normal gain, where the motor has a feedback loop
 
     @property
     def stop(self) -> float:
         return self.start + self.cycles / self.frequency + self.delay
+
+
+class Motor(NamedTuple):
+    """Feedback loop F_m = kp (command - X_m) + kd (command' - X_m') + m_m g and its limits: N/m, N s/m, N, m/s, m.
+
+    The load that rests on the motor is fed forward, so that it starts without sag. stroke: travel of X_m.
+    """
+
+    kp: float
+    kd: float
+    max_force: float = math.inf
+    max_speed: float = math.inf
+    stroke: float = math.inf
 
 
 class Truth(NamedTuple):
@@ -86,6 +101,7 @@ class Truth(NamedTuple):
     F_c: float
     loss: float  # sqrt(1 - e)
     tau: float
+    factor: float  # k1 under an earlier footprint / k1
     hard: bool
     rft: bool
 
@@ -111,7 +127,7 @@ def truth_of(
 
     p: dict[str, float] = {name: float(parameters[name]) for name in need}
     if "linear_penetration" in terms:
-        p |= {"k1": p["k"], "k2": p["k"], "delta": 0.0}
+        p |= {"k1": p["k"], "k2": 0.0, "delta": math.inf}
     m_m = robot.motor_mass + p.get("dm", 0.0)
     m_f = robot.foot_mass + p.get("dm_f", 0.0)
     inertia = p.get("C", 0.0) * bed_density
@@ -128,6 +144,7 @@ def truth_of(
         "tan_theta": math.tan(p.get("theta", 1.0)),
         "loss": math.sqrt(1.0 - p.get("e", 0.0)),
         "lam": p.get("lam", 1.0),
+        "factor": p.get("factor", 1.0),
         "hard": ground == "hard",
         "rft": "rft_cone" in terms,
     }
