@@ -97,7 +97,13 @@ def _spring(x_r, v_r, x_f, v_f, mode, q):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _acceleration(t, X, V, v_m, F_s, cmd, loop, q):  # type: ignore[no-untyped-def]
+def _rail(x_r, q):  # type: ignore[no-untyped-def]
+    """Viscous friction coefficient of the rail [N s/m]."""
+    return q.c_v + q.c_x * abs(x_r)
+
+
+@nb.njit(cache=True)
+def _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q):  # type: ignore[no-untyped-def]
     """X_m'' under the feedback loop: motor m_m a_m = -m_m g + F_m - c_v v_m, rod m_r a_r = -m_r g - F_m + F_s.
 
     F_m = kp (command - X_m) + kd (command' - X_m') + m_m g, cut at max_force; at the end of the travel or of the
@@ -109,7 +115,7 @@ def _acceleration(t, X, V, v_m, F_s, cmd, loop, q):  # type: ignore[no-untyped-d
     F_m = gain * (command - X) + loop.kd * (rate - V) + q.m_m * q.g
     F_m = min(max(F_m, -loop.max_force), loop.max_force)
     m_r = q.M - q.m_m
-    a = F_m * q.M / (q.m_m * m_r) - q.c_v * v_m / q.m_m - F_s / m_r
+    a = F_m * q.M / (q.m_m * m_r) - _rail(x_r, q) * v_m / q.m_m - F_s / m_r
     if a > 0.0 and (loop.max_speed <= V or loop.high <= X):
         return 0.0
     if a < 0.0 and (-loop.max_speed >= V or loop.low >= X):
@@ -122,15 +128,15 @@ def _slopes(t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[
     """Time derivatives of y, w = y', x_f, v_f, X_m, X_m' in a mode; Coulomb friction is put in after the step."""
     x_r, v_r, v_m, _, rate = _rod(t, y, w, X, V, cmd, loop, q)
     F_s = _spring(x_r, v_r, x_f, v_f, mode, q)
-    a_X = _acceleration(t, X, V, v_m, F_s, cmd, loop, q) if loop.kp > 0.0 else 0.0
-    a_y = -q.g + (F_s - q.c_v * v_m) / q.M
+    a_X = _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q) if loop.kp > 0.0 else 0.0
+    a_y = -q.g + (F_s - _rail(x_r, q) * v_m) / q.M
     a_f = 0.0
     if mode == AIR and q.m_f > 0.0:
         a_f = -q.g - F_s / q.m_f
     elif mode == INTRUDING:
         z = -x_f
         volume, growth = _cone(z, q)
-        drag = (q.alpha + q.b * q.drag_inertia * growth) * v_f * v_f
+        drag = (q.alpha + q.b * q.drag_inertia * growth) * v_f * v_f + q.d_zv * z * abs(v_f)
         a_f = (_resistance(z, over, q) + drag - F_s - q.m_f * q.g) / (q.m_f + q.inertia * volume)
     if mode == STUCK:
         v_f = 0.0
@@ -191,8 +197,8 @@ def integrate(q, cmd, loop, dt, every, n):  # type: ignore[no-untyped-def]
             if q.tau > 0.0:
                 acc = (command_rate - rate) / q.tau
             if loop.kp > 0.0:
-                acc = _acceleration(t, X, V, v_m, F_s, cmd, loop, q) - q.F_c * np.sign(v_m) / q.m_m
-            rail = -q.c_v * v_m - q.F_c * np.sign(v_m)
+                acc = _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q) - q.F_c * np.sign(v_m) / q.m_m
+            rail = -_rail(x_r, q) * v_m - q.F_c * np.sign(v_m)
             a_r = -q.g + (F_s + rail - q.m_m * acc) / q.M
             push = F_s + q.m_f * q.g
             slopes = _slopes(t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q)

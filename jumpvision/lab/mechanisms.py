@@ -28,6 +28,12 @@ MECHANISMS: dict[str, tuple[str, ...]] = {
     "landing_loss": ("e",),
     "motor_lag": ("tau",),
 }
+# what no vocabulary of causes holds, for the hidden-effect game: it must not be named as something else
+OUTSIDE: dict[str, tuple[str, ...]] = {
+    "rail_drag_by_height": ("c_x",),  # -c_x |x_r| v_m on the carriage [N s/m^2]
+    "depth_rate_drag": ("d_zv",),  # d_zv z |v| against the foot's motion while it intrudes [N s/m^2]
+}
+KNOWN = MECHANISMS | OUTSIDE
 AT_THE_CAMERA = ("camera_scale", "time_offset")  # they change the record, not the motion
 STATIC = ("linear_penetration", "two_resistance", "rft_cone")
 
@@ -102,6 +108,8 @@ class Truth(NamedTuple):
     loss: float  # sqrt(1 - e)
     tau: float
     factor: float  # k1 under an earlier footprint / k1
+    c_x: float
+    d_zv: float
     hard: bool
     rft: bool
 
@@ -111,11 +119,11 @@ def truth_of(
 ) -> Truth:
     """The numbers of a run (see `simulate`), checked."""
     problems = [
-        f"terms: unknown mechanism {t!r}; allowed: {', '.join((*MECHANISMS, *AT_THE_CAMERA))}"
+        f"terms: unknown mechanism {t!r}; allowed: {', '.join((*KNOWN, *AT_THE_CAMERA))}"
         for t in terms
-        if t not in MECHANISMS and t not in AT_THE_CAMERA
+        if t not in KNOWN and t not in AT_THE_CAMERA
     ]
-    need = {name: t for t in terms for name in MECHANISMS.get(t, ())}
+    need = {name: t for t in terms for name in KNOWN.get(t, ())}
     problems += [f"parameters: {t!r} needs {name} = ..." for name, t in need.items() if name not in parameters]
     static = [t for t in terms if t in STATIC]
     if ground not in ("hard", "granular"):
@@ -148,7 +156,23 @@ def truth_of(
         "hard": ground == "hard",
         "rft": "rft_cone" in terms,
     }
-    others = ("k_3", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "mu", "s", "s_p", "c_v", "F_c", "tau")
+    others = (
+        "k_3",
+        "k1",
+        "k2",
+        "delta",
+        "sigma_cone",
+        "alpha",
+        "b",
+        "mu",
+        "s",
+        "s_p",
+        "c_v",
+        "F_c",
+        "tau",
+        "c_x",
+        "d_zv",
+    )
     values |= {name: p.get(name, 0.0) for name in others}
     q = Truth(**values)
     if ground == "granular" and m_f <= 0:
