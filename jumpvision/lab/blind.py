@@ -112,7 +112,7 @@ def draw(
 ) -> Setting:
     """A setting at random. hidden: the effects, () for none; by default none (15 %), one (55 %), two (20 %) or one
     outside the vocabulary (10 %). strength: 0 weak .. 1 strong. noise [m], rho, step [m] (rounding): of the track; by
-    default 0.05 to 0.5 mm, 0 to 0.7 and 0 to 0.1 mm. Raises ValueError for an effect that does not act on this ground."""
+    default 0.05 to 0.5 mm, 0 to 0.7 and 0 to 0.1 mm. Raises ValueError for effects that cannot act here or together."""
     for _ in range(1000):
         effects = tuple(hidden) if hidden is not None else _pick(ground, rng)
         allowed = choices(ground) + choices(ground, outside=True)
