@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import ncx2
 
 from jumpvision.cli import main
 from jumpvision.experiment import open_campaign, open_experiment
@@ -245,9 +246,10 @@ def test_dropped_frames_clock_and_scale_of_a_protocol(tmp_path):
 
 
 def test_a_lens_shows_the_ball_where_its_formula_says():
-    """The weight of the drawn ball against an integral over the seen pixels of the undistorted disc: 1e-3 px; and the
-    centre that the truth states solves true = seen (1 + k1 r^2 + k2 r^4)."""
-    lens = Lens(4e-6, 3e-10, 60.0, 20.0)
+    """The drawn ball against an area integral over seen pixels (8 x 8 points each) of the blurred disc, whose value at
+    rho is the chance that a Gaussian point lands in the disc: weight to 1e-4, centre to 1e-3 px; and the centre that
+    the truth states solves true = seen (1 + k1 r^2 + k2 r^4)."""
+    lens = Lens(2e-5, 3e-9, 60.0, 20.0)
     rows, column, radius = np.array([[22.3], [80.6]]), 31.7, 8.2
     film = balls(rows, column, radius=radius, shape=(121, 61), blur_px=0.7, limb=0.0, side_light=0.0, lens=lens)
     y, x = seen_places(rows[:, 0], column, lens)
@@ -255,19 +257,22 @@ def test_a_lens_shows_the_ball_where_its_formula_says():
     more = 1 + lens.k1 * r2 + lens.k2 * r2**2
     np.testing.assert_allclose(lens.row + (y - lens.row) * more, rows[:, 0], atol=1e-8)
     np.testing.assert_allclose(lens.column + (x - lens.column) * more, column, atol=1e-8)
-    assert np.abs(y - rows[:, 0]).min() > 0.04
-    fine = (np.arange(121 * 16) + 0.5) / 16 - 0.5  # 16 x 16 points a pixel, a sharp disc: blur keeps centre and area
-    yy, xx = np.meshgrid(fine, fine[: 61 * 16], indexing="ij")
+    assert np.abs(y - rows[:, 0]).min() > 0.2
+    rho = np.linspace(0, 20, 2001)
+    disc = ncx2.cdf((radius / 0.7) ** 2, 2, (rho / 0.7) ** 2)
+    fine = (np.arange(121 * 8) + 0.5) / 8 - 0.5
+    yy, xx = np.meshgrid(fine, fine[: 61 * 8], indexing="ij")
     q = (yy - lens.row) ** 2 + (xx - lens.column) ** 2
     m = 1 + lens.k1 * q + lens.k2 * q * q
     for k in range(2):
-        inside = (lens.row + (yy - lens.row) * m - rows[k, 0]) ** 2
-        inside = inside + (lens.column + (xx - lens.column) * m - column) ** 2 < radius**2
+        away = np.hypot(lens.row + (yy - lens.row) * m - rows[k, 0], lens.column + (xx - lens.column) * m - column)
+        cover = np.interp(away, rho, disc)
         weight = film[k].sum()
-        assert weight == pytest.approx(inside.sum() / 256, rel=1e-3)
-        # blur is drawn in undistorted pixels, sigma^2 = 0.49: it moves the centre by sigma^2 d(ln area)/dr < 1e-3 px
-        assert film[k].sum(axis=1) @ np.arange(121) / weight == pytest.approx(yy[inside].mean(), abs=2e-3)
-        assert film[k].sum(axis=0) @ np.arange(61) / weight == pytest.approx(xx[inside].mean(), abs=2e-3)
+        assert weight == pytest.approx(cover.sum() / 64, rel=1e-4)
+        assert film[k].sum(axis=1) @ np.arange(121) / weight == pytest.approx(
+            (yy * cover).sum() / cover.sum(), abs=1e-3
+        )
+        assert film[k].sum(axis=0) @ np.arange(61) / weight == pytest.approx((xx * cover).sum() / cover.sum(), abs=1e-3)
 
 
 def test_a_calibrated_lens_is_declared(tmp_path):
