@@ -188,7 +188,7 @@ def _recordings(
         cone = {name: parameters.get(name, value) for name, value in CONE.items()}
         sections["grain_video"], depth, true["grain_film"] = write_grain_film(
             folder, motion, phi * bed.grain_density, rng, radius=protocol.robot.foot_radius,
-            diameter=bed.grain_diameter, n=grains.frames, **cone,
+            diameter=bed.grain_diameter, n=grains.frames, shape=(grains.rows, grains.columns), quick=True, **cone,
         )  # fmt: skip
         sections["params.flow"] = {"initial_depth": round(depth, 6)}
     return sections, true

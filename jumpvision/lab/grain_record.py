@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from . import write
 from .grain_film import GrainCamera, View
 from .grain_flow import Flow
+from .grain_quick import QuickGrainCamera
 from .jumper import Motion
-from .sensor import record
+from .sensor import record, record_bright
 
 Array = NDArray[np.float64]
 
@@ -32,15 +33,18 @@ def write_grain_film(
     C: float,
     diameter: float,
     n: int = 58,
+    shape: tuple[int, int] = (464, 396),
+    quick: bool = False,
 ) -> tuple[dict[str, Any], float, dict[str, Any]]:
     """grains.mkv around the first landing and the push-off: its section, the foot's depth in frame 0 [m], its truth.
 
-    bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; mu, theta, C of the cone; n frames.
+    bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; mu, theta, C of the cone; n frames;
+    quick: by `grain_quick`.
     """
     exposure, subs = 0.0005, 4
     landing = motion.lift_offs[0] + motion.flights[0]
     start = round(float(landing) - 0.004, 3)
-    view = View(shape=(464, 396), scale=3e-4, surface_row=47.0, axis_column=195.5)
+    view = View(shape=shape, scale=3e-4, surface_row=47.0, axis_column=0.5 * shape[1] - 2.5)
     before = motion.t <= start
     z_start = float(-motion.foot[before].min())
     z_end = float(-motion.foot.min())
@@ -53,10 +57,11 @@ def write_grain_film(
         layer=0.008,
         z_range=(z_start, z_end),
     )
-    camera = GrainCamera(view, flow, z_start, diameter=diameter, spread=0.15, rng=rng)
+    camera = (QuickGrainCamera if quick else GrainCamera)(view, flow, z_start, diameter=diameter, spread=0.15, rng=rng)
     first = start + np.arange(n)[:, None] / GRAIN_RATE
     depths = -motion.at("foot", first + (np.arange(subs) + 0.5) / subs * exposure)
-    frames = np.stack([record(camera.frame(z), electrons_per_grey=60.0, read_noise=1.0, rng=rng) for z in depths])
+    expose = record_bright if quick else record
+    frames = np.stack([expose(camera.frame(z), electrons_per_grey=60.0, read_noise=1.0, rng=rng) for z in depths])
     write.film(folder / "grains.mkv", frames, rate=GRAIN_RATE)
 
     time = first[:, 0] + 0.5 * exposure

