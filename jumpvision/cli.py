@@ -105,7 +105,9 @@ def report(path: Path, /, *, options: Options = OPTIONS) -> int:
 
 
 @app.command
-def synth(kind: str, out: Path, /, *, seed: int = 20140630, workers: int | None = None) -> int:
+def synth(
+    kind: str, out: Path, /, *, seed: int = 20140630, workers: int | None = None, ground: str = "granular"
+) -> int:
     """Virtual laboratory: write experiment folders whose truth is known (truth.json), or play the hidden-effect game.
 
     Example: jumpvision synth samples my_samples
@@ -121,6 +123,8 @@ def synth(kind: str, out: Path, /, *, seed: int = 20140630, workers: int | None 
         Of the random numbers; the same seed gives the same recordings, however many workers.
     workers
         Processes of a protocol; default: the cores.
+    ground
+        Of a blind campaign: hard or granular.
     """
     from . import show
 
@@ -140,7 +144,7 @@ def synth(kind: str, out: Path, /, *, seed: int = 20140630, workers: int | None 
                 if kind == "blind":
                     from .lab.seal import write_blind
 
-                    write_blind(out, seed=seed, workers=workers or cores())
+                    write_blind(out, seed=seed, ground=ground, workers=workers or cores())
                 else:
                     from .lab.campaign import write_campaign
 

@@ -198,6 +198,8 @@ def test_the_game_on_disk(tmp_path, monkeypatch):
     assert seal.reveal(out)["outcome"] == "right"
     with pytest.raises(InputError, match="exists"):
         seal.write_blind(out, seed=5)
+    with pytest.raises(InputError, match="unknown ground"):
+        seal.write_blind(tmp_path / "other", seed=5, ground="ice")
     packed = json.loads(sealed.read_text())
     sealed.write_text(json.dumps(packed | {"sha256": "0" * 64}))
     with pytest.raises(InputError, match="does not match its hash"):

@@ -308,3 +308,14 @@ def test_noise_of_deeper_pixels(bits, step):
                    rng=np.random.default_rng(3))  # fmt: skip
     assert image.dtype == (np.uint8 if bits == 8 else np.uint16)
     assert (image * step).var() == pytest.approx(90 / 45 + 0.25 + step**2 / 12, rel=0.02)
+
+
+def test_the_example_of_the_documentation(tmp_path):
+    page = (Path(__file__).parents[1] / "docs" / "laboratory.md").read_text(encoding="utf-8")
+    text = page.split("```toml\n")[1].split("```")[0]
+    (tmp_path / "example.toml").write_text(text)
+    assert write_campaign(tmp_path / "example.toml", tmp_path / "out", seed=1) == 5
+    for e in open_campaign(tmp_path / "out").experiments:
+        assert {"rod_video", "rod_track", "motor_log", "contact_log", "bed_image"} <= set(e.sections)
+    code = page.split("```python\n")[1].split("```")[0]
+    exec(code, {})

@@ -22,7 +22,7 @@ from jumpvision.schema import InputError
 
 from . import logs, write
 from .bed_picture import bed_height, bed_picture
-from .grain_record import write_grain_film
+from .grain_record import film_brief, write_grain_film
 from .jumper import Motion, simulate
 from .mechanisms import Law
 from .protocol import Jump, Protocol, read_protocol
@@ -126,6 +126,8 @@ def write_experiment(protocol: Protocol, jump: Jump, *, out: Path, seed: int, se
     summary = {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
     if protocol.header.ground == "granular":
         summary["volume_fraction"] = phi
+    if isinstance(seen.get("grain_film"), dict):
+        summary |= film_brief(seen["grain_film"])
     true = {
         "volume_fraction": phi,
         "parameters": parameters,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,13 @@ from .sensor import record, record_bright
 Array = NDArray[np.float64]
 
 GRAIN_RATE = 500.0  # 1/s
+
+
+def film_brief(grains: Mapping[str, Any]) -> dict[str, float]:
+    """What summary.json should say of a grain film; the added mass is the one in view when the momentum is largest."""
+    peak = int(np.argmax(grains["pairs"]["momentum_in_view_kg_m_s"]))
+    mass = float(grains["pairs"]["added_mass_in_view_kg"][peak])
+    return {"mu": grains["mu"], "beta_deg": grains["beta_deg"], "added_mass_kg": mass}
 
 
 def write_grain_film(

@@ -19,7 +19,7 @@ from jumpvision.schema import InputError, closest
 
 from . import logs, write
 from .bed_picture import bed_height, bed_picture
-from .grain_record import write_grain_film
+from .grain_record import film_brief, write_grain_film
 from .jumper import Motion, simulate
 from .mechanisms import Law, Robot
 from .rod_film import exposure_times, rod_film
@@ -58,13 +58,6 @@ def heights(motion: Motion) -> dict[str, Any]:
 def brief(motion: Motion) -> dict[str, Any]:
     """What summary.json should say of a jump."""
     return {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
-
-
-def film_brief(grains: Mapping[str, Any]) -> dict[str, float]:
-    """What summary.json should say of a grain film; the added mass is the one in view when the momentum is largest."""
-    peak = int(np.argmax(grains["pairs"]["momentum_in_view_kg_m_s"]))
-    mass = float(grains["pairs"]["added_mass_in_view_kg"][peak])
-    return {"mu": grains["mu"], "beta_deg": grains["beta_deg"], "added_mass_kg": mass}
 
 
 def write_rod_film(

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.schema import InputError
+from jumpvision.schema import InputError, closest
 
 from . import write
-from .blind import Setting, draw
+from .blind import ROBOTS, Setting, draw
 from .campaign import carry_out, defaults
 from .mechanisms import AT_THE_CAMERA, KNOWN, OUTSIDE
 from .protocol import CAMERA_PARAMETERS
@@ -32,6 +32,8 @@ def sealed_file(out: Path) -> Path:
 
 def write_blind(out: Path, *, seed: int, ground: str = "granular", workers: int = 1) -> None:
     """A campaign with a hidden effect (or none), and its answer. Raises InputError where either exists."""
+    if ground not in ROBOTS:
+        raise InputError([f"synth blind --ground {ground}: unknown ground{closest(ground, ROBOTS)}"])
     taken = [
         f"synth blind: {f} exists; give another folder or remove it" for f in (out, sealed_file(out)) if f.exists()
     ]
