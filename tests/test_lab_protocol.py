@@ -156,6 +156,13 @@ def test_every_problem_of_a_protocol_is_named(tmp_path):
         protocol_of(table(jumps=[]), "p.toml")
     with pytest.raises(InputError, match="needs ground = 'granular'"):
         protocol_of(table(ground="hard", record={"bed_image": {}}), "p.toml")
+    light = table()
+    del light["robot"]["foot_mass"]
+    with pytest.raises(InputError, match="foot_mass = 0"):
+        protocol_of(light, "p.toml")
+    lag = table(motor={"kp": 2e4}, truth=table()["truth"] | {"terms": ["two_resistance", "motor_lag"], "tau": 0.01})
+    with pytest.raises(InputError, match="'motor_lag' beside"):
+        protocol_of(lag, "p.toml")
     (tmp_path / "p.toml").write_text("a = ")
     with pytest.raises(InputError, match="not valid TOML"):
         read_protocol(tmp_path / "p.toml")

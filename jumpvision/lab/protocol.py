@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from jumpvision.schema import InputError, closest, read
 
-from .mechanisms import AT_THE_CAMERA, KNOWN, Law, Motor, Robot
+from .mechanisms import AT_THE_CAMERA, KNOWN, Law, Motor, Robot, truth_of
 from .protocol_keys import PHASES, RECORDS, BedValues, Camera, Header, JumpSweep, MotorValues, RobotValues
 
 CAMERA_PARAMETERS = {"camera_scale": "scale", "time_offset": "dt"}
@@ -55,12 +55,13 @@ class Protocol:
     def truth(self, phi: float, rng: Any) -> tuple[float, dict[str, float]]:
         """Volume fraction and parameters of one jump asked for at `phi`, with their scatter."""
         phi = phi * (1 + self.scatter.get("volume_fraction", 0.0) * rng.normal())
-        out = {}
-        for name, value in self.parameters.items():
-            if not isinstance(value, float):
-                value = _at(value, phi)
-            out[name] = value * (1 + self.scatter.get(name, 0.0) * rng.normal())
-        return phi, out
+        values = values_at(self.parameters, phi)
+        return phi, {n: v * (1 + self.scatter.get(n, 0.0) * rng.normal()) for n, v in values.items()}
+
+
+def values_at(parameters: Mapping[str, Any], phi: float) -> dict[str, float]:
+    """Parameters of [truth] at a volume fraction."""
+    return {n: v if isinstance(v, float) else _at(v, phi) for n, v in parameters.items()}
 
 
 def _at(points: Sequence[tuple[float, float]], phi: float) -> float:
@@ -123,10 +124,18 @@ def protocol_of(table: Mapping[str, Any], where: str) -> Protocol:
         raise InputError(problems)
     jumps = _expand(read_sweeps, header.start, header.ground)
     problems = _check(header, jumps, records, where)
+    values = {f.name: getattr(robot, f.name) for f in fields(robot)}
+    for phi in dict.fromkeys(j.volume_fraction for j in jumps):
+        try:
+            density = phi * bed.grain_density
+            truth_of(Robot(**values), terms, values_at(parameters, phi), ground=header.ground, bed_density=density)
+        except ValueError as e:
+            problems.append(f"{where}: [truth] at volume fraction {phi:g}: {e}")
+    if motor and "motor_lag" in terms:
+        problems.append(f"{where}: [truth] terms: 'motor_lag' beside [motor]; leave one of them out")
     if problems:
         raise InputError(problems)
     tables = {"model": table.get("model", {}), "robot.sigma": table["robot"].get("sigma", {})}
-    values = {f.name: getattr(robot, f.name) for f in fields(robot)}
     loop = Motor(**{f.name: getattr(motor, f.name) for f in fields(motor)}) if motor else None
     return Protocol(
         header, Robot(**values), loop, bed, terms, parameters, scatter, jumps, records, camera,

@@ -228,7 +228,8 @@ def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
     Raises InputError for an unknown kind or a folder that exists: recordings are never written over.
     """
     if kind not in (*KINDS, "samples"):
-        raise InputError([f"synth {kind}: unknown kind{closest(kind, [*KINDS, 'samples'])}"])
+        kinds = [*KINDS, "samples", "blind", "reveal", "a protocol.toml"]
+        raise InputError([f"synth {kind}: unknown kind{closest(kind, kinds)}"])
     folders = {k: Path(out) / k for k in KINDS if kind in (k, "samples")}
     taken = [f"synth: {f} exists; give another folder or remove it" for f in folders.values() if f.exists()]
     if taken:
