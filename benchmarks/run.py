@@ -18,6 +18,7 @@ PARTS = {
     "piv": "PIV",
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",
+    "laboratory": "Virtual laboratory",
 }
 
 
