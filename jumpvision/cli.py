@@ -72,6 +72,7 @@ def _stage_command(name: str, text: str) -> None:
 for _name, _text in {
     "track": "Ball on the rod: position, height and uncertainty in every frame (track.csv).",
     "bed": "Height of the bed and its volume fraction (bed.json).",
+    "crater": "Volume change of a crater from a laser line or a depth map (crater.json).",
     "piv": "Velocity field of the grains (piv.nc).",
     "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
     "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",

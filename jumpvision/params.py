@@ -32,8 +32,9 @@ class BedParams:
         "edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold")
     )
     reference_height: float | None = param(
-        None, "m", "bed height at reference_fraction, if V_s is unknown", lo=0, hi=10
-    )
+        None, "m", "bed height at reference_fraction, if V_s is unknown; default: that of a series' first picture",
+        lo=0, hi=10,
+    )  # fmt: skip
     reference_fraction: float | None = param(None, "", "volume fraction at reference_height", lo=0.3, hi=0.8)
 
 
@@ -88,6 +89,14 @@ class FitParams:
 
 
 @dataclass(frozen=True)
+class CraterParams:
+    """The crater's volume change."""
+
+    radius: float | None = param(None, "m", "beyond it the surface is undisturbed; default: found", lo=0, hi=10,
+                                 open_lo=True)  # fmt: skip
+
+
+@dataclass(frozen=True)
 class SimulateParams:
     """Integration of the model."""
 
@@ -104,5 +113,6 @@ PARAMS = {
     "flow": FlowParams,
     "column": ColumnParams,
     "fit": FitParams,
+    "crater": CraterParams,
     "simulate": SimulateParams,
 }

@@ -121,6 +121,12 @@ class BedHeight(Values):
     file = "bed.json"
 
 
+class CraterShape(Values):
+    """Volume change of a crater [m^3] (negative: compacted), its depth and profile, and the bed's volume fraction."""
+
+    file = "crater.json"
+
+
 class Piv(Field):
     """Velocity field (pivpy schema 1) with uncertainties and a reason for every invalid vector."""
 

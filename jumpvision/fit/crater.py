@@ -55,7 +55,7 @@ class Crater:
 def no_crater(reason: str, axis: tuple[float, ...]) -> Crater:
     """A crater whose numbers are NaN, for the reason given."""
     empty = np.empty(0)
-    return Crater(*[NAN] * 4, axis, *[NAN] * 3, empty, empty, empty, reason)
+    return Crater(NAN, NAN, NAN, NAN, axis, NAN, NAN, NAN, empty, empty, empty, reason)
 
 
 def line_crater(

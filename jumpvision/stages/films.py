@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..frames import Film, FrameError, open_frames
 from ..pipeline import StageWarning
-from ..sections import Calibration, GrainVideo, RodVideo, need
+from ..sections import BedImage, Calibration, CraterImage, GrainVideo, RodVideo, need
 
 
 def open_film(section: RodVideo | GrainVideo) -> Film:
@@ -45,13 +43,15 @@ def warn_uncalibrated(calibration: Calibration | None, section: str) -> None:
     """Say so where a lens or marks are given that this stage does not use."""
     if calibration and (calibration.k1 or calibration.k2 or calibration.marks):
         warnings.warn(
-            f"[calibration] distortion and marks are applied to [rod_video] only, not to [{section}]",
+            f"[calibration] distortion and marks are not applied to [{section}]: its film is taken as seen straight on",
             StageWarning,
             stacklevel=3,
         )
 
 
-def read_picture(path: Path) -> NDArray[np.generic]:
-    """A single picture (height, width), grey."""
-    with open_frames(path, frame_rate=1.0) as film:
-        return film[0]
+def open_pictures(section: BedImage | CraterImage) -> Film:
+    """One picture or a series of them, on their own clock (frame_rate, else one a second)."""
+    film = open_frames(section.path, frame_rate=getattr(section, "frame_rate", None) or 1.0)
+    for text in film.warnings if len(film) > 1 else ():
+        warnings.warn(text, StageWarning, stacklevel=3)
+    return film

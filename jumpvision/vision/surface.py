@@ -38,10 +38,10 @@ class Surface:
 
 @dataclass(frozen=True)
 class BedHeightPx:
-    """Mean height of the bed above the floor [px] with its standard uncertainty.
+    """Mean height of the bed above the floor with its standard uncertainty, in the surface's unit (px, or m).
 
     tilt [rad], tilt_sigma: slope of the surface, positive where it rises to the right (columns and rows are taken as
-    equally spaced). roughness [px]: standard deviation about that slope. n: columns used. block: columns that were
+    equally spaced). roughness: standard deviation about that slope. n: columns used. block: columns that were
     averaged before the scatter was taken, to get past the correlation of neighbours.
     """
 
@@ -81,7 +81,7 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Su
 
 
 def bed_height(surface: Surface, floor_row: float) -> BedHeightPx:
-    """Mean height above floor_row [px] = floor_row - mean surface row, at the middle of the columns.
+    """Mean height above floor_row = floor_row - mean surface row, at the middle of the columns; any one unit.
 
     A straight line (tilt) is fitted through the good columns and taken at the middle of all columns, so that columns
     lost on one side do not shift the height. The surface is made of grains several px wide, hence neighbouring columns
