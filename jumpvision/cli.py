@@ -283,7 +283,9 @@ def _work(
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", "jumpvision.report.pictures")[: 1 + options.pictures],
+        modules=("jumpvision.stages", "jumpvision.report.pictures", "jumpvision.report.craters")[
+            : 1 + 2 * options.pictures
+        ],
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
@@ -299,7 +301,12 @@ def _work(
     rows = jumps_table(campaign, outcomes)
     if not single and stages is None:
         write_jumps(rows, results)
-    made = []
+    made: list[Path] = []
+    if not single and (stages is None or "crater" in stages):
+        from .craters import craters_table, write_craters, zero_crossing
+
+        craters = craters_table({o.name: o.results for o in outcomes})
+        made += write_craters(craters, zero_crossing(craters), results)
     if page and any(o.steps for o in outcomes):
         from .report.page import write_report
 

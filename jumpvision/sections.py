@@ -303,7 +303,9 @@ class CraterImage(FileSection):
         0.5 * math.pi, "rad", "between the line of sight and the laser's sheet: height = rows x scale / sin(laser_angle)",
         lo=0.0, hi=0.5 * math.pi + 1e-6, open_lo=True,
     )  # fmt: skip
-    axis_column: float | None = param(None, "px", "column of the crater's axis; default: found by symmetry", lo=0, hi=1e5)
+    axis_column: float | None = param(
+        None, "px", "column of the crater's axis; default: found by symmetry", lo=0, hi=1e5
+    )
     saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
                                      lo=0, hi=65536, open_lo=True)  # fmt: skip
 

@@ -95,7 +95,9 @@ def read_map(section: CraterDepth) -> Array:
         loaded = np.load(path, allow_pickle=False)
         maps = [loaded] if isinstance(loaded, np.ndarray) else [a for a in map(loaded.get, loaded.files) if a.ndim == 2]
     except (ValueError, OSError, zipfile.BadZipFile, EOFError) as e:
-        raise ValueError(f"{path}: not a {path.suffix} file of plain numbers, or damaged ({e}); save it again") from None
+        raise ValueError(
+            f"{path}: not a {path.suffix} file of plain numbers, or damaged ({e}); save it again"
+        ) from None
     if len(maps) != 1 or maps[0].ndim != 2 or maps[0].dtype.kind not in "fiu":
         raise ValueError(f"{path}: needs exactly one 2-D array of numbers; found {len(maps)}; save the map alone")
     return np.asarray(maps[0], dtype=float)
