@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
+MODULES = ("jumpvision.stages", "jumpvision.report.pictures", "jumpvision.report.craters", "jumpvision.report.air")
 
 app = App(
     name="jumpvision",
@@ -83,7 +84,7 @@ for _name, _text in {
 
 @app.command
 def check(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """Validate a folder: every problem with file, section, key, value and remedy.
+    """Validate a folder: every problem with file, section, key, value and remedy; walls, floor and air of the bed.
 
     Example: jumpvision check data_samples/loose_sand
     """
@@ -92,7 +93,19 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     campaign = _open(path, options)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
-    show.result({"path": str(path), "problems": [], "experiments": rows}, rows, as_json=options.json)
+    from .checks import check_geometry
+
+    found = {e.name: check_geometry(e) for e in campaign.experiments}
+    data = {
+        "path": str(path), "problems": [], "experiments": rows,
+        "geometry": (numbers := {n: values for n, (values, _) in found.items() if values is not None}),
+        "warnings": [f"{n}: {text}" for n, (_, texts) in found.items() for text in texts],
+    }  # fmt: skip
+    show.result(data, rows, as_json=options.json)
+    if not options.json:
+        show.geometry(numbers)
+    for text in data["warnings"]:
+        show.line(f"warning: {text}")
     return DONE
 
 

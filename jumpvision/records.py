@@ -127,6 +127,12 @@ class CraterShape(Values):
     file = "crater.json"
 
 
+class Geometry(Values):
+    """Walls, floor and fluidisation of the bed: findings with value, limit and meaning; speeds, pressures."""
+
+    file = "geometry.json"
+
+
 class Piv(Field):
     """Velocity field (pivpy schema 1) with uncertainties and a reason for every invalid vector."""
 

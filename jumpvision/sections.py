@@ -151,6 +151,24 @@ class Bed(Section):
     grain_diameter: float | None = param(None, "m", "grain diameter", lo=0, hi=0.1, open_lo=True)
 
 
+@dataclass(frozen=True)
+class Fan(Section):
+    """The fan that blows air through the bed: its curve, for the check of fluidisation."""
+
+    name: ClassVar[str] = "fan"
+    speed: tuple[float, ...] = param((), "m/s", "air speeds through the bed's area, increasing", lo=0, hi=100)
+    pressure: tuple[float, ...] = param((), "Pa", "static pressure of the fan at these speeds", lo=0, hi=1e6)
+    loss: float = param(0.0, "Pa s^2/m^2", "pressure lost in duct and distributor, per speed squared", lo=0)
+
+    def check(self) -> list[str]:
+        """Two points or more, speeds increasing."""
+        if len(self.speed) != len(self.pressure) or len(self.speed) < 2:
+            return [f"speed, pressure: {len(self.speed)} and {len(self.pressure)} values; must be two or more, as many"]
+        if any(b <= a for a, b in zip(self.speed, self.speed[1:])):
+            return [f"speed = {list(self.speed)}: must increase"]
+        return []
+
+
 SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
 RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
 
@@ -300,7 +318,7 @@ class CraterImage(FileSection):
     name: ClassVar[str] = "crater_image"
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
     laser_angle: float = param(
-        0.5 * math.pi, "rad", "between the line of sight and the laser's sheet: height = rows x scale / sin(laser_angle)",
+        0.5 * math.pi, "rad", "between line of sight and laser sheet: height = rows x scale / sin(laser_angle)",
         lo=0.0, hi=0.5 * math.pi + 1e-6, open_lo=True,
     )  # fmt: skip
     axis_column: float | None = param(
@@ -313,7 +331,7 @@ class CraterImage(FileSection):
 SECTIONS: dict[str, type[Section]] = {
     s.name: s
     for s in (
-        Robot, Motor, Actuation, Bed, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
+        Robot, Motor, Actuation, Bed, Fan, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
         IntrusionLog, CraterDepth, PivField, CraterImage,
     )
 }  # fmt: skip

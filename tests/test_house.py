@@ -21,7 +21,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"experiment", "records"},
     {"pipeline", "overrides"},
     {"stages"},
-    {"campaign", "craters"},
+    {"campaign", "craters", "checks"},
     {"sweep"},
     {"show"},
     {"report", "demo"},

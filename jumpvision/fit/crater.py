@@ -31,10 +31,10 @@ TWO_HALVES = float(stdtrit(1, 0.841345))
 class Crater:
     """A crater's volume change [m^3], negative where the bed has been compacted, with its standard uncertainty.
 
-    noise_sigma: the part from noise, the undisturbed surface and a rim's tail too faint to see. half_difference [m^3]: volume by the half to the
-    left minus that by the half to the right of the axis; NaN for a map. axis [m]: (x,) or (x, y).
-    radius [m]: beyond it the surface is undisturbed. depth, rim_height [m]: deepest and highest place of the mean
-    profile against the plane, both positive. reason: why the values are NaN.
+    noise_sigma: the part from noise, the undisturbed surface and a rim's tail too faint to see. half_difference
+    [m^3]: volume by the half to the left minus that by the half to the right of the axis; NaN for a map. axis [m]: (x,)
+    or (x, y). radius [m]: beyond it the surface is undisturbed. depth, rim_height [m]: deepest and highest place of
+    the smoothed surface against the plane, both positive. reason: why the values are NaN.
     r, height, height_sigma: the profile over its distance from the axis [m], signed for a line.
     """
 

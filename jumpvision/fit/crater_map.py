@@ -46,8 +46,8 @@ def map_crater(
     room = min(cx, cy, nx - 1 - cx, ny - 1 - cy)
     if reach > room - 3.0:
         return no_crater(
-            f"the crater (radius {reach * pitch:.4g} m) reaches the edge of the map, {room * pitch:.4g} m from its axis: "
-            "undisturbed ground around it is needed",
+            f"the crater (radius {reach * pitch:.4g} m) reaches the edge of the map, {room * pitch:.4g} m from its "
+            "axis: undisturbed ground around it is needed",
             at,
         )
     design = np.stack([np.ones(z.size), column.ravel() - cx, row.ravel() - cy], axis=1)

@@ -10,6 +10,7 @@ from ..fit.critical import ZeroCrossing
 from ..pipeline import stage
 from ..records import CraterShape
 from ..sections import CraterDepth, CraterImage
+from ..show import measured
 from ..stages.crater import read_map
 from ..stages.films import open_pictures
 from .pictures import Picture, png
@@ -70,7 +71,7 @@ def draw_profile(axis: Any, v: dict[str, Any]) -> None:
     axis.axhline(0.0, color=QUIET, lw=0.8)
     axis.axvline(v["radius_m"] * 1e3, color=ACCENT, lw=0.8, ls="--", label="integrated to here")
     axis.set(
-        title=f"volume change {v['volume_m3'] * 1e6:.2f} ± {v['sigma_m3'] * 1e6:.2f} cm³",
+        title=f"volume change {measured(v['volume_m3'], v['sigma_m3'], 1e6)} cm³",
         xlabel="distance from the axis [mm]", ylabel="height [mm]",
     )  # fmt: skip
     axis.legend()
@@ -94,6 +95,6 @@ def critical_picture(rows: list[dict[str, Any]], found: ZeroCrossing) -> bytes |
             axis.plot(ends, found.slope * (ends - found.value) * 1e6, color=MODEL)
             axis.axvspan(max(found.low95, axis.get_xlim()[0]), min(found.high95, axis.get_xlim()[1]), color=MODEL,
                          alpha=0.15, lw=0)  # fmt: skip
-            title = f"φ_c = {found.value:.4f} ± {found.sigma:.4f}"
+            title = f"φ_c = {measured(found.value, found.sigma)}"
         axis.set(title=title, xlabel="volume fraction φ", ylabel="volume change [cm³]\n(below zero: compacted)")
         return png(figure)

@@ -21,6 +21,7 @@ PICTURES = {  # file: (heading, what it shows)
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
     "bed.png": ("Bed", "side view of the bed with the surface found"),
     "crater.png": ("Crater", "the crater's surface and its profile about the axis"),
+    "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
     "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
     "flow.png": ("Flow", "shear rate map, grain momentum against time, added mass against depth"),
     "fits.png": ("Fits", "fits beside the data they were made on"),

@@ -113,7 +113,7 @@ def camera(
 
 
 def _homography(pixel: Array, metre: Array) -> Array:
-    """(3, 3) with (column, row, 1) -> (x, y, 1) w of least algebraic error, in normalised coordinates (Hartley 1997)."""
+    """(3, 3) with (column, row, 1) -> (x, y, 1) w of least algebraic error, normalised (Hartley 1997)."""
 
     def normal(p: Array) -> Array:
         m, s = p.mean(axis=0), math.sqrt(2.0) / np.mean(np.hypot(*(p - p.mean(axis=0)).T))
