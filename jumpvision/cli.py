@@ -296,9 +296,7 @@ def _work(
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", "jumpvision.report.pictures", "jumpvision.report.craters")[
-            : 1 + 2 * options.pictures
-        ],
+        modules=MODULES if options.pictures else MODULES[:1],
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),

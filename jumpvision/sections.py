@@ -156,8 +156,8 @@ class Fan(Section):
     """The fan that blows air through the bed: its curve, for the check of fluidisation."""
 
     name: ClassVar[str] = "fan"
-    speed: tuple[float, ...] = param((), "m/s", "air speeds through the bed's area, increasing", lo=0, hi=100)
-    pressure: tuple[float, ...] = param((), "Pa", "static pressure of the fan at these speeds", lo=0, hi=1e6)
+    speed: tuple[float, ...] = param(REQUIRED, "m/s", "air speeds through the bed's area, increasing", lo=0, hi=100)
+    pressure: tuple[float, ...] = param(REQUIRED, "Pa", "static pressure of the fan at these speeds", lo=0, hi=1e6)
     loss: float = param(0.0, "Pa s^2/m^2", "pressure lost in duct and distributor, per speed squared", lo=0)
 
     def check(self) -> list[str]:

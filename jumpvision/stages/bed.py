@@ -18,17 +18,20 @@ from .view import view_of
 
 Array = NDArray[np.float64]
 
+EDGE_COMMON = 0.025  # px, by which all columns of one picture may be off together (light through the topmost grains)
+
 
 @stage(version=2)
 def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *, p: BedParams) -> BedHeight:
     """Mean height above the floor [m]; volume fraction from the grains' solid volume, or relative to a reference."""
-    pixels, surfaces, time = surfaces_of(image, calibration, p)
+    pixels, surfaces, time, scale = surfaces_of(image, calibration, p)
     found = [bed_height(s, 0.0) for s in surfaces]
     chosen = 0 if image.use == "first" else len(found) - 1
     best, surface = found[chosen], surfaces[chosen]
     # pictures of one bed share most of the surface's roughness: what changed is measured column by column
     moved = [bed_height(replace(s, row=s.row - surfaces[0].row), 0.0) for s in surfaces[1:]]
-    change = [(0.0, 0.0), *((m.height, m.sigma) for m in moved)]
+    common = np.sqrt(2.0) * EDGE_COMMON * scale
+    change = [(0.0, 0.0), *((m.height, float(np.hypot(m.sigma, common))) for m in moved)]
     heights = [(f.height, f.sigma) for f in found]
     packings = [fraction(h, s, section, p, heights[0], c) for (h, s), c in zip(heights, change)]
     out: dict[str, Any] = {
@@ -49,8 +52,8 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
 
 def surfaces_of(
     image: BedImage, calibration: Calibration | None, p: BedParams
-) -> tuple[list[Surface], list[Surface], Array]:
-    """Of every picture: its surface in pixels, and in metres (x, height above the floor as -row); times [s]."""
+) -> tuple[list[Surface], list[Surface], Array, float]:
+    """Of every picture: its surface in pixels, and in metres (x, height above the floor as -row); times [s]; m/px."""
     pixels, surfaces = [], []
     with open_pictures(image) as frames:
         view = view_of(calibration, image, frames.shape)
@@ -70,7 +73,7 @@ def surfaces_of(
             row = np.where(lost, np.nanmedian(s.row) if not lost.all() else 0.0, s.row)
             height = np.where(lost, np.nan, view.height(s.column, row) - floor)
             surfaces.append(Surface(view.across(s.column, row), -height, s.sigma * view.scale, s.flag))
-        return pixels, surfaces, np.asarray(frames.time, float)
+        return pixels, surfaces, np.asarray(frames.time, float), view.scale
 
 
 def fraction(
