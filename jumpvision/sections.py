@@ -156,13 +156,13 @@ class Fan(Section):
     """The fan that blows air through the bed: its curve, for the check of fluidisation."""
 
     name: ClassVar[str] = "fan"
-    speed: tuple[float, ...] = param(REQUIRED, "m/s", "air speeds through the bed's area, increasing", lo=0, hi=100)
-    pressure: tuple[float, ...] = param(REQUIRED, "Pa", "static pressure of the fan at these speeds", lo=0, hi=1e6)
+    speed: tuple[float, ...] = param((), "m/s", "air speeds through the bed's area, increasing", lo=0, hi=100)
+    pressure: tuple[float, ...] = param((), "Pa", "static pressure of the fan at these speeds", lo=0, hi=1e6)
     loss: float = param(0.0, "Pa s^2/m^2", "pressure lost in duct and distributor, per speed squared", lo=0)
 
     def check(self) -> list[str]:
         """Two points or more, speeds increasing."""
-        if len(self.speed) != len(self.pressure) or len(self.speed) < 2:
+        if len(self.speed) != len(self.pressure) or len(self.speed) == 1:
             return [f"speed, pressure: {len(self.speed)} and {len(self.pressure)} values; must be two or more, as many"]
         if any(b <= a for a, b in zip(self.speed, self.speed[1:])):
             return [f"speed = {list(self.speed)}: must increase"]

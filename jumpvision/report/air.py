@@ -20,8 +20,10 @@ class AirPicture(Picture):
 def air_picture(geometry: Geometry, fan: Fan) -> AirPicture:
     """Pressure against air speed: Ergun, Wu, the bed's weight, the fan's curve and where it works."""
     flow, height = geometry.values["fluidisation"], geometry.values["bed_height_m"]
-    if flow is None or height is None:
-        raise NotApplicable(["air_picture needs [bed] grain_diameter, a volume fraction and the bed's height"])
+    if flow is None or height is None or not fan.speed:
+        raise NotApplicable(
+            ["air_picture needs [bed] grain_diameter, a volume fraction, the bed's height and the fan's curve"]
+        )
     v = np.linspace(0.0, max(1.6 * flow["onset_wu_m_s"], fan.speed[-1]), 300)
     with styled() as Figure:
         figure = Figure(figsize=(6.0, 3.6), layout="constrained")

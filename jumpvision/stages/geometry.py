@@ -124,7 +124,7 @@ def fluidised(
         "tortuosity": air.tortuosity(1.0 - phi),
         "laws": {k: {"viscous": d.viscous, "inertial": d.inertial} for k, d in laws.items()},
     }  # fmt: skip
-    if fan is None or height is None:
+    if fan is None or not fan.speed or height is None:
         return out, []
     speed, pressure, lifted = air.operating_point(laws["wu"], height, weight, fan.speed, fan.pressure, loss=fan.loss)
     out |= {"fan_speed_m_s": speed, "fan_pressure_Pa": pressure, "fluidised": lifted}
