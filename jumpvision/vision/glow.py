@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 REACH = 8  # px, rows on each side of the edge
 PER_PIXEL = 4  # bins a pixel
-VISIBLE = 2.2  # chi2 without / with glow: up to 2.1 for textured grains without glow, from 2.2 on where light shines through
+VISIBLE = 2.2  # chi2 without / with glow: up to 2.1 for textured grains without glow, above 2.2 with it
 FEWEST = 32  # columns, below which no profile is made
 
 
