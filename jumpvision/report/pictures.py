@@ -10,8 +10,8 @@ import numpy as np
 
 from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, Piv, Record, RodMotion, Simulation, Track
-from ..sections import Actuation, BedImage, GrainVideo, NotApplicable, RodVideo
-from ..stages.films import open_film, open_pictures
+from ..sections import Actuation, BedImage, Calibration, GrainVideo, NotApplicable, RodVideo
+from ..stages.films import open_film, open_grains, open_pictures
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
 
@@ -150,11 +150,12 @@ def busiest(field: Any) -> int:
 
 
 @stage(version=1, picture=True)
-def piv_picture(piv: Piv, film: GrainVideo) -> PivPicture:
+def piv_picture(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> PivPicture:
     """Velocity vectors over the grains at the busiest moment, valid and replaced ones told apart."""
     field = piv.field
     i = busiest(field)
-    with open_film(film) as frames:
+    straight, film = open_grains(film, calibration)
+    with straight as frames:
         image = frames[i]
     scale = film.scale or 1.0
     unit = field.u.attrs["units"].split("/")[0]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import warnings
 
 from ..pipeline import StageWarning
-from ..sections import BedImage, Calibration, CraterImage, RodVideo, need
+from ..sections import BedImage, Calibration, CraterImage, GrainVideo, RodVideo, need
 from ..vision.camera import Camera, camera
 
 LARGEST_MISS = 2.0  # px rms of the marks, beyond which a wrong mark is more likely than a careless click
 
 
 def view_of(
-    calibration: Calibration | None, section: RodVideo | BedImage | CraterImage, shape: tuple[int, int]
+    calibration: Calibration | None, section: RodVideo | BedImage | CraterImage | GrainVideo, shape: tuple[int, int]
 ) -> Camera:
     """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
     c = calibration or Calibration()
