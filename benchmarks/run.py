@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 PARTS = {
     "pipeline": "Whole commands",
     "ball": "Ball tracker",
+    "crater": "Laser line",
     "piv": "PIV",
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",

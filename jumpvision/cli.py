@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
+MODULES = ("jumpvision.stages", "jumpvision.report.pictures", "jumpvision.report.craters", "jumpvision.report.air")
 
 app = App(
     name="jumpvision",
@@ -72,6 +73,7 @@ def _stage_command(name: str, text: str) -> None:
 for _name, _text in {
     "track": "Ball on the rod: position, height and uncertainty in every frame (track.csv).",
     "bed": "Height of the bed and its volume fraction (bed.json).",
+    "crater": "Volume change of a crater from a laser line or a depth map (crater.json).",
     "piv": "Velocity field of the grains (piv.nc).",
     "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
     "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",
@@ -82,7 +84,7 @@ for _name, _text in {
 
 @app.command
 def check(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """Validate a folder: every problem with file, section, key, value and remedy.
+    """Validate a folder: every problem with file, section, key, value and remedy; walls, floor and air of the bed.
 
     Example: jumpvision check data_samples/loose_sand
     """
@@ -91,7 +93,19 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     campaign = _open(path, options)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
-    show.result({"path": str(path), "problems": [], "experiments": rows}, rows, as_json=options.json)
+    from .checks import check_geometry
+
+    found = {e.name: check_geometry(e) for e in campaign.experiments}
+    data = {
+        "path": str(path), "problems": [], "experiments": rows,
+        "geometry": (numbers := {n: values for n, (values, _) in found.items() if values is not None}),
+        "warnings": [f"{n}: {text}" for n, (_, texts) in found.items() for text in texts],
+    }  # fmt: skip
+    show.result(data, rows, as_json=options.json)
+    if not options.json:
+        show.geometry(numbers)
+    for text in data["warnings"]:
+        show.line(f"warning: {text}")
     return DONE
 
 
@@ -376,6 +390,11 @@ def _work(
 
         if plan.stages is None and worth_asking(campaign):
             diagnosis = _question(campaign, outcomes, plan, options, made)
+    if not single and (stages is None or "crater" in stages):
+        from .craters import craters_table, write_craters, zero_crossing
+
+        craters = craters_table({o.name: o.results for o in outcomes})
+        made += write_craters(craters, zero_crossing(craters), plan.results)
     if page and any(o.steps for o in outcomes):
         from .report.page import write_report
 
@@ -399,7 +418,7 @@ def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipe
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", "jumpvision.report.pictures")[: 1 + options.pictures],
+        modules=MODULES if options.pictures else MODULES[:1],
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),

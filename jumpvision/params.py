@@ -32,8 +32,9 @@ class BedParams:
         "edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold")
     )
     reference_height: float | None = param(
-        None, "m", "bed height at reference_fraction, if V_s is unknown", lo=0, hi=10
-    )
+        None, "m", "bed height at reference_fraction, if V_s is unknown; default: that of a series' first picture",
+        lo=0, hi=10,
+    )  # fmt: skip
     reference_fraction: float | None = param(None, "", "volume fraction at reference_height", lo=0.3, hi=0.8)
 
 
@@ -88,6 +89,34 @@ class FitParams:
 
 
 @dataclass(frozen=True)
+class CraterParams:
+    """The crater's volume change."""
+
+    radius: float | None = param(None, "m", "beyond it the surface is undisturbed; default: found", lo=0, hi=10,
+                                 open_lo=True)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GeometryParams:
+    """Walls, floor and air of the bed."""
+
+    wall_ratio: float = param(5.0, "", "bed over foot diameter above which the walls do not matter", lo=1, hi=100)
+    bottom_constant: float = param(
+        7.7e-4, "m^1.5/N^0.5", "C in zeta_b = C sqrt(F_0/r); default from the thesis' 9 cm", lo=0, hi=1, open_lo=True
+    )
+    stiffness: float = param(
+        4.6e5,
+        "N/m^3",
+        "static resistance over foot area and depth, where no model gives it",
+        lo=0,
+        hi=1e9,
+        open_lo=True,
+    )
+    air_viscosity: float = param(1.82e-5, "Pa s", "of the air", lo=0, hi=1, open_lo=True)
+    air_density: float = param(1.2, "kg/m^3", "of the air", lo=0, hi=1e4, open_lo=True)
+
+
+@dataclass(frozen=True)
 class SimulateParams:
     """Integration of the model."""
 
@@ -104,5 +133,7 @@ PARAMS = {
     "flow": FlowParams,
     "column": ColumnParams,
     "fit": FitParams,
+    "crater": CraterParams,
+    "geometry": GeometryParams,
     "simulate": SimulateParams,
 }

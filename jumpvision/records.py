@@ -121,6 +121,18 @@ class BedHeight(Values):
     file = "bed.json"
 
 
+class CraterShape(Values):
+    """Volume change of a crater [m^3] (negative: compacted), its depth and profile, and the bed's volume fraction."""
+
+    file = "crater.json"
+
+
+class Geometry(Values):
+    """Walls, floor and fluidisation of the bed: findings with value, limit and meaning; speeds, pressures."""
+
+    file = "geometry.json"
+
+
 class Piv(Field):
     """Velocity field (pivpy schema 1) with uncertainties and a reason for every invalid vector."""
 

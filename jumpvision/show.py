@@ -259,6 +259,31 @@ def outcome(
     line(f"results in {results}" + "".join(f"; open {m}" for m in made))
 
 
+def geometry(found: dict[str, Any]) -> None:
+    """The checks of walls, floor and air as a table: of each the experiment that is nearest to its limit."""
+    checks: dict[str, list[tuple[float, str, dict[str, Any]]]] = {}
+    for name, values in found.items():
+        for f in values["findings"]:
+            checks.setdefault(f["check"], []).append((f["value"] / f["limit"], name, f))
+        for law in ("ergun", "wu") if values["fluidisation"] else ():
+            onset = values["fluidisation"][f"onset_{law}_m_s"]
+            entry = {"value": onset, "limit": None, "unit": "m/s", "ok": None}
+            checks.setdefault(f"onset of fluidisation ({law.title()})", []).append((-onset, name, entry))
+    rows = []
+    for check, entries in checks.items():
+        _, name, f = min(entries, key=lambda e: e[0])
+        rows.append(
+            {
+                "check": check, "value": f"{f['value']:.3g}", "needs more than": f["limit"] and f"{f['limit']:.3g}",
+                "unit": f["unit"], "ok": {True: "yes", False: "NO", None: ""}[f["ok"]],
+                "experiment": name if len(entries) == 1 else f"{name}, the worst of {len(entries)}",
+            }
+        )  # fmt: skip
+    if rows:
+        print()
+        table(rows)
+
+
 def doctor() -> dict[str, str]:
     """Versions, codecs and cores."""
     import os

@@ -21,7 +21,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"experiment", "records"},
     {"pipeline", "overrides"},
     {"stages"},
-    {"campaign"},
+    {"campaign", "craters", "checks"},
     {"sweep", "question"},
     {"show"},
     {"report", "demo"},

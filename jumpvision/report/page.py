@@ -9,15 +9,19 @@ from typing import Any
 
 from .. import __version__
 from ..campaign import Outcome
+from ..craters import craters_table, zero_crossing
 from ..experiment import Campaign
 from ..show import details, measured, overview
 from ..storage import write_aside
+from .craters import critical_picture
 from .heights import heights_picture
 
 PICTURES = {  # file: (heading, what it shows)
     "jump.png": ("Jump", "measured height of the rod against time, the model's, and the difference"),
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
     "bed.png": ("Bed", "side view of the bed with the surface found"),
+    "crater.png": ("Crater", "the crater's surface and its profile about the axis"),
+    "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
     "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
     "flow.png": ("Flow", "shear rate map, grain momentum against time, added mass against depth"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
@@ -37,6 +41,8 @@ def write_report(
     from jinja2 import Environment, PackageLoader, select_autoescape
 
     heights = None if single else heights_picture(rows)
+    craters = [] if single else craters_table({o.name: o.results for o in outcomes})
+    critical = critical_picture(craters, zero_crossing(craters)) if craters else None
     page = Environment(loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape()).get_template(
         "report.html.j2"
     )
@@ -47,6 +53,7 @@ def write_report(
         table=overview(campaign, outcomes) if any(o.summary for o in outcomes) else [],
         details=details(campaign, outcomes),
         heights=inline(heights) if heights else None,
+        critical=inline(critical) if critical else None,
         experiments=[experiment_part(o) for o in outcomes],
         excluded=campaign.excluded,
         verdict=diagnosis["sentence"] if diagnosis else "",

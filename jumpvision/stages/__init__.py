@@ -3,6 +3,8 @@
 from .track import track  # isort: skip
 from .rod import rod  # isort: skip
 from .bed import bed  # isort: skip
+from .geometry import geometry  # isort: skip
+from .crater import crater  # isort: skip
 from .piv import piv  # isort: skip
 from .flow import flow  # isort: skip
 from .column import column  # isort: skip
@@ -10,4 +12,4 @@ from .fit import fit  # isort: skip
 from .simulate import simulate  # isort: skip
 from .summary import summary  # isort: skip
 
-__all__ = ["bed", "column", "fit", "flow", "piv", "rod", "simulate", "summary", "track"]
+__all__ = ["bed", "column", "crater", "fit", "flow", "geometry", "piv", "rod", "simulate", "summary", "track"]

@@ -93,7 +93,8 @@ def momentum_of(
     top = float(frame.foot_y)
     if not np.isfinite(top):
         return np.nan, np.nan, 0.0
-    scale, a = film.scale or 1.0, frame.attrs
+    a = frame.attrs
+    scale = a["scale_m_per_px"]
     found = grain_momentum(
         frame.v, frame.x, frame.y, frame.v_sigma, frame.chc.values > 0,
         top=top,

@@ -19,17 +19,17 @@ from ..sections import Calibration, GrainVideo, Robot
 from ..vision.foot import FootTrack, track_foot
 from ..vision.piv.engine import piv_film
 from ..vision.piv.field import MEASURED, REASONS, VectorField
-from .films import open_film, warn_uncalibrated
+from .films import open_grains
 
 Array = NDArray[np.float64]
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=1)
+@stage(version=2)
 def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, *, p: PivParams) -> Piv:
     """m/s where the film's scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y)."""
-    warn_uncalibrated(calibration, film.name)
-    with open_film(film) as frames:
+    straight, film = open_grains(film, calibration)
+    with straight as frames:
         if len(frames) <= p.gap:
             raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
         foot = follow_foot(frames, film, robot, p)
