@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.forcing import Forcing, Segments, Spline
 from jumpvision.physics.jump import Motion, simulate
+from jumpvision.physics.loop import Loop
 from jumpvision.physics.model import Model
 from jumpvision.schema import InputError
 
@@ -51,7 +52,7 @@ class Jump:
 
     name: str
     model: Model
-    forcing: Forcing
+    forcing: Forcing | Loop
     stop: float
     t: Array
     y: Array
@@ -165,11 +166,16 @@ class Jumper:
         return simulate(model, jump.forcing, t=np.concatenate([lead, t]), rtol=RTOL, atol=ATOL, stop=jump.stop)
 
 
+def content(forcing: Forcing | Loop) -> bytes:
+    """Everything of a forcing, to tell whether two are the same."""
+    if isinstance(forcing, Spline):
+        return forcing.knots.tobytes() + forcing.c.tobytes()
+    return forcing.rows.tobytes() if isinstance(forcing, Segments) else repr(forcing).encode()
+
+
 def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
-    f = jump.forcing
-    rows = (f.rows.tobytes(),) if isinstance(f, Segments) else (f.knots.tobytes(), f.c.tobytes())
     own = tuple(getattr(jump.model, n) for n in (*ROBOT, "volume_fraction", "grain_density"))
-    return (*rows, jump.stop, own, t.tobytes())
+    return (content(jump.forcing), jump.stop, own, t.tobytes())
 
 
 def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:

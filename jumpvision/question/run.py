@@ -17,9 +17,9 @@ from .. import __version__
 from ..campaign import Outcome
 from ..diagnosis.diagnose import Diagnosis, diagnose
 from ..diagnosis.gain import apex
-from ..diagnosis.jumper import Jump, Jumper, learn_noise
+from ..diagnosis.jumper import Jump, Jumper, content, learn_noise
 from ..experiment import Campaign
-from ..physics.forcing import Segments, delayed, sinusoid
+from ..physics.forcing import delayed, sinusoid
 from ..records import plain
 from ..schema import InputError
 from ..sections import PHASES, Actuation
@@ -95,9 +95,8 @@ def _key(jumps: Sequence[Jump], ranges: Mapping[str, Any], priors: Mapping[str, 
     """Digest of everything that the diagnosis depends on."""
     digest = hashlib.sha256(f"{VERSION} {__version__} {ranges} {priors}".encode())
     for j in jumps:
-        law = j.forcing.rows if isinstance(j.forcing, Segments) else np.vstack([j.forcing.knots[:-1], j.forcing.c])
         said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()), j.spread)
-        digest.update(repr(said).encode() + j.t.tobytes() + j.y.tobytes() + law.tobytes())
+        digest.update(repr(said).encode() + j.t.tobytes() + j.y.tobytes() + content(j.forcing))
     return digest.hexdigest()[:24]
 
 
