@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
+PICTURES = ("jumpvision.report.pictures", "jumpvision.report.intrusions")  # modules that register figures
 
 app = App(
     name="jumpvision",
@@ -74,6 +75,7 @@ for _name, _text in {
     "bed": "Height of the bed and its volume fraction (bed.json).",
     "piv": "Velocity field of the grains (piv.nc).",
     "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
+    "intrusion": "Slow intrusion: two resistances, overshoots after pauses and withdrawals (intrusion.json).",
     "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",
     "simulate": "The model driven by the measured motor (simulation.csv).",
 }.items():
@@ -113,7 +115,7 @@ def synth(kind: str, out: Path, /, *, seed: int = 20140630) -> int:
     Parameters
     ----------
     kind
-        hard_ground, loose_sand or samples (both).
+        hard_ground, loose_sand, samples (both) or intrusion.
     out
         Folder to write into; what is there already is not overwritten.
     seed
@@ -282,7 +284,7 @@ def _work(
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", "jumpvision.report.pictures")[: 1 + options.pictures],
+        modules=("jumpvision.stages", *(PICTURES if options.pictures else ())),
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
@@ -298,6 +300,10 @@ def _work(
     rows = jumps_table(campaign, outcomes)
     if not single and stages is None:
         write_jumps(rows, results)
+    if not single:
+        from .across import write_intrusions
+
+        write_intrusions(campaign, outcomes, results)
     made = []
     if page and any(o.steps for o in outcomes):
         from .report.page import write_report

@@ -22,7 +22,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"pipeline", "overrides"},
     {"stages"},
     {"campaign"},
-    {"sweep"},
+    {"sweep", "across"},
     {"show"},
     {"report", "demo"},
     {"cli"},

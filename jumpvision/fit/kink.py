@@ -1,4 +1,4 @@
-"""A line that bends once, through points with known uncertainties: k_1 or ripples against packing, and where it bends."""
+"""A line that bends once, through points with known uncertainties: k_1 or ripples against packing."""
 
 from __future__ import annotations
 

@@ -21,7 +21,9 @@ SURE = 3.0  # sigmas from which compounding enters the law
 VARIED = 2.0  # pauses must differ by this factor to show a dependence
 
 
-def overshoot_law(depth: Array, overshoot: Array, covariance: Array, *, lam: float, pause: Array) -> dict[str, Estimate]:
+def overshoot_law(
+    depth: Array, overshoot: Array, covariance: Array, *, lam: float, pause: Array
+) -> dict[str, Estimate]:
     """s, and where the events show them `per_decade` [N/m], `compounding`, `intercept` [N] and `exponent`.
 
     depth [m] of the events below the surface, overshoot [N] with covariance (m, m), pause [s] (NaN: a withdrawal). lam

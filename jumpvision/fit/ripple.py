@@ -1,4 +1,4 @@
-"""Force oscillations of the deep regime: the variance that the force gains below the bend (thesis Fig 48, section 3.2)."""
+"""Force oscillations of the deep regime: the variance that the force gains below the bend (thesis, Fig 48)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Ripple:
     """variance [N^2]: deep minus shallow, negative when there are no oscillations. amplitude [N]: its root times
-    sqrt(2), that of a sine; NaN with a reason where the variance is within 2 sigma of 0. spacing [m]: of the peaks."""
+    sqrt(2), that of a sine; NaN with a reason where the variance is within 3 sigma of 0. spacing [m]: of the peaks."""
 
     variance: Estimate
     amplitude: Estimate
@@ -29,7 +29,7 @@ def deep_ripple(z: Array, residual: Array, *, surface: float, bend: float) -> Ri
     deep, shallow = residual[z > bend], residual[(z > surface) & (z <= bend)]
     (a, sa), (b, sb) = _variance(deep), _variance(shallow)
     variance = Estimate(a - b, math.hypot(sa, sb), "N^2", deep.size, math.nan)
-    if not variance.value > 2.0 * variance.sigma:
+    if not variance.value > 3.0 * variance.sigma:
         none = "no oscillation above the fluctuations near the surface"
         return Ripple(variance, Estimate(math.nan, math.nan, "N", deep.size, math.nan, none), math.nan)
     amplitude = math.sqrt(2.0 * variance.value)

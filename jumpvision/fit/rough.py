@@ -24,23 +24,26 @@ class Roughness:
     length: float
 
 
-def roughness(residual: Array, jacobian: Array, z: Array, loud: Array, *, width: float) -> Roughness:
+def roughness(residual: Array, jacobian: Array, z: Array, inside: Array, *, width: float) -> Roughness:
     """Variances and correlation length by restricted maximum likelihood (REML), from the residuals (n,) of a fit.
 
     Covariance white^2 I + correlated^2 loud_i loud_j c(|z_i - z_j|), with c the mean of exp(-|dz|/length) over two bins
     of `width`. jacobian (n, p) of the fit: REML allows for what the p parameters have absorbed, which the residuals'
-    own autocorrelation does not. loud (n,): relative size of the fluctuations, 0 where there are none (in the air).
+    own autocorrelation does not. inside (n,): depth in the grains, 0 in the air; fluctuations
+    build up from nothing at the surface, loud = sqrt(1 - exp(-2 inside/length)).
     """
     basis, size_of, _ = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0).clip(1e-300), full_matrices=False)
     jacobian = basis[:, size_of > 1e-7 * size_of[0]]  # REML knows only the space; a break without a bend adds none
     n, p = jacobian.shape
     distance = np.abs(z[:, None] - z[None, :])
     step = width
-    size = loud[:, None] * loud[None, :]
 
     def covariance(q: Array) -> Array:
         share = 1.0 / (1.0 + math.exp(-q[0]))
-        return np.asarray((1.0 - share) * np.eye(n) + share * size * _binned(distance, math.exp(q[1]), width))
+        length = math.exp(q[1])
+        loud = np.sqrt(-np.expm1(-2.0 * inside / length))
+        both = share * loud[:, None] * loud[None, :] * _binned(distance, length, width)
+        return np.asarray((1.0 - share) * np.eye(n) + both)
 
     def cost(q: Array) -> float:
         if not (-7.0 < q[0] < 7.0 and math.log(0.2 * step) < q[1] < math.log(0.3 * n * step)):
@@ -50,7 +53,9 @@ def roughness(residual: Array, jacobian: Array, z: Array, loud: Array, *, width:
         weighted = cho_solve(factor, residual)
         best = np.linalg.solve(inner, jacobian.T @ weighted)
         rss = float(residual @ weighted - best @ (jacobian.T @ weighted))
-        return float((n - p) * math.log(max(rss, 1e-300)) + 2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(inner)[1])
+        return float(
+            (n - p) * math.log(max(rss, 1e-300)) + 2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(inner)[1]
+        )
 
     simplex = np.array([[0.0, math.log(3.0 * step)], [2.0, math.log(3.0 * step)], [0.0, math.log(12.0 * step)]])
     q = minimize(cost, simplex[0], method="Nelder-Mead",

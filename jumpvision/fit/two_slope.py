@@ -115,14 +115,14 @@ class _Solution:
 def fit_penetration(bins: Bins, *, rng: np.random.Generator, significance: float) -> Penetration:
     """The curve through the bins; k2 and delta are NaN with a reason where one slope explains them at `significance`.
 
-    Least squares find the shape, its residuals the noise (white and correlated in depth, see `rough`), generalised least
-    squares the values. Without a part in the air at the start of the log depth 0 is taken as the surface.
+    Least squares find the shape, its residuals the noise (white and correlated in depth, see `rough`), generalised
+    least squares the values. Without a part in the air at the start of the log depth 0 is taken as the surface.
     """
     n, white = bins.z.size, np.eye(bins.z.size)
     events = bins.event_depth.size > 0
     start = _solve(bins, _Shape(True, True, events), white)
     jacobian = _jacobian(bins, start)
-    noise = roughness(start.residual, jacobian, bins.path, (bins.z > start.q[0]).astype(float),
+    noise = roughness(start.residual, jacobian, bins.path, np.maximum(bins.z - start.q[0], 0.0),
                       width=float(np.ptp(bins.z)) / BINS)  # fmt: skip
     free, flat = (_solve(bins, _Shape(contact, True, events), noise.whiten) for contact in (True, False))
     in_air = abs(flat.linear[1]) < AIR * abs(flat.linear[1] + flat.linear[2])  # its one break is the contact
@@ -151,31 +151,39 @@ def _beyond(b: Bins) -> Array:
 def _at(b: Bins, shape: _Shape, q: Array, whiten: Array) -> _Solution:
     design = _design(b, *shape.unpack(q))
     a, y = whiten @ design, whiten @ b.F
-    linear = np.linalg.lstsq(a, y, rcond=None)[0]
+    linear: Array = np.linalg.lstsq(a, y, rcond=None)[0].astype(np.float64)
     return _Solution(shape, q, linear, design, y - a @ linear)
 
 
 def _solve(b: Bins, shape: _Shape, whiten: Array) -> _Solution:
-    """Least squares over the breaks and lam: one after the other on a grid, then together."""
+    """Least squares over the breaks and lam: one after the other on a grid, then together.
+
+    With both breaks the search starts also from the fit without a bend, whose contact point is sharp.
+    """
     low, span = float(b.z.min()), float(np.ptp(b.z))
     inner = low + span * np.linspace(0.02, 0.98, 49)
-    starts = {"contact": (0.05, 0.3), "knot": (0.5, 0.6), "lam": (0.05, 0.05)}
+    first = {"contact": low + 0.05 * span, "knot": low + 0.5 * span, "lam": 0.05 * span}
     grids = {"contact": inner, "knot": inner, "lam": span * np.geomspace(0.005, 0.5, 12)}
     names = [k for k in grids if getattr(shape, k)]
     if not names:
         return _at(b, shape, np.zeros(0), whiten)
     bounds = ([grids[k][0] for k in names], [grids[k][-1] for k in names])
-    found = []
-    for trial in range(2 if shape.contact and shape.knot else 1):
-        q = np.array([span * starts[k][trial] + (0.0 if k == "lam" else low) for k in names])
-        for _ in range(2):
-            for i, k in enumerate(names):
-                q[i] = min(grids[k], key=lambda g: _at(b, shape, np.r_[q[:i], g, q[i + 1 :]], whiten).rss)
+
+    def search(start: dict[str, float], order: list[str]) -> _Solution:
+        q = np.array([start[k] for k in names])
+        for k in order:
+            i = names.index(k)
+            q[i] = min(grids[k], key=lambda g: _at(b, shape, np.r_[q[:i], g, q[i + 1 :]], whiten).rss)
         fit = least_squares(lambda v: _at(b, shape, v, whiten).residual, q, bounds=bounds, x_scale=0.02 * span)
-        found.append(_at(b, shape, fit.x, whiten))
-    best = min(found, key=lambda s: s.rss)
-    if shape.contact and shape.knot and best.q[0] > best.q[1]:  # the breaks are named in order
-        best = _at(b, shape, np.r_[best.q[1::-1], best.q[2:]], whiten)
+        return _at(b, shape, fit.x, whiten)
+
+    best = search(first, 2 * names)
+    if shape.contact and shape.knot:
+        one = _solve(b, replace(shape, knot=False), whiten)
+        straight = dict(zip([k for k in names if k != "knot"], one.q))
+        best = min(best, search(first | straight, ["knot"]), key=lambda s: s.rss)
+        if best.q[0] > best.q[1]:  # the breaks are named in order
+            best = _at(b, shape, np.r_[best.q[1::-1], best.q[2:]], whiten)
     return best
 
 
@@ -266,7 +274,9 @@ def _average(b: Bins, s: _Solution, whiten: Array) -> tuple[Array, Array, Array,
     variance, size = s.rss / (b.z.size - s.size), s.linear.size
     places = [_places(b, s, whiten, i, 20.0 * variance) for i in range(s.shape.contact + s.shape.knot)]
     hinges = [np.maximum(b.z[:, None] - p[None, :], 0.0) for p in places]
-    smooth = np.delete(s.design, range(3 - len(places), 2 + s.shape.knot) if contact is None else [1, 2][: len(places)], 1)
+    smooth = np.delete(
+        s.design, range(3 - len(places), 2 + s.shape.knot) if contact is None else [1, 2][: len(places)], 1
+    )
     if lam is not None:
         smooth = np.column_stack([smooth, _jacobian(b, s)[:, -1]])
     x = whiten @ np.column_stack([smooth, *hinges])
@@ -276,7 +286,9 @@ def _average(b: Bins, s: _Solution, whiten: Array) -> tuple[Array, Array, Array,
     steps = np.cumsum([smooth.shape[1], *(p.size for p in places)])
     choice = np.meshgrid(*(np.arange(i, i + p.size) for i, p in zip(steps, places)), indexing="ij")
     breaks = np.stack([c.ravel() for c in choice], axis=1) if places else np.zeros((1, 0), dtype=int)
-    value = np.stack([np.concatenate(places)[c.ravel() - smooth.shape[1]] for c in choice], axis=1) if places else breaks
+    value = (
+        np.stack([np.concatenate(places)[c.ravel() - smooth.shape[1]] for c in choice], axis=1) if places else breaks
+    )
     if len(places) == 2:
         ordered = value[:, 0] < value[:, 1]
         breaks, value = breaks[ordered], value[ordered]
@@ -316,7 +328,9 @@ def _places(b: Bins, s: _Solution, whiten: Array, i: int, allowed: float) -> Arr
     others = [q for j, q in enumerate(s.q[: s.shape.contact + s.shape.knot]) if j != i]
     ends = []
     for side, edge in ((-1.0, float(b.z.min())), (1.0, float(b.z.max()))):
-        limit = min([q for q in [*others, edge] if (q - s.q[i]) * side > 0], key=lambda q: abs(q - s.q[i]), default=edge)
+        limit = min(
+            [q for q in [*others, edge] if (q - s.q[i]) * side > 0], key=lambda q: abs(q - s.q[i]), default=edge
+        )
         step, end = 2e-4 * float(np.ptp(b.z)), float(s.q[i])
         while (limit - end) * side > step:
             end, step = end + side * step, 1.3 * step

@@ -37,7 +37,7 @@ class Grains:
 
 @dataclass(frozen=True)
 class Arm:
-    """The arm and its load cell: speed [m/s], rate [1/s], weight [N], surface [m] (where the grains begin), noise [N]."""
+    """The arm and its load cell: speed [m/s], rate [1/s], weight [N], surface [m] (of the grains), noise [N]."""
 
     speed: float = 0.01
     rate: float = 500.0

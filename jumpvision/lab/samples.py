@@ -21,6 +21,7 @@ from . import logs, write
 from .bed_picture import bed_height, bed_picture
 from .grain_film import GrainCamera, View
 from .grain_flow import Flow
+from .intrusions import intrusion_campaign
 from .jumper import Motion, simulate
 from .mechanisms import Law, Robot
 from .rod_film import exposure_times, rod_film
@@ -301,17 +302,18 @@ def _actuation(kind: str, law: Law) -> dict[str, Any]:
     return out | ({"delay": law.delay} if law.delay else {})
 
 
-KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand}
+KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand, "intrusion": intrusion_campaign}
+SAMPLES = ("hard_ground", "loose_sand")
 
 
 def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
-    """Write the folders of `kind` ("hard_ground", "loose_sand" or "samples" for both) below `out`; returns them.
+    """Write the folders of `kind` below `out` ("samples": hard_ground and loose_sand) and return them.
 
     Raises InputError for an unknown kind or a folder that exists: recordings are never written over.
     """
     if kind not in (*KINDS, "samples"):
         raise InputError([f"synth {kind}: unknown kind{closest(kind, [*KINDS, 'samples'])}"])
-    folders = {k: Path(out) / k for k in KINDS if kind in (k, "samples")}
+    folders = {k: Path(out) / k for k in KINDS if kind == k or (kind == "samples" and k in SAMPLES)}
     taken = [f"synth: {f} exists; give another folder or remove it" for f in folders.values() if f.exists()]
     if taken:
         raise InputError(taken)
@@ -322,8 +324,8 @@ def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
 
 def main(out: str = "data_samples") -> None:
     """Write both samples below `out`, over those that are there."""
-    for k, write_kind in KINDS.items():
-        write_kind(Path(out) / k)
+    for k in SAMPLES:
+        KINDS[k](Path(out) / k)
 
 
 if __name__ == "__main__":

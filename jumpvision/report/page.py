@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..across import intrusion_laws, intrusion_rows
 from ..campaign import Outcome
 from ..experiment import Campaign
 from ..show import details, measured, overview
 from ..storage import write_aside
 from .heights import heights_picture
+from .intrusions import campaign_picture
 
 PICTURES = {  # file: (heading, what it shows)
     "jump.png": ("Jump", "measured height of the rod against time, the model's, and the difference"),
@@ -20,6 +22,7 @@ PICTURES = {  # file: (heading, what it shows)
     "bed.png": ("Bed", "side view of the bed with the surface found"),
     "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
     "flow.png": ("Flow", "shear rate map, grain momentum against time, added mass against depth"),
+    "intrusion.png": ("Intrusion", "force against depth, what the fit leaves over, overshoots against depth"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
 }
 
@@ -31,6 +34,7 @@ def write_report(
     from jinja2 import Environment, PackageLoader, select_autoescape
 
     heights = None if single else heights_picture(rows)
+    intruded = [] if single else intrusion_rows(campaign, outcomes)
     page = Environment(loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape()).get_template(
         "report.html.j2"
     )
@@ -41,6 +45,7 @@ def write_report(
         table=overview(campaign, outcomes) if any(o.summary for o in outcomes) else [],
         details=details(campaign, outcomes),
         heights=inline(heights) if heights else None,
+        intrusions=inline(campaign_picture(intruded, intrusion_laws(intruded))) if intruded else None,
         experiments=[experiment_part(o) for o in outcomes],
         excluded=campaign.excluded,
         failed=[o for o in outcomes if o.errors],

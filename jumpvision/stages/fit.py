@@ -22,7 +22,7 @@ from ..logs import read_log
 from ..params import FitParams
 from ..physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
 from ..pipeline import stage
-from ..records import BedHeight, Column, Fits, Flow, RodMotion
+from ..records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion
 from ..sections import Actuation, Bed, ContactLog, MotorLog, Robot
 from .bed import packing
 from .motor import position_at
@@ -34,13 +34,14 @@ HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved 
 MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
 
 
-@stage(version=1, any_of=("rod", "contact", "column", "flow"))
+@stage(version=2, any_of=("rod", "contact", "column", "flow", "intrusion"))
 def fit(
     experiment: Experiment,
     rod: RodMotion | None,
     contact: ContactLog | None,
     flow: Flow | None,
     column: Column | None,
+    intrusion: Intrusion | None,
     robot: Robot | None,
     law: Actuation | None,
     log: MotorLog | None,
@@ -67,7 +68,8 @@ def fit(
     phi = packing(section, bed)[0]
     if column is not None and phi is not None:
         out |= theory(phi, p)
-    return Fits({k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()})
+    entries = {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()}
+    return Fits(entries | (intrusion.values["fits"] if intrusion else {}))
 
 
 def find_flights(
