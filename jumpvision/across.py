@@ -1,4 +1,4 @@
-"""What only a campaign shows of its slow intrusions: against packing, against the foot's size, beside the cone."""
+"""What only a campaign shows: slow intrusions against packing and foot, the actuator against frequency."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from .experiment import Campaign
 from .storage import write_aside
 
 COLUMNS = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2")
+ACTUATOR = ("actuator_ratio", "actuator_lag_s", "actuator_tau_s", "peak_power_W", "motor_work_J")
 
 
 def intrusion_rows(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
@@ -87,6 +88,54 @@ def write_intrusions(campaign: Campaign, outcomes: list[Outcome], results: Path)
     rows = intrusion_rows(campaign, outcomes)
     if not rows:
         return []
+    table = [{k: v for k, v in r.items() if k not in ("profile", "cone")} for r in rows]
+    return _write(results, "intrusion.csv", table, "intrusion_laws.json", intrusion_laws(rows))
+
+
+def actuator_rows(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment whose encoder log was held against its command."""
+    rows = []
+    results = {o.name: o.results for o in outcomes if any(s.stage == "fit" for s in o.steps)}
+    for e in campaign.experiments:
+        file = results[e.name] / "fits.json" if e.name in results else None
+        fits = json.loads(file.read_text(encoding="utf-8")) if file is not None and file.exists() else {}
+        if "actuator_ratio" not in fits:
+            continue
+        law = e.sections["actuation"]
+        row: dict[str, Any] = {"experiment": e.name, "frequency_hz": law.frequency, "amplitude_m": law.amplitude}
+        for name in ACTUATOR:
+            fit = fits.get(name, {})
+            row |= {name: fit.get("value"), f"{name}_sigma": fit.get("sigma")}
+        rows.append(row)
+    return sorted(rows, key=lambda r: float(r["frequency_hz"]))
+
+
+def actuator_bandwidth(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """-3 dB bandwidth with its 95 % interval, gain, time constant and the order of the response fitted."""
+    import numpy as np
+
+    from .fit.actuator import bandwidth
+
+    f, ratio, sigma, lag = (
+        np.array([r[k] for r in rows], dtype=float)
+        for k in ("frequency_hz", "actuator_ratio", "actuator_ratio_sigma", "actuator_lag_s")
+    )
+    found = bandwidth(f, ratio, sigma, lag, rng=np.random.default_rng(0))
+    entries = {"bandwidth_hz": found.cutoff, "gain": found.gain, "tau_s": found.tau}
+    return {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in entries.items()} | {
+        "bandwidth_ci95_hz": [found.low, found.high], "order": found.order
+    }  # fmt: skip
+
+
+def write_actuator(campaign: Campaign, outcomes: list[Outcome], results: Path) -> list[Path]:
+    """actuator.csv and actuator_bandwidth.json, where two frequencies or more were run."""
+    rows = actuator_rows(campaign, outcomes)
+    if len({r["frequency_hz"] for r in rows}) < 2:
+        return []
+    return _write(results, "actuator.csv", rows, "actuator_bandwidth.json", actuator_bandwidth(rows))
+
+
+def _write(results: Path, csv: str, rows: list[dict[str, Any]], name: str, data: dict[str, Any]) -> list[Path]:
     import io
 
     import pandas as pd
@@ -94,7 +143,7 @@ def write_intrusions(campaign: Campaign, outcomes: list[Outcome], results: Path)
     from .records import plain
 
     text = io.StringIO()
-    pd.DataFrame(rows).drop(columns=["profile", "cone"]).to_csv(text, index=False, lineterminator="\n")
-    write_aside(results / "intrusion.csv", text.getvalue())
-    write_aside(results / "intrusion_laws.json", json.dumps(plain(intrusion_laws(rows)), indent=1) + "\n")
-    return [results / "intrusion.csv", results / "intrusion_laws.json"]
+    pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
+    write_aside(results / csv, text.getvalue())
+    write_aside(results / name, json.dumps(plain(data), indent=1) + "\n")
+    return [results / csv, results / name]

@@ -301,9 +301,10 @@ def _work(
     if not single and stages is None:
         write_jumps(rows, results)
     if not single:
-        from .across import write_intrusions
+        from .across import write_actuator, write_intrusions
 
         write_intrusions(campaign, outcomes, results)
+        write_actuator(campaign, outcomes, results)
     made = []
     if page and any(o.steps for o in outcomes):
         from .report.page import write_report

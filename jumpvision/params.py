@@ -84,6 +84,8 @@ class FitParams:
     debounce: float = param(0.003, "s", "contact flickers shorter than this are ignored", lo=0, hi=0.1)
     shortest_flight: float = param(0.03, "s", "shorter ballistic intervals are not counted as jumps", lo=0, hi=10)
     max_gap: float = param(0.05, "s", "a longer gap in the track ends a flight", lo=0, hi=10, open_lo=True)
+    ring_method: str = param("waveform", "", "damping from the whole waveform, or the published peaks",
+                             choices=("waveform", "peaks"))  # fmt: skip
     settle: float = param(0.1, "s", "pause after the last landing before the ring-down is fitted", lo=0, hi=10)
 
 

@@ -11,11 +11,12 @@ from jumpvision.fit.estimate import Estimate
 from jumpvision.fit.line import fit_line
 
 Array = NDArray[np.float64]
+NEAR = 1.0 / 3.0  # of a half period on each side: a cosine is flatter than its parabola by a constant factor
 CLEAR = 3.0  # sigmas that a peak must stand above the offset
 
 
 def peaks_damping(t: Array, x: Array, sigma: Array, *, frequency: float, offset: float) -> Estimate:
-    """zeta from the straight line through log |x - offset| at the peaks, each the top of a parabola over 1/6 period.
+    """zeta from the line through log |x - offset| at the peaks, each the top of a parabola over a third of a period.
 
     t [s] increasing, x, sigma (n,) in one unit; frequency [Hz] and offset as ring_down finds them. NaN with a reason
     below three clear peaks.
@@ -29,7 +30,7 @@ def peaks_damping(t: Array, x: Array, sigma: Array, *, frequency: float, offset:
         if inside.size == 0:
             continue
         top = t[inside[np.argmax(np.abs(x[inside] - offset))]]
-        near = np.flatnonzero(np.abs(t - top) <= half / 6.0)
+        near = np.flatnonzero(np.abs(t - top) <= NEAR * half)
         if near.size < 4 or near[0] == 0 or near[-1] == t.size - 1:
             continue
         d = t[near] - top

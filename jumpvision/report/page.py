@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..across import intrusion_laws, intrusion_rows
+from ..across import actuator_bandwidth, actuator_rows, intrusion_laws, intrusion_rows
 from ..campaign import Outcome
 from ..experiment import Campaign
 from ..show import details, measured, overview
 from ..storage import write_aside
+from .actuator import actuator_picture
 from .heights import heights_picture
 from .intrusions import campaign_picture
 
@@ -35,6 +36,8 @@ def write_report(
 
     heights = None if single else heights_picture(rows)
     intruded = [] if single else intrusion_rows(campaign, outcomes)
+    driven = [] if single else actuator_rows(campaign, outcomes)
+    swept = len({r["frequency_hz"] for r in driven}) > 2
     page = Environment(loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape()).get_template(
         "report.html.j2"
     )
@@ -46,6 +49,7 @@ def write_report(
         details=details(campaign, outcomes),
         heights=inline(heights) if heights else None,
         intrusions=inline(campaign_picture(intruded, intrusion_laws(intruded))) if intruded else None,
+        actuator=inline(actuator_picture(driven, actuator_bandwidth(driven))) if swept else None,
         experiments=[experiment_part(o) for o in outcomes],
         excluded=campaign.excluded,
         failed=[o for o in outcomes if o.errors],
