@@ -45,7 +45,7 @@ class Bins:
 class Penetration:
     """Fitted curve; k1, k2 [N/m], delta, contact, lam [m], offset [N], overshoot [N] (events,) with its covariance.
 
-    delta_low, delta_high: 95 % interval from the profile of chi2. p_value: chance that one slope alone gives a bend as
+    delta_low, delta_high: 95 % interval. p_value: chance that one slope alone gives a bend as
     strong as this anywhere. fitted, virgin [N] (n,): the curve over the bins with and without overshoots.
     """
 
@@ -221,7 +221,7 @@ def _chance(b: Bins, one: _Solution, two: _Solution, whiten: Array, rng: np.rand
 def _report(b: Bins, s: _Solution, noise: Roughness, p_value: float) -> Penetration:
     n, size = b.z.size, s.linear.size
     contact, knot, lam = s.shape.unpack(s.q)
-    mean, cov, knots, weight = _average(b, s, noise.whiten)
+    mean, cov, deltas, weight = _average(b, s, noise.whiten)
     present = [k for k in ("contact", "knot", "lam") if getattr(s.shape, k)]
     column = {"offset": 0, "k1": 1, "bend": 2} | {k: size + i for i, k in enumerate(present)}
 
@@ -240,8 +240,9 @@ def _report(b: Bins, s: _Solution, noise: Roughness, p_value: float) -> Penetrat
     if knot is not None:
         surface = {} if contact is None else {"contact": -1.0}
         k2, delta = estimate("N/m", k1=1.0, bend=1.0), estimate("m", knot=1.0, **surface)
-        share = np.cumsum(weight) - 0.5 * weight
-        low, high = np.interp([0.025, 0.975], share, knots) - (0.0 if contact is None else mean[column["contact"]])
+        order = np.argsort(deltas)
+        share = np.cumsum(weight[order]) - 0.5 * weight[order]
+        low, high = np.interp([0.025, 0.975], share, deltas[order])
     touching = without("m", "the log begins in contact: depth 0 is taken as the surface")
     design = _design(b, *s.shape.unpack(mean[size:]))
     return Penetration(
@@ -265,7 +266,7 @@ def _report(b: Bins, s: _Solution, noise: Roughness, p_value: float) -> Penetrat
 
 def _average(b: Bins, s: _Solution, whiten: Array) -> tuple[Array, Array, Array, Array]:
     """(mean, covariance) of all parameters over the positions of the breaks, weighted by their posterior probability
-    under flat priors; then the positions of the second break and their weights.
+    under flat priors; then delta at each of them and the weights.
 
     A break in noise of short correlation is no regular parameter: its best position scatters more than the curvature of
     chi2 there says. Everything else, lam too, is linear about the best fit.
@@ -318,9 +319,8 @@ def _average(b: Bins, s: _Solution, whiten: Array) -> tuple[Array, Array, Array,
     cov = np.einsum("g,gij->ij", w, spread) + np.einsum("g,gi,gj->ij", w, off, off)
     for i, p in enumerate(places):
         cov[size + i, size + i] += (p[1] - p[0]) ** 2 / 12.0
-    if knot is None:
-        return mean, cov, np.zeros(0), np.zeros(0)
-    return mean, cov, places[-1], np.array([w[value[:, -1] == k].sum() for k in places[-1]])
+    delta = value[:, -1] - (value[:, 0] if contact is not None else 0.0) if knot is not None else np.zeros(0)
+    return mean, cov, delta, w
 
 
 def _places(b: Bins, s: _Solution, whiten: Array, i: int, allowed: float) -> Array:
