@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..show import measured
 from .pictures import png
 from .style import MEASURED, MODEL, QUIET, styled
 
@@ -25,7 +26,7 @@ def actuator_picture(rows: list[dict[str, Any]], fit: dict[str, Any]) -> bytes:
             left.axhline(gain / np.sqrt(2), color=QUIET, lw=0.8, ls="--", label="−3 dB")
         if cut["value"] is not None:
             left.axvspan(*fit["bandwidth_ci95_hz"], color=MODEL, alpha=0.2, lw=0)
-            left.axvline(cut["value"], color=MODEL, lw=0.8, label=f"{cut['value']:.1f} ± {cut['sigma']:.1f} Hz")
+            left.axvline(cut["value"], color=MODEL, lw=0.8, label=f"{measured(cut['value'], cut['sigma'])} Hz")
         left.set(title="encoder / command", ylabel="amplitude ratio")
         left.legend()
         right.set(title="lag behind the command", ylabel="lag [ms]")
