@@ -14,7 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
-MODULES = ("jumpvision.stages", "jumpvision.report.pictures", "jumpvision.report.craters", "jumpvision.report.air")
+PICTURES = tuple(f"jumpvision.report.{m}" for m in ("pictures", "craters", "air", "intrusions"))  # register figures
 
 app = App(
     name="jumpvision",
@@ -76,6 +76,7 @@ for _name, _text in {
     "crater": "Volume change of a crater from a laser line or a depth map (crater.json).",
     "piv": "Velocity field of the grains (piv.nc).",
     "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
+    "intrusion": "Slow intrusion: two resistances, overshoots after pauses and withdrawals (intrusion.json).",
     "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",
     "simulate": "The model driven by the measured motor (simulation.csv).",
 }.items():
@@ -148,8 +149,8 @@ def synth(
     Parameters
     ----------
     kind
-        hard_ground, loose_sand, samples (both), or a protocol.toml of your own; blind writes a campaign with a hidden
-        effect, reveal opens its answer and scores results/OUT/diagnosis.json.
+        hard_ground, loose_sand, samples (both), intrusion, or a protocol.toml of your own; blind writes a campaign
+        with a hidden effect, reveal opens its answer and scores results/OUT/diagnosis.json.
     out
         Folder to write into; what is there already is not overwritten (an interrupted protocol is taken up).
     seed
@@ -390,6 +391,11 @@ def _work(
 
         if plan.stages is None and worth_asking(campaign):
             diagnosis = _question(campaign, outcomes, plan, options, made)
+    if not single:
+        from .across import write_actuator, write_intrusions
+
+        write_intrusions(campaign, outcomes, plan.results)
+        write_actuator(campaign, outcomes, plan.results)
     if not single and (stages is None or "crater" in stages):
         from .craters import craters_table, write_craters, zero_crossing
 
@@ -418,7 +424,7 @@ def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipe
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=MODULES if options.pictures else MODULES[:1],
+        modules=("jumpvision.stages", *(PICTURES if options.pictures else ())),
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),

@@ -85,6 +85,8 @@ class FitParams:
     debounce: float = param(0.003, "s", "contact flickers shorter than this are ignored", lo=0, hi=0.1)
     shortest_flight: float = param(0.03, "s", "shorter ballistic intervals are not counted as jumps", lo=0, hi=10)
     max_gap: float = param(0.05, "s", "a longer gap in the track ends a flight", lo=0, hi=10, open_lo=True)
+    ring_method: str = param("waveform", "", "damping from the whole waveform, or the published peaks",
+                             choices=("waveform", "peaks"))  # fmt: skip
     settle: float = param(0.1, "s", "pause after the last landing before the ring-down is fitted", lo=0, hi=10)
 
 
@@ -117,6 +119,17 @@ class GeometryParams:
 
 
 @dataclass(frozen=True)
+class IntrusionParams:
+    """Slow intrusion: how the log is cut into strokes, and the cone that its curve is compared with."""
+
+    window: float = param(0.05, "s", "speeds are slopes over this time; shorter pauses are not seen", lo=1e-4, hi=10)
+    rise: float = param(5e-4, "m", "depth left out after a pause while the force builds up again", lo=0, hi=0.1)
+    significance: float = param(0.01, "", "chance below which one slope is refused for two", lo=1e-3, hi=0.5)
+    mu: float = param(2.2, "", "growth of the jammed cone with depth", lo=0, hi=20, open_lo=True)
+    theta: float = param(1.0471975512, "rad", "angle of the cone's mantle", lo=0.1, hi=1.5)
+
+
+@dataclass(frozen=True)
 class SimulateParams:
     """Integration of the model."""
 
@@ -132,6 +145,7 @@ PARAMS = {
     "piv": PivParams,
     "flow": FlowParams,
     "column": ColumnParams,
+    "intrusion": IntrusionParams,
     "fit": FitParams,
     "crater": CraterParams,
     "geometry": GeometryParams,

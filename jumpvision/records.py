@@ -151,6 +151,12 @@ class Column(Field):
     file = "column.nc"
 
 
+class Intrusion(Values):
+    """Force against depth of a slow intrusion: fits, averaged profile, events, the cone's prediction."""
+
+    file = "intrusion.json"
+
+
 class Fits(Values):
     """Every fit: {name: {value, sigma, unit, n, chi2}}."""
 

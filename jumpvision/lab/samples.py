@@ -20,6 +20,7 @@ from jumpvision.schema import InputError, closest
 from . import logs, write
 from .bed_picture import bed_height, bed_picture
 from .grain_record import film_brief, write_grain_film
+from .intrusions import intrusion_campaign
 from .jumper import Motion, simulate
 from .mechanisms import Law, Robot
 from .rod_film import exposure_times, rod_film
@@ -219,18 +220,19 @@ def _actuation(kind: str, law: Law) -> dict[str, Any]:
     return out | ({"delay": law.delay} if law.delay else {})
 
 
-KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand}
+KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand, "intrusion": intrusion_campaign}
+SAMPLES = ("hard_ground", "loose_sand")
 
 
 def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
-    """Write the folders of `kind` ("hard_ground", "loose_sand" or "samples" for both) below `out`; returns them.
+    """Write the folders of `kind` below `out` ("samples": hard_ground and loose_sand) and return them.
 
     Raises InputError for an unknown kind or a folder that exists: recordings are never written over.
     """
     if kind not in (*KINDS, "samples"):
         kinds = [*KINDS, "samples", "blind", "reveal", "a protocol.toml"]
         raise InputError([f"synth {kind}: unknown kind{closest(kind, kinds)}"])
-    folders = {k: Path(out) / k for k in KINDS if kind in (k, "samples")}
+    folders = {k: Path(out) / k for k in KINDS if kind == k or (kind == "samples" and k in SAMPLES)}
     taken = [f"synth: {f} exists; give another folder or remove it" for f in folders.values() if f.exists()]
     if taken:
         raise InputError(taken)
@@ -241,8 +243,8 @@ def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
 
 def main(out: str = "data_samples") -> None:
     """Write both samples below `out`, over those that are there."""
-    for k, write_kind in KINDS.items():
-        write_kind(Path(out) / k)
+    for k in SAMPLES:
+        KINDS[k](Path(out) / k)
 
 
 if __name__ == "__main__":
