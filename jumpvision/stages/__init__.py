@@ -14,16 +14,5 @@ from .simulate import simulate  # isort: skip
 from .summary import summary  # isort: skip
 
 __all__ = [
-    "bed",
-    "column",
-    "crater",
-    "fit",
-    "flow",
-    "geometry",
-    "intrusion",
-    "piv",
-    "rod",
-    "simulate",
-    "summary",
-    "track",
-]
+    "bed", "column", "crater", "fit", "flow", "geometry", "intrusion", "piv", "rod", "simulate", "summary", "track",
+]  # fmt: skip
