@@ -17,6 +17,7 @@ PARTS = {
     "ball": "Ball tracker",
     "piv": "PIV",
     "hard": "Hard-ground jumper",
+    "dem": "Discs",
 }
 
 
