@@ -82,12 +82,12 @@ def flat(overlap, closing, mass, k, gamma):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, fastmath={"contract", "nsz", "arcp"})
 def step(p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push):  # type: ignore[no-untyped-def]
-    """Forces at the places in p; with `begun` the half kick that ends a step, with `move` half kick and drift of the next.
+    """Forces at the places in p; `begun`: the half kick that ends a step, `move`: half kick and drift of the next.
 
     v (n_free, 2): velocity half a step before (begun) or at this time, afterwards half a step on (move) or at this
-    time. f (n, 2): zeros. law: k, gamma, viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top; plate: half width,
-    height, height of its face, its velocity up. push (4,) receives the force on the free discs: from the foot (x, y)
-    and from the walls (x, y). Returns the greatest speed^2 (with `move`).
+    time. f (n, 2): zeros. law: k, gamma, viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top;
+    plate: half width, height, height of its face, its velocity up. push (4,) receives the force on the free discs: from
+    the foot (x, y) and from the walls (x, y). Returns the greatest speed^2 (with `move`).
     """
     k, gamma, viscous, coulomb, gravity = law
     left, right, bottom, top = box
@@ -105,8 +105,10 @@ def step(p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push)
             d2 = dx * dx + dy * dy
             if d2 < s * s:
                 d = math.sqrt(d2)
-                opening = ((wx - p[j, 2]) * dx + (wy - p[j, 3]) * dy) / d
-                force = (k * (s - d) - gamma * opening / (light + p[j, 5])) / d
+                both = light + p[j, 5]
+                one = 1.0 / (d2 * both)  # one division for 1/d^2 and m_eff/d^2
+                approach = (wx - p[j, 2]) * dx + (wy - p[j, 3]) * dy
+                force = (k * (s * d - d2) * both - gamma * approach) * one
                 fx += force * dx
                 fy += force * dy
                 f[j, 0] -= force * dx

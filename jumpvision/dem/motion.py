@@ -129,7 +129,7 @@ def foot_path(foot, foot_t, foot_y, times):  # type: ignore[no-untyped-def]
 def packed(
     discs: Discs, foot: Plate | Block | None, height: float, rising: float
 ) -> tuple[NDArray[np.intp], Array, int]:
-    """order, state (n + m, 6) as `contacts` wants it, n: discs in order of rows of cells (near in memory), then foot."""
+    """order, state (n + m, 6) as `contacts` wants it, n: discs by rows of cells (near in memory), then the foot."""
     size = 4.0 * float(discs.radius.mean())
     order = np.lexsort((discs.x, np.floor(discs.y / size)))
     columns = (discs.x, discs.y, discs.vx, discs.vy, discs.radius, 1.0 / discs.mass)

@@ -16,7 +16,7 @@ BIDISPERSE = 1.4  # ratio of the two diameters, in equal numbers: the usual one,
 
 
 def sizes(kind: str, n: int, diameter: float, spread: float, rng: np.random.Generator) -> Array:
-    """Radii (n,) [m] of the mean diameter [m]: "mono"; "bi" (ratio 1.4, equal numbers); "poly" (normal, of `spread`)."""
+    """Radii (n,) [m] of the mean diameter [m]: "mono"; "bi" (ratio 1.4, equal numbers); "poly" (normal)."""
     if kind == "mono":
         return np.full(n, 0.5 * diameter)
     if kind == "bi":
