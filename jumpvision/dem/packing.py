@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 BIDISPERSE = 1.4  # ratio of the two diameters, in equal numbers: the usual one, which does not crystallise
 
+SWOLLEN, SPREADING = 0.9, 500  # area fraction to which the discs are blown up first, and rounds of their spreading
+
 
 def sizes(kind: str, n: int, diameter: float, spread: float, rng: np.random.Generator) -> Array:
     """Radii (n,) [m] of the mean diameter [m]: "mono"; "bi" (ratio 1.4, equal numbers); "poly" (normal)."""
@@ -33,7 +35,7 @@ def pack(
 ) -> Discs:  # fmt: skip
     """Resting discs that fill the box to the area fraction, no two overlapping by more than tolerance diameters.
 
-    diameter [m]: mean; density [kg/m^2]. Thrown in at random with their full size and pushed apart. ValueError where
+    diameter [m]: mean; density [kg/m^2]. Thrown in at random, spread evenly and pushed apart. ValueError where
     they do not come apart in so many rounds: random discs of two sizes jam at about 0.84.
     """
     width, height = box.right - box.left, box.top - box.bottom
@@ -52,7 +54,13 @@ def pack(
     p = np.zeros((n, 6))
     p[:, :2], p[:, 4] = xy[order], radius
     partner = np.empty(8 * n + 16, np.int64)
-    worst = relax(p, (box.left, box.right, box.bottom, box.top), 0.3 * diameter, tolerance * diameter, rounds, partner)
+    # blown up beyond jamming they spread evenly; pushed apart at their own size only, they leave voids and clumps
+    swollen = max(1.0, math.sqrt(SWOLLEN / fraction))
+    walls = (box.left, box.right, box.bottom, box.top)
+    p[:, 4] *= swollen
+    relax(p, walls, 0.3 * diameter, 0.0, SPREADING, partner)
+    p[:, 4] = radius
+    worst = relax(p, walls, 0.3 * diameter, tolerance * diameter, rounds, partner)
     if worst > tolerance * diameter:
         raise ValueError(
             f"pack: discs still overlap by {worst / diameter:.1e} diameters after {rounds} rounds at area fraction "
