@@ -18,6 +18,7 @@ PARTS = {
     "piv": "PIV",
     "hard": "Hard-ground jumper",
     "dem": "Discs",
+    "closed_loop": "Closed loop: discs, film, analysis",
 }
 
 

@@ -27,6 +27,7 @@ from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, ST
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
 DENSITY, PHI = 1000.0, 0.57  # kg/m^3 of the grains and volume fraction that the analysis is told
+ENTRY = 0.08  # m/s, mean; discs thrown ahead of the foot slide on by v^2/(2 coulomb) = 0.7 mm
 KINDS = {"single": (7.5, 0.0), "stutter": (7.0, 0.0), "delayed_stutter": (7.0, 0.1)}  # Hz, s
 
 
@@ -72,7 +73,7 @@ def run_discs(scene: Scene, t: np.ndarray, foot_y: np.ndarray, n: int, seed: int
     d = pack(box, scene.fraction, diameter=scene.grain, density=1.0, rng=rng)
     law = Law.bouncing(0.5, 1e-4, 0.5 * float(d.mass.min()), coulomb=scene.coulomb)
     box, plate, h = Box(-half, half, -depth), Plate(scene.foot, 0.02), time_step(d, law)
-    entry = max(-foot_y[0] / 0.4, 1e-3)  # s at 0.4 m/s
+    entry = max(-foot_y[0] / ENTRY, 1e-3)
     s = np.linspace(0.0, 1.0, 50)
     m = simulate(d, law, box, times=[-entry - 0.01, -0.01], dt=h, foot=plate, foot_t=-0.01 - entry * (1.0 - s),
                  foot_y=foot_y[0] * s**2 * (3.0 - 2.0 * s))  # fmt: skip
