@@ -20,6 +20,8 @@ PARTS = {
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",
     "laboratory": "Virtual laboratory",
+    "dem": "Discs",
+    "closed_loop": "Closed loop: discs, film, analysis",
 }
 
 

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=1)
+@stage(version=2)
 def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None, *, p: FlowParams) -> Flow:
     """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
     field = piv.field
