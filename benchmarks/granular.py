@@ -36,6 +36,7 @@ CONE = Model("granular", ("two_resistance", "depth_drag", "added_mass"), P, **RO
 MODELS = {"cone": CONE, "alpha v^2": Model("granular", ("two_resistance", "inertial_drag"), P, **ROBOT)}
 A, END = 0.01875, 1.0
 AIR, REST, INTRUDE = range(3)
+SLACK = 1e-8  # N beyond a threshold of force, so that a mode begins with an acceleration of definite sign
 
 
 def scipy_track(model: Model, law: Segments, t: NDArray, rtol: float) -> NDArray:
@@ -75,23 +76,24 @@ def scipy_track(model: Model, law: Segments, t: NDArray, rtol: float) -> NDArray
         return float(s[3])
 
     def lift(t: float, s: NDArray, mode: int, on: bool, deep: float) -> float:
-        return spring(s) + m_f * g
+        return spring(s) + m_f * g + SLACK
 
     def give(t: float, s: NDArray, mode: int, on: bool, deep: float) -> float:
-        return static(deep) - spring(s) - m_f * g
+        return static(deep) - spring(s) - m_f * g + SLACK
 
     for event, way in ((landing, -1), (halt, 1), (lift, -1), (give, -1)):
         event.terminal, event.direction = True, way  # type: ignore[attr-defined]
     watched = {AIR: [landing], REST: [lift, give], INTRUDE: [halt]}
     rod, foot = equilibrium(model)
     s, now, deep, mode = np.array([rod, 0.0, foot, 0.0]), float(t[0]), -foot, REST
+    held = False  # on the ground after a hop too short to be resolved
     out = np.empty(t.size)
     for on, stop in ((True, law.stop), (False, float(t[-1]))):
         s[1] -= ratio * row[3] * row[4] * math.cos(row[5]) * (1 if on else -1)
         while now < stop:
-            if mode == REST:  # an impulse or the end of an intrusion may leave it pulled up or pushed down
+            if mode == REST and not held:  # an impulse or the end of an intrusion may leave it pulled up or pushed down
                 push = spring(s) + m_f * g
-                mode = AIR if push < -1e-9 else INTRUDE if push > static(deep) + 1e-9 else REST
+                mode = AIR if push < -SLACK else INTRUDE if push > static(deep) + SLACK else REST
             sol = solve_ivp(rate, (now, stop), s, "DOP853", dense_output=True, events=watched[mode],
                             args=(mode, on, deep), rtol=rtol, atol=1e-2 * rtol, max_step=5e-3)  # fmt: skip
             inside = (t >= now) & (t <= sol.t[-1])
@@ -100,7 +102,10 @@ def scipy_track(model: Model, law: Segments, t: NDArray, rtol: float) -> NDArray
             now, s = float(sol.t[-1]), sol.y[:, -1].copy()
             if sol.status != 1:
                 continue
-            if mode == AIR:
+            held = mode == AIR and s[3] > -1e-9
+            if held:
+                s[2], s[3], mode = -deep, 0.0, REST
+            elif mode == AIR:
                 s[2], s[3], mode = -deep, s[3] * m_f / (m_f + cone(deep)[0]), INTRUDE
             elif mode == INTRUDE:
                 deep, s[3], mode = -s[2], 0.0, REST

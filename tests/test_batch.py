@@ -88,3 +88,25 @@ def test_bad_laws_are_named():
     for laws, said in ((np.zeros(6), "shape"), ([[0, 1, 0, 0, 0, 0], [2, 3, 0, 0, 0, 0.0]], "contiguous")):
         with pytest.raises(ValueError, match=said):
             jump_batch(case("cone")[0], laws)
+
+
+def test_no_random_jumper_stalls():
+    """800 random robots, beds and laws with every term of the batch: all end, finite, no deeper than they can fall."""
+    rng = np.random.default_rng(8)
+    n = 800
+    terms = ("two_resistance", "inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot",
+             "stop_go_overshoot", "compaction")  # fmt: skip
+    ranges = {
+        "k1": (500, 20000), "k2": (300, 20000), "delta": (0, 0.03), "alpha": (0, 300), "b": (0.5, 40), "C": (0, 6),
+        "mu": (1, 4), "theta": (0.3, 1.4), "s": (0, 4000), "s_p": (0, 4000), "lam": (5e-4, 2e-2), "factor": (0.5, 2),
+        "motor_mass": (0.3, 3), "rod_mass": (0.05, 1), "foot_mass": (0.003, 0.5), "spring_stiffness": (500, 20000),
+        "spring_damping": (0, 10), "gravity": (1, 20),
+    }  # fmt: skip
+    values = {name: rng.uniform(*bounds, n) for name, bounds in ranges.items()}
+    some = ModelParameters(**{name: float(x[0]) for name, x in values.items() if name in vars(ModelParameters())})
+    laws = sine_rows(rng.uniform(2, 20, n), rng.uniform(1e-3, 0.03, n), rng.uniform(0, 2 * math.pi, n), 2.0)
+    got = jump_batch(Model("granular", terms, some, **SAND), laws, **values)
+    assert set(got["failure"]) == {""}
+    for name in ("com_height_m", "jump_height_m", "flight_height_m", "max_depth_m", "peak_force_N", "peak_power_W"):
+        assert np.isfinite(got[name]).all(), name
+    assert (got["com_height_m"] >= 0).all() and (got["max_depth_m"] > 0).all()
