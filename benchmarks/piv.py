@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from jumpvision.vision.piv.engine import piv_pair
-from tests.test_piv import FIELDS, camera, grains, spots
+from tests.test_piv import FIELDS, SETTINGS, camera, grains, spots
 
 Array = NDArray[np.float64]
 Field = tuple[Array, Array, Array, Array]  # x (nx,), y (ny,), u, v (ny, nx); mid-time, y down
@@ -36,7 +36,12 @@ BORDER = 32
 
 
 def ours(a: Array, b: Array) -> Field:
-    f = piv_pair(a, b, window=24, step=8, passes=(64, 32), min_correlation=0.3, min_texture=2.0, outlier=2.0)
+    f = piv_pair(a, b, **SETTINGS)
+    return f.x, f.y, f.u, f.v
+
+
+def fast(a: Array, b: Array) -> Field:
+    f = piv_pair(a, b, **SETTINGS, preset="fast")
     return f.x, f.y, f.u, f.v
 
 
