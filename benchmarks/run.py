@@ -16,6 +16,7 @@ PARTS = {
     "pipeline": "Whole commands",
     "ball": "Ball tracker",
     "piv": "PIV",
+    "memory": "PIV memory",
     "hard": "Hard-ground jumper",
 }
 

@@ -112,13 +112,18 @@ def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, 
         raise ValueError(f"mask of frame {k} is {mask.shape} px, the frame {shape}: must be the same")
 
 
+def vector_places(pixels: int, window: int, step: int) -> Array:
+    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows)."""
+    return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
+
+
 def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
-    x, y = (np.arange(s.window // 2, n - s.window // 2, s.step, dtype=np.float64) for n in a.grey.shape[::-1])
+    x, y = (vector_places(n, s.window, s.step) for n in a.grey.shape[::-1])
     grid = Grid(x, y, s.step, s.window, STIFFNESS)
     times = TIMES[s.preset]
 
     start = np.stack(flow(a.grey, b.grey, x, y, s.step))
-    m = refine(a, b, grid, *start, s.min_texture, False)
+    m = refine(a, b, grid, start, s.min_texture, False)
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
@@ -127,7 +132,7 @@ def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
     first = reason
     for k in range(1, times):
         start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        m = refine(a, b, grid, *start, s.min_texture, k == times - 1)
+        m = refine(a, b, grid, start, s.min_texture, k == times - 1)
         reason = _judge(m, start, s)
     raw = np.where(_to_try(first), raw, m.p[:2])
     if m.sigma is None:
@@ -145,9 +150,10 @@ def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
     near, scatter = _around(p, s.step)
     holes = _to_try(reason)
     filled, spread = np.where(holes, near, p[:2]), np.where(holes, scatter, sigma[:2])
+    shape = reason.shape
     return VectorField(
-        x, y, *filled, *spread, m.quality, reason, *raw, p[2:].reshape(2, 2, *reason.shape),
-        sigma[2:].reshape(2, 2, *reason.shape),
+        x, y, filled[0], filled[1], spread[0], spread[1], m.quality, reason, raw[0], raw[1],
+        p[2:].reshape(2, 2, *shape), sigma[2:].reshape(2, 2, *shape),
     )  # fmt: skip
 
 
@@ -163,7 +169,7 @@ def _second_try(
         again = _to_try(reason)
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
         start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(a, b, grid, *start, s.min_texture, False)
+        trial = refine(a, b, grid, start, s.min_texture, False)
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p), None, np.nan,

@@ -86,9 +86,10 @@ def flow(a: Float32, b: Float32, x: Array, y: Array, step: int) -> tuple[Array, 
     low, high = (float(q) for q in np.percentile(a[::4, ::4], (0.5, 99.5)))
     gain = 255 / max(high - low, 1e-6)
     first, second = (cv2.convertScaleAbs(np.clip(f, low, high), alpha=gain, beta=-low * gain) for f in (a, b))
-    search = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     search.setVariationalRefinementIterations(0)
-    found = cv2.GaussianBlur(search.calc(first, second, None), (0, 0), step / 2)
+    found = search.calc(first, second, None)  # type: ignore[call-overload]
+    found = cv2.GaussianBlur(found, (0, 0), step / 2)
     at_vectors = found[np.ix_(y.astype(np.intp), x.astype(np.intp))].astype(np.float64)
     return at_vectors[..., 0], at_vectors[..., 1]
 

@@ -63,17 +63,17 @@ class Match(NamedTuple):
     state: NDArray[np.int64]  # (ny, nx)
 
 
-def refine(a: Frame, b: Frame, grid: Grid, u: Array, v: Array, texture: float, errors: bool) -> Match:
-    """One Gauss-Newton step of all windows from the displacements u, v (ny, nx) [px], finite everywhere."""
+def refine(a: Frame, b: Frame, grid: Grid, start: Array, texture: float, errors: bool) -> Match:
+    """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere."""
     shape = a.weight.shape
-    ny, nx = u.shape
+    ny, nx = start.shape[1:]
     rows, columns = (axis(n, q[0] + a.pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
-    dx, dy = (everywhere(rows, columns, f, True) for f in (u, v))
+    dx, dy = (everywhere(rows, columns, f, True) for f in start)
     first, second, keep = (np.empty(shape, np.float32) for _ in range(3))
     half = np.float32(0.5)
     deform(a.c, a.fine, a.weight, dx, dy, -half, first, keep, True)
     deform(b.c, b.fine, b.weight, dx, dy, half, second, keep, False)
-    m, r = cv2.addWeighted(first, 0.5, second, 0.5, 0), cv2.subtract(first, second)
+    m, r = np.float32(0.5) * (first + second), first - second
 
     planes = len(ORDER) if errors else SXX
     g = taper(grid.window)
@@ -85,11 +85,11 @@ def refine(a: Frame, b: Frame, grid: Grid, u: Array, v: Array, texture: float, e
     steps(sums, float(g.sum()) ** 2, texture, step, quality, state)
 
     change = step.T.reshape(8, ny, nx)
-    start = np.stack([
-        *(rows.value @ f @ columns.value.T for f in (u, v)),
-        *(q for f in (u, v) for q in (rows.value @ f @ columns.slope.T, rows.slope @ f @ columns.value.T)),
+    smooth = np.stack([
+        *(rows.value @ f @ columns.value.T for f in start),
+        *(q for f in start for q in (rows.value @ f @ columns.slope.T, rows.slope @ f @ columns.value.T)),
     ])  # fmt: skip
-    p = start + change[ALONG]
+    p = smooth + change[ALONG]
     sigma, clumping = None, np.nan
     if errors:
         offset, gain, ex, ey = (everywhere(rows, columns, change[q], False) for q in (6, 7, 0, 3))

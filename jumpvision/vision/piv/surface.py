@@ -36,10 +36,8 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
     k = np.arange(-before, vectors + after)
     straight = np.eye(vectors)[np.clip(k, 0, vectors - 1)]
-    smooth = np.eye(vectors)
-    if vectors > 2:
-        second = np.diff(np.eye(vectors), 2, axis=0)
-        smooth = np.linalg.inv(np.eye(vectors) + stiffness * second.T @ second)
+    second = np.diff(np.eye(vectors), 2, axis=0) if vectors > 2 else np.zeros((1, vectors))
+    smooth = np.linalg.inv(np.eye(vectors) + stiffness * second.T @ second).astype(np.float64)
     if vectors > 1:
         rise = np.eye(vectors)[[1, -1]] - np.eye(vectors)[[0, -2]]
         straight += np.minimum(k, 0)[:, None] * rise[0] + np.maximum(k - vectors + 1, 0)[:, None] * rise[1]
@@ -48,7 +46,7 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     samples[0, :3] = samples[-1, -3:] = 1, -2, 1  # straight at both ends of the knots
     bend = straight.copy()
     bend[0] = bend[-1] = 0
-    exact = np.linalg.solve(samples, bend)
+    exact = np.linalg.solve(samples, bend).astype(np.float64)
     own = slice(before, before + vectors)
     value = samples[own] @ exact @ smooth
     slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) @ smooth / (2 * step)
