@@ -51,6 +51,8 @@ class PivParams:
     min_correlation: float = param(0.3, "", "matches below this correlation are replaced", lo=0, hi=1)
     min_texture: float = param(1.0, "grey levels", "windows with less contrast are left out", lo=0, hi=1e4)
     outlier: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
+    smooth: str = param("none", "", "adaptive: draw vectors together where they differ only by their noise; errors are "
+                        "then alike over more vectors than a window covers", choices=("none", "adaptive"))  # fmt: skip
     foot_rows: int = param(16, "px", "rows of the foot's body used to follow its lower face", lo=4, hi=500)
 
     def check(self) -> list[str]:

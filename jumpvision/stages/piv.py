@@ -38,8 +38,8 @@ def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, 
             add_foot(data, foot, frames.time, film, p)
         fields = piv_film(
             watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap,
-            preset=p.preset, window=p.window, step=p.step, passes=p.passes, min_correlation=p.min_correlation,
-            min_texture=p.min_texture, outlier=p.outlier,
+            preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
+            min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
         )  # fmt: skip
         dt = frames.time[p.gap :] - frames.time[: -p.gap]
         return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
@@ -108,7 +108,7 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
             "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
-            "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset,
+            "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
     )  # fmt: skip

@@ -17,6 +17,7 @@ from jumpvision.vision.piv.frame import Frame, prepare
 from jumpvision.vision.piv.noise import factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
 from jumpvision.vision.piv.refine import Grid, Match, refine
+from jumpvision.vision.piv.smooth import smoothed
 from jumpvision.vision.piv.solve import COVERED, FLAT, STEPPED
 from jumpvision.vision.piv.validate import local_median, normalised_median
 
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
+SMOOTHING = ("none", "adaptive")
 TIMES = {"default": 3, "fast": 2}  # Gauss-Newton steps
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
@@ -41,6 +43,7 @@ class Settings:
     min_correlation: float  # matches below it are replaced
     min_texture: float  # grey, standard deviation below which a window is empty
     outlier: float  # limit of the normalised median test, about 2
+    smooth: str = "none"  # or "adaptive": see `smooth`
     preset: str = "default"  # or "fast": spline on whole pixels, two steps
 
     def __post_init__(self) -> None:
@@ -51,6 +54,8 @@ class Settings:
             raise ValueError(
                 f"passes = {self.passes}: must be window sizes of at least 8 px, large to small, as (64, 32)"
             )
+        if self.smooth not in SMOOTHING:
+            raise ValueError(f"smooth = {self.smooth!r}: must be one of {', '.join(SMOOTHING)}")
         if self.preset not in TIMES:
             raise ValueError(f"preset = {self.preset!r}: must be one of {', '.join(TIMES)}")
 
@@ -150,6 +155,10 @@ def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
     near, scatter = _around(p, s.step)
     holes = _to_try(reason)
     filled, spread = np.where(holes, near, p[:2]), np.where(holes, scatter, sigma[:2])
+    if s.smooth == "adaptive":
+        complete = _whole(np.concatenate([filled, p[2:]]), s.step)
+        drawn, factor = smoothed(complete, sigma[:2], s.window, s.step, STIFFNESS, times)
+        filled, spread = np.where(measured, drawn, filled), np.where(measured, factor * sigma[:2], spread)
     shape = reason.shape
     return VectorField(
         x, y, filled[0], filled[1], spread[0], spread[1], m.quality, reason, raw[0], raw[1],

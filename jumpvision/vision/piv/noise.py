@@ -8,6 +8,7 @@ sharpens what the window blurs, and raises the noise. The matched field takes R 
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +38,9 @@ def _gains(window: int, step: int, stiffness: float, times: int) -> tuple[float,
     g = taper(window).astype(np.float64)
     xi = np.arange(len(g)) - len(g) // 2
     k = 2 * np.pi * np.fft.fftfreq(128)
-    theta = k * step
     one_window = (g * np.cos(np.outer(k, xi))).sum(1) / g.sum()
     one_slope = (g * xi * np.sin(np.outer(k, xi))).sum(1) / (g * xi**2).sum()
-    one_surface = np.where(np.abs(theta) < np.pi, 1 / (1 + stiffness * (2 - 2 * np.cos(theta)) ** 2), 0)
+    one_surface = _surface(k * step, stiffness)
     one_box = np.cos(np.outer(k, np.arange(-(LAG // 2), LAG // 2 + 1))).sum(1)
     w, s, box = (np.outer(q, q) for q in (one_window, one_surface, one_box))
     missed = s * (1 - w)
@@ -49,3 +49,18 @@ def _gains(window: int, step: int, stiffness: float, times: int) -> tuple[float,
     gradient = k * s * seen_before + np.outer(one_window, one_slope) * (1 - s * seen_before)
     alone = (g**2).sum() / g.sum() ** 2 * (g**2 * xi**2).sum() / (g * xi**2).sum() ** 2
     return float(shift), float((gradient**2).mean() / alone), float((box * (2 * seen - seen**2)).mean())
+
+
+def response(window: int, step: int, stiffness: float, times: int, other: float) -> tuple[Array, Array]:
+    """R W and the response of a surface of stiffness `other`, on the same wave numbers (n, n)."""
+    g = taper(window).astype(np.float64)
+    k = 2 * np.pi * np.fft.fftfreq(128)
+    one_window = (g * np.cos(np.outer(k, np.arange(len(g)) - len(g) // 2))).sum(1) / g.sum()
+    w, s, o = (np.outer(q, q) for q in (one_window, _surface(k * step, stiffness), _surface(k * step, other)))
+    missed = s * (1 - w)
+    return w * (1 - missed**times) / (1 - missed), o
+
+
+def _surface(theta: NDArray[np.floating[Any]], stiffness: float) -> Array:
+    """Response of the smoothed surface (`surface.axis`) to waves of theta rad a vector; none beyond the grid's."""
+    return np.where(np.abs(theta) < np.pi, 1 / (1 + stiffness * (2 - 2 * np.cos(theta)) ** 2), 0)

@@ -26,18 +26,27 @@ class Axis(NamedTuple):
 
 
 @functools.lru_cache(maxsize=16)
+def smoother(vectors: int, stiffness: float) -> Array:
+    """Matrix (vectors, vectors) to the s of least sum (d - s)^2 + stiffness * sum (second difference of s)^2.
+
+    Whittaker 1923: it leaves straight lines alone and damps a wave of theta rad a vector by
+    1 / (1 + stiffness (2 - 2 cos theta)^2).
+    """
+    second = np.diff(np.eye(vectors), 2, axis=0) if vectors > 2 else np.zeros((1, vectors))
+    return np.linalg.inv(np.eye(vectors) + stiffness * second.T @ second).astype(np.float64)
+
+
+@functools.lru_cache(maxsize=16)
 def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -> Axis:
     """Cubic spline through vectors at first + step * k [px], continued straight beyond the outer ones.
 
-    Smoothed before by the minimum of sum (d - s)^2 + stiffness * sum (second difference of s)^2 (Whittaker 1923), which
-    leaves straight lines alone and damps a wave of theta rad a vector by 1 / (1 + stiffness (2 - 2 cos theta)^2).
+    Smoothed before by `smoother`.
     """
     before = math.ceil(first / step) + 2
     after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
     k = np.arange(-before, vectors + after)
     straight = np.eye(vectors)[np.clip(k, 0, vectors - 1)]
-    second = np.diff(np.eye(vectors), 2, axis=0) if vectors > 2 else np.zeros((1, vectors))
-    smooth = np.linalg.inv(np.eye(vectors) + stiffness * second.T @ second).astype(np.float64)
+    smooth = smoother(vectors, stiffness)
     if vectors > 1:
         rise = np.eye(vectors)[[1, -1]] - np.eye(vectors)[[0, -2]]
         straight += np.minimum(k, 0)[:, None] * rise[0] + np.maximum(k - vectors + 1, 0)[:, None] * rise[1]
@@ -47,14 +56,12 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     bend = straight.copy()
     bend[0] = bend[-1] = 0
     exact = np.linalg.solve(samples, bend).astype(np.float64)
-    own = slice(before, before + vectors)
-    value = samples[own] @ exact @ smooth
     slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) @ smooth / (2 * step)
     q = (np.arange(pixels) - first) / step + before
     knot = np.floor(q).astype(np.int64)
     t = q - knot
     weight = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=1) / 6
-    return Axis(exact, exact @ smooth, value, slope, knot - 1, weight.astype(np.float32))
+    return Axis(exact, exact @ smooth, smooth, slope, knot - 1, weight.astype(np.float32))
 
 
 def everywhere(rows: Axis, columns: Axis, f: Array, smoothed: bool) -> Float32:
