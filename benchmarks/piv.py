@@ -3,11 +3,11 @@
     python -m benchmarks.piv            # drawn grains and particles, and the image pair that ships with OpenPIV
     JUMPVISION_REAL_DATA=folder ...     # also opencorr_patterns/ (known deformation) and pivlab_karman/ (real flow)
 
-OpenPIV 64-32-16-16 px windows, ours 24 px; vectors every 8 px. "adaptive" is [params.piv] smooth, "fast" its preset. Errors are mean
-end-point errors [px] over all vectors at least 32 px inside the image, replaced ones included, each method judged at
-its own places. Without truth the number is the RMS grey difference left over when the field has brought both frames
-together. (The sum of forward and backward displacement judges nothing here: both methods treat the frames alike, so it
-is zero.)
+OpenPIV 64-32-16-16 px windows, ours 24 px; vectors every 8 px. "adaptive" is smooth of [params.piv],
+"fast" its preset. Errors are mean end-point errors [px] over all vectors at least 32 px inside the image, replaced ones
+included, each method judged at its own places. Without truth the number is the RMS grey difference left over when the
+field has brought both frames together. (The sum of forward and backward displacement judges nothing here: both methods
+treat the frames alike, so it is zero.)
 """
 
 from __future__ import annotations
@@ -188,7 +188,8 @@ def speed(methods: tuple[Callable[[Array, Array], Field], ...]) -> None:
             error[m.__name__] = against(field, a.shape, lambda x, y: (3.37 + 0 * x, -2.21 + 0 * x))
     print("\n1280 x 1024 px, about 20,000 vectors, the methods in turn:\n")
     print(
-        "| method | wall time [s] | processor time [s] | OpenPIV's wall time / its own | error [px] |\n|---|---|---|---|---|"
+        "| method | wall time [s] | processor time [s] | OpenPIV's wall time / its own | error [px] |\n"
+        "|---|---|---|---|---|"
     )
     for name in wall:
         t, c = float(np.median(wall[name])), float(np.median(cpu[name]))

@@ -29,9 +29,9 @@ def smoothed(p: Array, sigma: Array, window: int, step: int, stiffness: float, t
     rows, columns = (smoother(n, STIFF) for n in (ny, nx))
     surface = np.stack([rows @ f @ columns.T for f in p])
     e = p - surface
-    known = np.isfinite(sigma).all(0)
-    square = (e / np.where(known, sigma, 1.0)) ** 2
-    power = np.where(known, 0.5 * (square[0] + square[1]) / rest, 0.0)
+    known = np.isfinite(sigma[0]) & np.isfinite(sigma[1])
+    power = np.zeros(known.shape)
+    power[known] = 0.5 * ((e[:, known] / sigma[:, known]) ** 2).sum(0) / rest
     box, border = (AROUND, AROUND), cv2.BORDER_REFLECT
     total = cv2.boxFilter(power, -1, box, borderType=border)
     share = cv2.boxFilter(known.astype(np.float64), -1, box, borderType=border)
