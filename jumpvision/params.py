@@ -41,7 +41,7 @@ class BedParams:
 class PivParams:
     """Windows of the grain matching and validation of its vectors."""
 
-    preset: str = param("default", "", "fast: half the time, with up to 0.005 px more error for grains below 4 px",
+    preset: str = param("default", "", "fast: about half the time, 0.003 px more error for particles below 4 px",
                         choices=("default", "fast"))  # fmt: skip
     window: int = param(24, "px", "side of the matched window: a few grains", lo=8, hi=256)
     step: int = param(8, "px", "distance between vectors", lo=1, hi=256)

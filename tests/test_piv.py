@@ -231,6 +231,13 @@ def test_empty_frames_are_values(image):
         assert np.isnan(f.u).all() and np.isin(f.reason, (MASKED, NO_TEXTURE)).all()
 
 
+def test_one_nan_frame_costs_its_two_pairs():
+    a, b = bed_of("uniform")
+    fields = list(piv_film([a, b, np.full(SHAPE, np.nan), a, b], mask=None, gap=1, **SETTINGS))
+    assert [bool((f.reason == VALID).mean() > 0.9) for f in fields] == [True, False, False, True]
+    assert all((f.reason == MASKED).all() and np.isnan(f.u).all() for f in fields[1:3])
+
+
 def test_nan_patch_is_masked():
     a, b = (i.copy() for i in bed_of("uniform"))
     b[60:110, 80:140] = np.nan
