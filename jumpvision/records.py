@@ -184,7 +184,14 @@ def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:
                 if name not in out.variables:
                     empty = math.nan if values.dtype.kind == "f" else False
                     made = out.createVariable(
-                        name, values.dtype.str, AXES, zlib=True, complevel=1, chunksizes=size, fill_value=empty
+                        name,
+                        values.dtype.str,
+                        AXES,
+                        zlib=True,
+                        complevel=1,
+                        chunksizes=size,
+                        fill_value=empty,
+                        chunk_cache=math.prod(size) * values.dtype.itemsize,  # a chunk is written once: no more is kept
                     )
                     made.setncatts(values.attrs)
                 out.variables[name][:, :, done : done + len(block)] = values.values
