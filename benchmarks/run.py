@@ -17,6 +17,7 @@ PARTS = {
     "ball": "Ball tracker",
     "crater": "Laser line",
     "piv": "PIV",
+    "memory": "PIV memory",
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",
     "laboratory": "Virtual laboratory",
