@@ -193,11 +193,12 @@ class Problem:
         jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
         for _ in range(iterations if free else 0):
             rate = axes.rate(x)
+            scales = np.array([p.scale for p in free]) / rate
             hessian = (sum((j.T @ j for j in jac), np.diag(weight)) * rate).T * rate
             slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) - weight * (axes.values(x) - centre))
             gain = 0.0
             for _ in range(12):
-                step = _bounded(hessian, slope, damping, x, axes.low, axes.high)
+                step = _bounded(hessian, slope, damping, scales, x, axes.low, axes.high)
                 expected = float(2 * slope @ step - step @ hessian @ step)
                 if expected < ENOUGH:
                     break
@@ -267,11 +268,12 @@ class Axes:
         return np.where(self.log, self.values(x), 1.0)
 
 
-def _bounded(hessian: Array, slope: Array, damping: float, x: Array, low: Array, high: Array) -> Array:
+def _bounded(hessian: Array, slope: Array, damping: float, scales: Array, x: Array, low: Array, high: Array) -> Array:
     """Damped Gauss-Newton step that stays within the bounds: coordinates that would leave are set on their bound."""
     step = np.zeros_like(x)
     free = np.ones(x.size, bool)
-    damped = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1e-300))
+    # a parameter that does nothing here must not run off: steps much beyond its scale are damped, whatever it does
+    damped = hessian + damping * np.diag(np.maximum(np.diag(hessian), 1.0 / scales**2))
     for _ in range(x.size + 1):
         if not free.any():
             break

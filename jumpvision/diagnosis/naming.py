@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from .detect import Detection, Direction, detect, directions
 from .fitting import Fit, Problem
+from .system import Parameter
 
 Array = NDArray[np.float64]
 
@@ -106,7 +108,7 @@ def _starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> li
     """The two best of a few strengths and shapes, and of the linear estimates from the baseline's residuals."""
     candidate = problem.system.candidates[mechanism]
     if candidate.replaces:
-        return [((mechanism,), base.named)]
+        return _best_of(problem, (mechanism,), _about(candidate.parameters, base.named), 2)
     linear = [
         start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
     ]
@@ -121,6 +123,15 @@ def _starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> li
             if strength.low <= value <= strength.high:
                 tries.append({**base.named, **fixed, strength.name: value})
     return _best_of(problem, (mechanism,), tries, 2)
+
+
+def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str, float]]:
+    """The parameters' first values and combinations of others a few scales away, beside given values of the rest."""
+    grid = itertools.product((-3.0, 0.0, 4.0), repeat=len(free))
+    return [
+        {**values, **{p.name: min(max(p.start + f * p.scale, p.low), p.high) for p, f in zip(free, factors)}}
+        for factors in grid
+    ]
 
 
 def _best_of(problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int) -> list[Start]:

@@ -46,13 +46,15 @@ class Candidate:
 
     shapes: sets of shape parameters at which its effect is tried first (their order: that of the parameters).
     replaces: a term that it takes the place of (then there is no strength at which it is absent).
-    goes_with: mechanisms of one cause with it, always tried as a pair.
+    drops: parameters that are nobody's when that term is gone. goes_with: mechanisms of one cause with it, always tried
+    as a pair.
     """
 
     parameters: tuple[Parameter, ...]
     null: float = 0.0
     shapes: tuple[tuple[float, ...], ...] = ((),)
     replaces: str = ""
+    drops: tuple[str, ...] = ()
     goes_with: tuple[str, ...] = ()
 
 
@@ -98,7 +100,8 @@ class System(Protocol):
 
 def parameters(system: System, mechanisms: Sequence[str]) -> tuple[Parameter, ...]:
     """The free parameters of the baseline with these mechanisms; one that several share is there once."""
-    out = {p.name: p for p in system.baseline}
+    gone = {n for m in mechanisms for n in system.candidates[m].drops}
+    out = {p.name: p for p in system.baseline if p.name not in gone}
     for m in mechanisms:
         for p in system.candidates[m].parameters:
             out[p.name] = p

@@ -90,4 +90,9 @@ def _static(model: Model, mu: Parameter, theta: Parameter, stiff: float) -> dict
     delta = _parameter("delta", 0.012, 0.001, 0.08, 0.002)
     sigma = _parameter("sigma_cone", 1.3e5, 0.0, 2e6, 2e4)
     parts = {"linear_penetration": (k,), "two_resistance": (k1, k2, delta), "rft_cone": (k1, sigma, mu, theta)}
-    return {t: Candidate(p, replaces=own) for t, p in parts.items() if t != own}
+    old = set(MECHANISMS[own].parameters)
+    return {
+        t: Candidate(p, replaces=own, drops=tuple(sorted(old - {x.name for x in p})))
+        for t, p in parts.items()
+        if t != own
+    }

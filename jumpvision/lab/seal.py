@@ -49,10 +49,11 @@ def write_blind(out: Path, *, seed: int, ground: str = "granular", workers: int 
 def answer_of(setting: Setting) -> dict[str, Any]:
     """What is hidden: mechanisms, their parameters and strengths, and the nuisance."""
     names = {n for h in setting.hidden for n in parameters_of(h)}
+    true = {**setting.protocol.parameters, **setting.parameters}
     return {
         "hidden": list(setting.hidden),
         "outside": setting.outside,
-        "parameters": {n: setting.parameters[n] for n in sorted(names)},
+        "parameters": {n: true[n] for n in sorted(names)},
         "strength": list(setting.strength),
         "nuisance": setting.nuisance,
         "truth": {"terms": list(setting.protocol.terms), **setting.protocol.parameters},

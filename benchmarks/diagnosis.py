@@ -1,0 +1,171 @@
+"""Hidden effects: campaigns of the virtual laboratory whose declared model lacks something, or nothing.
+
+`python -m benchmarks.diagnosis [--nulls N] [--effects N] [--pairs N] [--outside N] [--workers N]` prints the tables;
+the numbers of `docs/benchmarks.md` come from the full run. The data are made by the laboratory's own integrator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jumpvision.diagnosis.detect import detect, directions
+from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
+from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.jumper import Jump, Jumper, learn_noise
+from jumpvision.lab.blind import ROBOTS, Recorded, Setting, campaign, choices, draw
+from jumpvision.lab.seal import answer_of, score
+from jumpvision.physics.forcing import from_log
+from jumpvision.physics.model import Model
+from jumpvision.physics.parameters import ModelParameters
+from jumpvision.question.document import document
+from jumpvision.question.run import heights_of
+from jumpvision.sections import Actuation
+from jumpvision.stages.motor import commanded
+
+ENCODER = 6.25e-6  # m
+NOISES = {  # nuisance of the false-alarm table: rho, rounding step [m]
+    "white": {"rho": 0.0, "step": 0.0},
+    "correlated, rho 0.7": {"rho": 0.7, "step": 0.0},
+    "rounded to 0.1 mm": {"rho": 0.0, "step": 1e-4},
+    "correlated and rounded": {"rho": 0.5, "step": 5e-5},
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign: what is hidden ((): nothing), how strong, with what noise."""
+
+    table: str
+    seed: int
+    ground: str
+    hidden: tuple[str, ...]
+    noise: float
+    nuisance: dict[str, float]
+    strength: float | None = None
+
+
+def jumps_of(setting: Setting, recorded: list[Recorded]) -> tuple[list[Jump], dict[str, Any], dict[str, float]]:
+    """(jumps, ranges, priors) as `jumpvision diagnose` would read them from the campaign's folders."""
+    tables, ground = setting.protocol.tables, setting.protocol.header.ground
+    robot, spec, sigma = ROBOTS[ground], tables["model"], tables.get("robot.sigma", {})
+    parameters = {k: v for k, v in spec.items() if k not in ("terms", "fit", "sigma")}
+    fit = {k: (float(v[0]), float(v[1])) for k, v in spec.get("fit", {}).items()}
+    parameters |= {k: sum(v) / 2 for k, v in fit.items() if k not in parameters}
+    jumps = []
+    for i, r in enumerate(recorded):
+        model = Model(
+            ground, tuple(spec["terms"]), ModelParameters(**parameters),
+            **{"foot_mass": 0.0, **robot}, volume_fraction=r.volume_fraction or None,
+            grain_density=setting.protocol.bed.grain_density,
+        )  # fmt: skip
+        j, m = r.jump, r.jump.law
+        law = Actuation(j.kind, m.frequency, m.amplitude, m.phase, m.cycles, m.delay, start=m.start)
+        forcing = commanded(law)
+        if r.motor is not None:
+            time_s, position = r.motor["time_s"], r.motor["position_m"]
+            if np.max(np.abs(position - forcing(time_s)[0])) > ENCODER:
+                forcing = from_log(time_s, position, ENCODER / np.sqrt(12.0))
+        t, height = r.track["time_s"], r.track["height_m"]
+        phi = round(r.volume_fraction, 2) if r.volume_fraction else None
+        condition = f"{j.kind} {m.frequency} {m.delay} {phi}"
+        labels = {"kind": j.kind, "frequency": m.frequency, "delay": m.delay, "volume_fraction": phi}
+        y = height - height[t < law.start].mean()
+        driven_by_law = r.motor is None
+        jumps.append(
+            Jump(f"{condition}-{i}", model, forcing, law.stop, t, y, condition, condition, driven_by_law, labels)
+        )
+    return jumps, fit, {**spec.get("sigma", {}), **sigma}
+
+
+def run(case: Case) -> dict[str, Any]:
+    """One campaign made, questioned and scored."""
+    rng = np.random.default_rng([case.seed, 77])
+    setting = draw(
+        rng, ground=case.ground, hidden=case.hidden, strength=case.strength, noise=case.noise, **case.nuisance
+    )  # fmt: skip
+    jumps, fit, priors = jumps_of(setting, campaign(setting, rng))
+    began = time.perf_counter()
+    system = Jumper(jumps, fit, priors, workers=1)
+    noise, scatter = learn_noise(system)
+    out: dict[str, Any] = {"table": case.table, "hidden": "+".join(case.hidden) or "nothing", "noise": case.noise,
+                           "ground": case.ground, "seed": case.seed, "s": noise.s, "rho": noise.rho,
+                           "scatter": scatter}  # fmt: skip
+    answer = answer_of(setting)
+    if not case.hidden:
+        problem = Problem(system, noise, scatter)
+        base = fit_baseline(problem, rng)
+        found = detect(problem, base, directions(problem, base), rng)
+        out |= {"p": found.p_value, "p_chi2": found.p_chi2, "p_score": found.p_score}
+        out["outcome"] = "false alarm" if found.discrepant else "right"
+    else:
+        d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
+        unexplained = {"terms": []} if d.naming and not d.naming.named else None
+        data = document(d, system, heights_of(d, system), unexplained)
+        out |= {"p": data["p_value"], "named": "+".join(data["named"])}
+        out |= score(data, answer)
+        out["twins"] = data["indistinguishable"]
+        if d.naming:
+            truth = [e for e in d.naming.tried if set(e.mechanisms) == set(case.hidden)]
+            wrong = [e for e in d.naming.tried if set(e.mechanisms) != set(case.hidden)]
+            best = min((e.fit.chi2 for e in wrong), default=np.nan)
+            out["noncentrality"] = float(best - truth[0].fit.chi2) if truth else np.nan
+            out["best_chi2_per_n"] = d.naming.best.fit.chi2 / sum(r.size for r in d.baseline.residuals)
+        out["detected"] = float(d.baseline.chi2 - sum(r.size - 1 for r in d.baseline.residuals))
+        out["held_out"] = data["gain"]["rmse_track_after_m"] / noise.s if data["gain"] else None
+        out["truth"] = answer["parameters"]
+    out["seconds"] = time.perf_counter() - began
+    return out
+
+
+def cases(nulls: int, effects: int, pairs: int, outside: int) -> Iterator[Case]:
+    """The full set: nulls by kind of noise, every mechanism on every ground, pairs, effects of no vocabulary."""
+    seed = 0
+    for name, nuisance in NOISES.items():
+        for i in range(nulls):
+            seed += 1
+            yield Case(f"null, {name}", seed, ("granular", "hard")[i % 2], (), (5e-5, 5e-4)[i // 2 % 2], nuisance)
+    plain = {"rho": 0.0, "step": 0.0}
+    for i in range(effects):
+        for ground in ("granular", "hard"):
+            for h in choices(ground):
+                seed += 1
+                yield Case("one", seed, ground, (h,), (5e-5, 5e-4)[i % 2], plain)
+    rng = np.random.default_rng(5)
+    for i in range(pairs):
+        seed += 1
+        ground = ("granular", "hard")[i % 2]
+        pair = tuple(str(h) for h in rng.choice(choices(ground), 2, replace=False))
+        yield Case("two", seed, ground, pair, (5e-5, 5e-4)[i // 2 % 2], plain, 0.6)
+    for i in range(outside):
+        for ground in ("granular", "hard"):
+            for h in choices(ground, outside=True):
+                seed += 1
+                yield Case("outside", seed, ground, (h,), (5e-5, 5e-4)[i % 2], plain, 0.8)
+
+
+def attempt(case: Case) -> dict[str, Any]:
+    try:
+        return run(case)
+    except ValueError as e:
+        return {"table": case.table, "hidden": "+".join(case.hidden), "ground": case.ground, "seed": case.seed,
+                "noise": case.noise, "outcome": f"not possible: {e}", "seconds": 0.0}  # fmt: skip
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    for option, default in (("nulls", 6), ("effects", 1), ("pairs", 4), ("outside", 1), ("workers", 2)):
+        parser.add_argument(f"--{option}", type=int, default=default)
+    parser.add_argument("--only", default="")
+    args = parser.parse_args()
+    wanted = [c for c in cases(args.nulls, args.effects, args.pairs, args.outside) if args.only in "+".join(c.hidden)]
+    with ProcessPoolExecutor(args.workers) as pool:
+        for row in pool.map(attempt, wanted):
+            print(json.dumps(row, default=float), flush=True)
