@@ -14,6 +14,7 @@ from ..physics.points import resolve
 from ..schema import InputError, closest
 from . import motions, scaling, thresholds
 from .axes import Array, option, read_axes
+from .comparison import compare
 from .compute import Say
 from .machine import Machine, machine
 from .study import Analysis, Rows, Study
@@ -33,7 +34,8 @@ ANALYSES: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...]]] = {
     "animals": (scaling.animals, (), ()),
     "two-frequency": (scaling.two_frequency, ("alpha",), ()),
 }
-NAMES = ("map", *ANALYSES)
+COMPARISON = "comparison"  # of a campaign with its simulation
+NAMES = ("map", *ANALYSES, COMPARISON)
 GRID = {"frequency": (0.2, 1.8, 320), "phase": (0.0, 2.0 * np.pi, 241)}  # f_0 and rad: the map where no range is given
 SLOW_GRID = {"frequency": (0.35, 1.5, 40), "phase": (0.0, 2.0 * np.pi, 25)}  # where a jump takes half a millisecond
 
@@ -47,8 +49,13 @@ def run(
     overrides: Mapping[str, Mapping[str, Any]],
     workers: int,
     say: Say,
+    campaign: Path | None = None,
+    results: Path | None = None,
 ) -> tuple[xr.Dataset, Rows]:
-    """The data set of a sweep and its table of numbers. given: axes as typed. InputError names every problem."""
+    """The data set of a sweep and its table of numbers. given: axes as typed. InputError names every problem.
+
+    campaign, results: of the comparison, the folder of experiments and the one of their results.
+    """
     problems = []
     if ground not in GROUNDS:
         problems.append(f"sweep {ground}: unknown ground{closest(ground, GROUNDS)}")
@@ -56,8 +63,17 @@ def run(
         problems.append(f"--analysis {analysis}: unknown{closest(analysis, NAMES)}")
     elif analysis != "map" and ground == "granular":
         problems.append(f"--analysis {analysis}: is of hard ground; sweep hard, or leave --analysis out")
+    if (campaign is not None) != (analysis == COMPARISON):
+        problems.append(f"--campaign FOLDER and --analysis {COMPARISON}: go together; give both or neither")
+    elif campaign is not None:
+        problems += [f"{option(n)} {v}: the comparison is of the campaign's own laws; leave it out"
+                     for n, v in given.items()]  # fmt: skip
+        if experiment is not None:
+            problems.append("--experiment: every experiment of the campaign gives its own robot; leave it out")
     if problems:
         raise InputError(problems)
+    if campaign is not None and results is not None:
+        return compare(campaign, overrides=overrides, results=results, workers=workers, say=say)
     axes = read_axes(ground, given)
     robot = machine(ground, experiment, overrides)
     values = {n: a for n, a in axes.items() if a.ndim == 0}
