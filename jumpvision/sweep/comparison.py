@@ -76,7 +76,7 @@ def compare(
     if other:
         raise InputError([f"{e.path}: ground = '{e.ground}': this comparison is of hard ground" for e in other])
     plan = Plan(results, results / ".cache", stages=("summary",), command="jumpvision sweep hard --analysis comparison")
-    outcomes = run_campaign(campaign, plan, workers=workers, done=lambda outcome: None)
+    outcomes = run_campaign(campaign, plan, workers=workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
     jumps = []
     for e, o in zip(campaign.experiments, watch(outcomes, "simulations")):
         why = problem(o)
