@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..campaign import Outcome, Plan, run_campaign
 from ..experiment import Campaign, Experiment, ModelSpec, open_campaign
 from ..fit.agreement import Agreement, agreement
+from ..params import SimulateParams
 from ..physics.parameters import ModelParameters
 from ..physics.points import hard_points, resolve
 from ..pipeline import StageWarning, Workspace
@@ -53,15 +54,20 @@ class Jump:
     steps: dict[str, float]
 
     @property
-    def condition(self) -> tuple[Any, ...]:
-        """Trials of the same group and law are repeats. The phase counts modulo 2 pi."""
-        return (self.experiment.header.group, *(round(x, 9) for x in self.law.values()))
+    def law(self) -> dict[str, float]:
+        return law_of(self.experiment)
 
     @property
-    def law(self) -> dict[str, float]:
-        a = self.experiment.section(Actuation)
-        return {"frequency": a.frequency, "phase": a.start_phase % (2 * math.pi), "amplitude": a.amplitude,
-                "cycles": a.cycles, "delay": a.delay}  # fmt: skip
+    def condition(self) -> tuple[Any, ...]:
+        """Trials of the same group and law are repeats."""
+        return (self.experiment.header.group, *(round(x, 9) for x in self.law.values()))
+
+
+def law_of(e: Experiment) -> dict[str, float]:
+    """The numbers of [actuation]; the phase counts modulo 2 pi."""
+    a = e.section(Actuation)
+    return {"frequency": a.frequency, "phase": a.start_phase % (2 * math.pi), "amplitude": a.amplitude,
+            "cycles": a.cycles, "delay": a.delay}  # fmt: skip
 
 
 def compare(
@@ -113,7 +119,7 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
     rod, p = workspace.make(RodMotion), workspace.parameters(simulate)
     log, law, motor = (e.section(s) for s in (MotorLog, Actuation, Motor))
 
-    def height(robot: Robot, spec: ModelSpec) -> float:
+    def height(robot: Robot, spec: ModelSpec, p: SimulateParams = p) -> float:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StageWarning)  # told when the stage itself ran
             done = simulate(e, robot, spec, log, law, motor, None, None, rod, p=p)
@@ -121,7 +127,11 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
 
     robot, spec = e.section(Robot), e.section(ModelSpec) or ModelSpec()  # hard ground without [model]: no term
     steps = {name: (height(*high) - height(*low)) * share for name, low, high, share in variations(robot, spec)}
-    return Jump(e, o.summary["jump_height_m"], o.summary["sigma_m"], height(robot, spec), steps)
+    model = height(robot, spec)
+    if log is not None:  # smoothed by its encoder's step: twice that shows what smoothing does, 0 where the law drives
+        coarse = dataclasses.replace(p, encoder_step=2.0 * p.encoder_step)
+        steps["motor_log of " + ", ".join(f"{x:g}" for x in law_of(e).values())] = height(robot, spec, coarse) - model
+    return Jump(e, o.summary["jump_height_m"], o.summary["sigma_m"], model, steps)
 
 
 Version = tuple[Robot, ModelSpec]
@@ -158,7 +168,11 @@ def _dataset(
         "measured_height_m": (found.measured, "m", "jump_height, mean of the trials"),
         "measured_sigma_m": (found.sigma, "m", "its standard uncertainty, with the scatter of trials"),
         "simulated_height_m": (found.model, "m", "jump_height of the simulation, mean over the trials' own parameters"),
-        "model_sigma_m": (found.model_sigma, "m", "its standard uncertainty from [robot.sigma] and [model.sigma]"),
+        "model_sigma_m": (
+            found.model_sigma,
+            "m",
+            "its standard uncertainty from [robot.sigma], [model.sigma] and the motor log",
+        ),
         "difference_m": (found.measured - found.model, "m", "measured - simulated"),
         "z": (found.z, "1", "difference / sqrt(measured_sigma^2 + model_sigma^2), as a normal deviate"),
         "p": (found.p, "1", "two-sided probability of z"),
@@ -228,8 +242,9 @@ def rows(data: xr.Dataset) -> Rows:
     }  # fmt: skip
     out: Rows = []
     for c, odd in enumerate(data.stands_out.values):
-        numbers = {n: float(f"{float(v[c]):.5g}") for n, v in columns.items()}
+        numbers = {n: float(f"{float(v[c]):.{2 if n == 'p_corrected' else 5}g}") for n, v in columns.items()}
+        numbers["trials"] = int(data.trials[c])
         out.append({"group": str(data.group.values[c]), **numbers, "note": "stands out" if odd else ""})
-    chi2, p = data.attrs["chi2"], float(f"{data.attrs['p_value']:.3g}")
-    known = {"group": "all", "trials": float(data.trials.sum()), "p_corrected": p}
+    chi2, p = data.attrs["chi2"], float(f"{data.attrs['p_value']:.2g}")
+    known = {"group": "all", "trials": int(data.trials.sum()), "p_corrected": p}
     return [*out, dict.fromkeys(out[0]) | known | {"note": f"chi2 {chi2:.4g} of {len(out)} conditions"}]
