@@ -15,8 +15,14 @@ ROOT = Path(__file__).parents[1]
 PARTS = {
     "pipeline": "Whole commands",
     "ball": "Ball tracker",
+    "crater": "Laser line",
     "piv": "PIV",
+    "memory": "PIV memory",
     "hard": "Hard-ground jumper",
+    "granular": "Granular jumper",
+    "laboratory": "Virtual laboratory",
+    "dem": "Discs",
+    "closed_loop": "Closed loop: discs, film, analysis",
 }
 
 

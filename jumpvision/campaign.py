@@ -93,7 +93,8 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
             workspace.withdraw(output)
             if id(e) not in blamed:  # a stage below failed already: said once
                 blamed.add(id(e))
-                outcome.errors += explain(e, made.name, experiment.path)
+                said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
+                outcome.errors += [text for text in said if text not in outcome.errors]
     outcome.steps = workspace.steps
     if Summary in workspace.made:
         outcome.summary = workspace.made[Summary].values

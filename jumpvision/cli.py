@@ -14,6 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
+PICTURES = tuple(f"jumpvision.report.{m}" for m in ("pictures", "craters", "air", "intrusions"))  # register figures
 
 app = App(
     name="jumpvision",
@@ -72,8 +73,10 @@ def _stage_command(name: str, text: str) -> None:
 for _name, _text in {
     "track": "Ball on the rod: position, height and uncertainty in every frame (track.csv).",
     "bed": "Height of the bed and its volume fraction (bed.json).",
+    "crater": "Volume change of a crater from a laser line or a depth map (crater.json).",
     "piv": "Velocity field of the grains (piv.nc).",
     "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
+    "intrusion": "Slow intrusion: two resistances, overshoots after pauses and withdrawals (intrusion.json).",
     "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",
     "simulate": "The model driven by the measured motor (simulation.csv).",
 }.items():
@@ -82,7 +85,7 @@ for _name, _text in {
 
 @app.command
 def check(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """Validate a folder: every problem with file, section, key, value and remedy.
+    """Validate a folder: every problem with file, section, key, value and remedy; walls, floor and air of the bed.
 
     Example: jumpvision check data_samples/loose_sand
     """
@@ -91,8 +94,39 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     campaign = _open(path, options)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
-    show.result({"path": str(path), "problems": [], "experiments": rows}, rows, as_json=options.json)
+    from .checks import check_geometry
+
+    found = {e.name: check_geometry(e) for e in campaign.experiments}
+    data = {
+        "path": str(path), "problems": [], "experiments": rows,
+        "geometry": (numbers := {n: values for n, (values, _) in found.items() if values is not None}),
+        "warnings": [f"{n}: {text}" for n, (_, texts) in found.items() for text in texts],
+    }  # fmt: skip
+    show.result(data, rows, as_json=options.json)
+    if not options.json:
+        show.geometry(numbers)
+    for text in data["warnings"]:
+        show.line(f"warning: {text}")
     return DONE
+
+
+@app.command
+def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
+    """What the simulation gets wrong, why, the extended model and what it gains (diagnosis.json, model.toml).
+
+    Example: jumpvision diagnose data_samples/loose_sand
+    """
+    from . import show
+    from .experiment import folder_of, is_campaign
+    from .schema import InputError
+
+    if not is_campaign(folder_of(path)):
+        raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
+    campaign, outcomes, plan, _ = _outcomes(path, ("rod", "bed"), options)
+    made: list[Path] = []
+    data = _question(campaign, outcomes, plan, options, made)
+    show.diagnosis(data, made, as_json=options.json)
+    return FAILED if any(o.errors for o in outcomes) else DONE
 
 
 @app.command
@@ -105,24 +139,56 @@ def report(path: Path, /, *, options: Options = OPTIONS) -> int:
 
 
 @app.command
-def synth(kind: str, out: Path, /, *, seed: int = 20140630) -> int:
-    """Virtual laboratory: write experiment folders whose truth is known (truth.json).
+def synth(
+    kind: str, out: Path, /, *, seed: int = 20140630, workers: int | None = None, ground: str = "granular"
+) -> int:
+    """Virtual laboratory: write experiment folders whose truth is known (truth.json), or play the hidden-effect game.
 
     Example: jumpvision synth samples my_samples
 
     Parameters
     ----------
     kind
-        hard_ground, loose_sand or samples (both).
+        hard_ground, loose_sand, samples (both), intrusion, or a protocol.toml of your own; blind writes a campaign
+        with a hidden effect, reveal opens its answer and scores results/OUT/diagnosis.json.
     out
-        Folder to write into; what is there already is not overwritten.
+        Folder to write into; what is there already is not overwritten (an interrupted protocol is taken up).
     seed
-        Of the random numbers; the same seed gives the same recordings.
+        Of the random numbers; the same seed gives the same recordings, however many workers.
+    workers
+        Processes of a protocol; default: the cores.
+    ground
+        Of a blind campaign: hard or granular.
     """
     from . import show
+
+    if kind == "reveal":
+        from .lab.seal import reveal
+
+        score = reveal(out)
+        show.result(score, [{"what": k, "value": v} for k, v in score.items()], as_json=False)
+        return DONE
+    show.line(f"writing {kind} to {out} ...")
+    if kind.endswith(".toml") or kind == "blind":
+        from .progress import HOOK
+
+        with show.Progress(1) as progress:
+            token = HOOK.set(progress.frames)
+            try:
+                if kind == "blind":
+                    from .lab.seal import write_blind
+
+                    write_blind(out, seed=seed, ground=ground, workers=workers or cores())
+                else:
+                    from .lab.campaign import write_campaign
+
+                    write_campaign(Path(kind), out, seed=seed, workers=workers or cores())
+            finally:
+                HOOK.reset(token)
+        show.line(f"wrote {out}")
+        return DONE
     from .lab import samples
 
-    show.line(f"writing {kind} to {out} ...")
     folders = samples.write_samples(kind, out, seed=seed)
     show.line(f"wrote {', '.join(str(f) for f in folders)}")
     return DONE
@@ -162,13 +228,15 @@ def sweep(
     analysis: str = "map",
     experiment: Path | None = None,
     campaign: Path | None = None,
+    model: Path | None = None,
+    laws: Path | None = None,
     results: Path | None = None,
     settings: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     json: bool = False,
     workers: int | None = None,
     pictures: bool = True,
 ) -> int:
-    """Jumps over any axes, or a named analysis of thesis chapter II: sweep.nc and sweep.png (or comparison.*).
+    """Jumps over any axes, or a named analysis of thesis chapters II and III: sweep.nc and sweep.png (or comparison.*).
 
     Example: jumpvision sweep hard --frequency 4:18:200 --phase 0:6.283:200
 
@@ -178,11 +246,17 @@ def sweep(
         hard or granular.
     analysis
         map, or on hard ground minimum-amplitude, lift-off-time, alpha, scatter, bifurcation, traces, estimates,
-        animals, two-frequency, comparison (of the measured jumps of --campaign with their simulation).
+        animals, two-frequency, comparison (of the measured jumps of --campaign with their simulation); on granular
+        ground height-phi, jump-types, delay, alpha-fit, force-models, drag-scale, foot-radius.
     experiment
         An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot.
     campaign
         Folder of hard-ground experiments for --analysis comparison.
+    model
+        A TOML file whose [model] replaces the model, e.g. model.toml.
+    laws
+        A TOML file of the bed's parameters against volume fraction; named analyses on granular ground default to an
+        example (docs/granular.md).
     results
         Folder for the files; default: results/sweep, or results/NAME beside the campaign.
     settings
@@ -197,19 +271,21 @@ def sweep(
     from dataclasses import asdict
 
     from . import show
+    from .experiment import folder_of
     from .overrides import parse
     from .progress import HOOK
     from .sweep.dataset import write
     from .sweep.run import run as run_sweep
 
     given = {name: text for name, text in asdict(axes).items() if text is not None}
-    results = results or (_results_of(campaign) if campaign else Path("results/sweep"))
+    results = results or (_results_of(folder_of(campaign)) if campaign else Path("results/sweep"))
     with show.Progress(1) as progress:
         token = HOOK.set(progress.frames)
         try:
             data, rows = run_sweep(
                 ground, given, analysis=analysis, experiment=experiment, overrides=parse(settings),
-                workers=workers or cores(), say=show.line, campaign=campaign, results=results,
+                workers=workers or cores(), say=show.line, model=model, laws=laws, campaign=campaign,
+                results=results,
             )  # fmt: skip
         finally:
             HOOK.reset(token)
@@ -312,10 +388,45 @@ def _work(
     path: Path, stages: tuple[str, ...] | None, options: Options, *, pipeline: Path | None = None, page: bool = False
 ) -> int:
     from . import show
-    from .campaign import Plan, jumps_table, run_campaign, run_single, write_jumps
+    from .campaign import jumps_table, write_jumps
+    from .schema import InputError
+
+    campaign, outcomes, plan, single = _outcomes(path, stages, options, pipeline)
+    if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
+        raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
+    rows = jumps_table(campaign, outcomes)
+    made: list[Path] = []
+    diagnosis = None
+    if not single and stages is None:
+        write_jumps(rows, plan.results)
+        from .question.jumps import worth_asking
+
+        if plan.stages is None and worth_asking(campaign):
+            diagnosis = _question(campaign, outcomes, plan, options, made)
+    if not single:
+        from .across import write_actuator, write_intrusions
+
+        write_intrusions(campaign, outcomes, plan.results)
+        write_actuator(campaign, outcomes, plan.results)
+    if not single and (stages is None or "crater" in stages):
+        from .craters import craters_table, write_craters, zero_crossing
+
+        craters = craters_table({o.name: o.results for o in outcomes})
+        made += write_craters(craters, zero_crossing(craters), plan.results)
+    if page and any(o.steps for o in outcomes):
+        from .report.page import write_report
+
+        made.append(write_report(campaign, outcomes, rows, plan.results, single=single, diagnosis=diagnosis))
+    show.outcome(campaign, outcomes, rows, plan.results, made, as_json=options.json, single=single, diagnosis=diagnosis)
+    return FAILED if any(o.errors for o in outcomes) else DONE
+
+
+def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipeline: Path | None = None) -> Any:
+    """Run the stages; (campaign, outcomes, plan, whether it is a single experiment)."""
+    from . import show
+    from .campaign import Plan, run_campaign, run_single
     from .experiment import folder_of, is_campaign
     from .overrides import read_pipeline
-    from .schema import InputError
 
     path = folder_of(path)
     definition = read_pipeline(pipeline) if pipeline else {}
@@ -325,7 +436,7 @@ def _work(
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", "jumpvision.report.pictures")[: 1 + options.pictures],
+        modules=("jumpvision.stages", *(PICTURES if options.pictures else ())),
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
@@ -336,18 +447,21 @@ def _work(
             outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
         else:
             outcomes = run_campaign(campaign, plan, workers=options.workers or cores(), done=progress.experiment)
-    if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
-        raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
-    rows = jumps_table(campaign, outcomes)
-    if not single and stages is None:
-        write_jumps(rows, results)
-    made = []
-    if page and any(o.steps for o in outcomes):
-        from .report.page import write_report
+    return campaign, outcomes, plan, single
 
-        made.append(write_report(campaign, outcomes, rows, results, single=single))
-    show.outcome(campaign, outcomes, rows, results, made, as_json=options.json, single=single)
-    return FAILED if any(o.errors for o in outcomes) else DONE
+
+def _question(campaign: Any, outcomes: Any, plan: Any, options: Options, made: list[Path]) -> dict[str, Any]:
+    """Diagnose a campaign whose tracks are there; adds the files written to `made`."""
+    from . import show
+    from .question.run import question
+    from .report.diagnosis import diagnosis_picture
+
+    data, files = question(
+        campaign, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=options.workers or cores(),
+        draw=diagnosis_picture if options.pictures else None, say=lambda text: show.line(f"diagnose: {text}"),
+    )  # fmt: skip
+    made += files
+    return data
 
 
 def cores() -> int:

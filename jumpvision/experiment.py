@@ -238,6 +238,22 @@ def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
     return ""
 
 
+def read_model(file: Path) -> ModelSpec:
+    """[model] of a TOML file such as model.toml; its other tables are left alone. InputError with every problem."""
+    try:
+        table, problems = _toml(file)
+    except OSError as e:
+        raise InputError([f"{file}: cannot be read ({e.strerror}); name a TOML file with a [model]"]) from None
+    spec = None
+    if not problems and not isinstance(table.get("model"), Mapping):
+        problems = [f"{file}: [model]: missing; give terms and their parameters"]
+    elif not problems:
+        spec, problems = _model(table["model"], f"{file} [model]")
+    if spec is None:
+        raise InputError(problems)
+    return spec
+
+
 def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list[str]]:
     from .physics.parameters import MECHANISMS, ModelParameters
 

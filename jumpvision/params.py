@@ -32,8 +32,9 @@ class BedParams:
         "edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold")
     )
     reference_height: float | None = param(
-        None, "m", "bed height at reference_fraction, if V_s is unknown", lo=0, hi=10
-    )
+        None, "m", "bed height at reference_fraction, if V_s is unknown; default: that of a series' first picture",
+        lo=0, hi=10,
+    )  # fmt: skip
     reference_fraction: float | None = param(None, "", "volume fraction at reference_height", lo=0.3, hi=0.8)
 
 
@@ -41,14 +42,18 @@ class BedParams:
 class PivParams:
     """Windows of the grain matching and validation of its vectors."""
 
+    preset: str = param("default", "", "fast: about half the time, 0.003 px more error for particles below 4 px",
+                        choices=("default", "fast"))  # fmt: skip
     window: int = param(24, "px", "side of the matched window: a few grains", lo=8, hi=256)
     step: int = param(8, "px", "distance between vectors", lo=1, hi=256)
     gap: int = param(1, "frames", "frames between the two images of a pair", lo=1, hi=100)
-    passes: tuple[int, ...] = param((64, 32), "px", "correlation windows that start the match; the first exceeds twice "
-                                    "the largest displacement", lo=8, hi=1024)  # fmt: skip
+    passes: tuple[int, ...] = param((64, 32), "px", "correlation windows where the start fails; the first exceeds "
+                                    "twice the largest displacement", lo=8, hi=1024)  # fmt: skip
     min_correlation: float = param(0.3, "", "matches below this correlation are replaced", lo=0, hi=1)
     min_texture: float = param(1.0, "grey levels", "windows with less contrast are left out", lo=0, hi=1e4)
     outlier: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
+    smooth: str = param("none", "", "adaptive: draw vectors together where they differ only by their noise; errors are "
+                        "then alike over more vectors than a window covers", choices=("none", "adaptive"))  # fmt: skip
     foot_rows: int = param(16, "px", "rows of the foot's body used to follow its lower face", lo=4, hi=500)
 
     def check(self) -> list[str]:
@@ -84,7 +89,48 @@ class FitParams:
     debounce: float = param(0.003, "s", "contact flickers shorter than this are ignored", lo=0, hi=0.1)
     shortest_flight: float = param(0.03, "s", "shorter ballistic intervals are not counted as jumps", lo=0, hi=10)
     max_gap: float = param(0.05, "s", "a longer gap in the track ends a flight", lo=0, hi=10, open_lo=True)
+    ring_method: str = param("waveform", "", "damping from the whole waveform, or the published peaks",
+                             choices=("waveform", "peaks"))  # fmt: skip
     settle: float = param(0.1, "s", "pause after the last landing before the ring-down is fitted", lo=0, hi=10)
+
+
+@dataclass(frozen=True)
+class CraterParams:
+    """The crater's volume change."""
+
+    radius: float | None = param(None, "m", "beyond it the surface is undisturbed; default: found", lo=0, hi=10,
+                                 open_lo=True)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GeometryParams:
+    """Walls, floor and air of the bed."""
+
+    wall_ratio: float = param(5.0, "", "bed over foot diameter above which the walls do not matter", lo=1, hi=100)
+    bottom_constant: float = param(
+        7.7e-4, "m^1.5/N^0.5", "C in zeta_b = C sqrt(F_0/r); default from the thesis' 9 cm", lo=0, hi=1, open_lo=True
+    )
+    stiffness: float = param(
+        4.6e5,
+        "N/m^3",
+        "static resistance over foot area and depth, where no model gives it",
+        lo=0,
+        hi=1e9,
+        open_lo=True,
+    )
+    air_viscosity: float = param(1.82e-5, "Pa s", "of the air", lo=0, hi=1, open_lo=True)
+    air_density: float = param(1.2, "kg/m^3", "of the air", lo=0, hi=1e4, open_lo=True)
+
+
+@dataclass(frozen=True)
+class IntrusionParams:
+    """Slow intrusion: how the log is cut into strokes, and the cone that its curve is compared with."""
+
+    window: float = param(0.05, "s", "speeds are slopes over this time; shorter pauses are not seen", lo=1e-4, hi=10)
+    rise: float = param(5e-4, "m", "depth left out after a pause while the force builds up again", lo=0, hi=0.1)
+    significance: float = param(0.01, "", "chance below which one slope is refused for two", lo=1e-3, hi=0.5)
+    mu: float = param(2.2, "", "growth of the jammed cone with depth", lo=0, hi=20, open_lo=True)
+    theta: float = param(1.0471975512, "rad", "angle of the cone's mantle", lo=0.1, hi=1.5)
 
 
 @dataclass(frozen=True)
@@ -103,6 +149,9 @@ PARAMS = {
     "piv": PivParams,
     "flow": FlowParams,
     "column": ColumnParams,
+    "intrusion": IntrusionParams,
     "fit": FitParams,
+    "crater": CraterParams,
+    "geometry": GeometryParams,
     "simulate": SimulateParams,
 }

@@ -151,6 +151,24 @@ class Bed(Section):
     grain_diameter: float | None = param(None, "m", "grain diameter", lo=0, hi=0.1, open_lo=True)
 
 
+@dataclass(frozen=True)
+class Fan(Section):
+    """The fan that blows air through the bed: its curve, for the check of fluidisation."""
+
+    name: ClassVar[str] = "fan"
+    speed: tuple[float, ...] = param((), "m/s", "air speeds through the bed's area, increasing", lo=0, hi=100)
+    pressure: tuple[float, ...] = param((), "Pa", "static pressure of the fan at these speeds", lo=0, hi=1e6)
+    loss: float = param(0.0, "Pa s^2/m^2", "pressure lost in duct and distributor, per speed squared", lo=0)
+
+    def check(self) -> list[str]:
+        """Two points or more, speeds increasing."""
+        if len(self.speed) != len(self.pressure) or len(self.speed) == 1:
+            return [f"speed, pressure: {len(self.speed)} and {len(self.pressure)} values; must be two or more, as many"]
+        if any(b <= a for a, b in zip(self.speed, self.speed[1:])):
+            return [f"speed = {list(self.speed)}: must increase"]
+        return []
+
+
 SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
 RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
 
@@ -217,11 +235,15 @@ class Calibration(Section):
 
 @dataclass(frozen=True)
 class BedImage(FileSection):
-    """Back-lit side view of the bed."""
+    """Back-lit side view of the bed: one picture, or a series (folder, pattern, stack, film) of one bed."""
 
     name: ClassVar[str] = "bed_image"
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
     floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
+    use: str = param("last", "", "picture of a series that gives the experiment's volume fraction",
+                     choices=("first", "last"))  # fmt: skip
+    frame_rate: float | None = param(None, "1/s", "of a series without time stamps; default one picture a second",
+                                     **RATE)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -267,10 +289,20 @@ class IntrusionLog(FileSection):
     name = "intrusion_log"
 
 
+@dataclass(frozen=True)
 class CraterDepth(FileSection):
-    """Depth map (.npz, .npy, TIFF) in metres."""
+    """Depth map of a crater: a 2-D array in .npy, .npz or a TIFF image, metres."""
 
-    name = "crater_depth"
+    name: ClassVar[str] = "crater_depth"
+    scale: float | None = param(None, "m/px", "metres per pixel", lo=0, hi=0.1, open_lo=True)
+    height_scale: float = param(1.0, "m", "height of one stored unit, up: 0.001 for mm, negative for a distance from a "
+                                "camera above", lo=-1000, hi=1000)  # fmt: skip
+    axis: tuple[float, ...] = param((), "px", "column, row of the crater's axis; default: found")
+
+    def check(self) -> list[str]:
+        """An axis is a point; a height of zero is none."""
+        out = [f"axis = {list(self.axis)}: must be [column, row]"] if len(self.axis) not in (0, 2) else []
+        return out + (["height_scale = 0: must not be zero"] if self.height_scale == 0.0 else [])
 
 
 class PivField(FileSection):
@@ -285,12 +317,21 @@ class CraterImage(FileSection):
 
     name: ClassVar[str] = "crater_image"
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    laser_angle: float = param(
+        0.5 * math.pi, "rad", "between line of sight and laser sheet: height = rows x scale / sin(laser_angle)",
+        lo=0.0, hi=0.5 * math.pi + 1e-6, open_lo=True,
+    )  # fmt: skip
+    axis_column: float | None = param(
+        None, "px", "column of the crater's axis; default: found by symmetry", lo=0, hi=1e5
+    )
+    saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
+                                     lo=0, hi=65536, open_lo=True)  # fmt: skip
 
 
 SECTIONS: dict[str, type[Section]] = {
     s.name: s
     for s in (
-        Robot, Motor, Actuation, Bed, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
+        Robot, Motor, Actuation, Bed, Fan, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
         IntrusionLog, CraterDepth, PivField, CraterImage,
     )
 }  # fmt: skip

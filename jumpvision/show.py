@@ -161,6 +161,41 @@ def plain_number(value: float | None, factor: float = 1.0) -> str:
     return "" if value is None else f"{value * factor:#.4g}"
 
 
+def diagnosis(data: dict[str, Any], made: list[Path], *, as_json: bool) -> None:
+    """What `diagnose` found: the sentence, the causes, the gain."""
+    if as_json:
+        print(json.dumps(plain(data), indent=1))
+        return
+    print(data["sentence"] + "\n")
+    rows = []
+    for c in data["causes"]:
+        values = ", ".join(
+            f"{n} = {p['value']:.4g} ({p['low']:.4g} to {p['high']:.4g}) {p['unit']}"
+            for n, p in c["parameters"].items()
+        )
+        rows.append(
+            {
+                "mechanism": " + ".join([c["mechanism"], *c["with"]]),
+                "probability": f"{c['probability']:.3f}",
+                "held-out gain": f"{c['delta_score']:.0f}",
+                "parameters (90 %)": values,
+            }
+        )
+    if rows:
+        table(rows)
+    if g := data["gain"]:
+        line(
+            f"held out: track {1e3 * g['rmse_track_before_m']:.3f} -> {1e3 * g['rmse_track_after_m']:.3f} mm, heights "
+            f"{1e3 * g['rmse_height_before_m']:.2f} -> {1e3 * g['rmse_height_after_m']:.2f} mm rms; "
+            f"ratio {g['ratio']:.1f} ({g['ratio_ci95'][0]:.1f} to {g['ratio_ci95'][1]:.1f})"
+        )
+    if n := data["next_experiment"]:
+        what = f"{n['kind']} at {n['frequency']} Hz" + (f", delay {n['delay']} s" if n["delay"] else "")
+        odds = f"10^{n['expected_log10_odds']:.1f} odds"
+        line(f"next experiment: {what} separates {' from '.join(n['separates'])} ({odds})")
+    line("written: " + ", ".join(str(f) for f in made))
+
+
 def outcome(
     campaign: Campaign,
     outcomes: list[Outcome],
@@ -170,6 +205,7 @@ def outcome(
     *,
     as_json: bool,
     single: bool,
+    diagnosis: dict[str, Any] | None = None,
 ) -> None:
     """The end of a command: table on stdout; what was done, skipped, warned of and failed on stderr."""
     if as_json:
@@ -188,6 +224,7 @@ def outcome(
                 for o in outcomes
             ],
             "excluded": dict(campaign.excluded),
+            "diagnosis": diagnosis,
         }
         print(json.dumps(plain(data), indent=1))
     elif any(o.summary for o in outcomes):
@@ -197,6 +234,8 @@ def outcome(
         if rows_of_details := details(campaign, outcomes):
             print()
             table(rows_of_details)
+    if diagnosis and not as_json:
+        print(f"\n{diagnosis['sentence']}")
     for o in outcomes:
         for text in o.warnings:
             line(f"warning: {o.name}: {text}")
@@ -218,6 +257,31 @@ def outcome(
     )
     line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {done}")
     line(f"results in {results}" + "".join(f"; open {m}" for m in made))
+
+
+def geometry(found: dict[str, Any]) -> None:
+    """The checks of walls, floor and air as a table: of each the experiment that is nearest to its limit."""
+    checks: dict[str, list[tuple[float, str, dict[str, Any]]]] = {}
+    for name, values in found.items():
+        for f in values["findings"]:
+            checks.setdefault(f["check"], []).append((f["value"] / f["limit"], name, f))
+        for law in ("ergun", "wu") if values["fluidisation"] else ():
+            onset = values["fluidisation"][f"onset_{law}_m_s"]
+            entry = {"value": onset, "limit": None, "unit": "m/s", "ok": None}
+            checks.setdefault(f"onset of fluidisation ({law.title()})", []).append((-onset, name, entry))
+    rows = []
+    for check, entries in checks.items():
+        _, name, f = min(entries, key=lambda e: e[0])
+        rows.append(
+            {
+                "check": check, "value": f"{f['value']:.3g}", "needs more than": f["limit"] and f"{f['limit']:.3g}",
+                "unit": f["unit"], "ok": {True: "yes", False: "NO", None: ""}[f["ok"]],
+                "experiment": name if len(entries) == 1 else f"{name}, the worst of {len(entries)}",
+            }
+        )  # fmt: skip
+    if rows:
+        print()
+        table(rows)
 
 
 def doctor() -> dict[str, str]:

@@ -114,7 +114,7 @@ def _effect(
     for _ in range(4):
         amount = min(amount, 0.9 * (room_up if sign > 0 else room_down))
         values = {**fixed, **at, strength.name: base + sign * amount}
-        there = problem.residuals(mechanisms, values)
+        there = problem.residuals(mechanisms, values, frame=fit.frame)
         if there is None:
             amount *= 0.1
             continue

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,16 +43,18 @@ def diagnose(
     noise: Noise,
     rng: np.random.Generator,
     *,
+    scatter: Mapping[str, float] | None = None,
     by: Sequence[str] = (),
     stops: Sequence[float] | None = None,
     runnable: Sequence[Runnable] = (),
     say: Say = lambda text: None,
 ) -> Diagnosis:
     """Questions a system. by: labels of the observations to report by. stops: time after which each one's apex counts.
+    scatter: standard deviations of what differs from trial to trial (System.scatter).
 
     Raises ValueError when the baseline cannot be followed on the data.
     """
-    problem = Problem(system, noise)
+    problem = Problem(system, noise, scatter)
     say("fitting the baseline")
     base = fit_baseline(problem, rng)
     say("testing it")

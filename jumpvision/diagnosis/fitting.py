@@ -19,11 +19,22 @@ ITERATIONS = 30
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 
 
-def whitened(noise: Noise, o: Observation, r: Array) -> Array:
-    """Residual columns r (n,) or (n, k) of an observation, whitened, their unknown zero level projected out."""
+Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its trial's scatter, and their size
+
+
+def levelled(noise: Noise, o: Observation, r: Array) -> Array:
+    """Columns r (n,) or (n, k) of an observation, whitened, their unknown zero level projected out."""
     white = noise.whiten(o.t, r, o.spread)
     level = noise.whiten(o.t, np.ones(o.t.size), o.spread)
     return white - np.multiply.outer(level, level @ white) / (level @ level)
+
+
+def whitened(noise: Noise, o: Observation, r: Array, frame: tuple[Array, Array]) -> Array:
+    """The same, also shrunk along what scatters from trial to trial, so that all of it has unit variance."""
+    white = levelled(noise, o, r)
+    q, size = frame
+    shrink = 1.0 / np.sqrt(1.0 + size * size) - 1.0
+    return white + q @ ((shrink[:, None] if white.ndim == 2 else shrink) * (q.T @ white))
 
 
 @dataclass
@@ -43,6 +54,7 @@ class Fit:
     chi2: float
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     log_evidence: float = -math.inf
+    frame: Frame = field(default_factory=list)
     chi2_first: float = math.inf
     converged: bool = False
 
@@ -61,10 +73,14 @@ class Fit:
 
 
 class Problem:
-    """A system with its noise: residuals, derivatives and fits over all or some observations."""
+    """A system with its noise: residuals, derivatives and fits over all or some observations.
 
-    def __init__(self, system: System, noise: Noise) -> None:
+    scatter: standard deviation of what differs from trial to trial, by the names of System.scatter.
+    """
+
+    def __init__(self, system: System, noise: Noise, scatter: Mapping[str, float] | None = None) -> None:
         self.system, self.noise = system, noise
+        self.scattered = {n: s for n, s in (scatter or {}).items() if s > 0}
         self.all = tuple(range(len(system.observations)))
 
     @property
@@ -72,16 +88,44 @@ class Problem:
         """Independent residuals: one an observation goes for its zero level."""
         return sum(o.t.size - 1 for o in self.system.observations)
 
-    def residuals(
+    def frame(
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int] | None = None
+    ) -> Frame:
+        """How trials scatter about this model, observation by observation."""
+        which = self.all if which is None else which
+        observations = self.system.observations
+        effects = self.system.scatter(mechanisms, values, which) if self.scattered else {}
+        out: Frame = []
+        for k, i in enumerate(which):
+            o = observations[i]
+            columns = [np.nan_to_num(effects[n][k]) * s for n, s in self.scattered.items() if n in effects]
+            if columns:
+                q, size, _ = np.linalg.svd(levelled(self.noise, o, np.stack(columns, axis=1)), full_matrices=False)
+                out.append((q, size))
+            else:
+                out.append((np.zeros((o.t.size, 0)), np.zeros(0)))
+        return out
+
+    def residuals(
+        self,
+        mechanisms: tuple[str, ...],
+        values: Mapping[str, float],
+        which: Sequence[int] | None = None,
+        frame: Frame | None = None,
     ) -> list[Array] | None:
-        """Whitened measured-minus-predicted; None where the model cannot be followed there."""
+        """Whitened measured-minus-predicted; None where the model cannot be followed there.
+
+        frame: of the observations `which`, from another point of the same model; default: of this one.
+        """
         which = self.all if which is None else which
         predicted = self.system.predict(mechanisms, values, which)
         if not all(np.all(np.isfinite(y)) for y in predicted):
             return None
+        frame = self.frame(mechanisms, values, which) if frame is None else frame
         observations = self.system.observations
-        return [whitened(self.noise, observations[i], observations[i].y - y) for i, y in zip(which, predicted)]
+        return [
+            whitened(self.noise, observations[i], observations[i].y - y, f) for i, y, f in zip(which, predicted, frame)
+        ]
 
     def jacobian(
         self,
@@ -89,7 +133,8 @@ class Problem:
         free: Sequence[Parameter],
         values: Array,
         at: list[Array],
-        which: Sequence[int] | None = None,
+        which: Sequence[int] | None,
+        frame: Frame,
     ) -> list[Array]:
         """d(prediction)/d(parameter) by one-sided differences, away from a bound; zero where it cannot be had."""
         names = [p.name for p in free]
@@ -100,7 +145,7 @@ class Problem:
             for h in (step, -step):
                 moved = values.copy()
                 moved[i] += h
-                there = self.residuals(mechanisms, dict(zip(names, moved.tolist())), which)
+                there = self.residuals(mechanisms, dict(zip(names, moved.tolist())), which, frame)
                 if there is not None:
                     columns.append([(a - b) / h for a, b in zip(at, there)])
                     break
@@ -131,17 +176,21 @@ class Problem:
         x = axes.inward(np.array([(start or {}).get(p.name, p.start) for p in free], float))
         centre, weight = np.array([p.start for p in free]), np.array([1.0 / p.sigma**2 for p in free])
 
-        def residuals(x: Array) -> list[Array] | None:
-            return self.residuals(mechanisms, dict(zip(names, axes.values(x).tolist())), which)
+        def residuals(x: Array, frame: Frame) -> list[Array] | None:
+            return self.residuals(mechanisms, dict(zip(names, axes.values(x).tolist())), which, frame)
+
+        def framed(x: Array) -> Frame:
+            return self.frame(mechanisms, dict(zip(names, axes.values(x).tolist())), which)
 
         def cost(r: list[Array], x: Array) -> float:
             return float(sum(a @ a for a in r) + np.sum(weight * (axes.values(x) - centre) ** 2))
 
-        if (r := residuals(x)) is None:
+        frame = framed(x)
+        if (r := residuals(x, frame)) is None:
             return None
         first = best = cost(r, x)
         damping, converged = 1e-3, True
-        jac = self.jacobian(mechanisms, free, axes.values(x), r, which)
+        jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
         for _ in range(iterations if free else 0):
             rate = axes.rate(x)
             hessian = (sum((j.T @ j for j in jac), np.diag(weight)) * rate).T * rate
@@ -152,7 +201,7 @@ class Problem:
                 expected = float(2 * slope @ step - step @ hessian @ step)
                 if expected < ENOUGH:
                     break
-                there = residuals(x + step)
+                there = residuals(x + step, frame)
                 if there is not None and (new := cost(there, x + step)) < best:
                     damping = damping / 10 if best - new > 0.25 * expected else damping
                     gain, best, r, x = best - new, new, there, x + step
@@ -160,13 +209,16 @@ class Problem:
                 damping = max(damping * 6.0, 1e-4)
             if gain == 0.0:
                 break
-            jac = self.jacobian(mechanisms, free, axes.values(x), r, which)
+            if self.scattered and (again := residuals(x, moved := framed(x))) is not None:
+                frame, r, best = moved, again, cost(again, x)
+            jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
             if gain < ENOUGH:
                 break
         else:
             converged = not free
         fit = self._finish(mechanisms, free, axes.values(x), r, jac, best, weight)
-        fit.chi2_first, fit.converged = first, converged
+        fit.chi2_first, fit.converged, fit.frame = first, converged, frame
+        fit.log_evidence -= 0.5 * sum(float(np.sum(np.log1p(size * size))) for _, size in frame)
         return fit
 
     def _finish(

@@ -12,12 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.forcing import Forcing, Segments, Spline
 from jumpvision.physics.jump import Motion, simulate
+from jumpvision.physics.loop import Loop
 from jumpvision.physics.model import Model
 from jumpvision.schema import InputError
 
-from .noise import Noise, Stretch, estimate, frame_of, keep_one_a_run, powers, rounding_step
+from .noise import (
+    Noise,
+    Stretch,
+    coefficients,
+    estimate,
+    frame_of,
+    keep_one_a_run,
+    powers,
+    rounding_step,
+    spread_of,
+)
 from .system import Observation, Parameter
 from .vocabulary import candidates
 
@@ -26,6 +37,8 @@ Array = NDArray[np.float64]
 RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
 LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than of the model
 PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")
+SCATTER = ("start", "bed")  # what may differ from trial to trial
+STIFFNESS = ("k", "k1", "k2", "sigma_cone")
 ROBOT = ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping", "foot_radius", "gravity")
 
 
@@ -34,11 +47,12 @@ class Jump:
     """One measured jump: rod height above rest y (n,) [m] at t (n,) [s], what drove it, the model questioned.
 
     stop: when the motor stops [s]. labels: kind, frequency, phi, ... to report by. law: the command is what drives.
+    sigma: (n,) noise that the track itself states [m], if any. spread: factor on the campaign's noise.
     """
 
     name: str
     model: Model
-    forcing: Forcing
+    forcing: Forcing | Loop
     stop: float
     t: Array
     y: Array
@@ -46,6 +60,8 @@ class Jump:
     condition: str
     law: bool
     labels: Mapping[str, Any] = field(default_factory=dict)
+    sigma: Array | None = None
+    spread: float = 1.0
 
 
 class Jumper:
@@ -95,6 +111,7 @@ class Jumper:
     def build(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Model:
         """The model of the first jump with these mechanisms and values. Raises InputError where it cannot be."""
         base = self.model
+        values = {n: v for n, v in values.items() if n not in SCATTER}
         terms = list(base.terms)
         for name in mechanisms:
             gone = self.candidates[name].replaces
@@ -111,18 +128,37 @@ class Jumper:
             model = self.build(mechanisms, values)
         except InputError:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
-
-        def one(i: int) -> Array:
-            jump, t = self.jumps[i], self.observations[i].t
-            try:
-                motion = self._motion(jump, with_bed(model, jump.model), t + model.time_shift)
-            except (RuntimeError, ValueError):
-                return np.full(t.size, np.nan)
-            return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
-
         runs = sorted({self.like[i] for i in which})
-        heights = dict(zip(runs, self.pool.map(one, runs)))
+        jobs = self.pool.map(lambda i: self._height(self.jumps[i], self.observations[i].t, model, values), runs)
+        heights = dict(zip(runs, jobs))
         return [heights[self.like[i]] for i in which]
+
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> dict[str, list[Array]]:
+        """`start`: when the motor starts [s]; `bed`: stiffness of the sand, as a factor."""
+        at = self.predict(mechanisms, values, which)
+        steps = {"start": 1e-5, **({"bed": 1e-3} if self.model.ground == "granular" else {})}
+        out = {}
+        for name, step in steps.items():
+            moved = self.predict(mechanisms, {**values, name: step}, which)
+            out[name] = [(b - a) / step for a, b in zip(at, moved)]
+        return out
+
+    def height(self, jump: Jump, t: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
+        """The same for one jump, measured or not, at the frames t (n,) [s]."""
+        try:
+            return self._height(jump, t, self.build(mechanisms, values), values)
+        except InputError:
+            return np.full(t.size, np.nan)
+
+    def _height(self, jump: Jump, t: Array, model: Model, values: Mapping[str, float]) -> Array:
+        try:
+            own = of_jump(model, jump.model, values)
+            motion = self._motion(jump, own, t + own.time_shift - values.get("start", 0.0))
+        except (RuntimeError, ValueError):
+            return np.full(t.size, np.nan)
+        return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
 
     @staticmethod
     def _motion(jump: Jump, model: Model, t: Array) -> Motion:
@@ -130,18 +166,31 @@ class Jumper:
         return simulate(model, jump.forcing, t=np.concatenate([lead, t]), rtol=RTOL, atol=ATOL, stop=jump.stop)
 
 
+def content(forcing: Forcing | Loop) -> bytes:
+    """Everything of a forcing, to tell whether two are the same."""
+    if isinstance(forcing, Spline):
+        return forcing.knots.tobytes() + forcing.c.tobytes()
+    return forcing.rows.tobytes() if isinstance(forcing, Segments) else repr(forcing).encode()
+
+
 def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
-    f = jump.forcing
-    rows = (f.rows.tobytes(),) if isinstance(f, Segments) else (f.knots.tobytes(), f.c.tobytes())
-    return (*rows, jump.stop, jump.model.volume_fraction, t.tobytes())
+    own = tuple(getattr(jump.model, n) for n in (*ROBOT, "volume_fraction", "grain_density"))
+    return (content(jump.forcing), jump.stop, own, t.tobytes())
 
 
-def with_bed(model: Model, other: Model) -> Model:
-    """The model in the other's bed; both were checked, so it is not checked again."""
-    if model.volume_fraction == other.volume_fraction:
+def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
+    """The model with a jump's own bed and robot where they are not fitted; both were checked, so it is not again."""
+    names = [n for n in (*ROBOT, "volume_fraction", "grain_density") if n not in values]
+    differ = [n for n in names if getattr(model, n) != getattr(own, n)]
+    stiffer = 1.0 + values.get("bed", 0.0)
+    if not differ and stiffer == 1.0:
         return model
     out = copy.copy(model)
-    object.__setattr__(out, "volume_fraction", other.volume_fraction)
+    for n in differ:
+        object.__setattr__(out, n, getattr(own, n))
+    if stiffer != 1.0:
+        k = {n: v * stiffer for n in STIFFNESS if (v := getattr(model.parameters, n)) is not None}
+        object.__setattr__(out, "parameters", replace(model.parameters, **k))
     return out
 
 
@@ -155,8 +204,9 @@ def _observation(jump: Jump, motion: Motion) -> Observation:
         keep = np.intersect1d(keep, keep_one_a_run(jump.y))
     parts = parts_of(motion, jump)[-jump.t.size :][keep]
     return Observation(
-        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts
-    )
+        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts,
+        spread=np.full(keep.size, jump.spread) if jump.spread != 1.0 else None,
+    )  # fmt: skip
 
 
 def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
@@ -185,25 +235,60 @@ def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
     return out
 
 
+def learn_noise(system: Jumper) -> tuple[Noise, dict[str, float]]:
+    """(noise of the tracks, scatter from trial to trial), from where no model is needed or a rough one will do.
+
+    From differences of trials made alike: what scatter could do to them (`Jumper.scatter` of the model as given) is
+    fitted to each. With few trials, from rest and flight, and no scatter is known.
+    Raises ValueError where there is too little of all that.
+    """
+    jumps = system.jumps
+    step = max(rounding_step(j.y) for j in jumps)
+    frame = frame_of([j.t for j in jumps])
+    pairs = differences(system)
+    if sum(x.t.size for x in pairs) < ENOUGH_REPEATED:
+        return estimate([*pairs, *quiet(jumps)], frame, floor=step / math.sqrt(12.0)), {}
+    noise = estimate(pairs, frame, floor=step / math.sqrt(12.0))
+    found = [coefficients(noise, x) for x in pairs]
+    names = list(system.scatter((), {p.name: p.start for p in system.baseline}, [0]))
+    scatter = {n: spread_of([(c[k + 1], v[k + 1]) for c, v in found]) for k, n in enumerate(names)}
+    return noise, scatter
+
+
+def differences(system: Jumper) -> list[Stretch]:
+    """n - 1 independent differences of n trials of a group (Helmert), each with the variance of one trial.
+
+    Design: the zero level, then what scatters, until the motor has stopped (later it depends too much on the model).
+    """
+    jumps = system.jumps
+    start = {p.name: p.start for p in system.baseline}
+    groups: dict[str, list[int]] = {}
+    for i, j in enumerate(jumps):
+        if j.spread == 1.0:  # of the campaign's common noise
+            groups.setdefault(j.group, []).append(i)
+    out = []
+    for trials in groups.values():
+        first = jumps[trials[0]]
+        for k in range(1, len(trials)):
+            tracks = [_at(first.t, jumps[i]) for i in trials[: k + 1]]
+            good = np.all(np.isfinite(tracks), axis=0) & (first.t < first.stop + 0.05)
+            if good.sum() < 12:
+                continue
+            t = first.t[good]
+            y = (tracks[k] - np.mean(tracks[:k], axis=0))[good] / math.sqrt(1.0 + 1.0 / k)
+            effects = [system.height(first, t, (), {**start, n: h}) for n, h in (("start", 1e-5), ("bed", 1e-3))]
+            at = system.height(first, t, (), start)
+            columns = [(e - at) / h for e, h in zip(effects, (1e-5, 1e-3))]
+            usable = columns[: 2 if system.model.ground == "granular" else 1]
+            out.append(Stretch(t, y, np.column_stack([np.ones(t.size), *(np.nan_to_num(c) for c in usable)])))
+    return out
+
+
 def quiet(jumps: Sequence[Jump]) -> list[Stretch]:
-    """Stretches of the tracks whose course needs no model: differences of trials, else rest and flight."""
+    """Stretches of single tracks whose course needs no model: rest and flight."""
     rounded = any(rounding_step(j.y) > 0 for j in jumps)
     out: list[Stretch] = []
-    groups: dict[str, list[Jump]] = {}
-    for j in jumps:
-        groups.setdefault(j.group, []).append(j)
-    for trials in groups.values():
-        # n - 1 independent differences of n trials (Helmert), each of the variance of one trial
-        for k in range(1, len(trials)):
-            tracks = [_at(trials[0].t, j) for j in trials[: k + 1]]
-            good = np.all(np.isfinite(tracks), axis=0) & (trials[0].t < trials[0].stop + 0.05)
-            if good.sum() < 8:
-                continue
-            y = (tracks[k] - np.mean(tracks[:k], axis=0))[good] / math.sqrt(1.0 + 1.0 / k)
-            out.append(Stretch(trials[0].t[good], y, np.ones((int(good.sum()), 1))))
-    if sum(x.t.size for x in out) >= 400:
-        return out
-    for j in jumps:
+    for j in (j for j in jumps if j.spread == 1.0):
         rest = j.t < j.forcing.start
         if rest.sum() >= 6 and not rounded:
             out.append(Stretch(j.t[rest], j.y[rest], np.ones((int(rest.sum()), 1))))
@@ -217,6 +302,7 @@ def _at(t: Array, jump: Jump) -> Array:
     return np.where(np.abs(jump.t[i] - t) < 2e-6, jump.y[i], np.nan)
 
 
+ENOUGH_REPEATED = 400  # samples of differences that are worth more than rest and flight
 FALL = 0.3  # of g: how near to free fall a stretch must be to be called a flight
 
 
@@ -249,9 +335,3 @@ def _flights(jump: Jump) -> list[Stretch]:
         if t[inner].size > design.shape[1] + 4:
             best = Stretch(t[inner], y[inner], design)
     return [best] if best is not None else []
-
-
-def noise_of(jumps: Sequence[Jump]) -> Noise:
-    """The noise of the tracks, from where no model is needed. Raises ValueError where there is too little of that."""
-    step = max(rounding_step(j.y) for j in jumps)
-    return estimate(quiet(jumps), frame_of([j.t for j in jumps]), floor=step / math.sqrt(12.0))

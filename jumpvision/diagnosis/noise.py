@@ -133,3 +133,30 @@ def keep_one_a_run(y: Array, longest: int = 2) -> NDArray[np.int64]:
     for a, b in itertools.pairwise(edges):
         keep += range(a, b) if b - a <= longest else [int(a + b - 1) // 2]
     return np.array(keep, dtype=np.int64)
+
+
+def coefficients(noise: Noise, x: Stretch) -> tuple[Array, Array]:
+    """Coefficients (k,) of a stretch's design by generalised least squares, and their variances (k,)."""
+    design = noise.whiten(x.t, x.design)
+    scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    inverse = np.linalg.pinv((design / scale).T @ (design / scale), rcond=1e-10)
+    c = inverse @ (design / scale).T @ noise.whiten(x.t, x.y)
+    return c / scale, np.diag(inverse) / scale**2
+
+
+def spread_of(found: Sequence[tuple[float, float]]) -> float:
+    """Standard deviation between numbers known each with a variance: the likeliest, 0 when they do not scatter.
+
+    found: (number, variance), mean 0. No scatter is said below a likelihood ratio of 2.7 (one-sided 5 %).
+    """
+    c, v = np.array(found).T
+    good = np.isfinite(c) & (v > 0)
+    c, v = c[good], v[good]
+    if c.size < 3:
+        return 0.0
+    top = 3.0 * float(np.sqrt(np.mean(c * c)))
+    tries = np.concatenate([[0.0], np.geomspace(1e-3 * top, top, 200)]) if top > 0 else np.zeros(1)
+    total = v[:, None] + tries**2
+    score = np.sum(np.log(total) + (c * c)[:, None] / total, axis=0)
+    best = int(np.argmin(score))
+    return float(tries[best]) if score[0] - score[best] > 2.7 else 0.0

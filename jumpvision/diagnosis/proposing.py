@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -19,9 +19,11 @@ Array = NDArray[np.float64]
 class Runnable(Protocol):
     """An experiment that could be done: its labels, its frames, and what a model predicts for it."""
 
-    labels: Mapping[str, Any]
-    t: Array
-    predict: Callable[[tuple[str, ...], Mapping[str, float]], Array]
+    @property
+    def labels(self) -> Mapping[str, Any]: ...
+    @property
+    def t(self) -> Array: ...
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array: ...
 
 
 @dataclass(frozen=True)

@@ -78,12 +78,21 @@ class Observation:
 class System(Protocol):
     """Motions, the baseline's free parameters and the vocabulary of mechanisms."""
 
-    observations: Sequence[Observation]
-    baseline: tuple[Parameter, ...]
-    candidates: Mapping[str, Candidate]
+    @property
+    def observations(self) -> Sequence[Observation]: ...
+    @property
+    def baseline(self) -> tuple[Parameter, ...]: ...
+    @property
+    def candidates(self) -> Mapping[str, Candidate]: ...
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """y of the observations `which` with these mechanisms beside the baseline's; NaN where it cannot be said."""
+        ...
+
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> Mapping[str, list[Array]]:
+        """What may differ from trial to trial of one condition: d(y)/d(it), by name; {} when nothing does."""
         ...
 
 

@@ -62,6 +62,9 @@ def grain_momentum(
     - cells within half a window of the next vector in their column (the gap below the foot's face) are extrapolated
       with the slope over the half window beyond it, where that is measured, else take its value; what the slope adds
       counts as uncertain by 1/sqrt(3) of itself, common to all such cells;
+    - the border of the picture beyond the outermost cells (half a window, and what the grid leaves over, less than a
+      step) takes the value of the nearest vector; what the slope beside it would change there counts as uncertain by
+      1/sqrt(3), common to all of the border;
     - the rest stays empty and lowers `covered`.
 
     The sigma does not hold the errors of rho, phi, the scale and the axis, which are common to all frames.
@@ -82,9 +85,14 @@ def grain_momentum(
         raise ValueError("grain_momentum: v_sigma has a negative value at a valid vector")
     half = 0.5 * max(1.0, correlation_length)  # of a window, in grid steps
     factor = density * volume_fraction * ANGLE[disc]
-    height = np.abs(np.diff(np.clip(_edges("y", y, v.shape[0], half), bottom, top)))
-    edges = np.clip(_edges("x", x, v.shape[1], half), left, right) - axis_x
-    weight = factor * height[:, None] * _ring(edges)[None, :]
+
+    def weights(reach: float) -> Array:
+        height = np.abs(np.diff(np.clip(_edges("y", y, v.shape[0], reach), bottom, top)))
+        edges = np.clip(_edges("x", x, v.shape[1], reach), left, right) - axis_x
+        return np.asarray(factor * height[:, None] * _ring(edges)[None, :])
+
+    weight = weights(half + 1.0)  # the windows, and what the grid leaves beyond them
+    border = weight - weights(0.5)
     total = factor * (top - bottom) * 0.5 * max(axis_x - left, right - axis_x, 0.0) ** 2
     if not ok.any() or not total > 0.0:
         return Momentum(math.nan, math.nan, 0.0)
@@ -101,7 +109,7 @@ def grain_momentum(
             shares[i, b] += float(np.sum(w * part))
             filled[i, k] = True
             hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
-    held, drift = float(weight[filled].sum()), 0.0
+    held, drift = float(weight[filled].sum()), _border_drift(border, v, ok, 0.5 * half + 0.75)
     base = math.ceil(half)
     for i, j in zip(*np.nonzero(~filled & (weight > 0.0))):
         at = np.flatnonzero(ok[:, j])
@@ -146,6 +154,20 @@ def _edges(name: str, x: Array, size: int, half: float) -> Array:
     if x.shape != (size,) or size < 2 or not (np.all(step > 0.0) or np.all(step < 0.0)):
         raise ValueError(f"grain_momentum: {name} must be strictly monotonic with shape ({size},), got shape {x.shape}")
     return np.concatenate(([x[0] - half * step[0]], 0.5 * (x[1:] + x[:-1]), [x[-1] + half * step[-1]]))
+
+
+def _border_drift(border: Array, v: Array, ok: NDArray[np.bool_], way: float) -> float:
+    """What the slopes at the edge of the grid would change in the border's share, on average `way` steps beyond it."""
+    total = 0.0
+    for edge, inner in (
+        (np.s_[0], np.s_[1]),
+        (np.s_[-1], np.s_[-2]),
+        (np.s_[:, 0], np.s_[:, 1]),
+        (np.s_[:, -1], np.s_[:, -2]),
+    ):
+        both = ok[edge] & ok[inner]
+        total += way * abs(float(np.sum((border[edge] * (v[edge] - v[inner]))[both])))
+    return total
 
 
 def _ring(edges: Array) -> Array:

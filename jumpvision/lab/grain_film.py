@@ -152,25 +152,28 @@ class GrainCamera:
     def _still(self, z: float) -> Array:
         """The scene at one instant."""
         v = self.view
-        rows = np.arange(v.shape[0])[:, None]
+        face, top = float(v.row(-z)), float(v.row(FOOT_HEIGHT - z))
+        edges = np.asarray(v.row(self.surface))
+        lowest = max(float(edges.max()), float(v.row(-self.deepest)), face)
+        rows = np.arange(min(max(int(lowest) + 2, 1), v.shape[0]))[:, None]  # below them there are only grains
 
         def below(edge: Array | float) -> Array:
             return np.clip(rows + 0.5 - edge, 0.0, 1.0)
 
         inside = np.clip((self.flow.R - np.abs(self.columns)) / v.scale + 0.5, 0.0, 1.0)
-        bed = below(np.asarray(v.row(self.surface)))
-        image = SKY + (SOIL - SKY) * bed
+        bed = below(edges)
+        image = np.full(v.shape, SOIL)
+        upper = image[: len(rows)]
+        upper[:] = SKY + (SOIL - SKY) * bed
         hole = inside * bed * (1.0 - below(v.row(-self.deepest)))
-        image += hole * (HOLE - image)
-        g = self.grains
-        splat(image, v.axis_column + g.x / v.scale, np.asarray(v.row(g.y)), g.radius / v.scale, g.grey)
+        upper += hole * (HOLE - upper)
+        self._draw_grains(image)
 
-        face, top = float(v.row(-z)), float(v.row(FOOT_HEIGHT - z))
         neck = np.clip((NECK - np.abs(self.columns)) / v.scale + 0.5, 0.0, 1.0) * (1.0 - below(top))
-        image += neck * (38.0 - image)
+        upper += neck * (38.0 - upper)
         body = inside * below(top) * (1.0 - below(face))
         seen = slice(max(int(top) - 1, 0), max(int(face) + 2, 0))
-        image[seen] += body[seen] * (self._foot(rows[seen, 0], top) - image[seen])
+        upper[seen] += body[seen] * (self._foot(rows[seen, 0], top) - upper[seen])
         return image
 
     def _foot(self, rows: NDArray[np.int64], top: float) -> Array:
@@ -179,3 +182,7 @@ class GrainCamera:
         i = at.astype(int)
         part = (at - i)[:, None]
         return np.asarray(self.foot[i] * (1 - part) + self.foot[i + 1] * part)
+
+    def _draw_grains(self, image: Array) -> None:
+        v, g = self.view, self.grains
+        splat(image, v.axis_column + g.x / v.scale, np.asarray(v.row(g.y)), g.radius / v.scale, g.grey)

@@ -86,11 +86,12 @@ class Flow:
         r, h = (np.array(a, dtype=float) for a in np.broadcast_arrays(np.abs(r), h))
         w = self.width(z)
         out = np.empty(r.size)
-        _speeds(r.ravel(), h.ravel(), z, w, self._constants, out)
+        _speeds(r.ravel(), h.ravel(), z, w, self.constants, out)
         return out.reshape(r.shape)
 
     @property
-    def _constants(self) -> tuple[float, float, float, float]:
+    def constants(self) -> tuple[float, float, float, float]:
+        """R, mu, tan(theta) and `fade`, as the compiled functions take them."""
         return self.R, self.mu, math.tan(self.theta), self.fade
 
     def advect(self, r: Array, y: Array, z0: float, z1: float, *, max_step: float = 5e-5) -> None:
@@ -98,7 +99,7 @@ class Flow:
         steps = math.ceil((z1 - z0) / max_step)
         if steps > 0:
             zs, ws = self.widths
-            _advect(np.abs(r), y, z0, (z1 - z0) / steps, steps, zs, ws, self._constants)
+            _advect(np.abs(r), y, z0, (z1 - z0) / steps, steps, zs, ws, self.constants)
 
     def front(self, z: float, share: float) -> float:
         """Thickness below the face, on the axis, that moves at `share` of the foot's speed or more [m]."""

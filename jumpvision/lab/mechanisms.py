@@ -17,6 +17,7 @@ MECHANISMS: dict[str, tuple[str, ...]] = {
     "foot_mass": ("dm_f",),
     "reintrusion_overshoot": ("s", "lam"),
     "stop_go_overshoot": ("s_p", "lam"),
+    "compaction": ("factor",),
     "viscous_friction": ("c_v",),
     "coulomb_friction": ("F_c",),
     "spring_hardening": ("k_3",),
@@ -27,6 +28,12 @@ MECHANISMS: dict[str, tuple[str, ...]] = {
     "landing_loss": ("e",),
     "motor_lag": ("tau",),
 }
+# what no vocabulary of causes holds, for the hidden-effect game: it must not be named as something else
+OUTSIDE: dict[str, tuple[str, ...]] = {
+    "rail_drag_by_height": ("c_x",),  # -c_x |x_r| v_m on the carriage [N s/m^2]
+    "depth_rate_drag": ("d_zv",),  # d_zv z |v| against the foot's motion while it intrudes [N s/m^2]
+}
+KNOWN = MECHANISMS | OUTSIDE
 AT_THE_CAMERA = ("camera_scale", "time_offset")  # they change the record, not the motion
 STATIC = ("linear_penetration", "two_resistance", "rft_cone")
 
@@ -52,10 +59,24 @@ class Law(NamedTuple):
     start: float
     cycles: float = 1.0
     delay: float = 0.0
+    dwell_gain: float = 1.0  # position gain during the delay / normal gain, where the motor has a feedback loop
 
     @property
     def stop(self) -> float:
         return self.start + self.cycles / self.frequency + self.delay
+
+
+class Motor(NamedTuple):
+    """Feedback loop F_m = kp (command - X_m) + kd (command' - X_m') + m_m g and its limits: N/m, N s/m, N, m/s, m.
+
+    The load that rests on the motor is fed forward, so that it starts without sag. stroke: travel of X_m.
+    """
+
+    kp: float
+    kd: float
+    max_force: float = math.inf
+    max_speed: float = math.inf
+    stroke: float = math.inf
 
 
 class Truth(NamedTuple):
@@ -86,6 +107,9 @@ class Truth(NamedTuple):
     F_c: float
     loss: float  # sqrt(1 - e)
     tau: float
+    factor: float  # k1 under an earlier footprint / k1
+    c_x: float
+    d_zv: float
     hard: bool
     rft: bool
 
@@ -95,11 +119,11 @@ def truth_of(
 ) -> Truth:
     """The numbers of a run (see `simulate`), checked."""
     problems = [
-        f"terms: unknown mechanism {t!r}; allowed: {', '.join((*MECHANISMS, *AT_THE_CAMERA))}"
+        f"terms: unknown mechanism {t!r}; allowed: {', '.join((*KNOWN, *AT_THE_CAMERA))}"
         for t in terms
-        if t not in MECHANISMS and t not in AT_THE_CAMERA
+        if t not in KNOWN and t not in AT_THE_CAMERA
     ]
-    need = {name: t for t in terms for name in MECHANISMS.get(t, ())}
+    need = {name: t for t in terms for name in KNOWN.get(t, ())}
     problems += [f"parameters: {t!r} needs {name} = ..." for name, t in need.items() if name not in parameters]
     static = [t for t in terms if t in STATIC]
     if ground not in ("hard", "granular"):
@@ -111,7 +135,7 @@ def truth_of(
 
     p: dict[str, float] = {name: float(parameters[name]) for name in need}
     if "linear_penetration" in terms:
-        p |= {"k1": p["k"], "k2": p["k"], "delta": 0.0}
+        p |= {"k1": p["k"], "k2": 0.0, "delta": math.inf}
     m_m = robot.motor_mass + p.get("dm", 0.0)
     m_f = robot.foot_mass + p.get("dm_f", 0.0)
     inertia = p.get("C", 0.0) * bed_density
@@ -128,10 +152,27 @@ def truth_of(
         "tan_theta": math.tan(p.get("theta", 1.0)),
         "loss": math.sqrt(1.0 - p.get("e", 0.0)),
         "lam": p.get("lam", 1.0),
+        "factor": p.get("factor", 1.0),
         "hard": ground == "hard",
         "rft": "rft_cone" in terms,
     }
-    others = ("k_3", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "mu", "s", "s_p", "c_v", "F_c", "tau")
+    others = (
+        "k_3",
+        "k1",
+        "k2",
+        "delta",
+        "sigma_cone",
+        "alpha",
+        "b",
+        "mu",
+        "s",
+        "s_p",
+        "c_v",
+        "F_c",
+        "tau",
+        "c_x",
+        "d_zv",
+    )
     values |= {name: p.get(name, 0.0) for name in others}
     q = Truth(**values)
     if ground == "granular" and m_f <= 0:

@@ -6,6 +6,7 @@ Pixel coordinates: column x, row y downwards, centres at integers. Compile time 
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numba as nb
 import numpy as np
@@ -20,18 +21,39 @@ _EXPOSURE_POINTS = 9
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)  # over a pixel: exact to 1e-6 for a lens blur >= 0.5 px
 
 
+class Lens(NamedTuple):
+    """Distortion: true offset from (row, column) = seen offset x (1 + k1 r^2 + k2 r^4), r the seen offset [px]."""
+
+    k1: float
+    k2: float
+    row: float
+    column: float
+
+
+NO_LENS = Lens(0.0, 0.0, 0.0, 0.0)
+
+
 def balls(
-    rows: Array, column: float, *, radius: float, shape: tuple[int, int], blur_px: float, limb: float, side_light: float
+    rows: Array,
+    column: float,
+    *,
+    radius: float,
+    shape: tuple[int, int],
+    blur_px: float,
+    limb: float,
+    side_light: float,
+    lens: Lens = NO_LENS,
 ) -> Array:
     """Coverage times shading of the ball, shape (frame, row, column); 1 inside an unshaded ball.
 
     rows: (frame, sub-exposure) rows of the centre [px], averaged over sub-exposures: the streak of a moving ball.
     column, radius [px]. blur_px: spread of the lens blur [px]. limb: how much darker the ball's edge is than its
-    middle; side_light: relative brightness change from the middle to the upper edge.
+    middle; side_light: relative brightness change from the middle to the upper edge. lens: rows, column and radius are
+    then those an undistorted picture would have.
     """
     reach = radius + 6 * blur_px
     table = _disc_profile(radius, blur_px, math.ceil(reach / _STEP) + 2)
-    return _draw(rows, column, shape[0], shape[1], table, reach, radius, limb, side_light)
+    return _draw(rows, column, shape[0], shape[1], table, reach, radius, limb, side_light, lens)
 
 
 @nb.njit(cache=True)
@@ -53,19 +75,50 @@ def _disc_profile(radius, sigma, n):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _draw(rows, column, height, width, table, reach, radius, limb, side_light):  # type: ignore[no-untyped-def]
+def _true(row, column, lens):  # type: ignore[no-untyped-def]
+    y, x = row - lens.row, column - lens.column
+    r2 = x * x + y * y
+    more = 1.0 + lens.k1 * r2 + lens.k2 * r2 * r2
+    return lens.row + y * more, lens.column + x * more
+
+
+@nb.njit(cache=True)
+def _seen(row, column, lens):  # type: ignore[no-untyped-def]
+    """Inverse of `_true`, by fixed-point steps; to 1e-9 px for distortions of some per cent."""
+    y, x = row, column
+    for _ in range(60):
+        true_row, true_column = _true(y, x, lens)
+        y, x = y + row - true_row, x + column - true_column
+    return y, x
+
+
+def seen_places(rows: Array, column: float, lens: Lens) -> tuple[Array, Array]:
+    """Rows and columns, each like `rows`, at which the lens shows points of an undistorted picture."""
+    places = np.array([_seen(r, column, lens) for r in np.ravel(rows)]).reshape(*np.shape(rows), 2)
+    return places[..., 0], places[..., 1]
+
+
+@nb.njit(cache=True)
+def _draw(rows, column, height, width, table, reach, radius, limb, side_light, lens):  # type: ignore[no-untyped-def]
     n, subs = rows.shape
     out = np.zeros((n, height, width))
     k = len(_NODES)
     for f in range(n):
         for s in range(subs):
-            for i in range(max(int(rows[f, s] - reach), 0), min(int(rows[f, s] + reach) + 2, height)):
-                for j in range(max(int(column - reach), 0), min(int(column + reach) + 2, width)):
+            seen_row, seen_column, more = rows[f, s], column, reach
+            if lens.k1 != 0.0 or lens.k2 != 0.0:
+                seen_row, seen_column = _seen(rows[f, s], column, lens)
+                more = 1.2 * reach + 1.0
+            for i in range(max(int(seen_row - more), 0), min(int(seen_row + more) + 2, height)):
+                for j in range(max(int(seen_column - more), 0), min(int(seen_column + more) + 2, width)):
                     total = 0.0
                     for a in range(k):
                         dy = i + 0.5 * _NODES[a] - rows[f, s]
                         for b in range(k):
                             dx = j + 0.5 * _NODES[b] - column
+                            if lens.k1 != 0.0 or lens.k2 != 0.0:
+                                y, x = _true(i + 0.5 * _NODES[a], j + 0.5 * _NODES[b], lens)
+                                dy, dx = y - rows[f, s], x - column
                             rho = math.sqrt(dx * dx + dy * dy)
                             if rho < reach:
                                 q = rho / _STEP
@@ -100,9 +153,34 @@ def rod_film(
     shape: tuple[int, int],
     brightness: float,
     rng: np.random.Generator,
+    lens: Lens = NO_LENS,
+    reflection: float = 0.0,
+    shading: float = 0.0,
 ) -> Array:
-    """Noise-free film, shape (frame, row, column) [grey]; rows (frame, sub-exposure) [px] as in `balls`."""
+    """Noise-free film, shape (frame, row, column) [grey]; rows (frame, sub-exposure) [px] as in `balls`.
+
+    reflection: grey of highlights on the rod, below the ball, that move with it; shading: how much darker the corners
+    of the picture are than its middle.
+    """
     back = scene(shape, streak_column=column + 1.7 * radius, rng=rng)
-    shaded = balls(rows, column, radius=radius, shape=shape, blur_px=0.7, limb=0.15, side_light=0.04)
-    cover = balls(rows, column, radius=radius, shape=shape, blur_px=0.7, limb=0.0, side_light=0.0)
-    return np.asarray(back * (1.0 - cover) + brightness * shaded)
+    film = back
+    if reflection:
+        film = back + reflection * _highlights(rows.mean(axis=1), column, radius, shape, rng)
+    disc: dict[str, Any] = {"radius": radius, "shape": shape, "blur_px": 0.7, "lens": lens}
+    shaded = balls(rows, column, limb=0.15, side_light=0.04, **disc)
+    cover = balls(rows, column, limb=0.0, side_light=0.0, **disc)
+    film = film * (1.0 - cover) + brightness * shaded
+    if shading:
+        down, across = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
+        film *= 1.0 - 0.5 * shading * (across**2 + down**2)
+    return np.asarray(film)
+
+
+def _highlights(rows: Array, column: float, radius: float, shape: tuple[int, int], rng: np.random.Generator) -> Array:
+    """Glints along the rod from below the ball on, shape (frame, row, column), 0..1, carried by the rod."""
+    length = int(shape[0] + np.ptp(rows)) + 4
+    along = np.clip(texture((3, length), sigma=4.0, rng=rng)[1], 0.0, 3.0) / 3.0
+    across = np.exp(-0.5 * ((np.arange(shape[1]) - column - 0.3 * radius) / 1.1) ** 2)
+    below = np.arange(shape[0]) - rows[:, None] - 1.2 * radius
+    glints = np.interp(below, np.arange(length), along, left=0.0) * np.clip(below, 0.0, 1.0)
+    return np.asarray(glints[:, :, None] * across)

@@ -19,8 +19,8 @@ from jumpvision.schema import InputError, closest
 
 from . import logs, write
 from .bed_picture import bed_height, bed_picture
-from .grain_film import GrainCamera, View
-from .grain_flow import Flow
+from .grain_record import film_brief, write_grain_film
+from .intrusions import intrusion_campaign
 from .jumper import Motion, simulate
 from .mechanisms import Law, Robot
 from .rod_film import exposure_times, rod_film
@@ -29,7 +29,7 @@ from .sensor import record
 Array = NDArray[np.float64]
 
 SEED = 20140630
-LOG_RATE, FILM_RATE, GRAIN_RATE = 1000.0, 200.0, 500.0  # 1/s
+LOG_RATE, FILM_RATE = 1000.0, 200.0  # 1/s
 FORCE_NOISE, TRACK_NOISE = 0.3, 5e-5  # N, m
 ROD_SCALE, ROD_EXPOSURE, BALL = 5e-4, 0.001, 0.0095  # m/px, s, m
 PHASE = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi, "delayed_stutter": 0.5 * math.pi}
@@ -59,13 +59,6 @@ def heights(motion: Motion) -> dict[str, Any]:
 def brief(motion: Motion) -> dict[str, Any]:
     """What summary.json should say of a jump."""
     return {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
-
-
-def film_brief(grains: Mapping[str, Any]) -> dict[str, float]:
-    """What summary.json should say of a grain film; the added mass is the one in view when the momentum is largest."""
-    peak = int(np.argmax(grains["pairs"]["momentum_in_view_kg_m_s"]))
-    mass = float(grains["pairs"]["added_mass_in_view_kg"][peak])
-    return {"mu": grains["mu"], "beta_deg": grains["beta_deg"], "added_mass_kg": mass}
 
 
 def write_rod_film(
@@ -202,7 +195,11 @@ def _films(folder: Path, motion: Motion, phi: float, rng: np.random.Generator) -
         height, scale=5e-4, floor_row=620.0, shape=(656, 420), grain_diameter=BED["grain_diameter"], rng=rng
     )
     write.picture(folder / "bed.png", record(mean, electrons_per_grey=40.0, read_noise=1.5, rng=rng))
-    grains, depth, grain_true = write_grain_film(folder, motion, phi * BED["grain_density"], rng)
+    grains, depth, grain_true = write_grain_film(
+        folder, motion, phi * BED["grain_density"], rng,
+        radius=SAND_ROBOT.foot_radius, mu=SAND_TRUTH["mu"], theta=SAND_TRUTH["theta"], C=SAND_TRUTH["C"],
+        diameter=BED["grain_diameter"],
+    )  # fmt: skip
     sections = {
         "rod_video": rod,
         "bed_image": bed,
@@ -211,84 +208,6 @@ def _films(folder: Path, motion: Motion, phi: float, rng: np.random.Generator) -
     }
     bed_true = {"height_m": height, "surface_sd_m": surface.std()}
     return sections, {"film": rod_true, "bed": bed_true, "grain_film": grain_true}
-
-
-def write_grain_film(
-    folder: Path, motion: Motion, bed_density: float, rng: np.random.Generator
-) -> tuple[dict[str, Any], float, dict[str, Any]]:
-    """grains.mkv around the first landing and the push-off: its section, the foot's depth in frame 0 [m], its truth."""
-    n, exposure, subs = 58, 0.0005, 4
-    landing = motion.lift_offs[0] + motion.flights[0]
-    start = round(float(landing) - 0.004, 3)
-    view = View(shape=(464, 396), scale=3e-4, surface_row=47.0, axis_column=195.5)
-    before = motion.t <= start
-    z_start = float(-motion.foot[before].min())
-    z_end = float(-motion.foot.min())
-    flow = Flow(
-        R=SAND_ROBOT.foot_radius,
-        mu=SAND_TRUTH["mu"],
-        theta=SAND_TRUTH["theta"],
-        C=SAND_TRUTH["C"],
-        beta=math.radians(45.0),
-        layer=0.008,
-        z_range=(z_start, z_end),
-    )
-    camera = GrainCamera(view, flow, z_start, diameter=BED["grain_diameter"], spread=0.15, rng=rng)
-    first = start + np.arange(n)[:, None] / GRAIN_RATE
-    depths = -motion.at("foot", first + (np.arange(subs) + 0.5) / subs * exposure)
-    frames = np.stack([record(camera.frame(z), electrons_per_grey=60.0, read_noise=1.0, rng=rng) for z in depths])
-    write.film(folder / "grains.mkv", frames, rate=GRAIN_RATE)
-
-    time = first[:, 0] + 0.5 * exposure
-    depth_0 = -float(motion.at("foot", time[:1])[0])
-    section = {
-        "file": "grains.mkv",
-        "frame_rate": GRAIN_RATE,
-        "scale": view.scale,
-        "foot_row": round(float(view.row(-depth_0)), 3),
-        "axis_column": view.axis_column,
-        "foot": "half",
-        "start": start,
-    }
-    true = {
-        "conventions": "foot_speed is downward; momentum and added mass are those of the half foot (pi r dr dh), zero "
-        "momentum while the grains rest; in_view: r up to the picture's edges, mean of both half-planes, from the "
-        "face to the lower edge; front: thickness below the face at 0.9 of the foot's speed or more, on the axis",
-        "beta_deg": 45.0,
-        "layer_m": flow.layer,
-        "mu": flow.mu,
-        "theta_deg": math.degrees(flow.theta),
-        "C": flow.C,
-        "surface_row_px": view.surface_row,
-        "exposure_s": exposure,
-        "frames": flow_truth(flow, view, motion, time, bed_density),
-        "pairs": flow_truth(flow, view, motion, time[:-1] + 0.5 / GRAIN_RATE, bed_density),
-    }
-    return section, depth_0, true
-
-
-def flow_truth(flow: Flow, view: View, motion: Motion, time: Array, bed_density: float) -> dict[str, Array]:
-    """Columns of the grain film's truth at the times given [s], shape (n,)."""
-    foot, rate = motion.at("foot", time), motion.at("foot_rate", time)
-    deepest = np.array([motion.foot[motion.t <= t].min() for t in time])
-    moving = (foot <= deepest + 1e-7) & (rate < 0)
-    out: dict[str, list[float]] = {}
-    for z, v, go in zip(-foot, -rate, moving):
-        row = flow.truth(
-            float(z),
-            float(v) if go else 0.0,
-            bed_density=bed_density,
-            left=(view.axis_column + 0.5) * view.scale,
-            right=(view.shape[1] - 0.5 - view.axis_column) * view.scale,
-            bottom=(view.shape[0] - 0.5 - float(view.row(-z))) * view.scale,
-        )
-        row["front_m"] = flow.front(float(z), 0.9)
-        for name, value in row.items():
-            out.setdefault(name, []).append(value)
-    columns = {name: np.array(values) for name, values in out.items()}
-    rows = np.asarray(view.row(foot))
-    still = {"time_s": time, "foot_row_px": rows, "foot_depth_m": -foot, "foot_speed_m_s": -rate}
-    return still | {"grains_move": moving} | columns
 
 
 def _robot(robot: Robot) -> Mapping[str, float]:
@@ -301,17 +220,19 @@ def _actuation(kind: str, law: Law) -> dict[str, Any]:
     return out | ({"delay": law.delay} if law.delay else {})
 
 
-KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand}
+KINDS = {"hard_ground": hard_ground, "loose_sand": loose_sand, "intrusion": intrusion_campaign}
+SAMPLES = ("hard_ground", "loose_sand")
 
 
 def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
-    """Write the folders of `kind` ("hard_ground", "loose_sand" or "samples" for both) below `out`; returns them.
+    """Write the folders of `kind` below `out` ("samples": hard_ground and loose_sand) and return them.
 
     Raises InputError for an unknown kind or a folder that exists: recordings are never written over.
     """
     if kind not in (*KINDS, "samples"):
-        raise InputError([f"synth {kind}: unknown kind{closest(kind, [*KINDS, 'samples'])}"])
-    folders = {k: Path(out) / k for k in KINDS if kind in (k, "samples")}
+        kinds = [*KINDS, "samples", "blind", "reveal", "a protocol.toml"]
+        raise InputError([f"synth {kind}: unknown kind{closest(kind, kinds)}"])
+    folders = {k: Path(out) / k for k in KINDS if kind == k or (kind == "samples" and k in SAMPLES)}
     taken = [f"synth: {f} exists; give another folder or remove it" for f in folders.values() if f.exists()]
     if taken:
         raise InputError(taken)
@@ -322,8 +243,8 @@ def write_samples(kind: str, out: Path, *, seed: int = SEED) -> list[Path]:
 
 def main(out: str = "data_samples") -> None:
     """Write both samples below `out`, over those that are there."""
-    for k, write_kind in KINDS.items():
-        write_kind(Path(out) / k)
+    for k in SAMPLES:
+        KINDS[k](Path(out) / k)
 
 
 if __name__ == "__main__":

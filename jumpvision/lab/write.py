@@ -31,7 +31,83 @@ def film(path: Path, frames: NDArray[np.uint8], *, rate: float) -> None:
         container.mux(stream.encode())
 
 
-def picture(path: Path, image: NDArray[np.uint8]) -> None:
+def movie(
+    path: Path, frames: NDArray[Any], *, rate: float, numbers: NDArray[np.int64] | None = None, bits: int = 8
+) -> None:
+    """frames (frame, row, column), uint8 or uint16 with `bits` bits, by the path: .avi and .mkv (FFV1, lossless), .tif
+    (a stack), .mraw (Photron, with its .cihx) or a folder of PNG images without suffix.
+
+    numbers: which frames these are where some were lost; video time stamps and image names keep the gaps, the other
+    formats have no place for them. Raises ValueError for another suffix.
+    """
+    numbers = np.arange(len(frames)) if numbers is None else numbers
+    suffix = path.suffix.lower()
+    if suffix in (".avi", ".mkv"):
+        _video(path, frames, rate, numbers)
+    elif suffix in (".tif", ".tiff"):
+        if not cv2.imwritemulti(str(path), list(frames), [cv2.IMWRITE_TIFF_COMPRESSION, 1]):
+            raise OSError(f"{path}: cannot be written")
+    elif suffix == ".mraw":
+        mraw(path, frames, rate=rate, bits=bits)
+    elif not suffix:
+        path.mkdir()
+        for number, image in zip(numbers, frames):
+            picture(path / f"{path.name}_{number:06d}.png", image)
+    else:
+        raise ValueError(f"{path.name}: films are written as .avi, .mkv, .tif, .mraw or a folder")
+
+
+def _video(path: Path, frames: NDArray[Any], rate: float, numbers: NDArray[np.int64]) -> None:
+    if frames.dtype == np.uint8 and len(numbers) == numbers[-1] + 1:
+        film(path, frames, rate=rate)
+        return
+    kind = "gray" if frames.dtype == np.uint8 else "gray16le"
+    with av.open(str(path), "w", options={"fflags": "+bitexact"}) as container:
+        fraction = Fraction(rate).limit_denominator(1000)
+        stream = container.add_stream("ffv1", rate=fraction, options={"level": "3", "slices": "4", "slicecrc": "1"})
+        stream.height, stream.width = frames.shape[1:]
+        stream.pix_fmt = kind
+        stream.codec_context.time_base = 1 / fraction
+        stream.codec_context.flags |= Flags.bitexact
+        for number, image in zip(numbers, frames):
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format=kind)
+            frame.pts, frame.time_base = int(number), 1 / fraction
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+def mraw(path: Path, frames: NDArray[Any], *, rate: float, bits: int) -> None:
+    """A Photron film: pixels of 8, 12 (two in three bytes, high bits first) or 16 bits, and the XML header beside."""
+    if bits == 12:
+        first, second = (frames.reshape(-1)[i::2].astype(np.uint16) for i in (0, 1))
+        if len(first) != len(second):
+            raise ValueError(f"{path.name}: 12-bit frames need an even number of pixels")
+        packed = np.stack([first >> 4, (first & 15) << 4 | second >> 8, second & 255], axis=1).astype(np.uint8)
+        path.write_bytes(packed.tobytes())
+    else:
+        path.write_bytes(np.ascontiguousarray(frames, "<u2" if bits == 16 else np.uint8).tobytes())
+    height, width = frames.shape[1:]
+    path.with_suffix(".cihx").write_text(
+        f"""<?xml version="1.0" encoding="UTF-8"?>
+<cih>
+<fileInfo><date>2014/6/30</date></fileInfo>
+<imageFileInfo><fileFormat>Mraw</fileFormat></imageFileInfo>
+<deviceInfo><deviceName>jumpvision laboratory</deviceName></deviceInfo>
+<recordInfo><recordRate>{rate:.12g}</recordRate></recordInfo>
+<frameInfo><totalFrame>{len(frames)}</totalFrame><skipFrame>1</skipFrame></frameInfo>
+<imageDataInfo>
+<resolution><width>{width}</width><height>{height}</height></resolution>
+<colorInfo><type>Mono</type><bit>{bits}</bit></colorInfo>
+<effectiveBit><depth>{bits}</depth><side>Lower</side></effectiveBit>
+</imageDataInfo>
+</cih>
+""",
+        encoding="utf-8",
+        newline="\n",
+    )
+
+
+def picture(path: Path, image: NDArray[Any]) -> None:
     """image (row, column) as PNG."""
     if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 9]):
         raise OSError(f"{path}: cannot be written")

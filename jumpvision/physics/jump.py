@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import functools
-import hashlib
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
-from jumpvision.physics import cone, events, forcing, granular, linear_flow, runge_kutta, scalar, terms
+from jumpvision.physics import (
+    compiled,
+    events,
+    granular,
+    terms,
+    within,
+)
 from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.loop import Loop
 from jumpvision.physics.model import Model
 from jumpvision.physics.parameters import MECHANISMS
 
 Array = NDArray[np.float64]
 
-STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
 EVENT = np.dtype([("time", float), ("kind", "U10")])
@@ -58,7 +57,7 @@ class Motion:
 
 
 def simulate(
-    model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float, stop: float | None = None
+    model: Model, forcing: Forcing | Loop, *, t: ArrayLike, rtol: float, atol: float, stop: float | None = None
 ) -> Motion:
     """The motion of a robot settled at rest at t[0], driven by `forcing`.
 
@@ -75,31 +74,54 @@ def simulate(
         raise ValueError(f"simulate t[0] = {t[0]:g} s: must be <= the start of the forcing, {forcing.start:g} s")
     if not (0 < rtol < 1 and 0 < atol < 1):
         raise ValueError(f"simulate rtol = {rtol!r}, atol = {atol!r}: must be in (0, 1); give e.g. 1e-7 and 1e-9")
-    stop = forcing.stop if stop is None else float(stop)
-    constants = pack(model)
+    return follow(model, forcing, t, rtol, atol, forcing.stop if stop is None else float(stop))[0]
+
+
+def follow(
+    model: Model, forcing: Forcing | Loop, t: Array, rtol: float, atol: float, stop: float, works: bool = False
+) -> tuple[Motion, Array, Array]:
+    """`simulate` with the states [`granular`] at the end and at rest; works: with the energies WORKS behind them."""
+    constants, n = pack(model), granular.X
+    if isinstance(forcing, Loop):
+        if refused := [x for x in ("motor_lag", "coulomb_friction") if x in model]:
+            raise ValueError(f"simulate: {refused[0]} cannot act together with a motor's feedback loop; remove one")
+        for name in ("kp", "kd", "max_force"):
+            constants[name] = getattr(forcing, name)
+    if isinstance(forcing, Loop) or works:
+        n = granular.N_MOTION + works * len(granular.WORKS)
+    elif "motor_lag" in model:
+        n = granular.V
     kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
     position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
     rest, foot = equilibrium(model)
     ratio = model.m_m / model.M
-    state = np.array([rest + ratio * position, 0.0, foot, 0.0, position])
+    state = np.zeros(n)
+    state[granular.Y], state[granular.XF] = rest + ratio * position, foot
+    if n > granular.X:
+        state[granular.X] = position
+    start = state.copy()
     driven = int(np.searchsorted(t, forcing.start))
-    out = np.empty((t.size, events.N_OUT))
+    out = np.empty((t.size, within.N_OUT))
     out[:driven] = rest, foot, rest + position, 0.0, 0.0, (model.M + model.m_f) * model.g, model.M * model.g
     modes, log = np.full(t.size, granular.STUCK), np.empty((events.MAX_EVENTS, 2))
     rate = math.sqrt(model.k_s / model.M)
+    tolerance = np.full(n, atol)
+    tolerance[[granular.W, granular.VF]] *= rate
+    tolerance[granular.V : granular.N_MOTION] *= rate
+    tolerance[granular.N_MOTION :] *= model.M * model.g
     com = (model.M * state[0] + model.m_f * foot) / (model.M + model.m_f)
-    status, n, depth, before, after, top = _compiled()(
+    status, count, depth, before, after, top = compiled.solver()(
         constants, kind, rows, edges, state, -foot, stop, t[driven:], out[driven:], modes[driven:], log, rtol,
-        runge_kutta.tolerances(atol, rate), 2 * math.pi / rate / STEPS_PER_PERIOD,
+        tolerance, 2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
     )  # fmt: skip
     if status != events.OK:
         what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
         raise RuntimeError(f"simulate: {what}; check the parameters of the model:\n{model}")
-    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:n]], dtype=EVENT)
+    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:count]], dtype=EVENT)
     flights = _flights(named)
     landed = (flights[:, 1] - flights[:, 0])[flights[:, 1] > stop]
     column: dict[str, Any] = dict(zip(OUTPUTS, np.ascontiguousarray(out.T)))
-    return Motion(
+    motion = Motion(
         t=t,
         **column,
         mode=modes,
@@ -112,6 +134,7 @@ def simulate(
         com_height=top - com,
         flight_height=model.g * float(landed.max()) ** 2 / 8 if landed.size else math.nan,
     )
+    return motion, state, start
 
 
 def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float) -> Array:
@@ -128,25 +151,25 @@ def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, 
     return heights * model.camera_factor
 
 
-def pack(model: Model) -> NDArray[Any]:
-    """The model as one record of `granular.CONSTANTS`, shape (1,)."""
+def pack(model: Model, n: int = 1) -> NDArray[Any]:
+    """The model as records of `granular.CONSTANTS`, shape (n,); numbers of the model may be arrays (n,)."""
     p, used = model.parameters, granular.CONSTANTS.names or ()
-    out = np.zeros(1, granular.CONSTANTS)
+    out = np.zeros(n, granular.CONSTANTS)
     out["static"] = 0 if model.ground == "hard" else 1 + terms.STATIC.index(next(t for t in terms.STATIC if t in model))
-    out["massless"] = model.m_f == 0.0
+    out["massless"] = np.equal(model.m_f, 0.0)
     for name in ("m_m", "M", "m_f", "k_s", "c_s", "g"):
         out[name] = getattr(model, name)
     out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
-    out["R"], out["phi"], out["rho"] = (
-        model.foot_radius or 0.0,
-        model.volume_fraction or 0.0,
-        model.grain_density or 0.0,
-    )
+    for name in ("R", "phi", "rho"):
+        value = model.symbol(name)
+        out[name] = 0.0 if value is None else value
     out["lam"], out["factor"] = 1.0, 1.0
     for mechanism in model.terms:
         for name in MECHANISMS[mechanism].parameters:
             if name == "C" and mechanism == "depth_drag":
                 out["C_drag"] = p.C
+            elif name == "theta":
+                out["tan_theta"] = np.tan(p.theta)
             elif name in used:
                 out[name] = getattr(p, name)
     return out
@@ -154,33 +177,20 @@ def pack(model: Model) -> NDArray[Any]:
 
 def equilibrium(model: Model) -> tuple[float, float]:
     """x_r, x_f [m] of the robot at rest: M g on the spring, (M + m_f) g on the ground."""
-    weight = model.M * model.g
-    k_3 = (model.parameters.k_3 or 0.0) if "spring_hardening" in model else 0.0
-    squeeze = brentq(
-        lambda e: model.k_s * e + k_3 * e**3 - weight, 0.0, 1.001 * weight / model.k_s, xtol=1e-16, rtol=1e-15
-    )
-    if model.ground == "hard":
-        return -squeeze, 0.0
-    constants = SimpleNamespace(**dict(zip(granular.CONSTANTS.names or (), pack(model)[0].item())))
-    load = weight + model.m_f * model.g
-
-    def excess(z: float) -> float:
-        return float(granular.static_force.py_func(z, 0.0, 0.0, constants)) - load
-
-    deep = 1e-3
-    while excess(deep) < 0.0:
-        deep *= 2.0
-        if deep > 1e3:
-            raise ValueError("model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values")
-    z = brentq(excess, 0.0, deep, xtol=1e-17, rtol=1e-15)
+    squeeze, z = compiled.equilibrium()(pack(model))
+    if math.isnan(z):
+        raise ValueError("model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values")
     return -squeeze - z, -z
 
 
-def pieces(forcing: Forcing, stop: float, end: float) -> tuple[int, Array, Array]:
+def pieces(forcing: Forcing | Loop, stop: float, end: float) -> tuple[int, Array, Array]:
     """Kind, rows (n, 6) and edges (n + 1,) of the forcing from its start to `end` with the motor at rest after it.
 
-    An edge lies at `stop` also where the law goes on.
+    An edge lies at `stop` also where the law goes on. A loop's rows have a seventh column, its gain.
     """
+    if isinstance(forcing, Loop):
+        kind, rows, edges = pieces(forcing.command, stop, end)
+        return kind, np.column_stack([rows, forcing.gains(rows)]), edges
     if isinstance(forcing, Segments):
         kind, rows = granular.SINE, forcing.rows
         still = [forcing.stop, np.inf, float(forcing(forcing.stop)[0][0]), 0.0, 0.0, 0.0]
@@ -201,22 +211,3 @@ def _flights(named: NDArray[Any]) -> Array:
         elif kind == "landing" and rows:
             rows[-1][1] = time
     return np.array(rows).reshape(-1, 2)
-
-
-@functools.cache
-def _compiled() -> Callable[..., Any]:
-    """`events.run` compiled. Numba's cache sees changes of one file: the digest of all of them is part of its key."""
-    parts = (cone, events, forcing, granular, linear_flow, runge_kutta, scalar, terms)
-    digest = hashlib.sha256(b"".join(Path(str(m.__file__)).read_bytes() for m in parts)).hexdigest()
-    return _with_key(digest)
-
-
-def _with_key(digest: str) -> Callable[..., Any]:
-    @njit(cache=True, nogil=True)
-    def solve(  # type: ignore[no-untyped-def]
-        constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step
-    ):
-        digest  # noqa: B018
-        return events.run(constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step)
-
-    return solve

@@ -100,16 +100,11 @@ class Model:
             yield f"model foot_mass: {self.m_f:g} kg; must be {least}: give the foot's mass"
         if self.c_s < 0:
             yield f"model spring_damping: {self.c_s:g} N s/m after correction; must be >= 0"
-        if "added_mass" in self:
-            p = self.parameters
-            slope = float(cone_mass_slope(np, 0.0, **{n: self.symbol(n) for n in ("C", "mu", "theta", *values)}))
-            drag = (p.alpha or 0.0) * ("inertial_drag" in self) + (p.b or 0.0) * ("depth_drag" in self) * slope
-            # alpha + (b - 1/2) dm_a/dz is linear in dm_a/dz, which falls from `slope` at the surface to 0
-            if drag < 0.5 * slope:
-                yield (
-                    f"model alpha, b: alpha + (b - 1/2) dm_a/dz = {drag - 0.5 * slope:g} kg/m < 0 at the surface would "
-                    "create energy; give 'depth_drag' with b >= 0.5, or 'inertial_drag' with a larger alpha"
-                )
+        if "added_mass" in self and self.spare_drag < 0:
+            yield (
+                f"model alpha, b: alpha + (b - 1/2) dm_a/dz = {self.spare_drag:g} kg/m < 0 at the surface would "
+                "create energy; give 'depth_drag' with b >= 0.5, or 'inertial_drag' with a larger alpha"
+            )
 
     # The robot as the mechanisms correct it, in the symbols of PHYSICS.md.
     @property
@@ -151,6 +146,16 @@ class Model:
     def time_shift(self) -> float:
         """dt [s]: a frame stamped t shows t + dt."""
         return self._extra("time_offset", "dt")
+
+    @property
+    def spare_drag(self) -> float:
+        """alpha + (b - 1/2) dm_a/dz at the surface [kg/m]: linear in dm_a/dz, which falls to 0 with depth."""
+        p = self.parameters
+        names = ("C", "mu", "theta", "R", "phi", "rho")
+        slope = cone_mass_slope(np, 0.0, **{n: self.symbol(n) for n in names})
+        alpha = p.alpha if "inertial_drag" in self and p.alpha is not None else 0.0
+        b = p.b if "depth_drag" in self and p.b is not None else 0.0
+        return alpha + (b - 0.5) * slope
 
     def _extra(self, mechanism: str, name: str) -> float:
         return getattr(self.parameters, name) if mechanism in self else 0.0

@@ -27,6 +27,7 @@ M = TypeVar("M")
 ROBOT = ("motor_mass", "rod_mass", "stiffness", "damping", "gravity", "landing_loss")
 LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
 BED = ("phi", "foot_radius")
+OF_MODEL = "model."  # before the name of a model parameter that differs from point to point, e.g. model.k1
 # parameters of a force of the ground that grow with the area of the foot (PHYSICS.md section 2)
 BY_AREA = ("k", "k1", "k2", "alpha", "s", "s_p")
 TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
@@ -85,8 +86,12 @@ def hard_points(v: Mapping[str, Array]) -> dict[str, NDArray]:
 
 
 def model_at(model: Model, v: Mapping[str, Array]) -> Model:
-    """The model with the values of one point (numbers). Another foot_radius changes the ground's forces by its area."""
-    parameters, foot = model.parameters, model.foot_radius
+    """The model with the values of one point (numbers), parameters among them as model.NAME for the model's own foot.
+
+    Another foot_radius changes the ground's forces by its area.
+    """
+    own = {n.removeprefix(OF_MODEL): float(x) for n, x in v.items() if n.startswith(OF_MODEL)}
+    parameters, foot = dataclasses.replace(model.parameters, **own), model.foot_radius
     if foot and float(v["foot_radius"]) != foot:
         area = (float(v["foot_radius"]) / foot) ** 2
         grown = {n: getattr(parameters, n) * area for n in BY_AREA if getattr(parameters, n) is not None}
@@ -114,7 +119,7 @@ def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol:
     n = rows.shape[0]
     out = {name: np.full(n, np.nan) for name in RESULTS}
     built: dict[tuple[float, ...], Model] = {}
-    names = [m for m in (*ROBOT, *BED) if m in v]
+    names = [m for m in v if m in (*ROBOT, *BED) or m.startswith(OF_MODEL)]
     for i in range(n):
         key = tuple(float(v[m][i]) for m in names)
         if key not in built:

@@ -8,29 +8,48 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
+from ..across import actuator_bandwidth, actuator_rows, intrusion_laws, intrusion_rows
 from ..campaign import Outcome
+from ..craters import craters_table, zero_crossing
 from ..experiment import Campaign
 from ..show import details, measured, overview
 from ..storage import write_aside
+from .actuator import actuator_picture
+from .craters import critical_picture
 from .heights import heights_picture
+from .intrusions import campaign_picture
 
 PICTURES = {  # file: (heading, what it shows)
     "jump.png": ("Jump", "measured height of the rod against time, the model's, and the difference"),
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
     "bed.png": ("Bed", "side view of the bed with the surface found"),
+    "crater.png": ("Crater", "the crater's surface and its profile about the axis"),
+    "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
     "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
     "flow.png": ("Flow", "shear rate map, grain momentum against time, added mass against depth"),
+    "intrusion.png": ("Intrusion", "force against depth, what the fit leaves over, overshoots against depth"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
 }
 
 
 def write_report(
-    campaign: Campaign, outcomes: list[Outcome], rows: list[dict[str, Any]], results: Path, *, single: bool
+    campaign: Campaign,
+    outcomes: list[Outcome],
+    rows: list[dict[str, Any]],
+    results: Path,
+    *,
+    single: bool,
+    diagnosis: dict[str, Any] | None = None,
 ) -> Path:
     """Write report.html into `results` and return its path."""
     from jinja2 import Environment, PackageLoader, select_autoescape
 
     heights = None if single else heights_picture(rows)
+    craters = [] if single else craters_table({o.name: o.results for o in outcomes})
+    critical = critical_picture(craters, zero_crossing(craters)) if craters else None
+    intruded = [] if single else intrusion_rows(campaign, outcomes)
+    driven = [] if single else actuator_rows(campaign, outcomes)
+    swept = len({r["frequency_hz"] for r in driven}) > 2
     page = Environment(loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape()).get_template(
         "report.html.j2"
     )
@@ -41,8 +60,15 @@ def write_report(
         table=overview(campaign, outcomes) if any(o.summary for o in outcomes) else [],
         details=details(campaign, outcomes),
         heights=inline(heights) if heights else None,
+        critical=inline(critical) if critical else None,
+        intrusions=inline(campaign_picture(intruded, intrusion_laws(intruded))) if intruded else None,
+        actuator=inline(actuator_picture(driven, actuator_bandwidth(driven))) if swept else None,
         experiments=[experiment_part(o) for o in outcomes],
         excluded=campaign.excluded,
+        verdict=diagnosis["sentence"] if diagnosis else "",
+        diagnosis=inline((results / "diagnosis.png").read_bytes())
+        if diagnosis and (results / "diagnosis.png").exists()
+        else None,
         failed=[o for o in outcomes if o.errors],
         done=sum(not o.errors for o in outcomes),
     )

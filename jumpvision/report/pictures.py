@@ -10,8 +10,8 @@ import numpy as np
 
 from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, Piv, Record, RodMotion, Simulation, Track
-from ..sections import Actuation, BedImage, GrainVideo, NotApplicable, RodVideo
-from ..stages.films import open_film, read_picture
+from ..sections import Actuation, BedImage, Calibration, GrainVideo, NotApplicable, RodVideo
+from ..stages.films import open_film, open_grains, open_pictures
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
 
@@ -120,8 +120,9 @@ def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actua
 @stage(version=1, picture=True)
 def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
     """The surface found in the picture of the bed."""
-    grey = read_picture(image.path)
     v, profile = bed.values, bed.values["profile"]
+    with open_pictures(image) as frames:
+        grey = frames[v["picture"]]
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.8), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.6))
@@ -149,11 +150,12 @@ def busiest(field: Any) -> int:
 
 
 @stage(version=1, picture=True)
-def piv_picture(piv: Piv, film: GrainVideo) -> PivPicture:
+def piv_picture(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> PivPicture:
     """Velocity vectors over the grains at the busiest moment, valid and replaced ones told apart."""
     field = piv.field
     i = busiest(field)
-    with open_film(film) as frames:
+    straight, film = open_grains(film, calibration)
+    with straight as frames:
         image = frames[i]
     scale = film.scale or 1.0
     unit = field.u.attrs["units"].split("/")[0]

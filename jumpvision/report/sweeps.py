@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from . import lift_off, motion, scaling
+from . import granular, lift_off, motion, scaling
 from .comparison import comparison
 from .pictures import png
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
@@ -39,6 +39,9 @@ NAMED = {
     "estimates": scaling.estimates, "animals": scaling.animals, "two-frequency": scaling.two_frequency,
     "scatter": motion.scatter, "bifurcation": motion.bifurcation, "traces": motion.traces,
     "comparison": comparison,
+    "height-phi": granular.height_phi, "jump-types": granular.jump_types, "delay": granular.delay,
+    "alpha-fit": granular.alpha_fit, "force-models": granular.force_models, "drag-scale": granular.drag_scale,
+    "foot-radius": granular.foot_radius,
 }  # fmt: skip
 
 

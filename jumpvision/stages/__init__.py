@@ -3,11 +3,16 @@
 from .track import track  # isort: skip
 from .rod import rod  # isort: skip
 from .bed import bed  # isort: skip
+from .geometry import geometry  # isort: skip
+from .crater import crater  # isort: skip
 from .piv import piv  # isort: skip
 from .flow import flow  # isort: skip
 from .column import column  # isort: skip
+from .intrusion import intrusion  # isort: skip
 from .fit import fit  # isort: skip
 from .simulate import simulate  # isort: skip
 from .summary import summary  # isort: skip
 
-__all__ = ["bed", "column", "fit", "flow", "piv", "rod", "simulate", "summary", "track"]
+__all__ = [
+    "bed", "column", "crater", "fit", "flow", "geometry", "intrusion", "piv", "rod", "simulate", "summary", "track",
+]  # fmt: skip

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from pathlib import Path
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Film, FrameError, open_frames
 from ..pipeline import StageWarning
-from ..sections import Calibration, GrainVideo, RodVideo, need
+from ..sections import BedImage, Calibration, CraterImage, GrainVideo, RodVideo, need
+from ..vision.camera import Camera
+from ..vision.rectify import straight_map, straight_points
+from .view import view_of
+
+SCALE_OF_PIXELS = 1.0  # m/px, where only the lens is undone
 
 
 def open_film(section: RodVideo | GrainVideo) -> Film:
@@ -41,17 +47,41 @@ def timed_as_declared(film: Film, section: RodVideo | GrainVideo) -> Film:
     return film
 
 
-def warn_uncalibrated(calibration: Calibration | None, section: str) -> None:
-    """Say so where a lens or marks are given that this stage does not use."""
-    if calibration and (calibration.k1 or calibration.k2 or calibration.marks):
-        warnings.warn(
-            f"[calibration] distortion and marks are applied to [rod_video] only, not to [{section}]",
-            StageWarning,
-            stacklevel=3,
-        )
+class StraightFilm(Film):
+    """A film whose frames are resampled as a camera without lens errors, square to the marks, would have seen them."""
+
+    def __init__(self, film: Film, view: Camera, scale: float):
+        self.__dict__.update(film.__dict__)  # its clock, shape, warnings and meta are those of the film
+        self._film, self._map = film, straight_map(view, film.shape, scale)
+
+    def _read(self, i: int) -> NDArray[Any]:
+        import cv2
+
+        return np.asarray(cv2.remap(self._film[i], *self._map, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+
+    def close(self) -> None:
+        self._film.close()
 
 
-def read_picture(path: Path) -> NDArray[np.generic]:
-    """A single picture (height, width), grey."""
-    with open_frames(path, frame_rate=1.0) as film:
-        return film[0]
+def open_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+    """The grain film, and its section in the pixels of its frames: both straightened where lens or marks are given."""
+    film = open_film(section)
+    if not calibration or not (calibration.k1 or calibration.k2 or calibration.marks):
+        return film, section
+    # a lens can be undone without a scale: one pixel is then the unit
+    view = view_of(calibration, section if section.scale else replace(section, scale=SCALE_OF_PIXELS), film.shape)
+    known = view.scale if section.scale or calibration.marks else None
+    straight = replace(section, scale=known)
+    if section.foot_row is not None and section.axis_column is not None:
+        seen = np.array([section.axis_column]), np.array([section.foot_row])
+        column, row = straight_points(view, film.shape, view.scale, *seen)
+        straight = replace(straight, axis_column=float(column[0]), foot_row=float(row[0]))
+    return StraightFilm(film, view, view.scale), straight
+
+
+def open_pictures(section: BedImage | CraterImage) -> Film:
+    """One picture or a series of them, on their own clock (frame_rate, else one a second)."""
+    film = open_frames(section.path, frame_rate=getattr(section, "frame_rate", None) or 1.0)
+    for text in film.warnings if len(film) > 1 else ():
+        warnings.warn(text, StageWarning, stacklevel=3)
+    return film

@@ -17,30 +17,33 @@ from ..fit.height import jump_height, rest_height
 from ..fit.line import fit_line
 from ..fit.mean import weighted_mean
 from ..fit.packing import cone_growth
-from ..fit.ringdown import ring_down
+from ..fit.restitution import restitution
 from ..logs import read_log
 from ..params import FitParams
-from ..physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
+from ..physics.oscillator import foot_frequency, foot_ripple
 from ..pipeline import stage
-from ..records import BedHeight, Column, Fits, Flow, RodMotion
-from ..sections import Actuation, Bed, ContactLog, MotorLog, Robot
+from ..records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion
+from ..sections import Actuation, Bed, ContactLog, MotorLog, NotApplicable, Robot
+from .actuator import actuator_fits
 from .bed import packing
+from .body import hanging_foot, total_mass
 from .motor import position_at
+from .ring import ring_fits
 
 Array = NDArray[np.float64]
 NAN = math.nan
 AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
-HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved past hops too short to be seen
 MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
 
 
-@stage(version=1, any_of=("rod", "contact", "column", "flow"))
+@stage(version=2, any_of=("rod", "contact", "column", "flow", "intrusion", "log"))
 def fit(
     experiment: Experiment,
     rod: RodMotion | None,
     contact: ContactLog | None,
     flow: Flow | None,
     column: Column | None,
+    intrusion: Intrusion | None,
     robot: Robot | None,
     law: Actuation | None,
     log: MotorLog | None,
@@ -57,9 +60,13 @@ def fit(
         out["n_jumps"] = Estimate(float(len(jumps)), 0.0, "", len(jumps), 0.0)
         if contact is not None or experiment.ground == "hard":
             out |= flight_fits(jumps, robot, law)
+            if len(jumps) > 1 and experiment.ground == "hard":
+                out["restitution"] = restitution(jumps, after=law.stop if law and law.moves else -math.inf)
     if rod is not None:
         out |= height_fits(rod, robot, law)
         out |= ring_fits(rod, flights, robot, law, p)
+    if log is not None and law is not None and law.moves:
+        out |= actuator_fits(log, law)
     if column is not None:
         out |= cone_fits(column)
     if flow is not None:
@@ -67,7 +74,10 @@ def fit(
     phi = packing(section, bed)[0]
     if column is not None and phi is not None:
         out |= theory(phi, p)
-    return Fits({k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()})
+    if not (out or rod or contact or column or flow or intrusion):
+        raise NotApplicable(["fit needs [actuation] beside [motor_log], or another recording"])
+    entries = {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()}
+    return Fits(entries | (intrusion.values["fits"] if intrusion else {}))
 
 
 def find_flights(
@@ -102,19 +112,6 @@ def find_flights(
         max_gap=p.max_gap,
         ripple=foot_ripple(*spring) if (spring := hanging_foot(robot)) else 0.0,
     )
-
-
-def total_mass(robot: Robot | None) -> float | None:
-    """Mass of motor and rod [kg], where both are known."""
-    return robot.motor_mass + robot.rod_mass if robot and robot.motor_mass and robot.rod_mass else None
-
-
-def hanging_foot(robot: Robot | None) -> tuple[float, float, float, float] | None:
-    """k, m_f, M, g of a robot with a foot, where they are known."""
-    mass = total_mass(robot)
-    if robot is None or mass is None or not (robot.foot_mass and robot.spring_stiffness):
-        return None
-    return robot.spring_stiffness, robot.foot_mass, mass, robot.gravity
 
 
 def longer_than(flights: Flights, shortest: float) -> Flights:
@@ -160,47 +157,6 @@ def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None) -> d
         "apex_time_s": Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason),
         "motor_rise_m": Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN),
     }
-
-
-def ring_fits(
-    rod: RodMotion, flights: Flights | None, robot: Robot | None, law: Actuation | None, p: FitParams
-) -> dict[str, Estimate]:
-    """Free oscillation on the ground after the last landing (or of the whole track with actuation kind "none").
-
-    Nothing where it is not known when the motor rests: a driven motion is no ring-down.
-    """
-    if law is None or law.kind == "custom":
-        return {}
-    t, h, sigma = rod.arrays
-    start = law.stop if law.moves else t[0]
-    if flights is not None and len(flights):
-        if not np.isfinite(flights.landing[-1]):
-            return {}  # in the air at the end of the record
-        start = max(start, float(flights.landing[-1]))
-    start += p.settle
-    mass, k = total_mass(robot), robot.spring_stiffness if robot else None
-    limit = lift_off_amplitude(k, mass, robot.gravity) if robot and k and mass else None
-    for _ in range(HOPPING):
-        ringing = t >= start
-        if ringing.sum() < 20:
-            return {}
-        ring = ring_down(t[ringing], h[ringing], sigma[ringing])
-        if ring.reason or limit is None or ring.amplitude <= limit:
-            break
-        start += HOP  # the spring would be stretched in every period: hops too short to be seen
-    if not ring.reason and limit is not None and ring.amplitude > limit:
-        reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
-        return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}
-    out = ring.estimates()
-    if not ring.reason:
-        times = t[ringing]
-        values = {
-            "ring_amplitude_m": (ring.amplitude, ring.amplitude_sigma, "m"), "ring_phase_rad": (ring.phase, NAN, "rad"),
-            "ring_offset_m": (ring.offset, ring.offset_sigma, "m"), "ring_start_s": (times[0], 0.0, "s"),
-            "ring_stop_s": (times[-1], 0.0, "s"),
-        }  # fmt: skip
-        out |= {k: Estimate(float(v), float(s), unit, ring.n, ring.chi2) for k, (v, s, unit) in values.items()}
-    return out
 
 
 def pushing(column: Column) -> NDArray[np.bool_]:

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=1)
+@stage(version=2)
 def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None, *, p: FlowParams) -> Flow:
     """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
     field = piv.field
@@ -93,7 +93,8 @@ def momentum_of(
     top = float(frame.foot_y)
     if not np.isfinite(top):
         return np.nan, np.nan, 0.0
-    scale, a = film.scale or 1.0, frame.attrs
+    a = frame.attrs
+    scale = a["scale_m_per_px"]
     found = grain_momentum(
         frame.v, frame.x, frame.y, frame.v_sigma, frame.chc.values > 0,
         top=top,

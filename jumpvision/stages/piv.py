@@ -17,33 +17,32 @@ from ..progress import watch
 from ..records import Piv
 from ..sections import Calibration, GrainVideo, Robot
 from ..vision.foot import FootTrack, track_foot
-from ..vision.piv.engine import piv_film
+from ..vision.piv.engine import piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField
-from .films import open_film, warn_uncalibrated
+from .films import open_grains
 
 Array = NDArray[np.float64]
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=1)
+@stage(version=2)
 def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, *, p: PivParams) -> Piv:
     """m/s where the film's scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y)."""
-    warn_uncalibrated(calibration, film.name)
-    with open_film(film) as frames:
+    straight, film = open_grains(film, calibration)
+    with straight as frames:
         if len(frames) <= p.gap:
             raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
         foot = follow_foot(frames, film, robot, p)
-        fields = list(
-            piv_film(
-                watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot),
-                gap=p.gap, window=p.window, step=p.step, passes=p.passes, min_correlation=p.min_correlation,
-                min_texture=p.min_texture, outlier=p.outlier,
-            )
-        )  # fmt: skip
-        data = as_dataset(fields, frames.time, frames.shape, film, p)
+        data = header(frames.time, frames.shape, film, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, p)
-    return Piv(data)
+        fields = piv_film(
+            watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap,
+            preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
+            min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
+        )  # fmt: skip
+        dt = frames.time[p.gap :] - frames.time[: -p.gap]
+        return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
 
 
 def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:
@@ -93,49 +92,51 @@ def foot_mask(
     return mask
 
 
-def as_dataset(
-    fields: list[VectorField], time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams
-) -> xr.Dataset:
-    """pivpy schema 1 from pixel fields: y up, origin as in the contract, SI where the scale is known."""
+def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) -> xr.Dataset:
+    """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
     scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
-    n = len(fields)
-    begin, end = time[:n], time[p.gap : p.gap + n]
-    dt = end - begin
+    begin, end = time[: -p.gap], time[p.gap :]
+    x, y = (vector_places(n, p.window, p.step) for n in shape[::-1])
     origin_x, origin_y = origin(film)
+    return xr.Dataset(
+        coords={
+            "x": ("x", (x - origin_x) * scale, {"units": unit, "long_name": "right"}),
+            "y": ("y", -(y - origin_y) * scale, {"units": unit, "long_name": "up"}),
+            "t": ("t", 0.5 * (begin + end), {"units": "s", "long_name": "mid-time of the pair, common clock"}),
+        },
+        attrs={
+            "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
+            "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
+            "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
+            "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
+            "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
+        },
+    )  # fmt: skip
 
-    def cube(name: str, sign: float = 1.0) -> tuple[tuple[str, str, str], Array, dict[str, str]]:
-        values = np.stack([getattr(f, name) for f in fields], axis=-1) * (sign * scale / dt)
-        return ("y", "x", "t"), values, {"units": f"{unit}/s"}
 
-    reason = np.stack([f.reason for f in fields], axis=-1).astype(np.int8)
-    data = xr.Dataset(
+def as_dataset(f: VectorField, film: GrainVideo, dt: float) -> xr.Dataset:
+    """One pixel field as velocities, y up."""
+    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
+
+    def speed(values: Array, sign: float = 1.0, **attrs: str) -> tuple[tuple[str, str], Array, dict[str, str]]:
+        return ("y", "x"), values * (sign * scale / dt), {"units": f"{unit}/s", **attrs}
+
+    return xr.Dataset(
         {
-            "u": cube("u"), "v": cube("v", -1.0), "u_sigma": cube("u_sigma"), "v_sigma": cube("v_sigma"),
-            "u_raw": cube("u_raw"), "v_raw": cube("v_raw", -1.0),
-            "chc": (("y", "x", "t"), np.isin(reason, MEASURED).astype(float), {"units": "1"}),
-            "correlation": (("y", "x", "t"), np.stack([f.correlation for f in fields], axis=-1), {"units": "1"}),
-            "reason": (("y", "x", "t"), reason, {
+            "u": speed(f.u, standard_name="u_velocity"), "v": speed(f.v, -1.0, standard_name="v_velocity"),
+            "u_sigma": speed(f.u_sigma), "v_sigma": speed(f.v_sigma),
+            "u_raw": speed(f.u_raw), "v_raw": speed(f.v_raw, -1.0),
+            "chc": (("y", "x"), np.isin(f.reason, MEASURED).astype(float), {
+                "units": "1", "standard_name": "validity_flag",
+            }),
+            "correlation": (("y", "x"), f.correlation, {"units": "1"}),
+            "reason": (("y", "x"), f.reason.astype(np.int8), {
                 "units": "1", "flag_values": np.array(sorted(REASONS), np.int8),
                 "flag_meanings": " ".join(_word(REASONS[k]) for k in sorted(REASONS)),
                 "long_name": "; ".join(f"{k}: {REASONS[k]}" for k in sorted(REASONS)),
             }),
-        },
-        coords={
-            "x": ("x", (fields[0].x - origin_x) * scale, {"units": unit, "long_name": "right"}),
-            "y": ("y", -(fields[0].y - origin_y) * scale, {"units": unit, "long_name": "up"}),
-            "t": ("t", 0.5 * (begin + end), {"units": "s", "long_name": "mid-time of the pair, common clock"}),
-        },
-        attrs={
-            "delta_t": float(np.median(dt)), "files": [film.file], "pivpy_schema_version": "1",
-            "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
-            "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
-            "image_rows": shape[0], "image_columns": shape[1],
-            "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
-        },
+        }
     )  # fmt: skip
-    data["u"].attrs["standard_name"], data["v"].attrs["standard_name"] = "u_velocity", "v_velocity"
-    data["chc"].attrs["standard_name"] = "validity_flag"
-    return data
 
 
 def _word(meaning: str) -> str:

@@ -12,6 +12,7 @@ from ..params import SimulateParams
 from ..physics.forcing import Forcing, from_log
 from ..physics.hard import hard_jump
 from ..physics.jump import simulate as integrate
+from ..physics.loop import Loop
 from ..physics.model import Model
 from ..physics.parameters import ModelParameters
 from ..pipeline import StageWarning, stage
@@ -27,7 +28,7 @@ LINEAR_TERMS = {"landing_loss", "payload", "spring_damping", "spring_stiffness",
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
-@stage(version=1, any_of=("log", "law"))
+@stage(version=2, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,
@@ -46,7 +47,8 @@ def simulate(
     forcing, stop = driver(log, law, motor, p)
     times = output_times(forcing, stop, rod, lead=0.05 + abs(model.time_shift))
     true = times + model.time_shift
-    if model.ground == "hard" and model.m_f == 0.0 and set(model.terms) <= LINEAR_TERMS:
+    linear = model.ground == "hard" and model.m_f == 0.0 and set(model.terms) <= LINEAR_TERMS
+    if linear and not isinstance(forcing, Loop):
         m = hard_jump(
             motor_mass=model.m_m, rod_mass=model.rod_mass, stiffness=model.k_s, damping=model.c_s, gravity=model.g,
             landing_loss=model.parameters.e or 0.0 if "landing_loss" in model else 0.0, forcing=forcing, t=true,
@@ -57,6 +59,8 @@ def simulate(
     else:
         n = integrate(model, forcing, t=true, rtol=p.tolerance, atol=1e-9, stop=stop)
         columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
+        if isinstance(forcing, Loop):
+            check_limits(n.t, n.motor - n.rod, motor)
     table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
     rest = table.rod_m.iloc[0]
     return Simulation(table.assign(rod_m=rest + model.camera_factor * (table.rod_m - rest)))
@@ -90,8 +94,11 @@ def build_model(
 
 def driver(
     log: MotorLog | None, law: Actuation | None, motor: Motor | None, p: SimulateParams
-) -> tuple[Forcing, float]:
-    """(forcing, time when the motor stops): the log, or the law where both agree within the encoder's resolution."""
+) -> tuple[Forcing | Loop, float]:
+    """(forcing, time when the motor stops): the log, or the law where both agree within the encoder's resolution.
+
+    Without a log the law is the command of the [motor] loop where its kp is given, else the motion of the motor.
+    """
     known = commanded(law) if law and law.moves else None
     measured = read_motor(log, law) if log and p.driver != "law" else None
     if measured is None:
@@ -99,12 +106,8 @@ def driver(
             raise InputError(
                 ["[actuation] frequency and amplitude, or [motor_log]: missing; the simulation needs a motor"]
             )
-        if motor and motor.kp is not None:
-            warnings.warn(
-                "no [motor_log]: the motor is taken to follow its command exactly; the [motor] loop is not modelled",
-                StageWarning,
-                stacklevel=2,
-            )
+        if motor and law and motor.kp is not None:
+            return feedback(known, law, motor), known.stop
         return known, known.stop
     time, position = measured
     if known is not None and p.driver == "auto":
@@ -121,13 +124,36 @@ def driver(
     return spline, known.stop if known is not None else last_motion(time, position, p)
 
 
+def feedback(command: Forcing, law: Actuation, motor: Motor) -> Loop:
+    """The [motor] loop on the command of [actuation]; no kd or max_force: none."""
+    try:
+        return Loop(command, motor.kp or 0.0, motor.kd or 0.0, motor.max_force or np.inf, law.dwell_gain)
+    except ValueError as e:
+        raise InputError([f"[motor]: {e}"]) from None
+
+
+def check_limits(t: np.ndarray, position: np.ndarray, motor: Motor | None) -> None:
+    """Warns where the motor driven by its loop leaves its speed or stroke, which do not limit the motion here."""
+    speed, travel = float(np.max(np.abs(np.gradient(position, t)))), float(np.ptp(position))
+    for name, limit, found, unit in (
+        ("max_speed", motor and motor.max_speed, speed, "m/s"),
+        ("stroke", motor and motor.stroke, travel, "m"),
+    ):
+        if limit and found > limit:
+            warnings.warn(
+                f"[motor] {name} = {limit:g} {unit}: the simulated motor reaches {found:.3g}; it is not held back",
+                StageWarning,
+                stacklevel=3,
+            )
+
+
 def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> float:
     """When the motor comes to rest [s]: after it the log stays within two encoder steps of its end."""
     moving = np.flatnonzero(np.abs(position - np.median(position[-5:])) > 2 * p.encoder_step)
     return float(time[moving[-1] + 1]) if moving.size else float(time[0])
 
 
-def output_times(forcing: Forcing, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
+def output_times(forcing: Forcing | Loop, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
     """Equal steps from `lead` seconds before the forcing to the end of the track (or AFTER beyond the motor's stop)."""
     first, last = forcing.start - lead, stop + AFTER
     if rod is not None:

@@ -15,8 +15,8 @@ from ..records import Track
 from ..sections import Actuation, Calibration, RodVideo
 from ..vision.ball import track_ball
 from ..vision.ball_film import track_film
-from ..vision.camera import Camera, camera
 from .films import open_film
+from .view import view_of
 
 
 @stage(version=1)
@@ -28,7 +28,7 @@ def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation 
 def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> pd.DataFrame:
     """Columns of Track, height along the rail from the camera's own zero."""
     with open_film(film) as frames:
-        view = film_camera(film, calibration or Calibration(), frames.shape)
+        view = view_of(calibration, film, frames.shape)
         diameter = p.diameter or (film.ball_diameter / view.scale if film.ball_diameter else None)
         exposure = film.exposure or float(frames.meta.get("exposure_s") or 0.0)
         interval = float(np.median(np.diff(frames.time))) if len(frames) > 1 else np.inf
@@ -58,15 +58,6 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
             "frame": np.arange(n), "time_s": time[:n] + exposure / 2, "x_px": x, "y_px": y, "sigma_px": sigma,
             "height_m": view.height(x, y), "sigma_m": sigma * view.scale, "flag": flag,
         }
-    )  # fmt: skip
-
-
-def film_camera(film: RodVideo, calibration: Calibration, shape: tuple[int, int]) -> Camera:
-    """The camera of a film; the distortion centre defaults to the image centre."""
-    centre = calibration.centre or ((shape[1] - 1) / 2, (shape[0] - 1) / 2)
-    return camera(
-        scale=film.scale, up=film.up, tilt=calibration.tilt, marks=calibration.marks,
-        k1=calibration.k1, k2=calibration.k2, centre=(centre[0], centre[1]),
     )  # fmt: skip
 
 

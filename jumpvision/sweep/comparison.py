@@ -214,8 +214,9 @@ def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, Any], di
     rest = {n: {round(j.law[n], 9) for j in jumps} for n in COORDS[2:]}
     sections = [(j.experiment.section(Robot), j.experiment.section(ModelSpec)) for j in jumps]
     spec = sections[0][1]
-    scaled = spec is not None and "camera_scale" in spec.terms  # the height a camera reports is another
-    if not robot.exact or scaled or any(len(v) > 1 for v in rest.values()) or any(s != sections[0] for s in sections):
+    # the height a camera reports is another, and so is the motion of a motor that a loop drives
+    other = (spec is not None and "camera_scale" in spec.terms) or any(j.experiment.section(Motor) for j in jumps)
+    if not robot.exact or other or any(len(v) > 1 for v in rest.values()) or any(s != sections[0] for s in sections):
         return {}, {}
     axes = []
     for n in COORDS[:2]:

@@ -38,6 +38,8 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
         at = iter(np.unravel_index(np.arange(lo, hi), shape) if shape else ())
         point = {n: a[next(at)] if a.ndim else np.full(hi - lo, float(a)) for n, a in given.items()}
         full = resolve(machine.values, point)
+        if machine.laws:
+            full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan)
         return {n: np.ascontiguousarray(np.broadcast_to(v, (hi - lo,))) for n, v in full.items()}
 
     try:
@@ -67,12 +69,12 @@ def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
     model = machine.model
     cone = {"added_mass", "depth_drag", "rft_cone"} & set(model.terms)
     inert = {
-        "phi": model.volume_fraction is None or not cone - {"rft_cone"},
+        "phi": not machine.laws and (model.volume_fraction is None or not cone - {"rft_cone"}),
         "foot_radius": model.foot_radius is None or not (cone or any(getattr(model.parameters, n) for n in BY_AREA)),
     }
     problems = [
         f"{option(n)}: has no effect in a model of {', '.join(model.terms) or 'hard ground'}; give [bed] "
-        "volume_fraction, [robot] foot_radius and a model with depth_drag or added_mass, or leave it out"
+        "volume_fraction, [robot] foot_radius and a model with depth_drag or added_mass, or --laws, or leave it out"
         for n, useless in inert.items()
         if n in given and useless
     ]

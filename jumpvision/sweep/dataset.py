@@ -78,6 +78,7 @@ def provenance(machine: Machine) -> dict[str, Any]:
         "robot": machine.name,
         "constants": json.dumps(plain(dict(machine.values))),  # SI; an axis replaces its constant
         "model": str(machine.model),
+        **({"laws": json.dumps(machine.laws.plain()), "laws_source": machine.laws.source} if machine.laws else {}),
         "versions": json.dumps({"jumpvision": __version__, "python": platform.python_version(), **packages}),
     }
 

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..experiment import Experiment, ModelSpec, merged, open_experiment
+from ..experiment import Experiment, ModelSpec, merged, open_experiment, read_model
 from ..physics.model import Model
 from ..physics.parameters import ModelParameters
 from ..schema import InputError, closest, read
 from ..sections import Actuation, Bed, Header, Robot
 from ..stages.simulate import LINEAR_TERMS, build_model
+from .laws import Laws
 
 # mechanisms that only correct the robot's values, or change what a film shows
 CORRECTIONS = {"payload", "foot_mass", "spring_stiffness", "spring_damping", "tilt", "camera_scale", "time_offset"}
@@ -47,6 +48,7 @@ class Machine:
     model: Model
     values: Mapping[str, float]  # every name of physics.points ROBOT, LAW and, on granular ground, BED
     thesis: bool = False
+    laws: Laws | None = None  # of the bed's parameters against phi
 
     @property
     def exact(self) -> bool:
@@ -54,8 +56,18 @@ class Machine:
         return self.model.ground == "hard" and self.model.m_f == 0.0 and set(self.model.terms) <= LINEAR_TERMS
 
 
-def machine(ground: str, experiment: Path | None, overrides: Mapping[str, Mapping[str, Any]]) -> Machine:
-    """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place."""
+def machine(
+    ground: str,
+    experiment: Path | None,
+    overrides: Mapping[str, Mapping[str, Any]],
+    *,
+    model_file: Path | None = None,
+    laws: Laws | None = None,
+) -> Machine:
+    """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place.
+
+    model_file: a TOML file whose [model] replaces the other.
+    """
     overrides = {name: table for name, table in overrides.items() if table}  # "params" is always there
     if experiment is not None:
         folder = experiment.parent if experiment.name == "experiment.toml" else experiment
@@ -75,7 +87,16 @@ def machine(ground: str, experiment: Path | None, overrides: Mapping[str, Mappin
         robot, law, bed, spec = _thesis(ground, overrides)
         name, thesis = f"thesis robot, {ground} ground", not overrides
         e = Experiment(Path("--set"), name, Header(ground=ground), {}, {})
-    model = plain_model(build_model(e, robot, spec, bed, None))
+    if model_file is not None:
+        given, thesis = read_model(model_file), False
+        own = {**given.parameters, **overrides.get("model", {})}
+        spec = ModelSpec(tuple(own.pop("terms", given.terms)), own, given.fit)
+        name += f", model of {model_file.name}"
+    try:
+        model = plain_model(build_model(e, robot, spec, bed, None))
+    except InputError as error:
+        at = f"{e.path / 'experiment.toml'}: "
+        raise InputError([p.replace(at, f"{model_file}: ") if model_file else p for p in error.problems]) from None
     usual = Actuation(**THESIS[ground]["actuation"])  # where the experiment has no [actuation] or lacks these
     if not law.moves:
         law = dataclasses.replace(law, kind="stutter")
@@ -88,7 +109,7 @@ def machine(ground: str, experiment: Path | None, overrides: Mapping[str, Mappin
         "cycles": law.cycles, "delay": law.delay,
     }  # fmt: skip
     values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
-    return Machine(name, model, values, thesis)
+    return Machine(name, model, values, thesis, laws)
 
 
 def plain_model(model: Model) -> Model:

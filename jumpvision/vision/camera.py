@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import fdtrc
 
 Array = NDArray[np.float64]
 UP = {"-y": 1j, "+y": -1j, "-x": -1.0, "+x": 1.0}  # image directions as complex numbers, x right, y up
+OFF = 0.3  # px rms, by which marks are missed when they are clicked: less is no sign of perspective
+SURE = 0.01  # chance of calling marks on a plane seen straight on a perspective view
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Linear map z_m = a z_px + b after undistortion, in complex numbers x + i y (x right, y up).
+    """Map from seen pixels to metres: z_m = a z_px + b after undistortion, in complex numbers x + i y (x right, y up).
 
     a, b: [m/px], [m]. k1, k2: radial distortion [1/px^2], [1/px^4] about `centre` (column, row) [px].
-    rail: unit vector of the rail's upward direction.
+    rail: unit vector of the rail's upward direction. homography: (3, 3), (column, row, 1) to (x, y, 1) w in metres, in
+    place of a and b where the marks show perspective (a is then the mean scale).
+    residual_px: rms distance of the marks from where the map puts them [px]; NaN where it has none to spare.
     """
 
     a: complex
@@ -25,6 +31,8 @@ class Camera:
     k1: float
     k2: float
     centre: tuple[float, float]
+    homography: Array | None = None
+    residual_px: float = math.nan
 
     @property
     def scale(self) -> float:
@@ -40,9 +48,20 @@ class Camera:
 
     def height(self, x: ArrayLike, y: ArrayLike) -> Array:
         """Position along the rail [m], up positive, of seen columns x and rows y (down) [px]."""
+        return np.real(self._plane(x, y) * np.conj(self.rail))
+
+    def across(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Position across the rail [m], to the right of its upward direction, of seen columns x and rows y [px]."""
+        return np.real(self._plane(x, y) * np.conj(-1j * self.rail))
+
+    def _plane(self, x: ArrayLike, y: ArrayLike) -> NDArray[np.complex128]:
         column, row = self.undistorted(x, y)
-        z = self.a * (column - 1j * row) + self.b
-        return np.real(z * np.conj(self.rail))
+        if self.homography is None:
+            return np.asarray(self.a * (column - 1j * row) + self.b)
+        h = self.homography
+        w = h[2, 0] * column + h[2, 1] * row + h[2, 2]
+        first, second = (h[k, 0] * column + h[k, 1] * row + h[k, 2] for k in (0, 1))
+        return np.asarray((first + 1j * second) / w)
 
 
 def camera(
@@ -59,7 +78,9 @@ def camera(
 
     scale: [m/px], not needed with marks. up: image direction of physical up, "-y" | "+y" | "-x" | "+x".
     tilt: angle of the rail against that direction, counter-clockwise [rad].
-    marks: (n, 4) px, py [px], x, y [m] (y up); a similarity is fitted to two or more of them, and `up` is then +y.
+    marks: (n, 4) px, py [px], x, y [m] (y up); a similarity is fitted to two or more of them, and `up` is then +y. From
+    four marks on it gives way to a homography (perspective) where it leaves more than OFF px rms and, from five on,
+    where the homography is better by an F test at SURE.
     Raises ValueError without scale and marks.
     """
     turn = np.exp(1j * tilt)
@@ -71,7 +92,37 @@ def camera(
         (a, b), *_ = np.linalg.lstsq(design, known[:, 2] + 1j * known[:, 3], rcond=None)
         if abs(a) == 0 or not np.isfinite(a):
             raise ValueError("[calibration] marks: the points do not define a scale; give two different points")
-        return Camera(complex(a), complex(b), 1j * turn, k1, k2, centre)
+        true = known[:, 2] + 1j * known[:, 3]
+        off = np.abs(design @ [a, b] - true) / abs(a)
+        spare = 2 * len(known) - 4
+        left = float(np.sqrt(np.sum(off**2) / spare)) if spare else math.nan
+        flat = Camera(complex(a), complex(b), 1j * turn, k1, k2, centre, None, left)
+        if len(known) < 4 or left <= OFF:
+            return flat
+        h = _homography(np.column_stack([column, row]), known[:, 2:])
+        tilted = Camera(complex(a), complex(b), 1j * turn, k1, k2, centre, h)
+        rest = float(np.sum(np.abs(tilted._plane(known[:, 0], known[:, 1]) - true) ** 2)) / abs(a) ** 2
+        spare -= 4
+        if spare == 0:
+            return tilted
+        gain = (float(np.sum(off**2)) - rest) / 4.0 / max(rest / spare, 1e-300)
+        return replace(tilted, residual_px=math.sqrt(rest / spare)) if fdtrc(4, spare, gain) < SURE else flat
     if scale is None:
         raise ValueError("scale: missing; give the metres per pixel, or two marks in [calibration]")
     return bare
+
+
+def _homography(pixel: Array, metre: Array) -> Array:
+    """(3, 3) with (column, row, 1) -> (x, y, 1) w of least algebraic error, normalised (Hartley 1997)."""
+
+    def normal(p: Array) -> Array:
+        m, s = p.mean(axis=0), math.sqrt(2.0) / np.mean(np.hypot(*(p - p.mean(axis=0)).T))
+        return np.array([[s, 0.0, -s * m[0]], [0.0, s, -s * m[1]], [0.0, 0.0, 1.0]])
+
+    t, u = normal(pixel), normal(metre)
+    ones = np.ones((len(pixel), 1))
+    a, b = np.hstack([pixel, ones]) @ t.T, np.hstack([metre, ones]) @ u.T
+    zero = np.zeros_like(a)
+    rows = np.vstack([np.hstack([a, zero, -b[:, :1] * a]), np.hstack([zero, a, -b[:, 1:2] * a])])
+    h = np.linalg.svd(rows)[2][-1].reshape(3, 3)
+    return np.asarray(np.linalg.inv(u) @ h @ t)

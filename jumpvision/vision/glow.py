@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 REACH = 8  # px, rows on each side of the edge
 PER_PIXEL = 4  # bins a pixel
-VISIBLE = 4.0  # chi2 without / with glow: up to 2.1 for textured grains without glow, from 8 where light shines through
+VISIBLE = 2.2  # chi2 without / with glow: up to 2.1 for textured grains without glow, above 2.2 with it
 FEWEST = 32  # columns, below which no profile is made
 
 
@@ -54,7 +54,7 @@ def glow_shift(grey: Array, row: Array) -> tuple[float, float]:
     start, low_p, high_p = (
         [0.0, 1.0, 0.05, 2.0, 1.0, 0.0],
         [-2.0, 0.3, 0.0, 0.5, 0.5, -0.5],
-        [2.0, 4.0, 1.0, 6.0, 1.5, 0.5],
+        [2.0, 4.0, 0.4, 6.0, 1.5, 0.5],
     )
     fit = least_squares(lambda p: weight * (model(p) - mean), start, bounds=(low_p, high_p))
     without = [True, True, False, False, True, True]  # the same without a glow

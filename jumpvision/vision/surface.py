@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_closing, binary_opening, label
 from scipy.special import ndtr, stdtrit
 
+from jumpvision.vision.chain import strongest_chain
 from jumpvision.vision.glow import glow_shift
 
 Array = NDArray[np.float64]
@@ -38,10 +38,10 @@ class Surface:
 
 @dataclass(frozen=True)
 class BedHeightPx:
-    """Mean height of the bed above the floor [px] with its standard uncertainty.
+    """Mean height of the bed above the floor with its standard uncertainty, in the surface's unit (px, or m).
 
     tilt [rad], tilt_sigma: slope of the surface, positive where it rises to the right (columns and rows are taken as
-    equally spaced). roughness [px]: standard deviation about that slope. n: columns used. block: columns that were
+    equally spaced). roughness: standard deviation about that slope. n: columns used. block: columns that were
     averaged before the scatter was taken, to get past the correlation of neighbours.
     """
 
@@ -81,7 +81,7 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Su
 
 
 def bed_height(surface: Surface, floor_row: float) -> BedHeightPx:
-    """Mean height above floor_row [px] = floor_row - mean surface row, at the middle of the columns.
+    """Mean height above floor_row = floor_row - mean surface row, at the middle of the columns; any one unit.
 
     A straight line (tilt) is fitted through the good columns and taken at the middle of all columns, so that columns
     lost on one side do not shift the height. The surface is made of grains several px wide, hence neighbouring columns
@@ -130,7 +130,7 @@ def _edge(grey: Array) -> Surface:
     column = np.arange(nx, dtype=float)
     if not typical > 0.0:
         return Surface(column, np.full(nx, NAN), np.full(nx, NAN), np.full(nx, "no bright-above-dark edge"))
-    path = _chain(np.ascontiguousarray(strength.T) / typical, LARGEST_STEP, STEP_COST)
+    path = strongest_chain(np.ascontiguousarray(strength.T) / typical, LARGEST_STEP, STEP_COST)
     contrast = strength[path, np.arange(nx)]
     start = at[path] - 0.5
     row, sigma, fitted = _edge_fit(grey, start)
@@ -140,32 +140,6 @@ def _edge(grey: Array) -> Surface:
     bad = flag != ""
     shift, shift_sigma = glow_shift(grey, np.where(bad, NAN, row))
     return Surface(column, np.where(bad, NAN, row + shift), np.where(bad, NAN, np.hypot(sigma, shift_sigma)), flag)
-
-
-@nb.njit(cache=True)
-def _chain(strength: Array, largest: int, cost: float) -> NDArray[np.int64]:
-    """Row index of each column of the chain with the greatest sum of strength - cost |step|; strength (nx, rows).
-
-    Dynamic programming. Compiles in about 1 s, once.
-    """
-    nx, rows = strength.shape
-    best = strength[0].copy()
-    came = np.zeros((nx, rows), dtype=np.int64)
-    for j in range(1, nx):
-        new = np.empty(rows)
-        for r in range(rows):
-            top, where = -1e300, r
-            for q in range(max(0, r - largest), min(rows, r + largest + 1)):
-                score = best[q] - cost * abs(q - r)
-                if score > top:
-                    top, where = score, q
-            new[r], came[j, r] = top + strength[j, r], where
-        best = new
-    path = np.empty(nx, dtype=np.int64)
-    path[nx - 1] = np.argmax(best)
-    for j in range(nx - 1, 0, -1):
-        path[j - 1] = came[j, path[j]]
-    return path
 
 
 def _edge_fit(grey: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

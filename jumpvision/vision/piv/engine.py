@@ -1,9 +1,11 @@
-"""Displacement fields of image pairs and of films: coarse correlation, affine matching, validation."""
+"""Displacement fields of image pairs and of films: a start, steps of all windows, validation."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,53 +13,68 @@ from scipy import ndimage
 
 from jumpvision.vision.piv import field as code
 from jumpvision.vision.piv.field import VectorField
-from jumpvision.vision.piv.predict import Mask, at, predict, slope
-from jumpvision.vision.piv.refine import CONVERGED, COVERED, FLAT, Frame, prepare, refine, taper
+from jumpvision.vision.piv.frame import Frame, prepare
+from jumpvision.vision.piv.noise import factors
+from jumpvision.vision.piv.predict import Mask, at, flow, predict
+from jumpvision.vision.piv.refine import Grid, Match, refine
+from jumpvision.vision.piv.smooth import smoothed
+from jumpvision.vision.piv.solve import COVERED, FLAT, STEPPED
 from jumpvision.vision.piv.validate import local_median, normalised_median
-from jumpvision.vision.piv.window import RIM
 
 Array = NDArray[np.float64]
 
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
-ROUGH, FINE = 0.03, 0.01  # px, the last step of the first and of the final match; the error left is far smaller
+LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
+STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
+SMOOTHING = ("none", "adaptive")
+TIMES = {"default": 3, "fast": 2}  # Gauss-Newton steps
+TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
+MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a pair is matched; the keywords of `piv_pair` and `piv_film`. ValueError says what does not fit."""
+
+    window: int  # px, side of the matched window (even sizes one more), under a Gaussian weight
+    step: int  # px, distance of the vectors
+    passes: tuple[int, ...]  # px, windows of the correlations that give other starts, large to small; the first must
+    # exceed twice the largest displacement
+    min_correlation: float  # matches below it are replaced
+    min_texture: float  # grey, standard deviation below which a window is empty
+    outlier: float  # limit of the normalised median test, about 2
+    smooth: str = "none"  # or "adaptive": see `smooth`
+    preset: str = "default"  # or "fast": spline on whole pixels, two steps
+
+    def __post_init__(self) -> None:
+        for name, value, low in (("window", self.window, 7), ("step", self.step, 1)):
+            if value < low:
+                raise ValueError(f"{name} = {value}: must be at least {low}")
+        if not self.passes or min(self.passes) < 8:
+            raise ValueError(
+                f"passes = {self.passes}: must be window sizes of at least 8 px, large to small, as (64, 32)"
+            )
+        if self.smooth not in SMOOTHING:
+            raise ValueError(f"smooth = {self.smooth!r}: must be one of {', '.join(SMOOTHING)}")
+        if self.preset not in TIMES:
+            raise ValueError(f"preset = {self.preset!r}: must be one of {', '.join(TIMES)}")
 
 
 def piv_pair(
     a: NDArray[np.generic],
     b: NDArray[np.generic],
     *,
-    window: int,
-    step: int,
-    passes: tuple[int, ...],
-    min_correlation: float,
-    min_texture: float,
-    outlier: float,
     mask: Mask | None = None,
     mask_b: Mask | None = None,
+    **settings: Any,
 ) -> VectorField:
     """Displacement from frame a to frame b, images (H, W) grey of any type; NaN pixels count as masked.
 
-    window: [px] side of the matched window (odd sizes as they are, even sizes one more), under a Gaussian weight.
-    step: [px] distance of the vectors. passes: [px] window sizes of the correlations that start the match, large to
-    small; the first must exceed twice the largest displacement.
-    min_correlation: matches below it are replaced. min_texture: [grey] standard deviation below which a window is
-    empty. outlier: limit of the normalised median test, about 2.
-    mask: (H, W) True = usable, in frame a and, without mask_b, in frame b.
+    mask: (H, W) True = usable, in frame a and, without mask_b, in frame b. settings: see `Settings`.
     Raises ValueError for frames or masks of different shapes and for windows that do not fit.
     """
-    return next(
-        piv_film(
-            (a, b),
-            mask=None if mask is None else (lambda k: mask if k == 0 or mask_b is None else mask_b),
-            gap=1,
-            window=window,
-            step=step,
-            passes=passes,
-            min_correlation=min_correlation,
-            min_texture=min_texture,
-            outlier=outlier,
-        )
-    )
+    masks = None if mask is None else (lambda k: mask if k == 0 or mask_b is None else mask_b)
+    return next(piv_film((a, b), mask=masks, gap=1, **settings))
 
 
 def piv_film(
@@ -65,223 +82,152 @@ def piv_film(
     *,
     mask: Callable[[int], Mask | None] | None,
     gap: int,
-    window: int,
-    step: int,
-    passes: tuple[int, ...],
-    min_correlation: float,
-    min_texture: float,
-    outlier: float,
     progress: Callable[[int], None] | None = None,
+    **settings: Any,
 ) -> Iterator[VectorField]:
     """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most gap + 1 frames are held.
 
-    mask(k): usable pixels (H, W) of frame k, or None. progress(k) is called after the pair (k, k + gap). Other
-    arguments as in `piv_pair`; displacements are px per pair, not per frame.
+    mask(k): usable pixels (H, W) of frame k, or None. progress(k) is called after the pair (k, k + gap). settings: see
+    `Settings`; displacements are px per pair, not per frame.
     """
-    held: deque[_Prepared] = deque()
+    s = Settings(**settings)
+    if gap < 1:
+        raise ValueError(f"gap = {gap}: must be at least 1")
+    held: deque[Frame] = deque()
     shape: tuple[int, ...] | None = None
     for k, image in enumerate(images):
-        if shape is None:
-            shape = image.shape
-            _check(shape, window, step, passes, gap)
-        if image.shape != shape:
-            raise ValueError(
-                f"frame {k} is {image.shape[-2:]} px (rows, columns), frame 0 is {shape}: crop them to one size"
-            )
-        held.append(_Prepared(image, None if mask is None else mask(k), k, window))
+        shape = shape or image.shape
+        usable = None if mask is None else mask(k)
+        _check(k, image.shape, shape, s.window, usable)
+        held.append(prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast"))
         if len(held) > gap:
-            yield _match(held.popleft(), held[-1], window, step, passes, min_correlation, min_texture, outlier)
+            yield _match(held.popleft(), held[-1], s)
             if progress is not None:
                 progress(k - gap)
 
 
-def _check(shape: tuple[int, ...], window: int, step: int, passes: tuple[int, ...], gap: int) -> None:
+def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, mask: Mask | None) -> None:
     if len(shape) != 2:
-        raise ValueError(f"frame 0 has shape {shape}: must be grey, (rows, columns)")
-    for name, value, low in (("window", window, 7), ("step", step, 1), ("gap", gap, 1)):
-        if value < low:
-            raise ValueError(f"{name} = {value}: must be at least {low}")
-    if not passes or min(passes) < 8:
-        raise ValueError(f"passes = {passes}: must be window sizes of at least 8 px, large to small, as (64, 32)")
+        raise ValueError(f"frame {k} has shape {shape}: must be grey, (rows, columns)")
+    if shape != first:
+        raise ValueError(f"frame {k} is {shape} px (rows, columns), frame 0 is {first}: crop them to one size")
     if min(shape) < 2 * (window // 2) + 1:
         raise ValueError(f"window = {window} px does not fit into frames of {shape} px: choose a smaller window")
+    if mask is not None and mask.shape != shape:
+        raise ValueError(f"mask of frame {k} is {mask.shape} px, the frame {shape}: must be the same")
 
 
-class _Prepared:
-    """A frame with what each of its two pairs needs from it."""
-
-    def __init__(self, image: NDArray[np.generic], mask: Mask | None, k: int, window: int):
-        usable = np.isfinite(image)
-        if mask is not None:
-            if mask.shape != image.shape:
-                raise ValueError(f"mask of frame {k} is {mask.shape} px, the frame {image.shape}: must be the same")
-            usable &= mask
-        grey = image.astype(np.float64)
-        if not np.isfinite(grey).all():
-            grey = np.where(np.isfinite(grey), grey, np.nanmean(grey) if np.isfinite(grey).any() else 0.0)
-        self.usable = usable
-        self.grey = grey.astype(np.float32)
-        self.frame: Frame = prepare(grey, usable, window // 2 + RIM + 8)
+def vector_places(pixels: int, window: int, step: int) -> Array:
+    """Columns (or rows) [px] of the vectors in a picture of that many columns (rows)."""
+    return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
 
 
-def _match(
-    a: _Prepared,
-    b: _Prepared,
-    window: int,
-    step: int,
-    passes: tuple[int, ...],
-    min_correlation: float,
-    min_texture: float,
-    outlier: float,
-) -> VectorField:
-    x, y = (np.arange(window // 2, n - window // 2, step, dtype=np.float64) for n in a.grey.shape[::-1])
-    shape = len(y), len(x)
-    xx, yy = (q.ravel() for q in np.meshgrid(x, y))
-    weight = taper(window)
+def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
+    x, y = (vector_places(n, s.window, s.step) for n in a.grey.shape[::-1])
+    grid = Grid(x, y, s.step, s.window, STIFFNESS)
+    times = TIMES[s.preset]
 
-    coarse = predict(a.grey, b.grey, a.usable, b.usable, passes=passes, outlier=outlier)
-    fields = (coarse.u, coarse.v, *slope(coarse, coarse.u), *slope(coarse, coarse.v))
-    seed = np.zeros((len(xx), 12))
-    seed[:, :6] = np.stack([at(coarse, f, x, y).ravel() for f in fields], axis=1)
-
-    def match(k: NDArray[np.intp], start: Array, final: bool) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-        return refine(a.frame, b.frame, xx[k], yy[k], start, weight, min_texture, FINE if final else ROUGH, final)
-
-    every = np.arange(len(xx))
-    p, sigma, quality, state = match(every, seed, False)
-    open_ = (state != COVERED) & (state != FLAT)
-    reason = _judge(p, quality, state, shape, step, min_correlation, outlier)
-    raw = np.where(open_[:, None], p, np.nan)
-
-    # a second try, from the second correlation peak and from the neighbours, whichever is matched better
-    again = np.flatnonzero(open_ & (reason != code.VALID))
-    if len(again):
-        second = seed[again]
-        second[:, 0], second[:, 1] = (at(coarse, f, x, y).ravel()[again] for f in (coarse.u2, coarse.v2))
-        good = np.where((reason == code.VALID)[:, None], p, np.nan)
-        for start in (_around(good, shape, step)[0][again], second):
-            k, start = again[np.isfinite(start).all(1)], start[np.isfinite(start).all(1)]
-            trial = match(k, start, False)
-            better = (trial[3] == CONVERGED) & ((state[k] != CONVERGED) | (trial[2] > quality[k] + 1e-3))
-            for old, new in zip((p, sigma, quality, state), trial):
-                old[k[better]] = new[better]
-            reason[k[better]] = code.SECOND_PEAK
-        second_try = reason == code.SECOND_PEAK
-        reason = _judge(p, quality, state, shape, step, min_correlation, outlier)
-        reason[second_try & (reason == code.VALID)] = code.SECOND_PEAK
-
-    # the last match knows the curvature from the good neighbours
-    k = np.flatnonzero(open_ & np.isin(reason, code.MEASURED))
-    p[:, 6:] = _curvature(np.where(np.isin(reason, code.MEASURED)[:, None], p, np.nan), shape, step)
-    p[k], sigma[k], quality[k], state[k] = match(k, p[k], True)
-    sigma[:, :2] *= _curvature_noise(weight, step)
-    last = _judge(p, quality, state, shape, step, min_correlation, outlier)
-    reason = np.where(np.isin(last, code.MEASURED) & np.isin(reason, code.MEASURED), reason, np.maximum(last, reason))
-    vague = np.nan_to_num(sigma[:, :2]).max(1) > MAX_SIGMA
-    reason[vague & np.isin(reason, code.MEASURED)] = code.LOW_CORRELATION
-    edge = at(coarse, coarse.at_edge.astype(np.float64), x, y).ravel() > 0.5
-    reason[edge & ~np.isin(reason, code.MEASURED)] = code.EDGE_PEAK
-    reason[state == COVERED] = code.MASKED
-    reason[state == FLAT] = code.NO_TEXTURE
+    start = np.stack(flow(a.grey, b.grey, x, y, s.step))
+    m = refine(a, b, grid, start, s.min_texture, False)
+    raw, reason = m.p[:2], _judge(m, start, s)
+    again = _to_try(reason)
+    edge = np.zeros(again.shape, bool)
+    if again.sum() > TOO_MANY * np.isin(reason, code.MATCHED).sum():
+        m, reason, edge = _second_try(a, b, grid, m, reason, s)
+    first = reason
+    for k in range(1, times):
+        start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
+        m = refine(a, b, grid, start, s.min_texture, k == times - 1)
+        reason = _judge(m, start, s)
+    raw = np.where(_to_try(first), raw, m.p[:2])
+    if m.sigma is None:
+        raise ValueError("at least two steps are needed")
+    factor = np.repeat(factors(s.window, s.step, STIFFNESS, times, m.clumping), (2, 4))
+    sigma = m.sigma * factor[:, None, None]
 
     measured = np.isin(reason, code.MEASURED)
-    holes = ~measured & (reason != code.MASKED) & (reason != code.NO_TEXTURE)
-    p[~measured], sigma[~measured] = np.nan, np.nan
-    near, scatter = _around(p, shape, step)
-    filled, spread = p[:, :2].copy(), sigma[:, :2].copy()
-    filled[holes], spread[holes] = near[holes, :2], scatter[holes]
-    (u, v), (u_sigma, v_sigma) = filled.T.reshape(2, *shape), spread.T.reshape(2, *shape)
+    reason[measured & _to_try(first)] = code.SECOND_PEAK
+    reason[measured & ~(sigma[:2].max(0) < MAX_SIGMA)] = code.LOW_CORRELATION
+    measured = np.isin(reason, code.MEASURED)
+    reason[edge & _to_try(reason)] = code.EDGE_PEAK
+    p = np.where(measured, m.p, np.nan)
+    sigma = np.where(measured, sigma, np.nan)
+    near, scatter = _around(p, s.step)
+    holes = _to_try(reason)
+    filled, spread = np.where(holes, near, p[:2]), np.where(holes, scatter, sigma[:2])
+    if s.smooth == "adaptive":
+        complete = _whole(np.concatenate([filled, p[2:]]), s.step)
+        drawn, factor = smoothed(complete, sigma[:2], s.window, s.step, STIFFNESS, times)
+        filled, spread = np.where(measured, drawn, filled), np.where(measured, factor * sigma[:2], spread)
+    shape = reason.shape
     return VectorField(
-        x,
-        y,
-        u,
-        v,
-        u_sigma,
-        v_sigma,
-        quality.reshape(shape),
-        reason.reshape(shape),
-        raw[:, 0].reshape(shape),
-        raw[:, 1].reshape(shape),
-        p[:, 2:6].T.reshape(2, 2, *shape),
-        sigma[:, 2:].T.reshape(2, 2, *shape),
-    )
+        x, y, filled[0], filled[1], spread[0], spread[1], m.quality, reason, raw[0], raw[1],
+        p[2:].reshape(2, 2, *shape), sigma[2:].reshape(2, 2, *shape),
+    )  # fmt: skip
 
 
-def _slopes(p: Array, shape: tuple[int, int], step: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+def _second_try(
+    a: Frame, b: Frame, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
+) -> tuple[Match, NDArray[np.int8], NDArray[np.bool_]]:
+    """The failed vectors matched again from the two peaks of a correlation, whichever matches better.
+
+    Returns the match, its reasons and where the correlation's peak lies on the edge of its search.
+    """
+    coarse = predict(a.grey, b.grey, a.usable, b.usable, passes=s.passes, outlier=s.outlier)
+    for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2)):
+        again = _to_try(reason)
+        kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
+        start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
+        trial = refine(a, b, grid, start, s.min_texture, False)
+        better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
+        m = Match(
+            np.where(better, trial.p, m.p), None, np.nan,
+            np.where(better, trial.quality, m.quality), np.where(better, trial.state, m.state),
+        )  # fmt: skip
+        reason = _judge(m, np.where(better, start, kept), s)
+    return m, reason, at(coarse, coarse.at_edge.astype(np.float64), grid.x, grid.y) > 0.5
+
+
+def _to_try(reason: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Vectors that have texture and light and yet no displacement."""
+    return ~np.isin(reason, (*code.MEASURED, code.MASKED, code.NO_TEXTURE))
+
+
+def _judge(m: Match, start: Array, s: Settings) -> NDArray[np.int8]:
+    """Reason of each vector from its match, which started at `start` (2, ny, nx), and from its neighbours."""
+    settled = (m.state == STEPPED) & ~(np.hypot(*(m.p[:2] - start)) > LARGEST_STEP * s.window)
+    trusted = settled & (m.quality >= s.min_correlation)
+    good = np.where(trusted, m.p, np.nan)
+    reason = np.full(trusted.shape, code.VALID, np.int8)
+    reason[normalised_median(good[0], good[1], _slopes(good, s.step)) > s.outlier] = code.INTERPOLATED
+    reason[settled & ~trusted] = code.LOW_CORRELATION
+    reason[~settled] = code.NOT_CONVERGED
+    reason[m.state == COVERED] = code.MASKED
+    reason[m.state == FLAT] = code.NO_TEXTURE
+    return reason
+
+
+def _slopes(p: Array, step: int) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Change of u and of v per grid step, from the gradients matched in the windows."""
-    ux, uy, vx, vy = (step * p[:, k].reshape(shape) for k in range(2, 6))
+    ux, uy, vx, vy = step * p[2:]
     return (ux, uy), (vx, vy)
 
 
-def _around(p: Array, shape: tuple[int, int], step: int) -> tuple[Array, Array]:
-    """Start values (n, 12) for a match from the neighbours that are not NaN, and the scatter of u and v (n, 2)."""
-    start, scatter = np.zeros((len(p), 12)), np.empty((len(p), 2))
-    for k, slope_k in enumerate(_slopes(p, shape, step)):
-        middle, spread = local_median(p[:, k].reshape(shape), slope_k)
-        start[:, k], scatter[:, k] = middle.ravel(), spread.ravel()
-    for k in range(2, 6):
-        start[:, k] = local_median(p[:, k].reshape(shape))[0].ravel()
-    return start, scatter
+def _around(p: Array, step: int) -> tuple[Array, Array]:
+    """u and v (2, ny, nx) as the neighbours that are not NaN say, and their scatter."""
+    middle, spread = zip(*(local_median(f, slope) for f, slope in zip(p[:2], _slopes(p, step))))
+    return np.stack(middle), np.stack(spread)
 
 
-def _curvature(p: Array, shape: tuple[int, int], step: int) -> Array:
-    """Second derivatives (n, 6) [1/px] u_xx, u_xy, u_yy, v_xx, v_xy, v_yy from the gradients of the neighbours.
-
-    Central differences of the gradients, averaged over 3 x 3 vectors; where a neighbour is missing, zero goes in.
-    """
-    out = []
-    for first in (2, 4):
-        fx, fy = (p[:, k].reshape(shape) for k in (first, first + 1))
-        dx, dy = ([_central(f, axis) / (2 * step) for f in (fx, fy)] for axis in (1, 0))
-        for k in (dx[0], 0.5 * (dx[1] + dy[0]), dy[1]):
-            out.append(ndimage.uniform_filter(np.nan_to_num(k), 3, mode="nearest").ravel())
-    return np.stack(out, axis=1)
-
-
-def _curvature_noise(weight: NDArray[np.float32], step: int) -> float:
-    """Factor by which taking the curvature from the neighbours raises the standard uncertainty of u and v.
-
-    d with given K answers to white noise n as sum L n, L = W/sum W - s^2 (K_xx + K_yy)/2, s^2 the variance of the
-    window W and K the differences of `_curvature` of the window's gradient responses W xi / sum W xi^2.
-    """
-    w = weight.astype(np.float64) / weight.sum()
-    half = len(w) // 2
-    xi = np.arange(-half, half + 1)
-    s2 = float((w * xi**2).sum())
-    reach = 2
-    size = len(w) + 2 * reach * step
-    k = np.zeros((size, size))
-    for j in (-1, 0, 1):
-        for i in (-1, 0, 1):
-            for end in (-1, 1):
-                y, x = (reach + j) * step, (reach + i + end) * step
-                k[y : y + len(w), x : x + len(w)] += end * w * xi / s2 / (2 * step * 9)
-    response = np.pad(w, reach * step) - 0.5 * s2 * (k + k.T)
-    return float(np.sqrt((response**2).sum() / (w**2).sum()))
-
-
-def _central(f: Array, axis: int) -> Array:
-    """f of the next minus f of the last vector; NaN on the border."""
-    p = np.pad(f, 1, constant_values=np.nan)
-    return (np.roll(p, -1, axis) - np.roll(p, 1, axis))[1:-1, 1:-1]
-
-
-def _judge(
-    p: Array,
-    quality: Array,
-    state: NDArray[np.int64],
-    shape: tuple[int, int],
-    step: int,
-    min_correlation: float,
-    outlier: float,
-) -> NDArray[np.int8]:
-    """Reason of each vector from its match and from its neighbours."""
-    converged = state == CONVERGED
-    trusted = converged & (quality >= min_correlation)
-    good = np.where(trusted[:, None], p, np.nan)
-    u, v = good[:, 0].reshape(shape), good[:, 1].reshape(shape)
-    reason = np.full(len(p), code.VALID, np.int8)
-    reason[(normalised_median(u, v, _slopes(good, shape, step)) > outlier).ravel()] = code.INTERPOLATED
-    reason[converged & (quality < min_correlation)] = code.LOW_CORRELATION
-    reason[~converged] = code.NOT_CONVERGED
-    return reason
+def _whole(p: Array, step: int) -> Array:
+    """u and v (2, ny, nx) without holes: from the neighbours, else as the nearest vector, else zero."""
+    out = p[:2]
+    if np.isnan(out).any():
+        out = np.where(np.isnan(out), _around(p, step)[0], out)
+        holes = np.isnan(out).any(0)
+        if holes.all():
+            return np.zeros(out.shape)
+        if holes.any():
+            nearest = ndimage.distance_transform_edt(holes, return_distances=False, return_indices=True)
+            out = out[:, nearest[0], nearest[1]]
+    return out

@@ -21,6 +21,7 @@ REASONS: dict[int, str] = {
     EDGE_PEAK: "correlation peak at the edge of the search, replaced by interpolation",
     NOT_CONVERGED: "the match did not converge, replaced by interpolation",
 }
+MATCHED = (VALID, LOW_CORRELATION, SECOND_PEAK, INTERPOLATED, EDGE_PEAK, NOT_CONVERGED)  # windows with texture
 MEASURED = (VALID, SECOND_PEAK)  # codes whose u, v are matches of the images and not an interpolation
 
 

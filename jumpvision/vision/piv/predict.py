@@ -1,9 +1,10 @@
-"""Coarse displacement by correlation of ever smaller windows, each pass displaced by the one before."""
+"""Coarse displacement: by dense inverse search, or by correlation of ever smaller windows where that fails."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -14,6 +15,9 @@ from jumpvision.vision.piv.validate import local_median, normalised_median
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+
+FLOW_LEAST = 48  # px, smaller images leave the search no pyramid
 
 
 class Coarse(NamedTuple):
@@ -69,11 +73,25 @@ def at(coarse: Coarse, f: Array, x: Array, y: Array) -> Array:
     return ndimage.map_coordinates(f, np.meshgrid(j, i, indexing="ij"), order=1, mode="nearest")
 
 
-def slope(coarse: Coarse, f: Array) -> tuple[Array, Array]:
-    """d/dx and d/dy [1] of a field on the coarse grid."""
-    fy = np.gradient(f, coarse.y, axis=0) if len(coarse.y) > 1 else np.zeros(f.shape)
-    fx = np.gradient(f, coarse.x, axis=1) if len(coarse.x) > 1 else np.zeros(f.shape)
-    return fx, fy
+def flow(a: Float32, b: Float32, x: Array, y: Array, step: int) -> tuple[Array, Array]:
+    """Displacement at the columns x and rows y by dense inverse search (Kroeger et al. 2016).
+
+    doi:10.1007/978-3-319-46493-0_29.
+
+    To a fraction of a pixel, without masks and validation; zero for images too small for it.
+    """
+    if min(a.shape) < FLOW_LEAST:
+        none = np.zeros((len(y), len(x)))
+        return none, none
+    low, high = (float(q) for q in np.percentile(a[::4, ::4], (0.5, 99.5)))
+    gain = 255 / max(high - low, 1e-6)
+    first, second = (cv2.convertScaleAbs(np.clip(f, low, high), alpha=gain, beta=-low * gain) for f in (a, b))
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
+    search.setVariationalRefinementIterations(0)
+    found = search.calc(first, second, None)  # type: ignore[call-overload]
+    found = cv2.GaussianBlur(found, (0, 0), step / 2)
+    at_vectors = found[np.ix_(y.astype(np.intp), x.astype(np.intp))].astype(np.float64)
+    return at_vectors[..., 0], at_vectors[..., 1]
 
 
 def _centres(length: int, size: int) -> Array:

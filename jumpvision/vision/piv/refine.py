@@ -1,154 +1,146 @@
-"""Affine matching of image windows by Gauss-Newton, symmetric in the two frames, with its covariance.
+"""Affine matching of all windows of two frames at once by Gauss-Newton, symmetric in the frames, with covariance.
 
-A window centred at X is read from both spline-interpolated frames at half the displacement each,
+A displacement D of every pixel through the vectors found so far brings both frames half-way together,
 
-    a(xi) = A(X + xi - D(xi) / 2),    b(xi) = B(X + xi + D(xi) / 2),    D = d + G xi + xi K xi / 2,
+    a(x) = A(x - D(x) / 2),    b(x) = B(x + D(x) / 2),    m = (a + b) / 2,    r = a - b,
 
-both brought to zero mean and unit variance, and the six numbers d, G minimise the weighted squares of r = a - b. The
-curvature K is given: a window cannot measure it well, its neighbours can, and without it d is wrong by about half
-the Laplacian times the square of the window's radius.
-Reading both frames half-way puts the vector at mid-time and makes the noise of the gradient of (a + b) / 2
+and every window corrects d and its gradient G, with offset and gain of the grey, by the least weighted squares of
+r - grad m . (d + G xi) - c0 - c1 m. D is a smooth surface through all vectors, so what a window cannot hold (its
+curvature) is there already. Reading both frames half-way puts the vector at mid-time and makes the noise of grad m
 independent of r, so that noise does not bias d.
 
 Uncertainty: to first order the error of the parameters is H^-1 sum w J r over the noise part of r. Its variance is
-taken from the residuals themselves, with the correlation between neighbouring ones (as the correlation statistics of
-Wieneke 2015, doi:10.1088/0957-0233/26/7/074002, do for a pure shift), so it holds the noise of both frames, the
-smoothing by the interpolation and any mismatch that changes within LAG pixels. H comes from the products
-grad a grad b: the noise of the two frames does not inflate it.
+taken from the residuals themselves, with the correlation between those less than LAG / 2 px apart (as the correlation
+statistics of Wieneke 2015, doi:10.1088/0957-0233/26/7/074002, do for a pure shift), so it holds the noise of both
+frames, the smoothing by the interpolation and any mismatch that changes within the box; `noise` tells what the other
+windows and the repeated steps make of it.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numba as nb
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from jumpvision.vision.piv.window import RIM, covariance, normal_equations, sample, solve, standardise
+from jumpvision.vision.piv.frame import Frame, taper
+from jumpvision.vision.piv.moments import FIRST, ORDER, SXX, deform, moments, moments_of
+from jumpvision.vision.piv.noise import LAG
+from jumpvision.vision.piv.solve import STEPPED, covariances, steps
+from jumpvision.vision.piv.surface import axis, everywhere
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
-SMOOTH = 0.8  # px, standard deviation of the Gaussian both frames are smoothed with, against aliasing
-ITERATIONS = 12
-TAPER = 0.45  # Gaussian weight: standard deviation over half the window
-GUARD = 2  # px next to a masked pixel that the gradient stencil and the spline reach
 
-CONVERGED, LOST, FLAT, COVERED = range(4)
+AROUND = 33  # px, side of the region over which the correlation of neighbouring residuals is averaged
+LEAST_RATIO = 0.2  # of the variance with to that without correlation: less is chance
+ALONG = np.array([0, 3, 1, 2, 4, 5])  # places of d_x, d_y, u_x, u_y, v_x, v_y among the unknowns of a step
 
 
-class Frame(NamedTuple):
-    """A frame ready for matching."""
+class Grid(NamedTuple):
+    """Where the vectors of a pair sit [px], and their window."""
 
-    c: Float32  # cubic B-spline coefficients on a grid of half pixels: pixel q lies at index 2 q + 1 / 2
-    weight: Float32  # 0 or 1 for each pixel
-    pad: int  # px of border around the image, in both arrays
+    x: Array
+    y: Array
+    step: int
+    window: int
+    stiffness: float
 
 
-def prepare(image: Array, usable: NDArray[np.bool_], pad: int) -> Frame:
-    """Spline of an image (H, W) [grey], smoothed by SMOOTH, and weights that stay GUARD px away from unusable pixels.
+class Match(NamedTuple):
+    """One step of all windows: p (6, ny, nx) d_x, d_y [px], u_x, u_y, v_x, v_y [1]; sigma likewise, or None.
 
-    The image is carried to half pixels by its cosine series: a cubic spline between those follows grains of 3 px to
-    0.002 px, on the pixels themselves only to 0.02 px.
+    Before `noise.factors`.
     """
-    whole = [scipy.fft.next_fast_len(n + 2 * pad, real=True) for n in image.shape]
-    border = [(pad, m - n - pad) for n, m in zip(image.shape, whole)]
-    series = scipy.fft.dctn(np.pad(image, border, mode="symmetric").astype(np.float32), workers=-1)
-    for axis, m in enumerate(whole):
-        k = np.pi * np.arange(m) / m  # [rad/px]; the spline on half pixels has the samples (4 + 2 cos(k / 2)) / 6
-        gain = 2 * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
-        series *= gain.astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
-    c = np.ascontiguousarray(scipy.fft.idctn(np.pad(series, [(0, m) for m in whole]), workers=-1))
-    keep = usable if usable.all() else ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
-    return Frame(c, np.ascontiguousarray(np.pad(keep, border), np.float32), pad)
+
+    p: Array
+    sigma: Array | None
+    clumping: float  # how much the squared gradient of the texture is concentrated, 1 = not at all; NaN without sigma
+    quality: Array  # (ny, nx) correlation
+    state: NDArray[np.int64]  # (ny, nx)
 
 
-def taper(window: int) -> Float32:
-    """Weight over the window, shape (2 h + 1, 2 h + 1), h = window // 2."""
-    h = window // 2
-    g = np.exp(-0.5 * (np.arange(-h, h + 1) / (TAPER * (h + 0.5))) ** 2)
-    return np.outer(g, g).astype(np.float32)
+def refine(a: Frame, b: Frame, grid: Grid, start: Array, texture: float, errors: bool) -> Match:
+    """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere."""
+    shape = a.weight.shape
+    ny, nx = start.shape[1:]
+    rows, columns = (axis(n, q[0] + a.pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
+    dx, dy = (everywhere(rows, columns, f, True) for f in start)
+    first, second, keep = (np.empty(shape, np.float32) for _ in range(3))
+    half = np.float32(0.5)
+    deform(a.c, a.fine, a.weight, dx, dy, -half, first, keep, True)
+    deform(b.c, b.fine, b.weight, dx, dy, half, second, keep, False)
+    m, r = np.float32(0.5) * (first + second), first - second
 
+    planes = len(ORDER) if errors else SXX
+    g = taper(grid.window)
+    sums = np.empty((ny, nx, FIRST[planes]))
+    places = (grid.x + a.pad).astype(np.intp), (grid.y + a.pad).astype(np.intp)
+    moments(m, r, keep, *places, g, ORDER[:planes], FIRST[: planes + 1], sums)
+    step, quality, state = np.empty((ny * nx, 8)), np.empty(ny * nx), np.empty(ny * nx, np.int64)
+    sums = sums.reshape(ny * nx, -1)
+    steps(sums, float(g.sum()) ** 2, texture, step, quality, state)
 
-def refine(
-    a: Frame, b: Frame, x: Array, y: Array, seed: Array, weight: Float32, texture: float, tolerance: float, errors: bool
-) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """Match windows at (x, y) (n,) [px], starting from seed (n, 12), until a step changes no place by `tolerance` [px].
-
-    seed: d_x, d_y [px], u_x, u_y, v_x, v_y [1], and the given curvature u_xx, u_xy, u_yy, v_xx, v_xy, v_yy [1/px].
-    Returns parameters (n, 12), standard uncertainties of the first six (n, 6; NaN without `errors`), correlation (n,)
-    and state (n,): CONVERGED, LOST, FLAT = standard deviation in the window below `texture` [grey], COVERED = less
-    than half the weight is usable.
-    """
-    n = len(x)
-    p, sigma, quality = seed.astype(np.float64), np.full((n, 6), np.nan), np.full(n, np.nan)
-    state = np.empty(n, np.int64)
-    places = x + a.pad, y + a.pad
-    _refine(a.c, a.weight, b.c, b.weight, *places, weight, texture, tolerance, errors, p, sigma, quality, state)
-    return p, sigma, quality, state
+    change = step.T.reshape(8, ny, nx)
+    smooth = np.stack([
+        *(rows.value @ f @ columns.value.T for f in start),
+        *(q for f in start for q in (rows.value @ f @ columns.slope.T, rows.slope @ f @ columns.value.T)),
+    ])  # fmt: skip
+    p = smooth + change[ALONG]
+    sigma, clumping = None, np.nan
+    if errors:
+        offset, gain, ex, ey = (everywhere(rows, columns, change[q], False) for q in (6, 7, 0, 3))
+        zz, clumping = _scatter(m, r, keep, offset, gain, ex, ey)
+        scatter = np.empty((ny, nx, 18))
+        moments_of(zz, *places, g * g, np.array([2, 2, 2]), np.array([0, 6, 12, 18]), scatter)
+        sigma = np.empty((ny * nx, 6))
+        covariances(sums, scatter.reshape(ny * nx, 18), sigma)
+        sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
+    state = state.reshape(ny, nx)
+    p = np.where(state == STEPPED, p, np.nan)
+    return Match(p, sigma, clumping, quality.reshape(ny, nx), state)
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def _refine(ca, wa, cb, wb, x, y, weight, texture, tolerance, errors, p, sigma, quality, state):  # type: ignore[no-untyped-def]
-    n = weight.shape[0]
-    m = n + 2 * RIM
-    full = weight.sum()
-    for k in nb.prange(len(x)):
-        a = np.empty((m, m), np.float32)
-        b = np.empty((m, m), np.float32)
-        w = np.empty((m, m), np.float32)
-        jac = np.empty((m, m, 6), np.float32)
-        hess, clean = np.empty((6, 6)), np.empty((6, 6))
-        rhs = np.empty(6)
-        step = np.empty((6, 1))
-        seed_x, seed_y = p[k, 0], p[k, 1]
-        state[k] = LOST
-        for _ in range(ITERATIONS):
-            sample(ca, wa, x[k], y[k], p[k], -0.5, a, w, True)
-            sample(cb, wb, x[k], y[k], p[k], 0.5, b, w, False)
-            usable = 0.0
-            for j in range(n):
-                for i in range(n):
-                    w[j + RIM, i + RIM] *= weight[j, i]
-                    usable += w[j + RIM, i + RIM]
-            if usable < 0.5 * full:
-                state[k] = COVERED
-                break
-            if min(standardise(a, w), standardise(b, w)) < texture:
-                state[k] = FLAT
-                break
-            for j in range(m):
-                for i in range(m):
-                    f, g = a[j, i], b[j, i]
-                    a[j, i] = np.float32(0.5) * (f + g)
-                    b[j, i] = f - g
-            total = normal_equations(a, b, w, jac, hess, clean, rhs)
-            step[:, 0] = rhs
-            if not solve(hess, step):
-                state[k] = FLAT
-                break
-            for q in range(6):
-                p[k, q] += step[q, 0]
-            if abs(p[k, 0] - seed_x) > 0.25 * n or abs(p[k, 1] - seed_y) > 0.25 * n:
-                break
-            edge = 0.25 * n
-            worst = max(
-                abs(step[0, 0]) + edge * (abs(step[2, 0]) + abs(step[3, 0])),
-                abs(step[1, 0]) + edge * (abs(step[4, 0]) + abs(step[5, 0])),
-            )
-            if worst < tolerance:
-                square = 0.0
-                for j in range(RIM, m - RIM):
-                    for i in range(RIM, m - RIM):
-                        square += w[j, i] * b[j, i] ** 2
-                quality[k] = 1.0 - 0.5 * square / total
-                inverse = np.eye(6)
-                if not solve(clean, inverse):  # so noisy that the texture cannot be told from it
-                    break
-                if errors:
-                    covariance(jac, b, w, inverse, sigma[k])
-                state[k] = CONVERGED
-                break
+def _forces(m, r, keep, offset, gain, ex, ey, z, energy):  # type: ignore[no-untyped-def]
+    """grad m times what the step (ex, ey), offset and gain of the grey leave of r, and |grad m|^2, at every pixel."""
+    rows, cols = m.shape
+    k8, k12 = np.float32(8), np.float32(1 / 12)
+    z[:, :2] = z[:, rows - 2 :] = 0
+    energy[:2] = energy[rows - 2 :] = 0
+    for j in nb.prange(2, rows - 2):
+        z[:, j, :2] = z[:, j, cols - 2 :] = 0
+        energy[j, :2] = energy[j, cols - 2 :] = 0
+        for i in range(2, cols - 2):
+            gx = (k8 * (m[j, i + 1] - m[j, i - 1]) - (m[j, i + 2] - m[j, i - 2])) * k12
+            gy = (k8 * (m[j + 1, i] - m[j - 1, i]) - (m[j + 2, i] - m[j - 2, i])) * k12
+            left = keep[j, i] * (r[j, i] - offset[j, i] - gain[j, i] * m[j, i] - gx * ex[j, i] - gy * ey[j, i])
+            z[0, j, i] = gx * left
+            z[1, j, i] = gy * left
+            energy[j, i] = gx * gx + gy * gy
+
+
+def _scatter(
+    m: Float32, r: Float32, keep: Float32, offset: Float32, gain: Float32, ex: Float32, ey: Float32
+) -> tuple[Float32, float]:
+    """Variance that each pixel brings to sum w J r (xx, xy, yy: (3, H, W)), and the clumping of the texture.
+
+    z = grad m r of a pixel; its square times the ratio of sum z (sum of z over the box) to sum z^2 around.
+    """
+    z, energy = np.empty((2, *m.shape), np.float32), np.empty_like(m)
+    _forces(m, r, keep, offset, gain, ex, ey, z, energy)
+    box = (LAG, LAG)
+    around = (AROUND, AROUND)
+    together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)
+    zz = np.empty((3, *m.shape), np.float32)
+    for q, (f, g) in zip(zz, ((z[0], z[0]), (z[0], z[1]), (z[1], z[1]))):
+        cv2.multiply(f, g, q)
+    alone = cv2.boxFilter(zz[0] + zz[2], -1, around)
+    ratio = np.maximum(cv2.boxFilter(together, -1, around), LEAST_RATIO * alone) / np.maximum(alone, np.float32(1e-9))
+    zz *= ratio
+    mean = cv2.mean(energy)[0]
+    clumping = cv2.mean(cv2.multiply(energy, cv2.boxFilter(energy, -1, box)))[0] / max(mean**2, 1e-12)
+    return zz, float(clumping)

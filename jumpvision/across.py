@@ -1,0 +1,149 @@
+"""What only a campaign shows: slow intrusions against packing and foot, the actuator against frequency."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from .campaign import Outcome
+from .experiment import Campaign
+from .storage import write_aside
+
+COLUMNS = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2")
+ACTUATOR = ("actuator_ratio", "actuator_lag_s", "actuator_tau_s", "peak_power_W", "motor_work_J")
+
+
+def intrusion_rows(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment with a slow intrusion: foot, packing, every fit with its sigma."""
+    folders = {o.name: o.results for o in outcomes if any(s.stage == "intrusion" for s in o.steps)}
+    rows = []
+    for e in campaign.experiments:
+        file = folders[e.name] / "intrusion.json" if e.name in folders else None
+        if file is None or not file.exists():
+            continue
+        record = json.loads(file.read_text(encoding="utf-8"))
+        robot, bed = e.sections.get("robot"), e.sections.get("bed")
+        summary = next(o.summary for o in outcomes if o.name == e.name)
+        row = {
+            "experiment": e.name,
+            "foot_radius_m": robot.foot_radius if robot else None,
+            "volume_fraction": summary.get("volume_fraction") or (bed.volume_fraction if bed else None),
+            "p_one_slope": record["p_one_slope"],
+        }
+        for name in COLUMNS:
+            fit = record["fits"].get(name, {})
+            row |= {name: fit.get("value"), f"{name}_sigma": fit.get("sigma")}
+        rows.append(row | {"profile": record["profile"], "cone": record["cone"]})
+    return rows
+
+
+def intrusion_laws(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Exponents over the feet, bends over the packing (k1 per foot area, ripples), and the cone's misfit by radius."""
+    import numpy as np
+
+    from .fit.estimate import Estimate
+    from .fit.kink import bend_of
+    from .fit.scaling import radius_exponent
+
+    def columns(*names: str) -> list[Any]:
+        known = [r for r in rows if all(r[n] is not None for n in names)]
+        return [np.array([r[n] for r in known], dtype=float) for n in names]
+
+    laws: dict[str, Estimate] = {}
+    for name in ("k1", "k2"):
+        radius, phi, value, sigma = columns("foot_radius_m", "volume_fraction", name, f"{name}_sigma")
+        if value.size:
+            laws[f"{name}_radius_exponent"] = radius_exponent(radius, value, sigma, phi)
+    out: dict[str, Any] = {}
+    radius, phi, k1, sigma = columns("foot_radius_m", "volume_fraction", "k1", "k1_sigma")
+    area = np.pi * radius**2
+    laws["phi_c_from_k1"], *out["phi_c_from_k1_ci95"] = bend_of(phi, k1 / area, sigma / area, unit="")
+    phi, ripple, sigma = columns("volume_fraction", "ripple_variance_N2", "ripple_variance_N2_sigma")
+    amplitude = np.sqrt(
+        2.0 * np.maximum(ripple, 0.0)
+    )  # of a variance below 0 the amplitude is 0, its sigma the largest
+    spread = np.where(ripple > sigma, sigma / np.maximum(amplitude, 1e-12), np.sqrt(2.0 * sigma))
+    laws["phi_c_from_ripple"], *out["phi_c_from_ripple_ci95"] = bend_of(phi, amplitude, spread, unit="", flat=True)
+    return {
+        "laws": {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in laws.items()},
+        **out,
+        "cone": [cone_misfit(r) for r in rows if r["cone"]],
+    }
+
+
+def cone_misfit(row: dict[str, Any]) -> dict[str, Any]:
+    """Root mean square of measured minus predicted force over the first intrusion, and as a share of the largest."""
+    import numpy as np
+
+    first = np.array(row["profile"]["event"]) < 0
+    force, cone = np.array(row["profile"]["force_N"])[first], np.array(row["cone"]["force_N"])[first]
+    rms = float(np.sqrt(np.mean((force - cone) ** 2)))
+    return {"experiment": row["experiment"], "foot_radius_m": row["foot_radius_m"], "rms_N": rms,
+            "share_of_largest": rms / float(force.max())}  # fmt: skip
+
+
+def write_intrusions(campaign: Campaign, outcomes: list[Outcome], results: Path) -> list[Path]:
+    """intrusion.csv and intrusion_laws.json, where the campaign has slow intrusions."""
+    rows = intrusion_rows(campaign, outcomes)
+    if not rows:
+        return []
+    table = [{k: v for k, v in r.items() if k not in ("profile", "cone")} for r in rows]
+    return _write(results, "intrusion.csv", table, "intrusion_laws.json", intrusion_laws(rows))
+
+
+def actuator_rows(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment whose encoder log was held against its command."""
+    rows = []
+    results = {o.name: o.results for o in outcomes if any(s.stage == "fit" for s in o.steps)}
+    for e in campaign.experiments:
+        file = results[e.name] / "fits.json" if e.name in results else None
+        fits = json.loads(file.read_text(encoding="utf-8")) if file is not None and file.exists() else {}
+        if "actuator_ratio" not in fits:
+            continue
+        law = e.sections["actuation"]
+        row: dict[str, Any] = {"experiment": e.name, "frequency_hz": law.frequency, "amplitude_m": law.amplitude}
+        for name in ACTUATOR:
+            fit = fits.get(name, {})
+            row |= {name: fit.get("value"), f"{name}_sigma": fit.get("sigma")}
+        rows.append(row)
+    return sorted(rows, key=lambda r: float(r["frequency_hz"]))
+
+
+def actuator_bandwidth(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """-3 dB bandwidth with its 95 % interval, gain, time constant and the order of the response fitted."""
+    import numpy as np
+
+    from .fit.actuator import bandwidth
+
+    f, ratio, sigma, lag = (
+        np.array([r[k] for r in rows], dtype=float)
+        for k in ("frequency_hz", "actuator_ratio", "actuator_ratio_sigma", "actuator_lag_s")
+    )
+    found = bandwidth(f, ratio, sigma, lag, rng=np.random.default_rng(0))
+    entries = {"bandwidth_hz": found.cutoff, "gain": found.gain, "tau_s": found.tau}
+    return {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in entries.items()} | {
+        "bandwidth_ci95_hz": [found.low, found.high], "order": found.order
+    }  # fmt: skip
+
+
+def write_actuator(campaign: Campaign, outcomes: list[Outcome], results: Path) -> list[Path]:
+    """actuator.csv and actuator_bandwidth.json, where two frequencies or more were run."""
+    rows = actuator_rows(campaign, outcomes)
+    if len({r["frequency_hz"] for r in rows}) < 2:
+        return []
+    return _write(results, "actuator.csv", rows, "actuator_bandwidth.json", actuator_bandwidth(rows))
+
+
+def _write(results: Path, csv: str, rows: list[dict[str, Any]], name: str, data: dict[str, Any]) -> list[Path]:
+    import io
+
+    import pandas as pd
+
+    from .records import plain
+
+    text = io.StringIO()
+    pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
+    write_aside(results / csv, text.getvalue())
+    write_aside(results / name, json.dumps(plain(data), indent=1) + "\n")
+    return [results / csv, results / name]

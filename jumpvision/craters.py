@@ -1,0 +1,59 @@
+"""The craters of a campaign: their volume change against volume fraction, and the critical packing where it is zero."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .fit.crater import TWO_HALVES
+from .fit.critical import ZeroCrossing, critical_fraction
+from .records import CraterShape, plain
+from .storage import write_aside
+
+COLUMNS = ("volume_m3", "sigma_m3", "noise_sigma_m3", "volume_fraction", "sigma_volume_fraction", "depth_m",
+           "rim_height_m", "radius_m")  # fmt: skip
+
+
+def craters_table(results: Mapping[str, Path]) -> list[dict[str, Any]]:
+    """One row an experiment that has a crater; results: its folder of results by name."""
+    rows = []
+    for name, folder in results.items():
+        if (folder / CraterShape.file).exists():
+            values = CraterShape.load(folder).values
+            rows.append({"experiment": name, **{c: values[c] for c in COLUMNS}})
+    return rows
+
+
+def zero_crossing(rows: list[dict[str, Any]]) -> ZeroCrossing:
+    """phi_c of the rows. Two halves of one crater say little about its own asymmetry, so that of all is pooled."""
+    known = [r for r in rows if r["volume_fraction"] is not None]
+    v, total, noise, phi, dphi = (
+        np.array([r[c] if r[c] is not None else math.nan for r in known], float)
+        for c in ("volume_m3", "sigma_m3", "noise_sigma_m3", "volume_fraction", "sigma_volume_fraction")
+    )
+    uneven = np.mean(np.maximum(total**2 - noise**2, 0.0)) / TWO_HALVES**2 if known else 0.0
+    return critical_fraction(phi, dphi, v, np.sqrt(noise**2 + uneven))
+
+
+def write_craters(rows: list[dict[str, Any]], found: ZeroCrossing, results: Path) -> list[Path]:
+    """craters.csv and, in fits.json of the campaign, phi_c with its 95 % interval; the files written."""
+    if not rows:
+        return []
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    write_aside(results / "craters.csv", text.getvalue())
+    entry = {
+        "value": found.value, "sigma": found.sigma, "unit": "", "n": found.n, "chi2": found.chi2,
+        "low95": found.low95, "high95": found.high95, "slope_m3": found.slope, "reason": found.reason,
+    }  # fmt: skip
+    write_aside(results / "fits.json", json.dumps(plain({"phi_c": entry}), indent=1) + "\n")
+    return [results / "craters.csv", results / "fits.json"]

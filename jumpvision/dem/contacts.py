@@ -1,0 +1,185 @@
+"""One time step of discs in one pass, and the list of neighbours it goes through (compiled).
+
+State p (n, 6): x, y [m], velocity the dashpots see wx, wy [m/s], radius [m], 1/mass [1/kg]; free discs first, then the
+driven ones (1/mass = 0). Force of discs i and j at distance d, n from j to i, on i (LAMMPS' `gran/hooke`, no friction):
+    F = k (r_i + r_j - d) n - gamma m_eff ((v_i - v_j) . n) n,   m_eff = 1/(1/m_i + 1/m_j).
+A pair is listed at its lower number only. When disc i has gone through its list its force is complete and nothing asks
+for its place any more, so it is moved at once: force, kick and drift are one pass over the memory.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba as nb
+import numpy as np
+
+
+@nb.njit(cache=True)
+def neighbours(p, n_free, reach, start, partner):  # type: ignore[no-untyped-def]
+    """List for each free disc i the discs j > i nearer than r_i + r_j + reach in partner[start[i]:start[i + 1]].
+
+    Returns the number of pairs; above len(partner) the list did not fit and holds nothing of use. start (n_free + 1,).
+    """
+    n = len(p)
+    r_max, left, right, low, high = 0.0, np.inf, -np.inf, np.inf, -np.inf
+    for i in range(n):
+        r_max = max(r_max, p[i, 4])
+        left, right = min(left, p[i, 0]), max(right, p[i, 0])
+        low, high = min(low, p[i, 1]), max(high, p[i, 1])
+    size = max(2.0 * r_max + reach, math.sqrt((right - left) * (high - low) / n), 1e-300)  # about n cells at most
+    nx, ny = int((right - left) / size) + 1, int((high - low) / size) + 1
+    cell = np.empty(n, np.int64)
+    first = np.zeros(nx * ny + 1, np.int64)
+    for i in range(n):
+        cell[i] = int((p[i, 1] - low) / size) * nx + int((p[i, 0] - left) / size)
+        first[cell[i] + 1] += 1
+    for c in range(nx * ny):
+        first[c + 1] += first[c]
+    slot = first[:-1].copy()
+    inside = np.empty(n, np.int64)
+    for i in range(n):
+        inside[slot[cell[i]]] = i
+        slot[cell[i]] += 1
+    count = 0
+    for i in range(n_free):
+        start[i] = count
+        cx, cy = cell[i] % nx, cell[i] // nx
+        for row in range(max(cy - 1, 0), min(cy + 2, ny)):
+            a, b = first[row * nx + max(cx - 1, 0)], first[row * nx + min(cx + 1, nx - 1) + 1]
+            for q in range(a, b):
+                j = inside[q]
+                if j > i:
+                    s = p[i, 4] + p[j, 4] + reach
+                    if (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 < s * s:
+                        if count < len(partner):
+                            partner[count] = j
+                        count += 1
+    start[n_free] = count
+    return count
+
+
+@nb.njit(cache=True, inline="always")
+def kick(vx, vy, ax, ay, damp, gain, slip):  # type: ignore[no-untyped-def]
+    """Velocity after half a step of constant acceleration against the ground's drag, exact for either drag alone.
+
+    damp = exp(-c h/2), gain = (1 - damp)/c for the rate c of viscous drag; slip = Coulomb deceleration * h/2: a disc
+    that the friction can stop within the half step stands still, so one pushed by less than it does not creep.
+    """
+    vx, vy = damp * vx + gain * ax, damp * vy + gain * ay
+    if slip > 0.0:
+        square = vx * vx + vy * vy
+        left = 1.0 - slip / math.sqrt(square) if square > slip * slip else 0.0
+        vx, vy = left * vx, left * vy
+    return vx, vy
+
+
+@nb.njit(cache=True, inline="always")
+def flat(overlap, closing, mass, k, gamma):  # type: ignore[no-untyped-def]
+    """Force away from a wall or a flat face of infinite mass; closing: speed towards it [m/s]."""
+    return k * overlap + gamma * mass * closing
+
+
+@nb.njit(cache=True, fastmath={"contract", "nsz", "arcp"})
+def step(p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push):  # type: ignore[no-untyped-def]
+    """Forces at the places in p; `begun`: the half kick that ends a step, `move`: half kick and drift of the next.
+
+    v (n_free, 2): velocity half a step before (begun) or at this time, afterwards half a step on (move) or at this
+    time. f (n, 2): zeros. law: k, gamma, viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top;
+    plate: half width, height, height of its face, its velocity up. push (4,) receives the force on the free discs: from
+    the foot (x, y) and from the walls (x, y). Returns the greatest speed^2 (with `move`).
+    """
+    k, gamma, viscous, coulomb, gravity = law
+    left, right, bottom, top = box
+    half_width, thick, face, rising = plate
+    damp = math.exp(-0.5 * viscous * h)
+    gain = (1.0 - damp) / viscous if viscous > 0.0 else 0.5 * h
+    slip = 0.5 * h * coulomb
+    foot_x, foot_y, wall_x, wall_y, fastest = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n_free):
+        x, y, wx, wy, r, light = p[i, 0], p[i, 1], p[i, 2], p[i, 3], p[i, 4], p[i, 5]
+        fx, fy = f[i, 0], f[i, 1]
+        for q in range(start[i], start[i + 1]):
+            j = partner[q]
+            dx, dy, s = x - p[j, 0], y - p[j, 1], r + p[j, 4]
+            d2 = dx * dx + dy * dy
+            if d2 < s * s:
+                d = math.sqrt(d2)
+                both = light + p[j, 5]
+                one = 1.0 / (d2 * both)  # one division for 1/d^2 and m_eff/d^2
+                approach = (wx - p[j, 2]) * dx + (wy - p[j, 3]) * dy
+                force = (k * (s * d - d2) * both - gamma * approach) * one
+                fx += force * dx
+                fy += force * dy
+                f[j, 0] -= force * dx
+                f[j, 1] -= force * dy
+        f[i, 0], f[i, 1] = 0.0, 0.0
+        m = 1.0 / light
+        if x - r < left:
+            wall = flat(left - x + r, -wx, m, k, gamma)
+            fx, wall_x = fx + wall, wall_x + wall
+        elif x + r > right:
+            wall = flat(x + r - right, wx, m, k, gamma)
+            fx, wall_x = fx - wall, wall_x - wall
+        if y - r < bottom:
+            wall = flat(bottom - y + r, -wy, m, k, gamma)
+            fy, wall_y = fy + wall, wall_y + wall
+        elif y + r > top:
+            wall = flat(y + r - top, wy, m, k, gamma)
+            fy, wall_y = fy - wall, wall_y - wall
+        if y + r > face and y - r < face + thick and x + r > -half_width and x - r < half_width:
+            dx = x - min(max(x, -half_width), half_width)
+            dy = y - min(max(y, face), face + thick)
+            d2 = dx * dx + dy * dy
+            if 0.0 < d2 < r * r:
+                d = math.sqrt(d2)
+                force = flat(r - d, -(wx * dx + (wy - rising) * dy) / d, m, k, gamma) / d
+                fx, foot_x = fx + force * dx, foot_x + force * dx
+                fy, foot_y = fy + force * dy, foot_y + force * dy
+        ax, ay = fx * light, fy * light - gravity
+        vx, vy = v[i, 0], v[i, 1]
+        if begun:
+            vx, vy = kick(vx, vy, ax, ay, damp, gain, slip)
+            p[i, 2], p[i, 3] = vx, vy
+        if move:
+            ux, uy = kick(vx, vy, ax, ay, damp, gain, slip)
+            p[i, 0], p[i, 1] = x + h * ux, y + h * uy
+            p[i, 2], p[i, 3] = 2.0 * ux - vx, 2.0 * uy - vy  # foreseen for the end of the step
+            vx, vy = ux, uy
+            fastest = max(fastest, ux * ux + uy * uy)
+        v[i, 0], v[i, 1] = vx, vy
+    for j in range(n_free, len(p)):
+        foot_x, foot_y = foot_x - f[j, 0], foot_y - f[j, 1]
+        f[j, 0], f[j, 1] = 0.0, 0.0
+    push[0], push[1], push[2], push[3] = foot_x, foot_y, wall_x, wall_y
+    return fastest
+
+
+@nb.njit(cache=True, nogil=True)
+def march(p, v, f, n_free, law, box, plate, h, path, speed, skin, partner, impulse):  # type: ignore[no-untyped-def]
+    """Advance by len(path) - 1 steps in place; velocities p[:, 2:4] are those of the last time; returns new `partner`.
+
+    path, speed (steps + 1,): height and velocity up of the foot at each step; plate: half width and height of the
+    plate (a width < 0 is no plate); the driven discs move by the same path. f (n, 2) zeros. impulse (4,) receives
+    that of the foot (x, y) and of the walls (x, y) on the free discs, by the trapezoidal rule.
+    """
+    start = np.empty(n_free + 1, np.int64)
+    push = np.empty(4)
+    steps, travel, fresh = len(path) - 1, 0.0, False
+    for s in range(steps + 1):
+        if not fresh or 2.0 * travel > skin:
+            count = neighbours(p, n_free, skin, start, partner)
+            if count > len(partner):
+                partner = np.empty(int(1.3 * count) + 16, np.int64)
+                neighbours(p, n_free, skin, start, partner)
+            travel, fresh = 0.0, True
+        now = (plate[0], plate[1], path[s], speed[s])
+        fastest = step(p, v, f, start, partner, n_free, law, box, now, h, s > 0, s < steps, push)
+        impulse += (0.5 if s in (0, steps) else 1.0) * h * push
+        if s < steps:
+            for j in range(n_free, len(p)):
+                p[j, 1] += path[s + 1] - path[s]
+                p[j, 3] = speed[s + 1]
+            rate = max(abs(speed[s]), abs(speed[s + 1]), abs(path[s + 1] - path[s]) / h)
+            travel += h * max(math.sqrt(fastest), rate)
+    return partner

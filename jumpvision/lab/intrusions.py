@@ -1,0 +1,63 @@
+"""A campaign of slow intrusions with known truth: feet of several radii, beds of several packings, three protocols."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import write
+from .intrusion import Arm, Grains, Move, log
+
+RADII = (0.0127, 0.0191, 0.0254, 0.0318, 0.0381)  # m, at the loose packing
+PACKINGS = (0.57, 0.58, 0.59, 0.60, 0.61, 0.62, 0.63)
+CRITICAL = 0.605
+STRESS = 0.46e6  # N/m^3: k1 / foot area at phi 0.57
+START = -0.006  # m: the log begins in the air
+
+
+def grains(radius: float, phi: float) -> Grains:
+    """The bed's answer to a foot: k1 bends up at phi_c, the saw begins there; delta is where the cone is complete."""
+    area, over = math.pi * radius**2, max(0.0, phi - CRITICAL)
+    k1 = STRESS * area * (1.0 + 12.0 * (phi - 0.57) + 60.0 * over)
+    return Grains(
+        k1=k1, k2=0.55 * k1, delta=0.4 * radius, s=0.15 * k1, s_p=0.1 * k1, fluctuation=0.002 * k1 * 0.03,
+        saw=0.8e-3 * k1 * over / 0.02,
+    )  # fmt: skip
+
+
+PROTOCOLS: dict[str, list[Move]] = {
+    "intrusion": [("to", 0.06)],
+    "reintrusion": [m for z in (0.012, 0.024, 0.036, 0.048) for m in (("to", z), ("to", -0.004))] + [("to", 0.06)],
+    "stop-go": [m for i in range(5) for m in (("to", 0.01 * (i + 1)), ("pause", (0.3, 3.0)[i % 2]))] + [("to", 0.06)],
+}  # fmt: skip
+
+
+def intrusion_campaign(folder: Path, *, seed: int = 20140630) -> None:
+    """Write the campaign: an experiment a foot, a packing and a protocol, each with truth.json."""
+    rng = np.random.default_rng(seed)
+    cases = [("intrusion", r, 0.57) for r in RADII] + [("intrusion", 0.0381, phi) for phi in PACKINGS[1:]]
+    cases += [(kind, 0.0318, 0.57) for kind in ("reintrusion", "stop-go")]
+    folder.mkdir(parents=True)
+    write.toml(folder / "campaign.toml", {"ground": "granular"}, comment="Slow intrusions of the virtual laboratory")
+    for kind, radius, phi in cases:
+        one(folder / f"{kind}-R{radius * 1e3:.1f}mm-phi{phi:.2f}", kind, radius, phi, rng)
+
+
+def one(folder: Path, kind: str, radius: float, phi: float, rng: np.random.Generator) -> None:
+    """One experiment folder."""
+    folder.mkdir()
+    bed, arm = grains(radius, phi), Arm(surface=float(np.round(rng.normal(0.0, 5e-4), 5)))
+    write.table(folder / "intrusion.csv", log(PROTOCOLS[kind], bed, arm, start=START, rng=rng))
+    sections: dict[str, Any] = {
+        "schema": 1, "robot": {"foot_radius": radius}, "bed": {"volume_fraction": phi},
+        "intrusion_log": {"file": "intrusion.csv"},
+    }  # fmt: skip
+    write.toml(folder / "experiment.toml", sections)
+    write.truth(
+        folder / "truth.json",
+        {"fits": {"k1": bed.k1, "k2": bed.k2, "delta": bed.delta, "contact_depth_m": arm.surface,
+                  "weight_N": arm.weight, "lam": bed.lam, "s": bed.s, "s_p": bed.s_p}, "saw_N": bed.saw},
+    )  # fmt: skip

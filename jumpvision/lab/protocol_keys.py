@@ -1,0 +1,160 @@
+"""The keys of a protocol: what each means, its unit and its allowed range; SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from jumpvision.schema import REQUIRED, param
+
+PHASES = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi, "delayed_stutter": 0.5 * math.pi, "sine": 0.0, "none": 0.0}
+
+
+@dataclass(frozen=True)
+class Header:
+    """The keys above the first table."""
+
+    name: str = param("campaign", "", "shown in the files' comments")
+    ground: str = param("granular", "", "what the robot stands on", choices=("hard", "granular"))
+    duration: float = param(1.8, "s", "length of the recordings", lo=0.01, hi=600.0)
+    start: float = param(0.2, "s", "start of the motor on the common clock", lo=0)
+
+
+@dataclass(frozen=True)
+class RobotValues:
+    """The robot as declared; mechanisms of [truth] such as payload change the real one."""
+
+    motor_mass: float = param(REQUIRED, "kg", "actuator and carriage", lo=0, open_lo=True)
+    rod_mass: float = param(REQUIRED, "kg", "thrust rod", lo=0, open_lo=True)
+    spring_stiffness: float = param(REQUIRED, "N/m", "spring between rod and foot", lo=0, open_lo=True)
+    foot_mass: float = param(0.0, "kg", "foot", lo=0)
+    spring_damping: float = param(0.0, "N s/m", "viscous damping of the spring", lo=0)
+    foot_radius: float = param(0.0381, "m", "radius of the flat disc foot", lo=0, open_lo=True)
+    gravity: float = param(9.81, "m/s^2", "along the rail", lo=0, open_lo=True)
+
+
+@dataclass(frozen=True)
+class MotorValues:
+    """Feedback loop of the real motor; without the table the motor is where its law says."""
+
+    kp: float = param(REQUIRED, "N/m", "position gain", lo=0, open_lo=True)
+    kd: float = param(0.0, "N s/m", "velocity gain", lo=0)
+    max_force: float = param(1e9, "N", "force limit", lo=0, open_lo=True)
+    max_speed: float = param(1e9, "m/s", "speed limit", lo=0, open_lo=True)
+    stroke: float = param(1e9, "m", "travel", lo=0, open_lo=True)
+
+
+@dataclass(frozen=True)
+class BedValues:
+    """The bed; volume_fraction is a key of [[jumps]]."""
+
+    solid_volume: float = param(0.045, "m^3", "total volume of the grains", lo=0, open_lo=True)
+    length: float = param(0.56, "m", "bed length", lo=0, open_lo=True)
+    width: float = param(0.56, "m", "bed width", lo=0, open_lo=True)
+    grain_density: float = param(1000.0, "kg/m^3", "density of a grain", lo=1.0)
+    grain_diameter: float = param(0.001, "m", "grain diameter", lo=0, open_lo=True)
+
+
+@dataclass(frozen=True)
+class JumpSweep:
+    """One [[jumps]]: every combination of its lists (a number, a list, or "LO:HI:N"), `trials` times."""
+
+    kind: str = param(REQUIRED, "", "jump type", choices=tuple(PHASES))
+    frequency: tuple[float, ...] = param((1.0,), "Hz", "forcing frequency", lo=0, open_lo=True)
+    amplitude: tuple[float, ...] = param((0.01875,), "m", "forcing amplitude", lo=0)
+    phase: tuple[float, ...] = param((), "rad", "start phase; default by kind", lo=-10, hi=10)
+    delay: tuple[float, ...] = param((0.0,), "s", "pause between the two half cycles", lo=0)
+    volume_fraction: tuple[float, ...] = param((0.57,), "", "of the bed", lo=0.3, hi=0.8)
+    cycles: float = param(1.0, "", "number of cycles", lo=0, open_lo=True)
+    dwell_gain: float = param(1.0, "", "position gain during the delay / normal gain", lo=0, hi=1)
+    trials: int = param(1, "", "repetitions of each", lo=1, hi=10000)
+
+    def check(self) -> list[str]:
+        """A pause divides one cycle; a moving motor has a frequency."""
+        if any(self.delay) and self.cycles != 1:
+            return [f"delay: needs cycles = 1, not {self.cycles:g}"]
+        if self.kind == "delayed_stutter" and not all(self.delay):
+            return ["delay: kind = 'delayed_stutter' needs delay > 0"]
+        return []
+
+
+@dataclass(frozen=True)
+class RodTrack:
+    """rod_track.csv: a tracked rod with noise e_n = rho e_(n-1) + white, of the standard deviation asked for."""
+
+    rate: float = param(200.0, "1/s", "samples a second", lo=0, open_lo=True)
+    noise: float = param(5e-5, "m", "standard deviation", lo=0)
+    rho: float = param(0.0, "", "correlation of neighbouring samples", lo=0, hi=0.99)
+    step: float = param(0.0, "m", "heights are rounded to multiples of it (0: not)", lo=0)
+
+
+@dataclass(frozen=True)
+class MotorLog:
+    """motor.csv: the encoder and the motor's force."""
+
+    rate: float = param(1000.0, "1/s", "samples a second", lo=0, open_lo=True)
+    force_noise: float = param(0.3, "N", "standard deviation of the force", lo=0)
+    step: float = param(6.25e-6, "m", "encoder step", lo=0)
+
+
+@dataclass(frozen=True)
+class ContactLog:
+    """contact.csv."""
+
+    rate: float = param(1000.0, "1/s", "samples a second", lo=0, open_lo=True)
+
+
+@dataclass(frozen=True)
+class RodFilm:
+    """The film of the ball."""
+
+    file: str = param("rod.avi", "", "rod.avi, .mkv, .tif, .mraw, or a folder of images such as rod")
+    rate: float = param(200.0, "1/s", "frames a second", lo=0, open_lo=True)
+    scale: float = param(5e-4, "m/px", "true metres per pixel", lo=0, open_lo=True)
+    ball_diameter: float = param(0.0095, "m", "diameter of the ball", lo=0, open_lo=True)
+    exposure: float = param(0.001, "s", "exposure time", lo=0)
+    columns: int = param(60, "px", "width of the frames", lo=8, hi=4096)
+
+
+@dataclass(frozen=True)
+class BedImage:
+    """bed.png, the back-lit side view."""
+
+    scale: float = param(5e-4, "m/px", "metres per pixel", lo=0, open_lo=True)
+
+
+@dataclass(frozen=True)
+class GrainFilm:
+    """grains.mkv around the first landing and the push-off, with a prescribed flow; 500 frames/s."""
+
+    frames: int = param(58, "", "number of frames", lo=2, hi=10000)
+    rows: int = param(464, "px", "height of the frames", lo=64, hi=4096)
+    columns: int = param(396, "px", "width of the frames", lo=64, hi=4096)
+
+
+RECORDS: dict[str, type] = {
+    "rod_track": RodTrack, "rod_film": RodFilm, "motor_log": MotorLog, "contact_log": ContactLog,
+    "bed_image": BedImage, "grain_film": GrainFilm,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What is wrong with the rod film's camera; the defaults are the good camera of the samples."""
+
+    electrons_per_grey: float = param(45.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
+    read_noise: float = param(0.8, "", "8-bit grey levels", lo=0)
+    bits: int = param(8, "", "depth of a pixel; 8, 12 or 16", lo=8, hi=16)
+    shading: float = param(0.0, "", "how much darker the corners are than the middle", lo=0, hi=1)
+    reflection: float = param(0.0, "", "8-bit grey of highlights that move with the rod", lo=0, hi=255)
+    dropped: float = param(0.0, "", "share of frames lost at random", lo=0, hi=0.5)
+    clock_offset: float = param(0.0, "s", "a frame stamped t shows t + clock_offset + clock_drift t", lo=-1, hi=1)
+    clock_drift: float = param(0.0, "s/s", "see clock_offset", lo=-0.1, hi=0.1)
+    k1: float = param(0.0, "1/px^2", "lens: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1e-5, hi=1e-5)
+    k2: float = param(0.0, "1/px^4", "lens, fourth order", lo=-1e-10, hi=1e-10)
+    calibrated: bool = param(False, "", "whether the lens is declared in [calibration]")
+    scale_error: float = param(0.0, "", "declared scale / true scale - 1", lo=-0.5, hi=0.5)
+
+    def check(self) -> list[str]:
+        """Depths that cameras have."""
+        return [] if self.bits in (8, 12, 16) else [f"bits = {self.bits}: must be 8, 12 or 16"]

@@ -1,0 +1,139 @@
+"""The hidden-effect game on disk: a blind campaign, its sealed answer, and the score of a diagnosis.
+
+The answer lies beside the campaign, packed so that it is not read by accident, with a hash so that it is not changed.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jumpvision.schema import InputError, closest
+
+from . import write
+from .blind import ROBOTS, Setting, draw
+from .campaign import carry_out, defaults
+from .mechanisms import AT_THE_CAMERA, KNOWN, OUTSIDE
+from .protocol import CAMERA_PARAMETERS
+
+
+def sealed_file(out: Path) -> Path:
+    """Where the answer of the campaign `out` lies."""
+    out = out.absolute()
+    return out.parent / f"{out.name}.sealed.json"
+
+
+def write_blind(out: Path, *, seed: int, ground: str = "granular", workers: int = 1) -> None:
+    """A campaign with a hidden effect (or none), and its answer. Raises InputError where either exists."""
+    if ground not in ROBOTS:
+        raise InputError([f"synth blind --ground {ground}: unknown ground{closest(ground, ROBOTS)}"])
+    taken = [
+        f"synth blind: {f} exists; give another folder or remove it" for f in (out, sealed_file(out)) if f.exists()
+    ]
+    if taken:
+        raise InputError(taken)
+    setting = draw(np.random.default_rng([seed, 1]), ground=ground)
+    out.mkdir(parents=True)
+    carry_out(setting.protocol, setting.protocol.jumps, out, seed=seed, workers=workers, sealed=True)
+    write.toml(out / "campaign.toml", defaults(setting.protocol), comment="Is the model below adequate? If not, why?")
+    sealed_file(out).write_text(json.dumps(seal(answer_of(setting)), indent=1) + "\n", encoding="utf-8")
+
+
+def answer_of(setting: Setting) -> dict[str, Any]:
+    """What is hidden: mechanisms, their parameters and strengths, and the nuisance."""
+    names = {n for h in setting.hidden for n in parameters_of(h)}
+    return {
+        "hidden": list(setting.hidden),
+        "outside": setting.outside,
+        "parameters": {n: setting.parameters[n] for n in sorted(names)},
+        "strength": list(setting.strength),
+        "nuisance": setting.nuisance,
+        "truth": {"terms": list(setting.protocol.terms), **setting.protocol.parameters},
+    }
+
+
+def parameters_of(mechanism: str) -> tuple[str, ...]:
+    """Names of a mechanism's parameters."""
+    return (CAMERA_PARAMETERS[mechanism],) if mechanism in AT_THE_CAMERA else KNOWN[mechanism]
+
+
+def seal(answer: Mapping[str, Any]) -> dict[str, str]:
+    """The answer, packed, with its SHA-256."""
+    data = zlib.compress(json.dumps(answer, sort_keys=True).encode())
+    note = "The answer of a blind campaign; jumpvision synth reveal opens it."
+    return {"note": note, "sha256": hashlib.sha256(data).hexdigest(), "sealed": base64.b64encode(data).decode()}
+
+
+def unseal(file: Path) -> dict[str, Any]:
+    """The answer in a sealed file. Raises InputError where it is missing or was changed."""
+    try:
+        packed = json.loads(file.read_text(encoding="utf-8"))
+        data = base64.b64decode(packed["sealed"], validate=True)
+    except FileNotFoundError as e:
+        raise InputError([f"{file}: no sealed answer here; give the folder that synth blind wrote"]) from e
+    except (ValueError, KeyError, TypeError) as e:
+        raise InputError([f"{file}: not a sealed answer ({e}); make the campaign again from its seed"]) from e
+    if hashlib.sha256(data).hexdigest() != packed.get("sha256"):
+        raise InputError([f"{file}: the answer does not match its hash: it was changed; make the campaign again"])
+    return dict(json.loads(zlib.decompress(data)))
+
+
+def reveal(out: Path, results: Path | None = None) -> dict[str, Any]:
+    """The answer of `out`, and the score of results/<name>/diagnosis.json beside it (or in `results`) if it exists."""
+    answer = unseal(sealed_file(out))
+    told: dict[str, Any] = {"hidden": ", ".join(answer["hidden"]) or "nothing"}
+    told |= {f"true {k}": float(f"{v:.5g}") for k, v in answer["parameters"].items()}
+    told |= {"strength (0-1)": ", ".join(f"{s:.2f}" for s in answer["strength"])}
+    file = (results or out.absolute().parent / "results" / out.absolute().name) / "diagnosis.json"
+    if not file.exists():
+        return told | {"outcome": f"no {file} yet: run jumpvision diagnose first"}
+    return told | score(json.loads(file.read_text(encoding="utf-8")), answer)
+
+
+def score(diagnosis: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
+    """outcome: right, twin (told apart from its twin by no data, and said so), partly, wrong, false alarm or missed;
+    for every hidden mechanism that was named its parameters' errors and whether their intervals cover the truth."""
+    named, hidden = set(diagnosis["named"]), set(answer["hidden"])
+    out: dict[str, Any] = {
+        "named": ", ".join(sorted(named)) or "nothing",
+        "outcome": _outcome(diagnosis, named, hidden, bool(answer["outside"])),
+    }
+    for cause in diagnosis["causes"]:
+        if cause["mechanism"] in named & hidden:
+            for name, found in cause["parameters"].items():
+                true = answer["parameters"].get(name)
+                if true is not None:
+                    out[f"error of {name}"] = found["value"] - true
+                    out[f"interval of {name} covers"] = found["low"] <= true <= found["high"]
+    return out
+
+
+def _outcome(diagnosis: Mapping[str, Any], named: set[str], hidden: set[str], outside: bool) -> str:
+    discrepant = diagnosis["verdict"] == "discrepant"
+    if not hidden:
+        return "false alarm" if discrepant else "right"
+    if not discrepant:
+        return "missed"
+    if outside:
+        real = hidden - set(OUTSIDE)
+        return "right" if named <= real and diagnosis.get("unexplained") else "wrong"
+    if named == hidden:
+        return "right"
+    twins = [set(group) for group in diagnosis["indistinguishable"]]
+
+    def standing(mechanism: str) -> bool:  # itself, or a named one that the diagnosis says cannot be told from it
+        return mechanism in named or any(mechanism in group and group & named for group in twins)
+
+    excused = {n for n in named if n in hidden or any(n in group and group & hidden for group in twins)}
+    if all(map(standing, hidden)) and excused == named:
+        return "twin"
+    if not named:
+        return "missed"
+    return "partly" if excused == named else "wrong"

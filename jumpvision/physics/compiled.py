@@ -1,0 +1,170 @@
+"""What Python calls of the compiled jumper: one jump with its track, a batch of jumps, the robot at rest."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from jumpvision.physics import (
+    cone,
+    events,
+    forcing,
+    granular,
+    kernel,
+    linear_flow,
+    rest,
+    runge_kutta,
+    scalar,
+    tangents,
+    terms,
+    within,
+)
+
+Array = NDArray[np.float64]
+
+STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
+LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
+LOG = 500  # events of a jump in a batch
+RESULTS = (
+    "com_height_m", "flight_height_m", "jump_height_m", "n_jumps", "lift_off_s", "peak_power_W", "peak_force_N",
+    "driven_height_m", "max_depth_m", "status",
+)  # fmt: skip
+COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
+
+
+@njit(error_model="numpy")
+def pieces(rows: Array) -> tuple[Array, Array]:
+    """Pieces (n, 6) and edges (n + 1,) of a `Segments` law with the motor at rest after it; the last edge is open."""
+    kept, edges = np.empty((rows.shape[0] + 1, 6)), np.empty(rows.shape[0] + 2)
+    n = 0
+    for row in rows:
+        if row[1] > row[0]:
+            kept[n], edges[n] = row, row[0]
+            n += 1
+    last = rows[rows.shape[0] - 1]
+    x, _ = forcing.segment_xv(last, last[1])
+    edges[n], edges[n + 1] = last[1], math.inf
+    kept[n, 0], kept[n, 1], kept[n, 2], kept[n, 3], kept[n, 4], kept[n, 5] = last[1], math.inf, x, 0.0, 0.0, 0.0
+    return kept[: n + 1], edges[: n + 2]
+
+
+@njit(error_model="numpy")
+def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out: Array) -> None:
+    """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
+    p = constants[0]
+    out[:] = math.nan
+    deep = rest.depth(p)
+    if math.isnan(deep):
+        out[STATUS] = events.CANNOT_CARRY
+        return
+    rows, edges = pieces(law)
+    n = edges.size
+    start, stop = edges[0], edges[n - 2]
+    lagging = p.tau > 0.0
+    rate = math.sqrt(p.k_s / p.M)
+    tolerance = np.full(granular.V if lagging else granular.X, atol)
+    tolerance[granular.W] *= rate
+    tolerance[granular.VF] *= rate
+    s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
+    log, peaks = np.empty((LOG, 2)), np.empty(2)
+    no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
+    height = -rest.squeeze(p) - deep
+    while True:
+        s[:] = 0.0
+        s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
+        edges[n - 1] = stop + tail
+        status, n_log, depth, before, after, top = events.run(
+            constants, granular.SINE, rows, edges, s, deep, stop, no_times, no_out, no_modes, log, rtol, tolerance,
+            2.0 * math.pi / rate / STEPS_PER_PERIOD, peaks, space,
+        )  # fmt: skip
+        out[STATUS] = status
+        if status != events.OK:
+            return
+        flights, late, longest, first, up = 0, 0, 0.0, math.nan, math.nan
+        for i in range(n_log):
+            if log[i, 1] == events.LIFT_OFF:
+                flights, up = flights + 1, log[i, 0]
+                if flights == 1:
+                    first = up - start
+            elif log[i, 1] == events.LANDING:
+                if log[i, 0] > stop:
+                    late = late if late > 0 else flights
+                    longest = max(longest, log[i, 0] - up)
+                up = math.nan
+        if late > 0 or math.isnan(up) or tail > LONGEST_TAIL:
+            break
+        tail *= 2.0
+    out[COM] = top - (p.M * height - p.m_f * deep) / (p.M + p.m_f)
+    out[FLIGHT] = p.g * longest * longest / 8.0 if late > 0 or math.isnan(up) else math.nan
+    out[JUMP], out[DRIVEN] = after - height, before - height
+    out[N_JUMPS], out[FIRST] = late if late > 0 else flights, first
+    out[FORCE], out[POWER], out[DEPTH] = peaks[0], peaks[1], depth
+
+
+PARTS = (cone, events, forcing, granular, kernel, linear_flow, rest, runge_kutta, scalar, tangents, terms, within)
+
+
+@functools.cache
+def digest() -> str:
+    """Of all files compiled together: numba's cache sees changes of one file, so this is a part of its key."""
+    names = sorted({str(Path(str(m.__file__))) for m in PARTS} | {__file__})
+    return hashlib.sha256(b"".join(Path(n).read_bytes() for n in names)).hexdigest()
+
+
+@functools.cache
+def solver() -> Callable[..., Any]:
+    """`events.run` compiled, less its workspace."""
+    return _solver(digest())
+
+
+def _solver(key: str) -> Callable[..., Any]:
+    @njit(cache=True, nogil=True)
+    def solve(  # type: ignore[no-untyped-def]
+        constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step
+    ):
+        key  # noqa: B018
+        space, no_peaks = events.workspace(s.size), np.empty(0)
+        return events.run(
+            constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, no_peaks, space
+        )
+
+    return solve
+
+
+@functools.cache
+def batch_solver() -> Callable[..., Any]:
+    """solve(constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in parallel."""
+    return _batch(digest())
+
+
+def _batch(key: str) -> Callable[..., Any]:
+    @njit(cache=True, parallel=True)
+    def solve(constants, laws, tail, rtol, atol, out):  # type: ignore[no-untyped-def]
+        key  # noqa: B018
+        for i in prange(out.shape[0]):
+            jump(constants[i : i + 1], laws[i], tail, rtol, atol, out[i])
+
+    return solve
+
+
+@functools.cache
+def equilibrium() -> Callable[..., Any]:
+    """constants (1,) -> compression of the spring and depth of the foot at rest [m]."""
+    return _equilibrium(digest())
+
+
+def _equilibrium(key: str) -> Callable[..., Any]:
+    @njit(cache=True)
+    def solve(constants):  # type: ignore[no-untyped-def]
+        key  # noqa: B018
+        return rest.squeeze(constants[0]), rest.depth(constants[0])
+
+    return solve

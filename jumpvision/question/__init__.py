@@ -1,0 +1,1 @@
+"""A campaign questioned: from result folders to diagnosis.json and the extended model.toml."""

@@ -1,0 +1,145 @@
+"""diagnosis.json (CONTRACT.md section 4) and the extended model.toml."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..diagnosis.diagnose import Diagnosis
+from ..diagnosis.fitting import Fit
+from ..diagnosis.gain import Gain
+from ..diagnosis.jumper import ROBOT, Jumper
+from ..diagnosis.naming import Explanation, Naming, likely
+from ..physics.parameters import MECHANISMS, ModelParameters
+
+Z90 = 1.645  # half width of a 90 % interval, in sigmas
+TOP = 12  # cells of "where"
+
+
+def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]], unexplained: Any) -> dict[str, Any]:
+    """diagnosis.json. heights: measured and simulated heights of every jump (see `heights_of`)."""
+    n = d.naming
+    best = n.best.fit if n and n.named else None
+    return {
+        "schema": 1,
+        "verdict": "adequate" if d.adequate else "discrepant",
+        "p_value": d.detection.p_value,
+        "baseline": {
+            "terms": list(system.model.terms),
+            "parameters": values(d.baseline, system),
+            "rmse_height_m": rms([h["simulated_m"] - h["measured_m"] for h in heights]),
+            "rmse_track_m": rmse_track(d.baseline, system),
+            "chi2_per_dof": d.detection.chi2_per_dof,
+        },
+        "noise": {"sigma_m": d.noise.s, "correlation": d.noise.rho, "samples": d.noise.n},
+        "where": [
+            {
+                **c.labels, "phase_of_jump": c.part, "mean_residual_m": c.mean_residual, "z_score": c.z_score,
+                "p_value": c.p_value, "samples": c.n,
+            }
+            for c in d.where[:TOP]
+        ],
+        "heights": [dict(h) for h in heights],
+        "causes": causes(n) if n else [],
+        "named": list(n.named) if n else [],
+        "indistinguishable": [list(t) for t in n.twins] if n else [],
+        "unexplained": unexplained,
+        "extended_model": (
+            {"terms": list(system.build(best.mechanisms, best.named).terms), "parameters": values(best, system)}
+            if best else {"terms": list(system.model.terms), "parameters": values(d.baseline, system)}
+        ),
+        "gain": gain_of(d.gain) if best and d.gain else None,
+        "extrapolation": {k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if best else {},
+        "next_experiment": proposal(d),
+    }  # fmt: skip
+
+
+def causes(n: Naming) -> list[dict[str, Any]]:
+    """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
+    out = []
+    for mechanism in likely(n.tried)[:8]:
+        e = next(e for e in n.tried if mechanism in e.mechanisms)
+        out.append(
+            {
+                "mechanism": mechanism,
+                "with": [m for m in e.mechanisms if m != mechanism],
+                "probability": n.probability(mechanism),
+                "delta_score": e.delta_score,
+                "parameters": parameters_of(e, mechanism),
+            }
+        )
+    return out
+
+
+def parameters_of(e: Explanation, mechanism: str) -> dict[str, dict[str, Any]]:
+    """{name: {value, low, high, unit}} of a mechanism, the ends of a 90 % interval within its range."""
+    out = {}
+    for p in e.fit.parameters:
+        if p.name in MECHANISMS[mechanism].parameters:
+            value, half = e.fit.named[p.name], Z90 * e.fit.sigma(p.name)
+            ends = {"low": max(value - half, p.low), "high": min(value + half, p.high)}
+            out[p.name] = {"value": value, **ends, "unit": p.unit or "1"}
+    return out
+
+
+def values(fit: Fit, system: Jumper) -> dict[str, float]:
+    """Every parameter that the model with this fit's mechanisms needs, and what of the robot was re-fitted."""
+    model = system.build(fit.mechanisms, fit.named)
+    names = dict.fromkeys(n for t in model.terms for n in MECHANISMS[t].parameters)
+    out = {n: float(getattr(model.parameters, n)) for n in names}
+    return out | {n: v for n, v in fit.named.items() if n in ROBOT}
+
+
+def rmse_track(fit: Fit, system: Jumper) -> float:
+    """Root mean square of measured minus predicted height over all tracks [m]."""
+    predicted = system.predict(fit.mechanisms, fit.named, range(len(system.observations)))
+    return rms(np.concatenate([o.y - y for o, y in zip(system.observations, predicted)]))
+
+
+def rms(x: Any) -> float:
+    x = np.asarray(x, float)
+    x = x[np.isfinite(x)]
+    return float(np.sqrt(np.mean(x * x))) if x.size else math.nan
+
+
+def gain_of(g: Gain) -> dict[str, Any]:
+    return {
+        "holdout": list(g.held_out),
+        "rmse_height_before_m": g.height_before,
+        "rmse_height_after_m": g.height_after,
+        "rmse_track_before_m": g.track_before,
+        "rmse_track_after_m": g.track_after,
+        "ratio": g.ratio,
+        "ratio_ci95": list(g.ratio_ci95),
+        "claimed": g.claimed,
+    }
+
+
+def proposal(d: Diagnosis) -> dict[str, Any] | None:
+    p = d.next_experiment
+    if p is None:
+        return None
+    return {**p.labels, "separates": list(p.separates), "expected_log10_odds": p.expected_log10_odds}
+
+
+def model_toml(fit: Fit, system: Jumper, comment: str) -> str:
+    """The model as a file that `--model` takes: terms, parameters, their uncertainties; a re-fitted robot beside it."""
+    model = system.build(fit.mechanisms, fit.named)
+    robot = {n: v for n, v in fit.named.items() if n in ROBOT}
+    own = {n: v for n, v in values(fit, system).items() if n not in ROBOT}
+    sigma = {p.name: fit.sigma(p.name) for p in fit.parameters}
+    fields = ModelParameters.__dataclass_fields__
+    lines = [f"# {comment}", "[model]", "terms = " + json.dumps(list(model.terms))]
+    lines += [
+        f"{n} = {v!r}  # {fields[n].metadata['unit'] or '1'}: {fields[n].metadata['meaning']}" for n, v in own.items()
+    ]
+    lines += ["", "[model.sigma]  # standard uncertainties of the fit"]
+    lines += [f"{n} = {sigma[n]!r}" for n in own if sigma.get(n, 0.0) > 0.0]
+    if robot:
+        lines += ["", "[robot]  # re-fitted"] + [f"{n} = {v!r}" for n, v in robot.items()]
+        lines += ["", "[robot.sigma]"] + [f"{n} = {sigma[n]!r}" for n in robot]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,129 @@
+"""The jumps of a campaign as the diagnosis needs them: tracks from the results, each with its model and its driver."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..campaign import Outcome
+from ..diagnosis.jumper import Jump
+from ..experiment import Campaign, Experiment, ModelSpec
+from ..params import SimulateParams
+from ..pipeline import StageWarning
+from ..records import BedHeight, RodMotion
+from ..schema import InputError, read
+from ..sections import Actuation, Bed, Motor, MotorLog, Robot
+from ..stages.bed import packing
+from ..stages.simulate import build_model, driver
+
+FEWEST, CONDITIONS = 4, 2  # jumps, and different conditions among them, that can tell anything
+NOISIER = 1.5  # times the campaign's median sigma: such a track counts less
+
+
+def questioned(campaign: Campaign) -> list[Experiment]:
+    """Experiments with a robot, something that drives it and a track, of the ground that most of them have."""
+    usable = [e for e in campaign.experiments if _usable(e)]
+    if not usable:
+        return []
+    ground = Counter(e.ground for e in usable).most_common(1)[0][0]
+    return [e for e in usable if e.ground == ground]
+
+
+def worth_asking(campaign: Campaign) -> bool:
+    """Whether the campaign has a [model] to question and enough jumps for it."""
+    usable = questioned(campaign)
+    laws = {repr(e.section(Actuation)) for e in usable}
+    return len(usable) >= FEWEST and len(laws) >= CONDITIONS and any("model" in e.sections for e in usable)
+
+
+def _usable(e: Experiment) -> bool:
+    law = e.section(Actuation)
+    moved = e.section(MotorLog) is not None or (law is not None and law.moves)
+    tracked = "rod_video" in e.sections or "rod_track" in e.sections
+    return moved and tracked and e.section(Robot) is not None and (e.ground == "hard" or "model" in e.sections)
+
+
+def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -> tuple[list[Jump], list[str]]:
+    """(jumps, what was left out and why), from the rod.csv of each experiment's results.
+
+    Raises InputError when the experiments question different models, or when too few jumps are left.
+    """
+    left_out: list[str] = []
+    jumps: list[Jump] = []
+    spec = spec_of(experiments[0])
+    for e in experiments:
+        if spec_of(e) != spec:
+            raise InputError(
+                [
+                    f"{e.path / 'experiment.toml'}: [model] differs from that of {experiments[0].name}; one model is "
+                    "questioned at a time: give it in campaign.toml, or diagnose the experiments in separate campaigns"
+                ]
+            )
+        outcome = outcomes[e.name]
+        file = outcome.results / RodMotion.file
+        if not file.exists():
+            left_out.append(f"{e.name}: {outcome.errors[0] if outcome.errors else 'no track'}")
+            continue
+        jumps.append(_jump(e, outcome.results))
+    conditions = {j.condition for j in jumps}
+    if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
+        raise InputError(
+            [
+                f"diagnose: {len(jumps)} jumps of {len(conditions)} conditions; at least {FEWEST} of {CONDITIONS} are "
+                "needed" + "".join(f"; left out: {why}" for why in left_out)
+            ]
+        )
+    return _weighted(jumps), left_out
+
+
+def spec_of(e: Experiment) -> ModelSpec:
+    """[model], or the contract's default."""
+    spec: ModelSpec | None = e.section(ModelSpec)
+    if spec is not None:
+        return spec
+    if e.ground == "hard":
+        return ModelSpec()
+    raise InputError([f"{e.path / 'experiment.toml'}: [model]: missing; on granular ground its parameters are needed"])
+
+
+def _jump(e: Experiment, results: Path) -> Jump:
+    law, log, section = e.section(Actuation), e.section(MotorLog), e.section(Bed)
+    bed = BedHeight.load(results) if (results / BedHeight.file).exists() else None
+    p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
+        model = build_model(e, e.section(Robot), spec_of(e), section, bed)
+        forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams())
+    t, y, sigma = RodMotion.load(results).arrays
+    phi = packing(section, bed)[0]
+    labels = {
+        "kind": law.kind if law else None,
+        "frequency": law.frequency if law else None,
+        "delay": law.delay if law else 0.0,
+        "volume_fraction": None if phi is None else round(phi, 2),
+    }
+    known = () if law is None else (law.kind, law.frequency, law.amplitude, law.start_phase, law.cycles, law.delay)
+    condition = " ".join(str(x) for x in (*known, labels["volume_fraction"]))
+    return Jump(
+        e.name, model, forcing, stop, t, y, e.header.group or condition, condition,
+        law=log is None, labels=labels, sigma=sigma,
+    )  # fmt: skip
+
+
+def _weighted(jumps: list[Jump]) -> list[Jump]:
+    """Trials of a group share a condition; tracks that state far more noise than most are weighted down."""
+    from dataclasses import replace
+
+    condition: dict[str, str] = {}
+    for j in jumps:
+        condition.setdefault(j.group, j.condition)
+    usual = float(np.median(np.concatenate([j.sigma for j in jumps if j.sigma is not None])))
+    out = []
+    for j in jumps:
+        own = float(np.median(j.sigma)) if j.sigma is not None else usual
+        out.append(replace(j, condition=condition[j.group], spread=own / usual if own > NOISIER * usual else 1.0))
+    return out

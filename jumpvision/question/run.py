@@ -1,0 +1,179 @@
+"""`jumpvision diagnose`: the jumps of a campaign questioned, with the files that say what came out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import __version__
+from ..campaign import Outcome
+from ..diagnosis.diagnose import Diagnosis, diagnose
+from ..diagnosis.gain import apex
+from ..diagnosis.jumper import Jump, Jumper, content, learn_noise
+from ..experiment import Campaign
+from ..physics.forcing import delayed, sinusoid
+from ..records import plain
+from ..schema import InputError
+from ..sections import PHASES, Actuation
+from ..storage import copy_aside, write_aside
+from .document import document, model_toml
+from .jumps import load_jumps, questioned, spec_of
+
+Array = NDArray[np.float64]
+
+SEED = 1  # of the simulated noise: the same data give the same answer
+VERSION = 1  # of the method: another one asks again
+FILE, MODEL, PICTURE = "diagnosis.json", "model.toml", "diagnosis.png"
+
+
+Draw = Callable[[Diagnosis, Jumper, Mapping[str, Any]], bytes]
+
+
+def question(
+    campaign: Campaign,
+    outcomes: Mapping[str, Outcome],
+    results: Path,
+    cache: Path,
+    *,
+    workers: int,
+    draw: Draw | None,
+    say: Callable[[str], None],
+) -> tuple[dict[str, Any], list[Path]]:
+    """(diagnosis.json as a dict, the files written into `results`); from the cache when nothing has changed.
+
+    Raises InputError when there is too little to question.
+    """
+    experiments = questioned(campaign)
+    if not experiments:
+        raise InputError(
+            [
+                f"{campaign.path}: no experiment with [robot], a motor ([actuation] or [motor_log]), a track "
+                "([rod_video] or [rod_track]) and, on granular ground, a [model]: nothing to diagnose"
+            ]
+        )
+    jumps, left_out = load_jumps(experiments, outcomes)
+    for why in left_out:
+        say(f"left out: {why}")
+    spec = spec_of(experiments[0])
+    robot_sigma = {n: s for n, s in asdict(experiments[0].sections["robot"].sigma).items() if s}
+    ranges = {n: (low, high) for n, (low, high) in spec.fit.items()}
+    priors = {**spec.sigma, **robot_sigma}
+    entry = cache / "diagnose" / _key(jumps, ranges, priors)
+    names = (FILE, MODEL, PICTURE)[: 3 if draw else 2]
+    if not all((entry / n).exists() for n in names):
+        laws = [law for e in experiments if (law := e.section(Actuation)) is not None and law.moves]
+        system = Jumper(jumps, ranges, priors, workers)
+        try:
+            noise, scatter = learn_noise(system)
+        except ValueError as e:
+            raise InputError([f"{campaign.path}: {e}"]) from None
+        found = diagnose(
+            system, noise, np.random.default_rng(SEED), scatter=scatter, by=("kind",), stops=[j.stop for j in jumps],
+            runnable=proposals(system, laws), say=say,
+        )  # fmt: skip
+        data = document(found, system, heights_of(found, system), None)
+        data["sentence"] = sentence(data)
+        best = found.naming.best.fit if found.naming and found.naming.named else found.baseline
+        write_aside(entry / MODEL, model_toml(best, system, data["sentence"] + " Made by jumpvision diagnose."))
+        if draw:
+            (entry / PICTURE).write_bytes(draw(found, system, data))
+        write_aside(entry / FILE, json.dumps(plain(data), indent=1) + "\n")  # last: the entry is whole
+    for n in names:
+        copy_aside(entry / n, results / n)
+    return json.loads((entry / FILE).read_text(encoding="utf-8")), [results / n for n in names]
+
+
+def _key(jumps: Sequence[Jump], ranges: Mapping[str, Any], priors: Mapping[str, float]) -> str:
+    """Digest of everything that the diagnosis depends on."""
+    digest = hashlib.sha256(f"{VERSION} {__version__} {ranges} {priors}".encode())
+    for j in jumps:
+        said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()), j.spread)
+        digest.update(repr(said).encode() + j.t.tobytes() + j.y.tobytes() + content(j.forcing))
+    return digest.hexdigest()[:24]
+
+
+def heights_of(d: Diagnosis, system: Jumper) -> list[dict[str, Any]]:
+    """Measured height of every jump beside the re-fitted baseline's and the extended model's [m]."""
+    every = range(len(system.observations))
+    best = d.naming.best.fit if d.naming and d.naming.named else None
+    before = system.predict(d.baseline.mechanisms, d.baseline.named, every)
+    after = system.predict(best.mechanisms, best.named, every) if best else [None] * len(before)
+    out = []
+    for jump, o, y, z in zip(system.jumps, system.observations, before, after):
+        row = {"experiment": o.name, **o.labels, "measured_m": apex(o.t, o.y, jump.stop)}
+        row["simulated_m"] = apex(o.t, y, jump.stop)
+        row["extended_m"] = apex(o.t, z, jump.stop) if z is not None else None
+        out.append(row)
+    return out
+
+
+@dataclass(frozen=True)
+class Proposable:
+    """An experiment that could be done with this robot."""
+
+    labels: Mapping[str, Any]
+    t: Array
+    jump: Jump
+    system: Jumper
+
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
+        return self.system.height(self.jump, self.t, mechanisms, values)
+
+
+def proposals(system: Jumper, laws: list[Actuation]) -> list[Proposable]:
+    """Half-cycle jumps of the campaign's amplitude over kinds, frequencies about those done, and delays."""
+    known = [law for law in laws if law.frequency and law.amplitude]
+    if not known:
+        return []
+    amplitude = float(np.median([law.amplitude for law in known if law.amplitude]))
+    f = [law.frequency for law in known if law.frequency]
+    base, start = system.jumps[0], 0.2
+    frame = float(np.median(np.diff(base.t)))
+    out = []
+    for kind in ("single", "stutter", "delayed_stutter"):
+        for frequency in np.linspace(0.8 * min(f), 1.25 * max(f), 9).round(1):
+            for delay in (0.05, 0.1, 0.2) if kind == "delayed_stutter" else (0.0,):
+                phase = PHASES[kind]
+                law = (
+                    delayed(frequency, amplitude, phase, delay, start)
+                    if delay else sinusoid(frequency, amplitude, phase, 1.0, start)
+                )  # fmt: skip
+                t = np.arange(0.0, law.stop + 0.5, frame)
+                jump = replace(base, forcing=law, stop=law.stop)
+                labels = {"kind": kind, "frequency": float(frequency), "delay": delay}
+                out.append(Proposable(labels, t, jump, system))
+    return out
+
+
+def sentence(data: Mapping[str, Any]) -> str:
+    """The verdict in plain words."""
+    if data["verdict"] == "adequate":
+        return f"The simulation agrees with the measured jumps within their noise (p = {data['p_value']:.2g})."
+    rows = data["heights"]
+    by_kind: dict[str, list[float]] = {}
+    for h in rows:
+        by_kind.setdefault(str(h["kind"]), []).append(h["simulated_m"] - h["measured_m"])
+    means = {k: (float(np.nanmean(v)), float(np.nanstd(v) / math.sqrt(len(v)))) for k, v in by_kind.items()}
+    kind, (mean, error) = max(means.items(), key=lambda x: abs(x[1][0]))
+    over = "over-predicts" if mean > 0 else "under-predicts"
+    text = f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
+    if not data["named"]:
+        return text + ", and no mechanism of the vocabulary explains what it gets wrong."
+    from ..physics.parameters import MECHANISMS
+
+    causes = " and ".join(f"{m.replace('_', ' ')} ({MECHANISMS[m].meaning})" for m in data["named"])
+    text += f" because it lacks: {causes}"
+    if data["indistinguishable"]:
+        twins = "; ".join(" or ".join(m.replace("_", " ") for m in t) for t in data["indistinguishable"])
+        text += f" (the data cannot tell apart: {twins})"
+    if data["gain"]:
+        text += f"; with it the held-out track error falls {data['gain']['ratio']:.1f}x"
+    return text + "."

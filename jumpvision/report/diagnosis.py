@@ -1,0 +1,132 @@
+"""The diagnosis in one picture: heights, a track, where it fails, which cause, and what the extension gains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..diagnosis.diagnose import Diagnosis
+from ..diagnosis.jumper import PARTS, Jumper
+from .heights import MARKS
+from .pictures import png
+from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
+
+BARS = 7  # models shown
+
+
+def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> bytes:
+    """Five panels for a discrepant model, three for an adequate one."""
+    with styled() as Figure:
+        extended = bool(data["named"])
+        figure = Figure(figsize=(10.4, 6.6 if d.naming else 3.6), layout="constrained")
+        axes = figure.subplots(2 if d.naming else 1, 3).ravel()
+        _heights(axes[0], data)
+        _track(axes[1], d, system, extended)
+        _where(figure, axes[2], data)
+        if d.naming:
+            _causes(axes[3], d)
+            _gain(axes[4], data)
+            _scores(axes[5], d)
+        return png(figure)
+
+
+def _heights(ax: Any, data: Mapping[str, Any]) -> None:
+    rows = [h for h in data["heights"] if h["measured_m"] is not None]
+    top = 0.0
+    for kind in sorted({str(h["kind"]) for h in rows}):
+        mark, color = MARKS.get(kind, ("D", ACCENT))
+        mine = [h for h in rows if str(h["kind"]) == kind]
+        measured = [1e3 * h["measured_m"] for h in mine]
+        before = [1e3 * h["simulated_m"] for h in mine]
+        ax.plot(before, measured, mark, ms=6, mfc="none", color=color, label=kind.replace("_", " "))
+        if mine[0]["extended_m"] is not None:
+            ax.plot([1e3 * h["extended_m"] for h in mine], measured, mark, ms=4.5, color=color)
+        top = max(top, *measured, *before)
+    ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
+    ax.set(title="jump heights", xlabel="simulated [mm] (open: baseline, filled: extended)", ylabel="measured [mm]")
+    ax.legend()
+
+
+def _track(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
+    """The jump that the baseline misses most: residuals of both models, with the noise."""
+    worst = int(np.argmax([np.mean(r * r) for r in d.baseline.residuals]))
+    o = system.observations[worst]
+    before = system.predict(d.baseline.mechanisms, d.baseline.named, [worst])[0]
+    ax.plot(o.t, 1e3 * (o.y - before), color=MODEL, label="baseline")
+    if extended and d.naming:
+        fit = d.naming.best.fit
+        after = system.predict(fit.mechanisms, fit.named, [worst])[0]
+        ax.plot(o.t, 1e3 * (o.y - after), color=GREEN, label="extended")
+    ax.axhspan(-2e3 * d.noise.s, 2e3 * d.noise.s, color=QUIET, alpha=0.3, lw=0, label="noise, ±2σ")
+    ax.set(title=f"residual, {o.name}", xlabel="time [s]", ylabel="measured - simulated [mm]")
+    ax.legend()
+
+
+def _where(figure: Any, ax: Any, data: Mapping[str, Any]) -> None:
+    cells = data["where"]
+    kinds = sorted({str(c.get("kind")) for c in cells})
+    parts = [p for p in PARTS if any(c["phase_of_jump"] == p for c in cells)]
+    z = np.full((len(kinds), len(parts)), np.nan)
+    for c in cells:
+        if c["phase_of_jump"] in parts:
+            z[kinds.index(str(c.get("kind"))), parts.index(c["phase_of_jump"])] = 1e3 * c["mean_residual_m"]
+    limit = max(float(np.nanmax(np.abs(z))) if np.isfinite(z).any() else 1.0, 1e-6)
+    image = ax.imshow(z, cmap=SIGNED, vmin=-limit, vmax=limit, aspect="auto")
+    ax.set_xticks(range(len(parts)), [p.replace("_", " ") for p in parts], rotation=35, ha="right")
+    ax.set_yticks(range(len(kinds)), [k.replace("_", " ") for k in kinds])
+    ax.grid(False)
+    ax.set_title("where: mean residual [mm]; a dot: beyond chance")
+    for c in cells:
+        if c["phase_of_jump"] in parts and c["p_value"] < 0.02:
+            ax.plot(parts.index(c["phase_of_jump"]), kinds.index(str(c.get("kind"))), ".", color="black", ms=5)
+    figure.colorbar(image, ax=ax, shrink=0.8)
+
+
+def _causes(ax: Any, d: Diagnosis) -> None:
+    assert d.naming
+    tried = d.naming.tried[:BARS]
+    names = [" + ".join(m.replace("_", " ") for m in e.mechanisms) or "baseline" for e in tried]
+    score = [max(e.fit.chi2 / sum(r.size for r in e.fit.residuals), 1e-3) for e in tried]
+    colors = [GREEN if e is d.naming.best and d.naming.named else QUIET for e in tried]
+    ax.barh(range(len(tried)), score, color=colors)
+    ax.axvline(1.0, color="black", lw=0.8)
+    ax.set_yticks(range(len(tried)), names)
+    ax.invert_yaxis()
+    ax.set_xscale("log")
+    ax.set(title="misfit of each explanation", xlabel="chi² per sample (1: only noise is left)")
+
+
+def _gain(ax: Any, data: Mapping[str, Any]) -> None:
+    g = data["gain"]
+    if not g:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "no extension to be tested", ha="center", va="center", color=QUIET)
+        return
+    pairs = [
+        ("track", g["rmse_track_before_m"], g["rmse_track_after_m"]),
+        ("height", g["rmse_height_before_m"], g["rmse_height_after_m"]),
+    ]
+    for i, (_, before, after) in enumerate(pairs):
+        ax.bar(i - 0.18, 1e3 * before, 0.34, color=MODEL, label="baseline" if i == 0 else None)
+        ax.bar(i + 0.18, 1e3 * after, 0.34, color=GREEN, label="extended" if i == 0 else None)
+    ax.set_xticks([0, 1], [p[0] for p in pairs])
+    ax.set_yscale("log")
+    low, high = g["ratio_ci95"]
+    ax.set(title=f"held out: {g['ratio']:.1f}x better ({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
+    ax.legend()
+
+
+def _scores(ax: Any, d: Diagnosis) -> None:
+    """How much the baseline's residuals look like what each missing mechanism would leave."""
+    top: dict[str, float] = {}
+    for direction, z in zip(d.detection.directions, d.detection.score):
+        top[direction.mechanism] = max(top.get(direction.mechanism, 0.0), abs(float(z)))
+    names = sorted(top, key=lambda m: -top[m])[: BARS + 3]
+    ax.barh(range(len(names)), [top[m] for m in names], color=MEASURED)
+    ax.set_yticks(range(len(names)), [m.replace("_", " ") for m in names])
+    ax.invert_yaxis()
+    ax.set_xscale("log")
+    ax.axvline(3.0, color="black", lw=0.8)
+    ax.set(title="score of each mechanism on the baseline", xlabel="|z| (3: chance)")

@@ -1,0 +1,103 @@
+"""Crater: how much the bed's volume has changed, from a laser line over it or a depth map of it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+import zipfile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fit.crater import Crater, line_crater
+from ..fit.crater_map import map_crater
+from ..frames import open_frames
+from ..params import CraterParams
+from ..pipeline import StageWarning, stage
+from ..records import BedHeight, CraterShape
+from ..sections import Bed, Calibration, CraterDepth, CraterImage, need
+from ..vision.laser_line import laser_line
+from .bed import packing
+from .films import open_pictures
+from .view import view_of
+
+Array = NDArray[np.float64]
+
+
+@stage(version=1, any_of=("line", "depth"))
+def crater(
+    line: CraterImage | None,
+    depth: CraterDepth | None,
+    calibration: Calibration | None,
+    section: Bed | None,
+    bed: BedHeight | None,
+    *,
+    p: CraterParams,
+) -> CraterShape:
+    """Volume change [m^3], negative where the bed was compacted; a depth map goes before a laser line."""
+    found, seen = from_map(depth, p) if depth is not None else from_line(line, calibration, p)  # type: ignore[arg-type]
+    if found.reason:
+        raise ValueError(f"{(depth or line).path}: {found.reason}")  # type: ignore[union-attr]
+    phi, phi_sigma = packing(section, bed)
+    return CraterShape(
+        {
+            "volume_m3": found.volume, "sigma_m3": found.sigma, "noise_sigma_m3": found.noise_sigma,
+            "half_difference_m3": found.half_difference, "depth_m": found.depth, "rim_height_m": found.rim_height,
+            "radius_m": found.radius, "axis_m": found.axis, "volume_fraction": phi, "sigma_volume_fraction": phi_sigma,
+            "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma}, **seen,
+        }
+    )  # fmt: skip
+
+
+def from_line(section: CraterImage, calibration: Calibration | None, p: CraterParams) -> tuple[Crater, dict[str, Any]]:
+    """The crater along the laser line, and where the line was seen."""
+    with open_pictures(section) as frames:
+        view, picture = view_of(calibration, section, frames.shape), frames[0]
+    whole = picture.dtype.kind == "u"
+    limit = section.saturation or (float(np.iinfo(picture.dtype).max) if whole else None)
+    seen = laser_line(picture, saturation=limit)
+    lost = seen.flag != ""
+    if lost.all():
+        raise ValueError(f"{section.path}: {seen.flag[0]}; a bright line on a darker bed is needed")
+    if lost.mean() > 0.2:
+        warnings.warn(f"no line in {lost.sum()} of {lost.size} columns", StageWarning, stacklevel=3)
+    row = np.where(lost, np.interp(seen.column, seen.column[~lost], seen.row[~lost]), seen.row)
+    x = view.across(seen.column, row)
+    rise = 1.0 / math.sin(section.laser_angle)
+    height = np.where(lost, np.nan, view.height(seen.column, row) * rise)
+    axis = None
+    if section.axis_column is not None:
+        axis = float(np.interp(section.axis_column, seen.column, x))
+    # the camera may see the line unevenly spaced: the profile is equally spaced
+    even = np.linspace(x[0], x[-1], x.size)
+    found = line_crater(
+        even, np.interp(even, x, height), np.interp(even, x, seen.sigma * view.scale * rise), axis=axis, radius=p.radius
+    )
+    return found, {"line": {"column_px": seen.column, "row_px": seen.row, "sigma_px": seen.sigma}}
+
+
+def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, dict[str, Any]]:
+    """The crater in a depth map."""
+    (scale,) = need(section, "scale")
+    z = read_map(section) * section.height_scale
+    axis = (section.axis[0] * scale, -section.axis[1] * scale) if section.axis else None
+    return map_crater(z, scale, axis=axis, radius=p.radius), {}
+
+
+def read_map(section: CraterDepth) -> Array:
+    """The 2-D array of a depth map as it is stored; ValueError where the file holds none, or more than one."""
+    path = section.path
+    if path.suffix.lower() not in (".npy", ".npz"):
+        with open_frames(path, frame_rate=1.0) as film:
+            return film[0].astype(float)
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        maps = [loaded] if isinstance(loaded, np.ndarray) else [a for a in map(loaded.get, loaded.files) if a.ndim == 2]
+    except (ValueError, OSError, zipfile.BadZipFile, EOFError) as e:
+        raise ValueError(
+            f"{path}: not a {path.suffix} file of plain numbers, or damaged ({e}); save it again"
+        ) from None
+    if len(maps) != 1 or maps[0].ndim != 2 or maps[0].dtype.kind not in "fiu":
+        raise ValueError(f"{path}: needs exactly one 2-D array of numbers; found {len(maps)}; save the map alone")
+    return np.asarray(maps[0], dtype=float)

@@ -1,0 +1,86 @@
+"""Ring-down: frequency, damping and by which law the oscillation decays."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..fit.decay import LAWS, decay_law
+from ..fit.estimate import Estimate
+from ..fit.flight import Flights
+from ..fit.peaks import peaks_damping
+from ..fit.ringdown import ring_down
+from ..params import FitParams
+from ..physics.oscillator import lift_off_amplitude
+from ..pipeline import StageWarning
+from ..records import RodMotion
+from ..sections import Actuation, Robot
+from .body import total_mass
+
+Array = NDArray[np.float64]
+NAN = math.nan
+HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved past hops too short to be seen
+REFUSED = 1e-4  # chance below which a user is told that the decay is not viscous
+
+
+def ring_fits(
+    rod: RodMotion, flights: Flights | None, robot: Robot | None, law: Actuation | None, p: FitParams
+) -> dict[str, Estimate]:
+    """Free oscillation on the ground after the last landing (or of the whole track with actuation kind "none").
+
+    Nothing where it is not known when the motor rests: a driven motion is no ring-down.
+    """
+    if law is None or law.kind == "custom":
+        return {}
+    t, h, sigma = rod.arrays
+    start = law.stop if law.moves else t[0]
+    if flights is not None and len(flights):
+        if not np.isfinite(flights.landing[-1]):
+            return {}  # in the air at the end of the record
+        start = max(start, float(flights.landing[-1]))
+    start += p.settle
+    mass, k = total_mass(robot), robot.spring_stiffness if robot else None
+    limit = lift_off_amplitude(k, mass, robot.gravity) if robot and k and mass else None
+    for _ in range(HOPPING):
+        ringing = t >= start
+        if ringing.sum() < 20:
+            return {}
+        ring = ring_down(t[ringing], h[ringing], sigma[ringing])
+        if ring.reason or limit is None or ring.amplitude <= limit:
+            break
+        start += HOP  # the spring would be stretched in every period: hops too short to be seen
+    if not ring.reason and limit is not None and ring.amplitude > limit:
+        reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
+        return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}
+    out = ring.estimates()
+    if not ring.reason:
+        out |= decay_fits(t[ringing], h[ringing], sigma[ringing])
+        if p.ring_method == "peaks":
+            out["zeta"] = peaks_damping(
+                t[ringing], h[ringing], sigma[ringing], frequency=ring.frequency, offset=ring.offset
+            )
+        times = t[ringing]
+        values = {
+            "ring_amplitude_m": (ring.amplitude, ring.amplitude_sigma, "m"), "ring_phase_rad": (ring.phase, NAN, "rad"),
+            "ring_offset_m": (ring.offset, ring.offset_sigma, "m"), "ring_start_s": (times[0], 0.0, "s"),
+            "ring_stop_s": (times[-1], 0.0, "s"),
+        }  # fmt: skip
+        out |= {k: Estimate(float(v), float(s), unit, ring.n, ring.chi2) for k, (v, s, unit) in values.items()}
+    return out
+
+
+def decay_fits(t: Array, h: Array, sigma: Array) -> dict[str, Estimate]:
+    """Shares of the energy lost by law, the chance of each law alone; a warning where viscous damping is refused."""
+    decay = decay_law(t, h, sigma, rng=np.random.default_rng(0))
+    if decay.p_alone["viscous"] < REFUSED:
+        shares = ", ".join(f"{k} {e.value:.2f} ± {e.sigma:.2f}" for k, e in decay.share.items())
+        warnings.warn(
+            f"ring-down: viscous damping alone is refused (p = {decay.p_alone['viscous']:.1g}), zeta is an effective "
+            f"value; shares of the energy lost: {shares}", StageWarning, stacklevel=2,
+        )  # fmt: skip
+    return {f"decay_{k}_share": decay.share[k] for k in LAWS} | {
+        f"decay_{k}_p_value": Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2) for k, e in decay.share.items()
+    }

@@ -1,0 +1,62 @@
+"""A film frame as a smooth function of place, with the weight of its pixels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy import ndimage
+
+Float32 = NDArray[np.float32]
+
+SMOOTH = 0.8  # px, standard deviation of the Gaussian both frames are smoothed with, against aliasing
+GUARD = 2  # px next to a masked pixel that the gradient stencil and the spline reach
+
+
+class Frame(NamedTuple):
+    """A frame ready for matching."""
+
+    grey: Float32  # (H, W) as it came, NaN filled
+    usable: NDArray[np.bool_]  # (H, W)
+    c: Float32  # cubic B-spline coefficients of the padded frame, on pixels, or on half pixels where `fine`
+    fine: bool  # pixel q lies at index 2 q + 1 / 2 of c, else at q
+    weight: Float32  # 0 or 1 for each pixel of the padded frame
+    pad: int  # px of border around the frame
+
+
+def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int, fine: bool) -> Frame:
+    """Spline of an image (H, W) [grey], smoothed by SMOOTH, and weights that stay GUARD px away from unusable pixels.
+
+    NaN pixels and those outside mask are unusable. fine: the image is carried to half pixels by its cosine series; a
+    cubic spline between those follows grains of 3 px to 0.002 px, on the pixels themselves only to 0.02 px.
+    """
+    grey = image.astype(np.float32)
+    usable = np.isfinite(grey)
+    if not usable.all():
+        grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
+    if mask is not None:
+        usable = usable & mask
+    whole = [scipy.fft.next_fast_len(n + 2 * pad, real=True) for n in grey.shape]
+    border = [(pad, m - n - pad) for n, m in zip(grey.shape, whole)]
+    series = scipy.fft.dctn(np.pad(grey, border, mode="symmetric"), workers=-1, overwrite_x=True)
+    part = 2 if fine else 1  # knots a pixel; there the cubic spline has the samples (4 + 2 cos(k / part)) / 6
+    for axis, m in enumerate(whole):
+        k = np.pi * np.arange(m) / m  # [rad/px]
+        gain = part * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / part))
+        series *= gain.astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
+    if fine:
+        series = np.pad(series, [(0, m) for m in whole])
+    c = np.ascontiguousarray(scipy.fft.idctn(series, workers=-1, overwrite_x=True))
+    keep = usable if usable.all() else ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
+    return Frame(grey, usable, c, fine, np.ascontiguousarray(np.pad(keep, border), np.float32), pad)
+
+
+def taper(window: int) -> Float32:
+    """Weight along one side of the window, length 2 h + 1, h = window // 2; across it is the product."""
+    h = window // 2
+    return np.exp(-0.5 * (np.arange(-h, h + 1) / (TAPER * (h + 0.5))) ** 2).astype(np.float32)
+
+
+TAPER = 0.45  # Gaussian weight: standard deviation over half the window

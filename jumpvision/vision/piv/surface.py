@@ -1,0 +1,89 @@
+"""A smooth displacement of every pixel through the vectors of a regular grid."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+
+class Axis(NamedTuple):
+    """Along one axis of the picture; the matrices act on the vectors' values."""
+
+    exact: Array  # (knots, vectors) coefficients of the cubic B-spline through the vectors
+    coefficients: Array  # (knots, vectors) the same after smoothing
+    value: Array  # (vectors, vectors) the smoothed values at the vectors
+    slope: Array  # (vectors, vectors) d/dpx of the smoothed curve at the vectors
+    knot: NDArray[np.int64]  # (pixels,) first of the four knots that a pixel hears
+    weight: Float32  # (pixels, 4) their weights
+
+
+@functools.lru_cache(maxsize=16)
+def smoother(vectors: int, stiffness: float) -> Array:
+    """Matrix (vectors, vectors) to the s of least sum (d - s)^2 + stiffness * sum (second difference of s)^2.
+
+    Whittaker 1923: it leaves straight lines alone and damps a wave of theta rad a vector by
+    1 / (1 + stiffness (2 - 2 cos theta)^2).
+    """
+    second = np.diff(np.eye(vectors), 2, axis=0) if vectors > 2 else np.zeros((1, vectors))
+    return np.linalg.inv(np.eye(vectors) + stiffness * second.T @ second).astype(np.float64)
+
+
+@functools.lru_cache(maxsize=16)
+def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -> Axis:
+    """Cubic spline through vectors at first + step * k [px], continued straight beyond the outer ones.
+
+    Smoothed before by `smoother`.
+    """
+    before = math.ceil(first / step) + 2
+    after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
+    k = np.arange(-before, vectors + after)
+    straight = np.eye(vectors)[np.clip(k, 0, vectors - 1)]
+    smooth = smoother(vectors, stiffness)
+    if vectors > 1:
+        rise = np.eye(vectors)[[1, -1]] - np.eye(vectors)[[0, -2]]
+        straight += np.minimum(k, 0)[:, None] * rise[0] + np.maximum(k - vectors + 1, 0)[:, None] * rise[1]
+    n = len(k)
+    samples = (np.eye(n, k=-1) + 4 * np.eye(n) + np.eye(n, k=1)) / 6
+    samples[0, :3] = samples[-1, -3:] = 1, -2, 1  # straight at both ends of the knots
+    bend = straight.copy()
+    bend[0] = bend[-1] = 0
+    exact = np.linalg.solve(samples, bend).astype(np.float64)
+    slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) @ smooth / (2 * step)
+    q = (np.arange(pixels) - first) / step + before
+    knot = np.floor(q).astype(np.int64)
+    t = q - knot
+    weight = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=1) / 6
+    return Axis(exact, exact @ smooth, smooth, slope, knot - 1, weight.astype(np.float32))
+
+
+def everywhere(rows: Axis, columns: Axis, f: Array, smoothed: bool) -> Float32:
+    """A field of vectors (ny, nx) at every pixel (height, width)."""
+    c = rows.coefficients @ f @ columns.coefficients.T if smoothed else rows.exact @ f @ columns.exact.T
+    out = np.empty((len(rows.knot), len(columns.knot)), np.float32)
+    _evaluate(c.astype(np.float32), rows.knot, rows.weight, columns.knot, columns.weight, out)
+    return out
+
+
+@nb.njit(cache=True, parallel=True, fastmath=True)
+def _evaluate(c, row, row_weight, column, column_weight, out):  # type: ignore[no-untyped-def]
+    for j in nb.prange(out.shape[0]):
+        line = np.zeros(c.shape[1], np.float32)
+        for q in range(4):
+            for k in range(c.shape[1]):
+                line[k] += row_weight[j, q] * c[row[j] + q, k]
+        for i in range(out.shape[1]):
+            k = column[i]
+            out[j, i] = (
+                column_weight[i, 0] * line[k]
+                + column_weight[i, 1] * line[k + 1]
+                + column_weight[i, 2] * line[k + 2]
+                + column_weight[i, 3] * line[k + 3]
+            )

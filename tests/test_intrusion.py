@@ -1,0 +1,190 @@
+"""Slow intrusion: logs of the laboratory, whose force law and noise share nothing with the fit. About 25 s."""
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from jumpvision.cli import main
+from jumpvision.fit.correlated import correlation_time
+from jumpvision.fit.overshoot import overshoot_law
+from jumpvision.fit.ripple import deep_ripple
+from jumpvision.fit.strokes import fresh_samples
+from jumpvision.fit.two_slope import fit_penetration, in_bins
+from jumpvision.lab import write
+from jumpvision.lab.intrusion import Arm, Grains, log
+
+ARM = Arm(surface=0.0007)
+DOWN = [("to", 0.06)]
+
+
+def fitted(moves, grains, arm=ARM, seed=0, start=-0.006):
+    rng = np.random.default_rng(seed)
+    d = log(moves, grains, arm, start=start, rng=rng)
+    fresh = fresh_samples(d["time_s"], d["depth_m"], window=0.05, rise=5e-4)
+    return fresh, fit_penetration(in_bins(d["depth_m"], d["force_N"], fresh), rng=rng, significance=0.01)
+
+
+def test_sigmas_of_both_slopes_bend_contact_and_weight_are_the_true_errors():
+    """Load cell noise and grain fluctuations of 0.3 N over 1 mm: some 30 independent samples in the whole log.
+
+    90 logs: 0.683 +- 3 * 0.049 = 0.54..0.83; mean pull +- 3/sqrt(90) = 0.32, and the posterior mean of a bend is skew
+    by some 0.2 sigma. The 95 % interval: 0.95 - 3 * 0.023 = 0.88.
+    """
+    truth = {"k1": 2000.0, "k2": 1200.0, "delta": 0.015, "contact": 0.0007, "offset": 0.8}
+    pulls, held = [], []
+    for seed in range(90):
+        _, r = fitted(DOWN, Grains(fluctuation=0.3), seed=seed)
+        pulls.append([(getattr(r, k).value - v) / getattr(r, k).sigma for k, v in truth.items()])
+        held.append(r.delta_low < 0.015 < r.delta_high)
+    inside = np.mean(np.abs(pulls) < 1.0, axis=0)
+    assert np.all((inside > 0.54) & (inside < 0.86)), inside
+    assert np.all(np.abs(np.mean(pulls, axis=0)) < 0.55), np.mean(pulls, axis=0)
+    assert np.mean(held) > 0.88
+
+
+def test_the_second_slope_is_refused_where_there_is_none():
+    """p is uniform under the null: of 40 logs 2 +- 1.4 below 0.05, and half below 0.5."""
+    p = np.array([fitted(DOWN, Grains(fluctuation=0.3, k2=2000.0), seed=100 + i)[1].p_value for i in range(40)])
+    assert np.sum(p < 0.05) <= 6
+    assert 0.3 < np.mean(p < 0.5) < 0.7 + 0.05
+    _, r = fitted(DOWN, Grains(fluctuation=0.1, k2=2000.0))
+    assert math.isnan(r.delta.value) and "one slope" in r.delta.reason
+    assert abs(r.k1.value - 2000.0) < 4.0 * r.k1.sigma
+    assert fitted(DOWN, Grains(fluctuation=0.1))[1].p_value == 0.001
+
+
+def test_a_log_that_begins_in_contact_takes_its_depth_as_it_stands():
+    _, r = fitted(DOWN, Grains(fluctuation=0.1), Arm(weight=0.0), start=2e-4)
+    assert "in contact" in r.contact.reason
+    for name, true in (("k1", 2000.0), ("k2", 1200.0), ("delta", 0.015)):
+        e = getattr(r, name)
+        assert abs(e.value - true) < 4.0 * e.sigma
+
+
+def laws(moves, grains):
+    fresh, r = fitted(moves, grains)
+    return fresh, r, overshoot_law(fresh.event_depth - r.contact.value, r.overshoot, r.overshoot_covariance,
+                                   lam=r.lam.value, pause=fresh.event_pause)  # fmt: skip
+
+
+def near(e, true, sigmas=4.0):
+    assert abs(e.value - true) < sigmas * e.sigma, (e, true)
+
+
+def test_reintrusions_are_found_proportional_to_depth():
+    moves = [m for z in np.arange(0.006, 0.058, 0.006) for m in (("to", z), ("to", -0.003))] + DOWN
+    fresh, r, law = laws(moves, Grains(fluctuation=0.1))
+    assert fresh.event_kind == ("reintrusion",) * 9 and np.isnan(fresh.event_pause).all()
+    assert fresh.event_depth == pytest.approx(np.arange(0.006, 0.058, 0.006), abs=1e-5)
+    near(r.lam, 0.004)
+    near(law["s"], 300.0)
+    near(law["intercept"], 0.0)
+    near(law["exponent"], 1.0)
+    assert law["s"].sigma < 0.05 * 300 and law["exponent"].sigma < 0.1
+
+
+def test_stop_and_go_knows_its_pauses_and_their_effect():
+    moves = [m for i, z in enumerate(np.arange(0.005, 0.06, 0.005)) for m in (("to", z), ("pause", (0.2, 1, 5)[i % 3]))]
+    fresh, _, law = laws([*moves, *DOWN], Grains(fluctuation=0.1, per_decade=60.0))
+    assert set(fresh.event_kind) == {"stop_go"}
+    assert fresh.event_pause[:3] == pytest.approx([0.2, 1.0, 5.0], abs=0.01)  # to some samples of 2 ms
+    near(law["s"], 200.0)
+    near(law["per_decade"], 60.0)
+
+
+def test_repeated_stops_compound_where_they_do():
+    """Steps of 1 and 6 mm in turn: what is left of the last overshoot differs, so c is told apart from s."""
+    at = np.cumsum([0.008] + [0.001, 0.006] * 7)
+    moves = [m for z in at for m in (("to", z), ("pause", 0.5))] + [("to", at[-1] + 0.01)]
+    grains = Grains(fluctuation=0.02, build_up=1e-4)
+    for carry in (0.0, 0.7):
+        _, _, law = laws(moves, Grains(**{**vars(grains), "carry": carry}))
+        near(law["compounding"], carry)
+        assert law["compounding"].sigma < 0.15
+
+
+def test_oscillations_below_the_bend_are_measured():
+    """A saw tooth of amplitude 0.8 N has variance 0.8^2/3; bins of 0.28 mm average 5 % of a 3 mm saw away."""
+    _, r = fitted(DOWN, Grains(fluctuation=0.1, saw=0.8))
+    ripple = deep_ripple(r.bins.z, r.residual, surface=r.contact.value, bend=r.contact.value + r.delta.value)
+    assert ripple.variance.value == pytest.approx(0.8**2 / 3, abs=4 * ripple.variance.sigma + 0.05 * 0.21)
+    assert ripple.spacing == pytest.approx(0.003, rel=0.1)
+    _, r = fitted(DOWN, Grains(fluctuation=0.1))
+    calm = deep_ripple(r.bins.z, r.residual, surface=r.contact.value, bend=r.contact.value + r.delta.value)
+    assert "no oscillation" in calm.amplitude.reason
+
+
+def test_correlation_time_of_an_autoregressive_series():
+    """rho = 0.8: (1 + rho)/(1 - rho) = 9; relative error of the windowed sum about sqrt(2 (2 M + 1)/n) = 7 %."""
+    rng, x = np.random.default_rng(0), np.zeros(40_000)
+    for i in range(1, x.size):
+        x[i] = 0.8 * x[i - 1] + rng.normal()
+    assert correlation_time(x) == pytest.approx(9.0, rel=0.21)
+    assert correlation_time(rng.normal(size=40_000)) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    d = log(
+        [("to", 0.02), ("to", -0.003), *DOWN], Grains(fluctuation=0.1), ARM, start=-0.006, rng=np.random.default_rng(3)
+    )
+    write.table(tmp_path / "intrusion.csv", d)
+    (tmp_path / "experiment.toml").write_text(
+        '[robot]\nfoot_radius = 0.0381\n[intrusion_log]\nfile = "intrusion.csv"\n'
+    )
+    return tmp_path
+
+
+def test_the_command_writes_the_names_of_the_contract(folder, tmp_path):
+    assert main(["run", str(folder), "--results", str(tmp_path / "r")]) == 0
+    fits = json.loads((tmp_path / "r" / "fits.json").read_text())
+    for name, true in (("k1", 2000.0), ("k2", 1200.0), ("delta", 0.015), ("s", 300.0), ("lam", 0.004)):
+        assert abs(fits[name]["value"] - true) < 4.0 * fits[name]["sigma"], name
+        assert set(fits[name]) >= {"value", "sigma", "unit", "n", "chi2"}
+    record = json.loads((tmp_path / "r" / "intrusion.json").read_text())
+    assert [e["kind"] for e in record["events"]] == ["reintrusion"]
+    cone, z = record["cone"], np.array(record["profile"]["depth_m"])
+    deep = z > cone["complete_depth_m"]
+    slope = np.polyfit(z[deep], np.array(cone["force_N"])[deep], 1)[0]
+    assert slope == pytest.approx(fits["k2"]["value"], rel=1e-6)  # a complete cone presses with k2
+
+
+@pytest.mark.parametrize(
+    "change, parts",
+    [
+        (lambda d: d.rename(columns={"depth_m": "depth"}), ("depth_m", "missing")),
+        (lambda d: d.assign(depth_m=-d.depth_m.abs()), ("depth_m", "positive downwards")),
+        (lambda d: d.assign(force_N=d.force_N.where(d.index != 6)), ("force_N", "row 7", "finite")),
+        (lambda d: d[:5], ("5 rows", "at least 40")),
+    ],
+)
+def test_a_bad_log_is_one_clear_error(folder, tmp_path, capsys, change, parts):
+    file = folder / "intrusion.csv"
+    change(pd.read_csv(file)).to_csv(file, index=False)
+    assert main(["intrusion", str(folder), "--results", str(tmp_path / "r")]) in (1, 2)
+    said = [t for t in capsys.readouterr().err.splitlines() if t.startswith(("jumpvision: ", "error: "))]
+    assert len(said) == 1
+    assert all(part in said[0] for part in ("intrusion.csv", *parts)), said[0]
+    assert not (tmp_path / "r" / "intrusion.json").exists()
+
+
+def test_a_campaign_shows_the_foot_area_law_and_the_critical_packing(tmp_path):
+    """13 logs: k1 = 0.46e6 A (...) bends at phi_c = 0.605 and the saw begins there; F ~ R^2 by construction."""
+    assert main(["synth", "intrusion", str(tmp_path / "s")]) == 0
+    path, results = tmp_path / "s" / "intrusion", tmp_path / "r"
+    assert main(["run", str(path), "--results", str(results), "--workers", "1", "--no-pictures"]) == 0
+    table = pd.read_csv(results / "intrusion.csv")
+    truth = [json.loads((path / n / "truth.json").read_text())["fits"] for n in table.experiment]
+    for name in ("k1", "k2", "delta", "s", "s_p", "lam"):
+        pull = (table[name] - [t[name] for t in truth]) / table[f"{name}_sigma"]
+        assert pull.abs().max() < 4.0, (name, pull)
+    data = json.loads((results / "intrusion_laws.json").read_text())
+    for name, true in (("k1_radius_exponent", 2.0), ("k2_radius_exponent", 2.0), ("phi_c_from_k1", 0.605)):
+        assert abs(data["laws"][name]["value"] - true) < 4.0 * data["laws"][name]["sigma"], name
+    low, high = data["phi_c_from_ripple_ci95"]
+    assert low - 0.002 < 0.605 < high and high - low < 0.01  # weak oscillations just above phi_c are not seen
+    assert len(data["cone"]) == 13
+    assert "Slow intrusions" in (results / "report.html").read_text()

@@ -1,0 +1,331 @@
+"""Protocols, their campaigns, the faults of the camera and the formats of films. About 20 s."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import ncx2
+
+from jumpvision.cli import main
+from jumpvision.experiment import open_campaign, open_experiment
+from jumpvision.frames.opening import open_frames
+from jumpvision.lab import write
+from jumpvision.lab.campaign import carry_out, write_campaign
+from jumpvision.lab.protocol import protocol_of, read_protocol
+from jumpvision.lab.rod_film import Lens, balls, rod_film, seen_places
+from jumpvision.schema import InputError
+
+SMALL = """
+ground = "granular"
+duration = 0.8
+[robot]
+motor_mass = 1.125
+rod_mass = 0.175
+foot_mass = 0.04
+spring_stiffness = 3300.0
+spring_damping = 1.2
+[robot.sigma]
+spring_stiffness = 20.0
+[truth]
+terms = ["two_resistance", "inertial_drag", "payload"]
+k1 = [[0.57, 2000.0], [0.60, 4400.0]]
+k2 = 2000.0
+delta = 0.012
+alpha = 70.0
+dm = 0.05
+[truth.scatter]
+k1 = 0.01
+volume_fraction = 0.001
+[[jumps]]
+kind = "single"
+frequency = "7:9:2"
+volume_fraction = [0.57, 0.59]
+[[jumps]]
+kind = "delayed_stutter"
+frequency = 7.0
+delay = 0.1
+trials = 2
+[record.rod_track]
+noise = 1e-4
+rho = 0.3
+[record.motor_log]
+[record.contact_log]
+[model]
+terms = ["two_resistance", "inertial_drag"]
+k1 = 2000.0
+k2 = 2000.0
+delta = 0.012
+alpha = 60.0
+[model.fit]
+alpha = [0.0, 300.0]
+"""
+
+
+def table(text: str = SMALL, **changes) -> dict:
+    return tomllib.loads(text) | changes
+
+
+def digest(folder: Path) -> dict[str, str]:
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    root = tmp_path_factory.mktemp("campaign")
+    (root / "small.toml").write_text(SMALL)
+    assert write_campaign(root / "small.toml", root / "out", seed=3) == 6
+    return root
+
+
+# ------------------------------------------------------------------------------------------------------------ protocols
+def test_a_campaign_is_valid_and_its_model_is_not_its_truth(made):
+    campaign = open_campaign(made / "out")
+    names = [e.name for e in campaign.experiments]
+    assert names == sorted([f"single-{f}Hz-phi{p}-1" for f in (7, 9) for p in (0.57, 0.59)]
+                           + ["delayed_stutter-7Hz-1", "delayed_stutter-7Hz-2"])  # fmt: skip
+    e = campaign.experiments[0]
+    assert e.header.group == "delayed_stutter-7Hz"
+    assert e.sections["actuation"].delay == 0.1
+    assert e.sections["robot"].motor_mass == 1.125 and e.sections["robot"].sigma.spring_stiffness == 20.0
+    assert "payload" not in e.sections["model"].terms and e.sections["model"].fit["alpha"] == (0.0, 300.0)
+    assert {"rod_track", "motor_log", "contact_log"} <= set(e.sections)
+    true = json.loads((made / "out" / "truth.json").read_text())
+    assert true["terms"] == ["two_resistance", "inertial_drag", "payload"]
+    phi = [true["experiments"][f"single-7Hz-phi{p}-1"]["volume_fraction"] for p in (0.57, 0.59)]
+    assert phi == pytest.approx([0.57, 0.59], rel=0.004) and phi[0] != 0.57  # 4 sigma
+    for p, k1 in ((0.57, 2000.0), (0.59, 3600.0)):  # 80 kN/m per unit of phi; 4 sigma of both scatters
+        found = true["experiments"][f"single-7Hz-phi{p}-1"]["parameters"]["k1"]
+        assert found == pytest.approx(k1, abs=4 * (0.01 * k1 + 80e3 * 0.001 * p))
+    assert e.sections["bed"].volume_fraction == pytest.approx(true["experiments"][e.name]["volume_fraction"], abs=1e-6)
+
+
+def test_the_same_seed_gives_the_same_files_however_many_workers(made, tmp_path):
+    write_campaign(made / "small.toml", tmp_path / "out", seed=3, workers=2)
+    assert digest(tmp_path / "out") == digest(made / "out")
+    write_campaign(made / "small.toml", tmp_path / "other", seed=4)
+    name = "single-7Hz-phi0.57-1/rod_track.csv"
+    assert digest(tmp_path / "other")[name] != digest(made / "out")[name]
+
+
+def test_a_campaign_is_taken_up_or_refused(made, tmp_path):
+    import shutil
+
+    out = tmp_path / "out"
+    shutil.copytree(made / "out", out)
+    with pytest.raises(InputError, match="finished already"):
+        write_campaign(made / "small.toml", out, seed=3)
+    (out / "truth.json").unlink()
+    shutil.rmtree(out / "single-7Hz-phi0.57-1")
+    (out / ".single-7Hz-phi0.57-1.part").mkdir()  # what an interruption leaves
+    with pytest.raises(InputError, match="not this campaign"):
+        write_campaign(made / "small.toml", out, seed=4)
+    assert write_campaign(made / "small.toml", out, seed=3) == 1
+    assert digest(out) == digest(made / "out")
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(InputError, match="not this campaign"):
+        write_campaign(made / "small.toml", tmp_path / "mine", seed=3)
+
+
+def test_every_problem_of_a_protocol_is_named(tmp_path):
+    bad = table(ground="granularr", camera={"bits": 10}, record={"rod_trak": {}, "rod_film": {"rate": -1}})
+    bad["truth"] |= {"terms": ["two_resistance", "aded_mass", "tilt"], "alpa": 3.0, "k1": [[0.6, 1.0], [0.5, 2.0]],
+                     "scatter": {"k9": 0.1, "k2": 2.0}}  # fmt: skip
+    bad["jumps"] = [{"kind": "delayed_stutter", "frequency": 7}, {"kind": "jump", "frequency": -1}]
+    with pytest.raises(InputError) as e:
+        protocol_of(bad, "p.toml")
+    for part in (
+        "ground = 'granularr'", "[camera] bits = 10", "[record.rod_trak]", "[record.rod_film] rate = -1", "'aded_mass'",
+        "dg: missing", "alpa: unknown parameter", "k1 = [[0.6, 1.0], [0.5, 2.0]]", "scatter] k9", "scatter] k2 = 2.0",
+        "number 1: delay", "number 2: kind = 'jump'", "number 2: frequency",
+    ):  # fmt: skip
+        assert part in str(e.value), part
+    with pytest.raises(InputError, match="made twice"):
+        protocol_of(table(jumps=[{"kind": "single", "frequency": 7}] * 2), "p.toml")
+    with pytest.raises(InputError, match="record longer"):
+        protocol_of(table(duration=0.2), "p.toml")
+    with pytest.raises(InputError, match="nothing is recorded"):
+        protocol_of(table(record={}), "p.toml")
+    with pytest.raises(InputError, match=r"\[\[jumps\]\]: missing"):
+        protocol_of(table(jumps=[]), "p.toml")
+    with pytest.raises(InputError, match="needs ground = 'granular'"):
+        protocol_of(table(ground="hard", record={"bed_image": {}}), "p.toml")
+    light = table()
+    del light["robot"]["foot_mass"]
+    with pytest.raises(InputError, match="foot_mass = 0"):
+        protocol_of(light, "p.toml")
+    lag = table(motor={"kp": 2e4}, truth=table()["truth"] | {"terms": ["two_resistance", "motor_lag"], "tau": 0.01})
+    with pytest.raises(InputError, match="'motor_lag' beside"):
+        protocol_of(lag, "p.toml")
+    (tmp_path / "p.toml").write_text("a = ")
+    with pytest.raises(InputError, match="not valid TOML"):
+        read_protocol(tmp_path / "p.toml")
+
+
+def test_command(tmp_path, capsys):
+    (tmp_path / "p.toml").write_text(SMALL.replace('"7:9:2"', "8.0").replace("[0.57, 0.59]", "0.57"))
+    assert main(["synth", str(tmp_path / "p.toml"), str(tmp_path / "out"), "--workers", "1"]) == 0
+    assert "experiments: 3 done" in capsys.readouterr().err
+    assert main(["synth", str(tmp_path / "p.toml"), str(tmp_path / "out")]) == 2
+    assert main(["check", str(tmp_path / "out")]) == 0
+
+
+def test_motor_loop_and_still_motor(tmp_path):
+    text = SMALL.replace("[truth]", "[motor]\nkp = 20000.0\nkd = 120.0\n[truth]", 1)
+    text += '[[jumps]]\nkind = "none"\n'
+    (tmp_path / "p.toml").write_text(text.replace('"7:9:2"', "8.0").replace("[0.57, 0.59]", "0.57"))
+    write_campaign(tmp_path / "p.toml", tmp_path / "out", seed=1)
+    e = open_experiment(tmp_path / "out" / "single-8Hz-1")
+    assert e.sections["motor"].kp == 20000.0
+    log = np.loadtxt(tmp_path / "out" / "single-8Hz-1" / "motor.csv", delimiter=",", skiprows=1)
+    u = log[:, 0] - 0.2
+    command = np.where((u > 0) & (u < 1 / 8), 0.01875 * (1 - np.cos(2 * math.pi * 8 * u)), 0.0)
+    assert 1e-4 < np.abs(log[:, 1] - command).max() < 5e-3  # the loop lags a little
+    still = np.loadtxt(tmp_path / "out" / "none-1Hz-1" / "rod_track.csv", delimiter=",", skiprows=1)
+    assert np.std(still[:, 1]) < 2e-4
+    assert open_experiment(tmp_path / "out" / "none-1Hz-1").sections["actuation"].kind == "none"
+
+
+# -------------------------------------------------------------------------------------------------- films of all kinds
+def filmed(tmp_path: Path, camera: str = "", film: str = "", name: str = "film") -> tuple[Path, dict]:
+    text = SMALL[: SMALL.index("[[jumps]]")] + '[[jumps]]\nkind = "single"\nfrequency = 8.0\n'
+    text += f"[record.rod_film]\n{film}\n[camera]\n{camera}\n[model]\nterms = []\n"
+    (tmp_path / f"{name}.toml").write_text(text)
+    write_campaign(tmp_path / f"{name}.toml", tmp_path / name, seed=7)
+    folder = tmp_path / name / "single-8Hz-1"
+    return folder, json.loads((folder / "truth.json").read_text())
+
+
+def stack(folder: Path, rate: float | None = 200.0):
+    section = open_experiment(folder).sections["rod_video"]
+    film = open_frames(section.path, frame_rate=rate)
+    return np.stack(list(film)), film
+
+
+@pytest.mark.parametrize("file", ["rod.avi", "rod.mkv", "rod.tif", "rod", "rod.mraw"])
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_every_format_reads_back_what_the_camera_saw(file, bits, tmp_path):
+    """The pixels of a random film, at the times they were taken."""
+    top = 2**bits
+    frames = np.random.default_rng(bits).integers(0, top, (5, 30, 44)).astype(np.uint8 if bits == 8 else np.uint16)
+    write.movie(tmp_path / file, frames, rate=200.0, bits=bits)
+    film = open_frames(tmp_path / file, frame_rate=200.0)
+    np.testing.assert_array_equal(np.stack(list(film)), frames)
+    np.testing.assert_allclose(film.time, np.arange(5) / 200.0, atol=1e-6)
+    assert not film.warnings
+
+
+@pytest.mark.parametrize("file", ["rod.mkv", "rod.avi", "rod"])
+def test_lost_frames_leave_gaps_in_time(file, tmp_path):
+    frames = np.random.default_rng(1).integers(0, 255, (6, 30, 44), dtype=np.uint8)
+    numbers = np.array([0, 1, 2, 4, 5, 9])
+    write.movie(tmp_path / file, frames, rate=200.0, numbers=numbers)
+    film = open_frames(tmp_path / file, frame_rate=200.0)
+    np.testing.assert_array_equal(np.stack(list(film)), frames)
+    np.testing.assert_allclose(film.time, numbers / 200.0, atol=1e-6)
+
+
+def test_unwritable_films_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"\.mraw"):
+        write.movie(tmp_path / "rod.mp4", np.zeros((2, 4, 4), np.uint8), rate=200.0)
+    with pytest.raises(ValueError, match="even number"):
+        write.mraw(tmp_path / "rod.mraw", np.zeros((1, 3, 5), np.uint16), rate=200.0, bits=12)
+
+
+def test_dropped_frames_clock_and_scale_of_a_protocol(tmp_path):
+    camera = "dropped = 0.1\nclock_offset = 0.004\nclock_drift = 0.002\nscale_error = 0.01\nbits = 12"
+    folder, true = filmed(tmp_path, camera, 'file = "rod.mkv"')
+    images, film = stack(folder)
+    t = np.array(true["film"]["time_s"])
+    assert 0.03 < 1 - len(t) / 159 < 0.2  # 159 frames: 0.1 +- 4 sqrt(0.09/159)
+    np.testing.assert_allclose(film.time + 0.0005, t, atol=1e-6)
+    np.testing.assert_allclose(true["film"]["shown_s"], t + 0.004 + 0.002 * t, atol=1e-9)
+    assert images.dtype == np.uint16 and 2500 < images.max() < 4096
+    assert open_experiment(folder).sections["rod_video"].scale == pytest.approx(5e-4 * 1.01)
+    rise = np.array(true["film"]["y_px"])[0] - np.array(true["film"]["y_px"])
+    np.testing.assert_allclose(rise * 5e-4, np.array(true["film"]["rod_m"]) - true["rest_rod_m"], atol=2e-5)
+
+
+def test_a_lens_shows_the_ball_where_its_formula_says():
+    """The drawn ball against an area integral over seen pixels (8 x 8 points each) of the blurred disc, whose value at
+    rho is the chance that a Gaussian point lands in the disc: weight to 1e-4, centre to 1e-3 px; and the centre that
+    the truth states solves true = seen (1 + k1 r^2 + k2 r^4)."""
+    lens = Lens(2e-5, 3e-9, 60.0, 20.0)
+    rows, column, radius = np.array([[22.3], [80.6]]), 31.7, 8.2
+    film = balls(rows, column, radius=radius, shape=(121, 61), blur_px=0.7, limb=0.0, side_light=0.0, lens=lens)
+    y, x = seen_places(rows[:, 0], column, lens)
+    r2 = (y - lens.row) ** 2 + (x - lens.column) ** 2
+    more = 1 + lens.k1 * r2 + lens.k2 * r2**2
+    np.testing.assert_allclose(lens.row + (y - lens.row) * more, rows[:, 0], atol=1e-8)
+    np.testing.assert_allclose(lens.column + (x - lens.column) * more, column, atol=1e-8)
+    assert np.abs(y - rows[:, 0]).min() > 0.2
+    rho = np.linspace(0, 20, 2001)
+    disc = ncx2.cdf((radius / 0.7) ** 2, 2, (rho / 0.7) ** 2)
+    fine = (np.arange(121 * 8) + 0.5) / 8 - 0.5
+    yy, xx = np.meshgrid(fine, fine[: 61 * 8], indexing="ij")
+    q = (yy - lens.row) ** 2 + (xx - lens.column) ** 2
+    m = 1 + lens.k1 * q + lens.k2 * q * q
+    for k in range(2):
+        away = np.hypot(lens.row + (yy - lens.row) * m - rows[k, 0], lens.column + (xx - lens.column) * m - column)
+        cover = np.interp(away, rho, disc)
+        weight = film[k].sum()
+        assert weight == pytest.approx(cover.sum() / 64, rel=1e-4)
+        assert film[k].sum(axis=1) @ np.arange(121) / weight == pytest.approx(
+            (yy * cover).sum() / cover.sum(), abs=1e-3
+        )
+        assert film[k].sum(axis=0) @ np.arange(61) / weight == pytest.approx((xx * cover).sum() / cover.sum(), abs=1e-3)
+
+
+def test_a_calibrated_lens_is_declared(tmp_path):
+    folder, _ = filmed(tmp_path, "k1 = 1e-6\nk2 = 1e-12\ncalibrated = true")
+    section = open_experiment(folder).sections["calibration"]
+    images, _ = stack(folder)
+    assert (section.k1, section.k2) == (1e-6, 1e-12)
+    assert section.centre == ((images.shape[2] - 1) / 2, (images.shape[1] - 1) / 2)
+
+
+def test_shading_and_reflections():
+    """Corners lose the share asked for; glints lie below the ball only, as bright as asked at most, and ride along."""
+    rows = np.full((2, 1), 30.0) + np.array([[0.0], [9.0]])
+    given = {"radius": 8.0, "shape": (120, 60), "brightness": 205.0}
+    plain, shaded, glinting = (
+        rod_film(rows, 25.0, **given, rng=np.random.default_rng(3), **fault)
+        for fault in ({}, {"shading": 0.4}, {"reflection": 60.0})
+    )
+    np.testing.assert_allclose(shaded[:, [0, -1]][:, :, [0, -1]] / plain[:, [0, -1]][:, :, [0, -1]], 0.6, rtol=1e-9)
+    assert shaded[0, 60, 30] / plain[0, 60, 30] > 0.999
+    # (the reflection draws one more texture, after the scene: the scene is the same)
+    glint = glinting - plain
+    assert np.abs(glint[0, :36]).max() < 1e-9 and 15 < glint.max() <= 60
+    np.testing.assert_allclose(glint[1, 60:110], glint[0, 51:101], atol=1e-9)
+
+
+@pytest.mark.parametrize(("bits", "step"), [(8, 1.0), (12, 1 / 16), (16, 1 / 256)])
+def test_noise_of_deeper_pixels(bits, step):
+    """mean/gain + read^2 + step^2/12, in 8-bit grey levels; 200,000 pixels give it to 0.3 %, asked within 2 %."""
+    from jumpvision.lab.sensor import record
+
+    image = record(np.full((400, 500), 90.0), electrons_per_grey=45.0, read_noise=0.5, bits=bits,
+                   rng=np.random.default_rng(3))  # fmt: skip
+    assert image.dtype == (np.uint8 if bits == 8 else np.uint16)
+    assert (image * step).var() == pytest.approx(90 / 45 + 0.25 + step**2 / 12, rel=0.02)
+
+
+def test_the_example_of_the_documentation(tmp_path):
+    page = (Path(__file__).parents[1] / "docs" / "laboratory.md").read_text(encoding="utf-8")
+    text = page.split("```toml\n")[1].split("```")[0]
+    (tmp_path / "example.toml").write_text(text)
+    protocol = read_protocol(tmp_path / "example.toml")
+    assert len(protocol.jumps) == 5
+    carry_out(protocol, protocol.jumps[::4], tmp_path, seed=1, workers=1)
+    for jump in protocol.jumps[::4]:
+        e = open_experiment(tmp_path / jump.name)
+        assert {"rod_video", "rod_track", "motor_log", "contact_log", "bed_image"} <= set(e.sections)
+    code = page.split("```python\n")[1].split("```")[0]
+    exec(code, {})

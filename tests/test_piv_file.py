@@ -1,0 +1,73 @@
+"""The field file of stage piv, written pair by pair."""
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jumpvision.records import TOGETHER, Piv, RecordError
+
+N = 2 * TOGETHER + 3
+
+
+def head(n):
+    return xr.Dataset(
+        {"foot_y": ("t", np.arange(n) * 0.5)},
+        coords={"x": ("x", [0.0, 1.0, 2.0]), "y": ("y", [1.0, 0.0]), "t": ("t", np.arange(n) * 0.1)},
+        attrs={"files": ["a.avi"]},
+    )
+
+
+def planes(n):
+    for k in range(n):
+        u = np.full((2, 3), float(k))
+        u[0, 0] = np.nan
+        yield xr.Dataset(
+            {
+                "u": (("y", "x"), u, {"units": "m/s"}),
+                "reason": (("y", "x"), np.full((2, 3), k % 8, np.int8), {"flag_values": np.arange(8, dtype=np.int8)}),
+            }
+        )
+
+
+def test_the_file_holds_every_pair_and_goes_with_the_record(tmp_path):
+    record = Piv.write(head(N), planes(N))
+    record.save(tmp_path)
+    for field in (record.field, Piv.load(tmp_path).field):
+        assert field.u.dims == ("y", "x", "t") and field.sizes["t"] == N
+        assert np.array_equal(field.u.values[1, 1], np.arange(N)) and np.isnan(field.u.values[0, 0]).all()
+        assert field.reason.dtype == np.int8 and list(field.reason.values[1, 2]) == [k % 8 for k in range(N)]
+        assert field.u.attrs["units"] == "m/s" and field.attrs["files"] == "a.avi"
+        assert field.foot_y.values[-1] == 0.5 * (N - 1)
+    folder = record.written.parent
+    assert folder.is_dir()
+    del record, field
+    gc.collect()
+    assert not folder.exists()
+
+
+def test_only_a_few_pairs_are_held():
+    alive: list[weakref.ref] = []
+    most = 0
+
+    def watched():
+        nonlocal most
+        for plane in planes(N):
+            alive.append(weakref.ref(plane))
+            yield plane
+            del plane
+            gc.collect()
+            most = max(most, sum(r() is not None for r in alive))
+
+    Piv.write(head(N), watched())
+    assert most <= 2 * TOGETHER < N
+
+
+@pytest.mark.parametrize("n", [0, N - 1])
+def test_a_film_that_ends_early_is_an_error_and_leaves_nothing(n, tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(RecordError, match=f"{n} of {N} times"):
+        Piv.write(head(N), planes(n))
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,232 @@
+"""Laws of the bed against phi and the granular sweeps: laws drawn and fitted back, axes, files, figures, bad calls.
+
+Truth: laws drawn with known noise, the coverage of their stated uncertainties; jump.simulate with parameters put in by
+hand for a point of a sweep; equations (32) and (33) for scaling. About 20 s on one core.
+"""
+
+import dataclasses
+import functools
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jumpvision.cli import main
+from jumpvision.physics.force_models import fitted_drag, force_model
+from jumpvision.physics.forcing import sinusoid
+from jumpvision.physics.jump import simulate
+from jumpvision.physics.packing_laws import PackingLaw, fit_packing_law
+from jumpvision.report.sweeps import picture
+from jumpvision.schema import InputError
+from jumpvision.sweep.dataset import write
+from jumpvision.sweep.laws import EXAMPLE, read_laws
+from jumpvision.sweep.machine import machine
+from jumpvision.sweep.run import GRANULAR, run
+
+SMALL = {  # fewer points where the defaults are for a figure
+    "height-phi": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
+    "jump-types": {"phi": "0.57:0.63:5"},
+    "delay": {"delay": "0:0.3:31", "frequency": "8:11:4"},
+    "alpha-fit": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
+    "drag-scale": {"frequency": "5:11:4"},
+    "foot-radius": {"foot_radius": "0.03:0.05:3"},
+}
+SAND = machine("granular", None, {})
+PHI = np.repeat(np.linspace(0.57, 0.63, 9), 2)
+
+
+# -- laws ------------------------------------------------------------------------------------------------------------
+def kinked(phi, phi_c=0.605, below=40e3, above=220e3):
+    return 3500.0 + below * np.minimum(phi - phi_c, 0.0) + above * np.maximum(phi - phi_c, 0.0)
+
+
+def test_a_law_without_noise_is_found_exactly():
+    fit = fit_packing_law(PHI, kinked(PHI), np.full(PHI.size, 10.0))
+    assert fit.phi_c == pytest.approx(0.605, abs=1e-7)  # the search stops at 1e-9 in phi
+    assert (fit.slope_below, fit.slope_above) == pytest.approx((40e3, 220e3), rel=1e-4)
+    np.testing.assert_allclose(fit.law(PHI), kinked(PHI), rtol=1e-6)
+    assert fit.p_straight < 1e-3 and fit.interval[0] <= 0.605 <= fit.interval[1]
+
+
+def test_uncertainties_of_a_fitted_law_are_true():
+    """z of every parameter, 95 % interval of phi_c and sigma of the value over 300 draws."""
+    rng = np.random.default_rng(11)
+    sigma = 100.0 + 100.0 * rng.random(PHI.size)
+    truth, z, inside = np.array([0.605, 3500.0, 40e3, 220e3]), [], 0
+    for _ in range(300):
+        fit = fit_packing_law(PHI, kinked(PHI) + sigma * rng.standard_normal(PHI.size), sigma, rng=rng)
+        found = np.array([fit.phi_c, fit.value_c, fit.slope_below, fit.slope_above])
+        z.append((found - truth) / np.sqrt(np.diag(fit.covariance)))
+        inside += fit.interval[0] <= 0.605 <= fit.interval[1]
+    # the scatter factor max(1, chi2/dof) of 14 degrees of freedom widens by 7 % on average; 300 draws: 4 % of a sigma
+    assert np.all(np.abs(np.std(z, axis=0) - 0.95) < 0.13), np.std(z, axis=0)
+    assert np.all(np.abs(np.mean(z, axis=0)) < 0.2)  # 0.06 expected of chance; bias of a kink below 0.2 sigma
+    assert 0.92 * 300 < inside <= 0.995 * 300, inside  # 95 % widened by the same factor, +- 4 binomial sigmas below
+
+
+def test_a_straight_law_seldom_asks_for_a_kink():
+    rng = np.random.default_rng(5)
+    p = [
+        fit_packing_law(PHI, 3000.0 + 5e4 * (PHI - 0.6) + 100.0 * rng.standard_normal(PHI.size),
+                        np.full(PHI.size, 37.0), rng=rng).p_straight
+        for _ in range(200)
+    ]  # fmt: skip
+    # uniform, whatever the stated sigma: 5 % and 50 % of 200, +- 4 binomial sigmas
+    assert np.mean(np.array(p) < 0.05) < 0.05 + 4 * math.sqrt(0.05 * 0.95 / 200)
+    assert abs(np.mean(np.array(p) < 0.5) - 0.5) < 4 * math.sqrt(0.25 / 200)
+
+
+def test_a_law_that_cannot_be_fitted_or_asked_is_refused():
+    with pytest.raises(ValueError, match="five or more"):
+        fit_packing_law([0.57, 0.58, 0.6, 0.61, np.nan], np.ones(5), np.ones(5))
+    with pytest.raises(ValueError, match="sigma: must be > 0"):
+        fit_packing_law(PHI, PHI, np.zeros(PHI.size))
+    with pytest.raises(ValueError, match=r"outside 0.57 to 0.6"):
+        PackingLaw((0.57, 0.6), (1.0, 2.0))([0.58, 0.61])
+
+
+def test_the_example_holds_the_printed_set():
+    laws, p = read_laws(EXAMPLE), SAND.model.parameters
+    at = laws.points(0.57, SAND.model.foot_radius)
+    for name in ("k1", "k2", "delta", "b", "C", "mu"):
+        assert float(at[f"model.{name}"]) == getattr(p, name)
+    assert float(at["model.k1"]) / (math.pi * 3.81**2) / 100 == pytest.approx(0.46, abs=0.005)  # N/cm^3
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("k7 = 1.0", "did you mean"),
+        ("k1 = {phi = [0.6, 0.57], value = [1.0, 2.0]}", "increasing"),
+        ("k1 = {phi = [0.57, 0.6], value = [1.0]}", "as long"),
+        ("k1 = {phi = [0.57, 0.6], value = [1.0, -2.0]}", "k1 = -2"),
+        ("k1 = 'stiff'", "must be a number, or a table"),
+        ("foot_radius = 0\nk1 = 1.0", "foot_radius = 0"),
+        ("", "holds no law"),
+        ("k1 = [", "is not TOML"),
+    ],
+)
+def test_a_bad_file_of_laws_is_told(text, words, tmp_path):
+    (tmp_path / "laws.toml").write_text(text)
+    with pytest.raises(InputError) as error:
+        read_laws(tmp_path / "laws.toml")
+    assert words in str(error.value) and "laws.toml" in str(error.value)
+
+
+# -- the drag of the singles -----------------------------------------------------------------------------------------
+def test_a_drag_is_fitted_back():
+    """Heights linear in alpha between the ones tried: the fit is exact there, and at an end it says so by staying."""
+    alpha, slope = np.array([0.0, 10.0, 40.0, 100.0]), np.array([1e-4, 3e-4])
+    heights = 0.04 + alpha[:, None] * slope
+    found, rms = fitted_drag(alpha, heights, [0.04 + 27.0 * slope[0], 0.04 + 27.0 * slope[1]])
+    assert found == pytest.approx(27.0, abs=1e-3) and rms < 1e-7  # xatol 1e-4
+    assert fitted_drag(alpha, heights, [0.2, np.nan])[0] == pytest.approx(100.0, abs=1e-3)
+    with pytest.raises(ValueError, match="no jump is finite"):
+        fitted_drag(alpha, heights, [np.nan, np.nan])
+
+
+# -- sweeps ----------------------------------------------------------------------------------------------------------
+@functools.cache
+def study(name, laws=None, model=None, **axes):
+    return run("granular", axes, analysis=name, experiment=None, overrides={}, workers=1, say=lambda text: None,
+               laws=laws, model=model)  # fmt: skip
+
+
+def contract(folder):
+    script = os.environ.get("JUMPVISION_CONTRACT_CHECK")
+    if not script:
+        pytest.skip("JUMPVISION_CONTRACT_CHECK does not name contract_check.py")
+    done = subprocess.run([sys.executable, script, str(folder)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_point_of_a_sweep_over_phi_has_the_parameters_of_the_laws():
+    """Foot twice as wide as that of the laws: forces by area (4), and the laws' own values where they hold."""
+    data, _ = study("map", laws=EXAMPLE, phi="0.58:0.62:2", foot_radius="0.0762", frequency="7", phase="1.5708")
+    assert data.jump_height_m.dims == ("phi",) and "example" in data.attrs["laws_source"]
+    for i, (k1, k2, b) in enumerate(  # by hand from example_laws.toml
+        [(2100 + 1400 * 10 / 35, 2100 + 2400 * 10 / 60, 17.2 + 4.8 * 10 / 35),
+         (3500 + 5500 * 15 / 25, 2100 + 2400 * 50 / 60, 22.0 + 18.0 * 15 / 25)]
+    ):  # fmt: skip
+        p = dataclasses.replace(SAND.model.parameters, k1=4 * k1, k2=4 * k2, b=b)
+        model = dataclasses.replace(SAND.model, parameters=p, foot_radius=0.0762,
+                                    volume_fraction=float(data.phi[i]))  # fmt: skip
+        law = sinusoid(7.0, 0.01875, 1.5708)
+        jump = simulate(model, law, t=[0.0, law.stop + 0.6], rtol=1e-9, atol=1e-11)
+        assert float(data.jump_height_m[i]) == pytest.approx(jump.jump_height, abs=2e-6)  # rtol 1e-6 of the sweep
+
+
+def test_the_laws_change_nothing_where_they_are_the_model():
+    with_laws, _ = study("map", laws=EXAMPLE, frequency="5:9:3", phase="4.7124")
+    without, _ = study("map", frequency="5:9:3", phase="4.7124")
+    np.testing.assert_array_equal(with_laws.jump_height_m, without.jump_height_m)
+
+
+def test_a_model_file_replaces_the_model(tmp_path):
+    file = tmp_path / "model.toml"
+    file.write_text(
+        '[model]\nterms = ["two_resistance", "inertial_drag"]\nk1 = 2100\nk2 = 2100\ndelta = 0.01\nalpha = 73'
+    )
+    data, _ = study("map", model=file, frequency="6:8:2", phase="1.5708")
+    model = force_model(SAND.model, "constant drag", alpha=73.0)
+    law = sinusoid(8.0, 0.01875, 1.5708)
+    jump = simulate(model, law, t=[0.0, law.stop + 0.6], rtol=1e-9, atol=1e-11)
+    assert float(data.jump_height_m[1]) == pytest.approx(jump.jump_height, abs=2e-6)
+    assert "model.toml" in data.attrs["robot"]
+    file.write_text('[model]\nterms = ["two_resistance"]\nk1 = 2100\nk2 = 2100')
+    with pytest.raises(InputError, match=r"model.toml: model delta: missing"):
+        machine("granular", None, {}, model_file=file)
+    file.write_text("k1 = 2100")
+    with pytest.raises(InputError, match=r"\[model\]: missing"):
+        machine("granular", None, {}, model_file=file)
+
+
+@pytest.mark.parametrize("name", GRANULAR)
+def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
+    data, rows = study(name, **SMALL.get(name, {}))
+    assert rows and all(r["ours"] and "nan" not in r["ours"] for r in rows)
+    assert all("units" in v.attrs for v in data.data_vars.values())
+    write(data, tmp_path)
+    assert picture(data).startswith(b"\x89PNG")
+    contract(tmp_path)
+
+
+def test_foot_forces_scale_with_area_and_added_mass_with_volume():
+    data, _ = study("foot-radius", **SMALL["foot-radius"])
+    r = data.foot_radius.values
+    np.testing.assert_allclose(data.drag_kg_per_m / data.drag_kg_per_m[0], (r / r[0]) ** 2, rtol=1e-12)
+    np.testing.assert_allclose(data.added_mass_kg / data.added_mass_kg[0], (r / r[0]) ** 3, rtol=1e-12)
+    cone = math.pi * r**3 * math.tan(math.pi / 3) / 3  # the cone of height R tan(theta) that (33) ends as
+    np.testing.assert_allclose(data.added_mass_kg, 2.7 * 0.57 * 1000.0 * cone, rtol=1e-9)
+
+
+# -- the command -----------------------------------------------------------------------------------------------------
+def test_the_command(tmp_path, capsys):
+    words = ["--laws", str(EXAMPLE), "--phi", "0.58:0.62:3", "--frequency", "8", "--phase", "4.712"]
+    assert main(["sweep", "granular", *words, "--results", str(tmp_path), "--json", "--workers", "1"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert [os.path.basename(f) for f in said["files"]] == ["sweep.nc", "sweep.png"]
+    contract(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        (["granular", "--analysis", "jump-type"], "did you mean 'jump-types'"),
+        (["hard", "--analysis", "delay"], "is of granular ground"),
+        (["hard", "--laws", str(EXAMPLE)], "no meaning on hard ground"),
+        (["granular", "--laws", "nowhere.toml"], "cannot be read"),
+        (["granular", "--model", "nowhere.toml"], "cannot be read"),
+        (["granular", "--laws", str(EXAMPLE), "--phi", "0.5:0.6:3"], "outside 0.57 to 0.63"),
+        (["granular", "--analysis", "jump-types", "--phi", "0.5:0.6:3"], "outside 0.57 to 0.63"),
+        (["granular", "--analysis", "delay", "--foot-radius", "0.03"], "does not use it"),
+        (["granular", "--analysis", "delay", "--set", 'model.terms=["two_resistance"]'], "add depth_drag"),
+    ],
+)
+def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys):
+    assert main(["sweep", *words, "--results", str(tmp_path / "out"), "--workers", "1"]) == 2
+    assert told in capsys.readouterr().err and not (tmp_path / "out").exists()
