@@ -227,15 +227,16 @@ def sweep(
     axes: SweepAxes = SweepAxes(),
     analysis: str = "map",
     experiment: Path | None = None,
+    campaign: Path | None = None,
     model: Path | None = None,
     laws: Path | None = None,
-    results: Path = Path("results/sweep"),
+    results: Path | None = None,
     settings: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
     json: bool = False,
     workers: int | None = None,
     pictures: bool = True,
 ) -> int:
-    """Jumps over any axes, or a named analysis of thesis chapters II and III: sweep.nc and sweep.png.
+    """Jumps over any axes, or a named analysis of thesis chapters II and III: sweep.nc and sweep.png (or comparison.*).
 
     Example: jumpvision sweep hard --frequency 4:18:200 --phase 0:6.283:200
 
@@ -245,17 +246,19 @@ def sweep(
         hard or granular.
     analysis
         map, or on hard ground minimum-amplitude, lift-off-time, alpha, scatter, bifurcation, traces, estimates,
-        animals, two-frequency; on granular ground height-phi, jump-types, delay, alpha-fit, force-models, drag-scale,
-        foot-radius.
+        animals, two-frequency, comparison (of the measured jumps of --campaign with their simulation); on granular
+        ground height-phi, jump-types, delay, alpha-fit, force-models, drag-scale, foot-radius.
     experiment
         An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot.
+    campaign
+        Folder of hard-ground experiments for --analysis comparison.
     model
         A TOML file whose [model] replaces the model, e.g. model.toml.
     laws
         A TOML file of the bed's parameters against volume fraction; named analyses on granular ground default to an
         example (docs/granular.md).
     results
-        Folder for the files.
+        Folder for the files; default: results/sweep, or results/NAME beside the campaign.
     settings
         Override a value: section.key=value, e.g. robot.gravity=9.81.
     json
@@ -268,26 +271,30 @@ def sweep(
     from dataclasses import asdict
 
     from . import show
+    from .experiment import folder_of
     from .overrides import parse
     from .progress import HOOK
     from .sweep.dataset import write
     from .sweep.run import run as run_sweep
 
     given = {name: text for name, text in asdict(axes).items() if text is not None}
+    results = results or (_results_of(folder_of(campaign)) if campaign else Path("results/sweep"))
     with show.Progress(1) as progress:
         token = HOOK.set(progress.frames)
         try:
             data, rows = run_sweep(
                 ground, given, analysis=analysis, experiment=experiment, overrides=parse(settings),
-                workers=workers or cores(), say=show.line, model=model, laws=laws,
+                workers=workers or cores(), say=show.line, model=model, laws=laws, campaign=campaign,
+                results=results,
             )  # fmt: skip
         finally:
             HOOK.reset(token)
-    files = [write(data, results)]
+    stem = "comparison" if campaign else "sweep"
+    files = [write(data, results, f"{stem}.nc")]
     if pictures:
         from .report.sweeps import picture
 
-        files.append(results / "sweep.png")
+        files.append(results / f"{stem}.png")
         files[1].write_bytes(picture(data))
     show.result({"results": str(results), "files": [str(f) for f in files], "numbers": rows}, rows, as_json=json)
     show.line(f"results in {results}: {', '.join(f.name for f in files)}")
@@ -372,6 +379,11 @@ def _open(path: Path, options: Options, pipeline: dict[str, Any] | None = None) 
     return Campaign(path, (experiment,))
 
 
+def _results_of(path: Path) -> Path:
+    """Where results lie by default: results/NAME beside the folder."""
+    return path.absolute().parent / "results" / path.absolute().name
+
+
 def _work(
     path: Path, stages: tuple[str, ...] | None, options: Options, *, pipeline: Path | None = None, page: bool = False
 ) -> int:
@@ -419,7 +431,7 @@ def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipe
     path = folder_of(path)
     definition = read_pipeline(pipeline) if pipeline else {}
     campaign = _open(path, options, definition.get("params"))
-    results = options.results or path.absolute().parent / "results" / path.absolute().name
+    results = options.results or _results_of(path)
     plan = Plan(
         results=results,
         cache=options.cache or results / ".cache",

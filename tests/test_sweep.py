@@ -350,7 +350,7 @@ def ours(name, quantity):
         ("alpha", "alpha where stutter height passes", [0.12, 0.108], 0.0007),
         ("alpha", "alpha where stutter power passes", [0.276], 0.0005),
         ("alpha", "stutter height/power above", [0.69], 0.005),
-        # printed 1.18, 1.20 and 1.20; a grid of 0.01 f_0 gives them, the maxima are at 1.191, 1.204, 1.194
+        # printed 1.18, 1.20 and 1.20 are nodes of a grid of 0.02 f_0; the maxima are at 1.191, 1.204, 1.194
         ("alpha", "f_opt/f_0 at alpha 0.9", [1.18, 1.20, 1.20], 0.0115),
         ("estimates", "argmax of eq. (13)", [1.194], 0.0005),
         ("animals", "human: stutter, single", [2.1, 5.2], 0.05),

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from . import granular, lift_off, motion, scaling
+from .comparison import comparison
 from .pictures import png
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
@@ -37,6 +38,7 @@ NAMED = {
     "minimum-amplitude": lift_off.least_amplitude, "lift-off-time": lift_off.time, "alpha": scaling.alpha,
     "estimates": scaling.estimates, "animals": scaling.animals, "two-frequency": scaling.two_frequency,
     "scatter": motion.scatter, "bifurcation": motion.bifurcation, "traces": motion.traces,
+    "comparison": comparison,
     "height-phi": granular.height_phi, "jump-types": granular.jump_types, "delay": granular.delay,
     "alpha-fit": granular.alpha_fit, "force-models": granular.force_models, "drag-scale": granular.drag_scale,
     "foot-radius": granular.foot_radius,
@@ -45,8 +47,9 @@ NAMED = {
 
 def picture(data: xr.Dataset) -> bytes:
     """The figure as PNG."""
-    steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
-    data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
+    if "com_height_m" in data:
+        steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
+        data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
     with styled() as Figure:
         draw = NAMED.get(data.attrs["analysis"])
         figure = draw(data, Figure) if draw else grid(data, Figure)

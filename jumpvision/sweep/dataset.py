@@ -67,10 +67,11 @@ def dataset(
         axis = AXES.get(name)
         meta = {"units": axis.unit or "1", "long_name": axis.meaning} if axis else {}
         units[name] = (over, values, meta)
-    return xr.Dataset(variables, coords=units, attrs={**_provenance(machine), **attrs})
+    return xr.Dataset(variables, coords=units, attrs={**provenance(machine), **attrs})
 
 
-def _provenance(machine: Machine) -> dict[str, Any]:
+def provenance(machine: Machine) -> dict[str, Any]:
+    """Attributes of a file: the robot, its constants and model, and the versions."""
     packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
     return {
         "ground": machine.model.ground,
@@ -82,14 +83,14 @@ def _provenance(machine: Machine) -> dict[str, Any]:
     }
 
 
-def write(data: xr.Dataset, folder: Path) -> Path:
-    """sweep.nc in the folder, written aside and renamed."""
+def write(data: xr.Dataset, folder: Path, file: str = FILE) -> Path:
+    """The file in the folder, written aside and renamed."""
     folder.mkdir(parents=True, exist_ok=True)
-    aside = folder / f".{FILE}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp"
+    aside = folder / f".{file}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp"
     packed = {n: {"zlib": True, "complevel": 1} for n, v in data.data_vars.items() if v.size > 1000}
     try:
         data.to_netcdf(aside, engine="netcdf4", encoding=packed)
-        os.replace(aside, folder / FILE)
+        os.replace(aside, folder / file)
     finally:
         aside.unlink(missing_ok=True)
-    return folder / FILE
+    return folder / file

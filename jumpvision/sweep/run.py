@@ -14,6 +14,7 @@ from ..physics.points import resolve
 from ..schema import InputError, closest
 from . import granular_models, granular_studies, motions, scaling, thresholds
 from .axes import Array, option, read_axes
+from .comparison import compare
 from .compute import Say
 from .laws import EXAMPLE, Laws, read_laws
 from .machine import Machine, machine
@@ -34,6 +35,7 @@ ANALYSES: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...]]] = {
     "animals": (scaling.animals, (), ()),
     "two-frequency": (scaling.two_frequency, ("alpha",), ()),
 }
+COMPARISON = "comparison"  # of a campaign with its simulation
 # the same on sand, and whether the laws of the bed against phi are needed
 GRANULAR: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...], bool]] = {
     "height-phi": (granular_studies.height_phi, ("frequency", "phi"), ("amplitude",), True),
@@ -44,7 +46,7 @@ GRANULAR: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...], bool]] = {
     "drag-scale": (granular_models.drag_scale, ("frequency", "phi"), ("amplitude",), False),
     "foot-radius": (granular_studies.foot_radius, ("foot_radius",), ("phi", "amplitude"), False),
 }
-OF_GROUND = {"hard": ("map", *ANALYSES), "granular": ("map", *GRANULAR)}
+OF_GROUND = {"hard": ("map", *ANALYSES, COMPARISON), "granular": ("map", *GRANULAR)}
 GRID = {"frequency": (0.2, 1.8, 320), "phase": (0.0, 2.0 * np.pi, 241)}  # f_0 and rad: the map where no range is given
 SLOW_GRID = {"frequency": (0.35, 1.5, 40), "phase": (0.0, 2.0 * np.pi, 25)}  # where a jump takes half a millisecond
 
@@ -60,10 +62,13 @@ def run(
     say: Say,
     model: Path | None = None,
     laws: Path | None = None,
+    campaign: Path | None = None,
+    results: Path | None = None,
 ) -> tuple[xr.Dataset, Rows]:
     """The data set of a sweep and its table of numbers. given: axes as typed. InputError names every problem.
 
-    model: a file with [model]. laws: a file of the bed's parameters against phi (sweep.laws).
+    model: a file with [model]. laws: a file of the bed's parameters against phi (sweep.laws). campaign, results: of
+    the comparison, the folder of experiments and the one of their results.
     """
     problems = []
     if ground not in GROUNDS:
@@ -74,8 +79,18 @@ def run(
                         else f"--analysis {analysis}: unknown{closest(analysis, OF_GROUND[ground])}")  # fmt: skip
     if ground == "hard" and laws is not None:
         problems.append(f"--laws {laws}: has no meaning on hard ground; leave it out")
+    if (campaign is not None) != (analysis == COMPARISON):
+        problems.append(f"--campaign FOLDER and --analysis {COMPARISON}: go together; give both or neither")
+    elif campaign is not None:
+        problems += [f"{option(n)} {v}: the comparison is of the campaign's own laws; leave it out"
+                     for n, v in given.items()]  # fmt: skip
+        for name, file in (("--experiment", experiment), ("--model", model)):
+            if file is not None:
+                problems.append(f"{name} {file}: every experiment of the campaign gives its own; leave it out")
     if problems:
         raise InputError(problems)
+    if campaign is not None and results is not None:
+        return compare(campaign, overrides=overrides, results=results, workers=workers, say=say)
     axes = read_axes(ground, given)
     of_bed = _laws(laws, overrides, example=analysis in GRANULAR and experiment is None and model is None)
     robot = machine(ground, experiment, overrides, model_file=model, laws=of_bed)
