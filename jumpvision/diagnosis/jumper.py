@@ -35,6 +35,7 @@ from .vocabulary import candidates
 Array = NDArray[np.float64]
 
 RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
+C_THESIS = 2.7  # scale of the added mass, where nothing in the data says it
 LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than of the model
 PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")
 SCATTER = ("start", "bed")  # what may differ from trial to trial
@@ -118,7 +119,7 @@ class Jumper:
             terms = [name if t == gone else t for t in terms] if gone else [*terms, name]
         extra = {k: v for k, v in values.items() if k not in ROBOT}
         if "depth_drag" in terms and "C" not in extra and base.parameters.C is None:
-            extra["C"] = 1.0  # only the product b C shows without the added mass
+            extra["C"] = C_THESIS  # only the product b C shows without the added mass
         robot: dict[str, Any] = {k: v for k, v in values.items() if k in ROBOT}
         return replace(base, terms=tuple(terms), parameters=replace(base.parameters, **extra), **robot)
 

@@ -108,7 +108,11 @@ def _starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> li
     """The two best of a few strengths and shapes, and of the linear estimates from the baseline's residuals."""
     candidate = problem.system.candidates[mechanism]
     if candidate.replaces:
-        return _best_of(problem, (mechanism,), _about(candidate.parameters, base.named), 2)
+        first = {p.name: p.start for p in problem.system.baseline}  # a baseline without it may have been bent far off
+        tries = _about(candidate.parameters, base.named) + _about(candidate.parameters, first)
+        last = candidate.parameters[-1].name  # a place, such as the depth of a bend: each its own basin
+        places = sorted({t[last] for t in tries})
+        return [s for x in places for s in _best_of(problem, (mechanism,), [t for t in tries if t[last] == x], 2)]
     linear = [
         start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
     ]
