@@ -1,0 +1,324 @@
+"""The diagnosis on systems whose truth is known: noise, detection, naming, gain, next experiment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from jumpvision.diagnosis.detect import detect, directions
+from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
+from jumpvision.diagnosis.fitting import Problem, levelled
+from jumpvision.diagnosis.gain import apex
+from jumpvision.diagnosis.naming import held_out_score
+from jumpvision.diagnosis.noise import (
+    Noise,
+    Stretch,
+    coefficients,
+    estimate,
+    keep_one_a_run,
+    powers,
+    rounding_step,
+    spread_of,
+)
+from jumpvision.diagnosis.proposing import expected_log10_odds
+from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+
+FRAME = 0.005
+
+
+def coloured(rng, n, s, rho):
+    """First-order autoregression, standard deviation s."""
+    e = rng.standard_normal(n)
+    for i in range(1, n):
+        e[i] = rho * e[i - 1] + math.sqrt(1 - rho * rho) * e[i]
+    return s * e
+
+
+class Falling:
+    """y = c + v t - g t^2/2 + what candidates add: linear in nearly everything, so that truth is in closed form."""
+
+    baseline = (Parameter("v", 1.0, -10.0, 10.0, 0.1), Parameter("g", 9.8, 5.0, 15.0, 0.1, sigma=0.5))
+    candidates = {  # noqa: RUF012
+        "cubic": Candidate((Parameter("a", 0.0, -50.0, 50.0, 1.0),)),
+        "wave": Candidate(
+            (Parameter("w", 0.0, -5.0, 5.0, 0.1), Parameter("f", 12.0, 4.0, 40.0, 1.0)),
+            shapes=tuple((f,) for f in np.arange(6.0, 21.0, 2.0)),
+        ),
+        "kink": Candidate((Parameter("q", 0.0, -20.0, 20.0, 1.0),)),
+        "twin": Candidate((Parameter("h", 0.0, -50.0, 50.0, 1.0),)),  # of kink, but for a millionth
+    }
+
+    def __init__(self, rng, s, rho=0.0, n=12, bed=0.0, zero=1.0, **truth):
+        self.observations = []
+        for i in range(n):
+            t = np.arange(60) * FRAME
+            values = {"v": 1.2, "g": 9.8, **truth}
+            y = self._motion(t, tuple(truth), values) * (1.0 + bed * rng.standard_normal())
+            y = y + coloured(rng, t.size, s, rho) + zero * rng.uniform(-1, 1)
+            labels = {"kind": ("low", "high")[i % 2]}
+            self.observations.append(Observation(f"run {i}", t, y, f"group {i // 2}", f"condition {i // 2}", labels))
+
+    @staticmethod
+    def _motion(t, mechanisms, p):
+        y = p["v"] * t - 0.5 * p["g"] * t * t
+        if "a" in p:
+            y = y + p["a"] * t**3
+        if "w" in p:
+            y = y + p["w"] * np.sin(p["f"] * t * 2 * math.pi)
+        for name, off in (("q", 0.0), ("h", 1e-4)):
+            if name in p:
+                y = y + p[name] * np.maximum(t - 0.15 - off, 0.0)
+        return y
+
+    def predict(self, mechanisms, values: Mapping[str, float], which: Sequence[int]):
+        names = [p.name for m in mechanisms for p in self.candidates[m].parameters]
+        p = {n: values[n] for n in ("v", "g", *names)}
+        return [self._motion(self.observations[i].t, mechanisms, p) for i in which]
+
+    def scatter(self, mechanisms, values, which):
+        return {"bed": self.predict(mechanisms, values, which)}
+
+
+def questioned(rng, **kw):
+    s, rho = kw.pop("s", 1e-3), kw.get("rho", 0.0)
+    system = Falling(rng, s, **kw)
+    return system, Noise(s, rho, FRAME, 0.0, 10_000)
+
+
+# -- noise ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.4, 0.7])
+def test_noise_is_learned_and_its_uncertainty_is_true(rho):
+    """Low-frequency power s_e^2 / (1 - rho)^2 against its stated uncertainty: 68 % within 1 sigma."""
+    rng = np.random.default_rng(3)
+    pulls, scales = [], []
+    t = np.arange(40) * FRAME
+    for _ in range(120):
+        stretches = [Stretch(t, coloured(rng, 40, 2e-3, rho) + 0.3 - t, powers(t, 1)) for _ in range(12)]
+        found = estimate(stretches, FRAME)
+        power = found.s**2 * (1 + found.rho) / (1 - found.rho)
+        pulls.append(math.log(power / (4e-6 * (1 + rho) / (1 - rho))) / found.log_sigma)
+        scales.append(found.s)
+    assert np.median(scales) == pytest.approx(2e-3, rel=0.03)
+    # rho >= 0 is known, so at 0 the interval is wide; 120 draws: +-0.13 is three binomial sigmas
+    assert (0.55 if rho else 0.6) < np.mean(np.abs(pulls) < 1) < (0.82 if rho else 1.01)
+
+
+def test_whitened_noise_is_white_of_unit_variance_also_over_gaps():
+    rng = np.random.default_rng(4)
+    r = coloured(rng, 40_000, 2.0, 0.6)
+    keep = np.sort(rng.choice(40_000, 30_000, replace=False))
+    white = Noise(2.0, 0.6, FRAME).whiten(keep * FRAME, r[keep])
+    assert white.std() == pytest.approx(1.0, abs=0.015)  # 30,000 numbers: 0.004
+    assert np.corrcoef(white[1:], white[:-1])[0, 1] == pytest.approx(0.0, abs=0.02)
+
+
+def test_too_little_rest_is_said():
+    with pytest.raises(ValueError, match=r"at least 20 .* repeat trials"):
+        estimate([Stretch(np.arange(10) * FRAME, np.zeros(10), powers(np.arange(10) * FRAME, 0))], FRAME)
+
+
+def test_rounding_is_seen_and_a_run_of_equal_values_counts_once():
+    t = np.linspace(0, 1, 400)
+    y = np.round(0.05 * np.sin(2 * t) / 1e-3) * 1e-3
+    assert rounding_step(y) == pytest.approx(1e-3)
+    assert rounding_step(np.random.default_rng(0).normal(size=400)) == 0.0
+    kept = keep_one_a_run(np.array([0, 0, 0, 0, 0, 1, 2, 2, 3, 3, 3.0]))
+    assert kept.tolist() == [2, 5, 6, 7, 9]
+
+
+def test_scatter_between_trials_is_told_from_the_error_of_its_estimates():
+    rng = np.random.default_rng(5)
+    v = np.full(30, 0.5**2)
+    with_scatter = [spread_of(list(zip(rng.normal(0, math.hypot(2.0, 0.5), 30), v))) for _ in range(60)]
+    without = [spread_of(list(zip(rng.normal(0, 0.5, 30), v))) for _ in range(60)]
+    assert np.median(with_scatter) == pytest.approx(2.0, rel=0.1)
+    assert np.mean(np.array(without) > 0) < 0.2  # 5 % expected; 60 draws
+    t = np.arange(50) * FRAME
+    c, var = coefficients(Noise(0.1, 0.3, FRAME), Stretch(t, 2.0 + 3.0 * t, np.column_stack([np.ones(50), t])))
+    assert c == pytest.approx([2.0, 3.0], rel=1e-9)
+    assert (var > 0).all()
+
+
+# -- fit and detection ---------------------------------------------------------------------------------------
+
+
+def test_a_fit_is_the_generalised_least_squares_solution():
+    system, noise = questioned(np.random.default_rng(6), rho=0.5)
+    fit = Problem(system, noise).fit()
+    rows, rhs = [], []
+    for o in system.observations:
+        rows.append(levelled(noise, o, np.column_stack([o.t, -0.5 * o.t**2])))
+        rhs.append(levelled(noise, o, o.y))
+    rows.append(np.array([[0.0, 1 / 0.5]]))  # the prior on g
+    rhs.append(np.array([9.8 / 0.5]))
+    expected, *_ = np.linalg.lstsq(np.vstack(rows), np.concatenate(rhs), rcond=None)
+    covariance = np.linalg.inv(np.vstack(rows).T @ np.vstack(rows))
+    # the fit stops when chi^2 would fall by less than 1e-3, which is 0.03 sigma
+    assert np.all(np.abs(fit.values - expected) < 0.05 * np.sqrt(np.diag(covariance)))
+    # a uniform prior over the range is counted as a weak Gaussian one
+    assert np.sqrt(np.diag(fit.covariance)) == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-3)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.7])
+def test_false_alarms_are_as_rare_as_stated(rho):
+    rng = np.random.default_rng(7)
+    p = []
+    for _ in range(150):
+        system, noise = questioned(rng, rho=rho)
+        problem = Problem(system, noise)
+        fit = problem.fit()
+        p.append(detect(problem, fit, directions(problem, fit), rng).p_value)
+    assert np.mean(np.array(p) < 0.02) <= 0.05  # nominal 0.02: of 150, at most 7 (chance of more: 1 %)
+    assert np.mean(np.array(p) < 0.2) <= 0.28
+    assert np.mean(np.array(p) < 0.5) >= 0.2  # and it is not blind: Bonferroni over two looks halves what is below
+
+
+def test_the_score_is_the_noncentrality_and_an_effect_is_found_where_it_should_be():
+    """An effect of non-centrality 30 (length 5.5 after projection) is found in 95 % of campaigns."""
+    rng = np.random.default_rng(8)
+    system, noise = questioned(rng)
+    problem = Problem(system, noise)
+    fit = problem.fit()
+    d = next(d for d in directions(problem, fit) if d.mechanism == "cubic")
+    strength = d.strength * math.sqrt(30.0)
+    found, score = [], []
+    for _ in range(80):
+        problem = Problem(Falling(rng, 1e-3, a=strength), noise)
+        fit = problem.fit()
+        result = detect(problem, fit, directions(problem, fit), rng)
+        found.append(result.discrepant)
+        score.append(float(result.score[[x.mechanism for x in result.directions].index("cubic")]))
+    assert np.mean(found) >= 0.9  # 95 % expected, 80 draws
+    assert np.mean(score) == pytest.approx(math.sqrt(30.0), abs=0.4)  # 1/sqrt(80) = 0.11
+    assert np.std(score) == pytest.approx(1.0, abs=0.25)
+
+
+def test_scatter_from_trial_to_trial_is_no_discrepancy():
+    rng = np.random.default_rng(9)
+    p, without = [], []
+    for _ in range(40):
+        system, noise = questioned(rng, bed=0.02)
+        for scatter, out in (({"bed": 0.02}, p), ({}, without)):
+            problem = Problem(system, noise, scatter)
+            fit = problem.fit()
+            out.append(detect(problem, fit, directions(problem, fit), rng).p_value)
+    assert np.mean(np.array(p) < 0.02) <= 0.1
+    assert np.mean(np.array(without) < 0.02) > 0.9  # and it would be one if it were not known
+
+
+# -- naming --------------------------------------------------------------------------------------------------
+
+
+def test_the_cause_is_named_with_its_value_its_gain_and_where():
+    rng = np.random.default_rng(10)
+    system, noise = questioned(rng, w=0.01, f=11.0, zero=0.0)
+    d = diagnose(system, noise, rng, by=("kind",))
+    assert not d.adequate
+    assert d.naming.named == ("wave",)
+    assert not d.naming.twins
+    fit = d.naming.best.fit
+    assert fit.named["w"] == pytest.approx(0.01, abs=3 * fit.sigma("w"))
+    assert fit.named["f"] == pytest.approx(11.0, abs=3 * fit.sigma("f"))
+    assert d.gain.ratio > 2 and d.gain.ratio_ci95[0] > 1
+    assert d.gain.track_after == pytest.approx(noise.s, rel=0.15)
+    assert set(d.gain.held_out) == {o.name for o in system.observations}
+    assert d.naming.tried[0].delta_score > 50
+
+
+def test_two_causes_at_once():
+    rng = np.random.default_rng(11)
+    system, noise = questioned(rng, w=0.006, f=16.0, a=2.0)
+    d = diagnose(system, noise, rng)
+    assert set(d.naming.named) == {"cubic", "wave"}
+
+
+def test_what_cannot_be_told_apart_is_said_to_be():
+    rng = np.random.default_rng(12)
+    system, noise = questioned(rng, q=0.3)
+    d = diagnose(system, noise, rng)
+    assert len(d.naming.named) == 1
+    assert set(d.naming.named) <= {"kink", "twin"}
+    assert set(d.naming.twins[0]) == {"kink", "twin"}
+
+
+def test_an_effect_of_no_vocabulary_is_not_given_a_name():
+    rng = np.random.default_rng(13)
+    system, noise = questioned(rng)
+    for o in system.observations:
+        o.y[...] += 0.02 * np.exp(-0.5 * ((o.t - 0.08) / 0.008) ** 2)
+    d = diagnose(system, noise, rng)
+    assert not d.adequate
+    assert d.naming.named == ()
+
+
+def test_the_baseline_is_found_from_a_far_start():
+    rng = np.random.default_rng(14)
+    system, noise = questioned(rng)
+    system.baseline = (Parameter("v", -8.0, -10.0, 10.0, 0.1), system.baseline[1])
+    assert fit_baseline(Problem(system, noise), rng).named["v"] == pytest.approx(1.2, abs=0.01)
+
+
+def test_the_held_out_score_is_that_of_fits_without_each_condition():
+    """The closed form by curvature against real refits: exact for a linear system."""
+    system, noise = questioned(np.random.default_rng(15))
+    problem = Problem(system, noise)
+    total = 0.0
+    for k in range(6):
+        held = [2 * k, 2 * k + 1]
+        rest = [i for i in problem.all if i not in held]
+        fit = problem.fit((), None, rest)
+        r = np.concatenate(problem.residuals((), fit.named, held))
+        o = system.observations
+        j = np.vstack([levelled(noise, o[i], np.column_stack([o[i].t, -0.5 * o[i].t ** 2])) for i in held])
+        covariance = np.eye(r.size) + j @ fit.covariance @ j.T
+        total += -0.5 * r @ np.linalg.solve(covariance, r) - 0.5 * np.linalg.slogdet(covariance)[1]
+    assert held_out_score(problem, problem.fit()) == pytest.approx(total, rel=2e-3)
+
+
+def test_expected_odds_are_the_mean_log_likelihood_ratio():
+    """Two models with known parameters: half the squared distance in noise units, over ln 10."""
+    rng = np.random.default_rng(16)
+    system, noise = questioned(rng)
+    problem = Problem(system, noise)
+    first, second = problem.fit(), problem.fit(("cubic",), {"a": 0.0})
+    for fit in (first, second):
+        fit.covariance[...] = 0.0
+        fit.values[:2] = 1.2, 9.8
+    second.values[2] = 0.4
+
+    class Next:
+        labels: Mapping[str, object] = {}
+        t = np.arange(60) * FRAME
+
+        @staticmethod
+        def predict(mechanisms, values):
+            return Falling._motion(Next.t, mechanisms, values)
+
+    d = 0.4 * Next.t**3
+    expected = np.sum((d - d.mean()) ** 2) / noise.s**2 / 2 / math.log(10)  # the zero level is unknown
+    assert expected_log10_odds(Next(), first, second, noise) == pytest.approx(expected, rel=1e-3)
+
+
+def test_an_apex_is_read_below_the_frame():
+    t = np.arange(0, 0.4, FRAME)
+    y = 0.05 - 4.9 * (t - 0.2023) ** 2
+    assert apex(t, y, 0.1) == pytest.approx(0.05, abs=1e-9)
+    assert math.isnan(apex(t, y, 0.39))
+
+
+def test_p_values_of_the_null_are_not_too_small_anywhere():
+    """Two looks with Bonferroni: P(p < x) <= x for every x, tested by the largest excess (one-sided Kolmogorov)."""
+    rng = np.random.default_rng(17)
+    p = []
+    for _ in range(100):
+        system, noise = questioned(rng)
+        problem = Problem(system, noise)
+        fit = problem.fit()
+        p.append(detect(problem, fit, directions(problem, fit), rng).p_value)
+    assert stats.kstest(p, "uniform", alternative="greater").pvalue > 1e-3
