@@ -35,6 +35,9 @@ class Options:
         tuple[str, ...],
         Parameter(name="--set", negative="", help="Override a value: stage.key=value or section.key=value."),
     ] = ()
+    model: Annotated[
+        Path | None, Parameter(help="model.toml, e.g. of diagnose: its [model] and [robot] over the folder's.")
+    ] = None
     json: Annotated[bool, Parameter(negative="", help="Machine-readable result on stdout.")] = False
     workers: Annotated[int | None, Parameter(help="Processes for a campaign; default: the cores.")] = None
     verify: Annotated[bool, Parameter(negative="", help="Hash every input again, whatever its date says.")] = False
@@ -366,11 +369,14 @@ def doctor(*, json: bool = False) -> int:
 
 def _open(path: Path, options: Options, pipeline: dict[str, Any] | None = None) -> Any:
     """The campaign at `path`; a single experiment is a campaign of one."""
-    from .experiment import Campaign, folder_of, is_campaign, open_campaign, open_experiment
+    from .experiment import Campaign, folder_of, is_campaign, merged, model_tables, open_campaign, open_experiment
     from .overrides import parse
 
     path = folder_of(path)
-    given: dict[str, Any] = {"overrides": parse(options.set), "pipeline": pipeline}
+    overrides = parse(options.set)
+    if options.model:
+        overrides = merged(model_tables(options.model), overrides)
+    given: dict[str, Any] = {"overrides": overrides, "pipeline": pipeline}
     if path.is_dir() and is_campaign(path):
         return open_campaign(path, **given)
     experiment = open_experiment(path, **given)

@@ -254,6 +254,12 @@ def read_model(file: Path) -> ModelSpec:
     return spec
 
 
+def model_tables(file: Path) -> dict[str, Any]:
+    """[model] and [robot] of a model.toml as overrides of a folder's own. InputError with every problem."""
+    read_model(file)
+    return {k: v for k, v in _toml(file)[0].items() if k in ("model", "robot")}
+
+
 def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list[str]]:
     from .physics.parameters import MECHANISMS, ModelParameters
 

@@ -20,7 +20,7 @@ def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> 
     """Five panels for a discrepant model, three for an adequate one."""
     with styled() as Figure:
         extended = bool(data["named"])
-        figure = Figure(figsize=(10.4, 6.6 if d.naming else 3.6), layout="constrained")
+        figure = Figure(figsize=(12.6, 7.0 if d.naming else 3.8), layout="constrained")
         axes = figure.subplots(2 if d.naming else 1, 3).ravel()
         _heights(axes[0], data)
         _track(axes[1], d, system, extended)
@@ -45,8 +45,10 @@ def _heights(ax: Any, data: Mapping[str, Any]) -> None:
             ax.plot([1e3 * h["extended_m"] for h in mine], measured, mark, ms=4.5, color=color)
         top = max(top, *measured, *before)
     ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
-    ax.set(title="jump heights", xlabel="simulated [mm] (open: baseline, filled: extended)", ylabel="measured [mm]")
-    ax.legend()
+    ax.set(title="jump heights", xlabel="simulated [mm]; filled: extended", ylabel="measured [mm]")
+    ax.set_xlim(0, None)
+    ax.set_ylim(0, 1.02 * top)
+    ax.legend(loc="upper left")
 
 
 def _track(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
@@ -77,7 +79,8 @@ def _where(figure: Any, ax: Any, data: Mapping[str, Any]) -> None:
     ax.set_xticks(range(len(parts)), [p.replace("_", " ") for p in parts], rotation=35, ha="right")
     ax.set_yticks(range(len(kinds)), [k.replace("_", " ") for k in kinds])
     ax.grid(False)
-    ax.set_title("where: mean residual [mm]; a dot: beyond chance")
+    ax.set_title("where: mean residual [mm]")
+    ax.set_xlabel("a dot: beyond chance")
     for c in cells:
         if c["phase_of_jump"] in parts and c["p_value"] < 0.02:
             ax.plot(parts.index(c["phase_of_jump"]), kinds.index(str(c.get("kind"))), ".", color="black", ms=5)
@@ -95,7 +98,7 @@ def _causes(ax: Any, d: Diagnosis) -> None:
     ax.set_yticks(range(len(tried)), names)
     ax.invert_yaxis()
     ax.set_xscale("log")
-    ax.set(title="misfit of each explanation", xlabel="chi² per sample (1: only noise is left)")
+    ax.set(title="misfit of each explanation", xlabel="chi² per sample; 1 is noise alone")
 
 
 def _gain(ax: Any, data: Mapping[str, Any]) -> None:
@@ -115,7 +118,8 @@ def _gain(ax: Any, data: Mapping[str, Any]) -> None:
     ax.set_yscale("log")
     low, high = g["ratio_ci95"]
     ax.set(title=f"held out: {g['ratio']:.1f}x better ({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
-    ax.legend()
+    ax.margins(y=0.25)
+    ax.legend(loc="upper center", ncols=2)
 
 
 def _scores(ax: Any, d: Diagnosis) -> None:
@@ -129,4 +133,4 @@ def _scores(ax: Any, d: Diagnosis) -> None:
     ax.invert_yaxis()
     ax.set_xscale("log")
     ax.axvline(3.0, color="black", lw=0.8)
-    ax.set(title="score of each mechanism on the baseline", xlabel="|z| (3: chance)")
+    ax.set(title="scores on the baseline", xlabel="|z|; 3 is chance")

@@ -1,0 +1,125 @@
+"""`jumpvision diagnose` on folders: a thinned copy of the loose-sand samples, and the game of hidden effects."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import tomllib
+
+import numpy as np
+import pytest
+from conftest import SAMPLES
+
+from benchmarks.diagnosis import Case, run
+from jumpvision.cli import main
+
+KEPT = (
+    "single-5.5Hz-1", "single-5.5Hz-2", "single-8.5Hz-1", "single-8.5Hz-2", "stutter-5.0Hz-1", "stutter-5.0Hz-2",
+    "stutter-6.0Hz-1", "stutter-6.0Hz-2", "stutter-7.0Hz-1", "stutter-7.0Hz-2",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    out = tmp_path_factory.mktemp("question") / "sand"
+    out.mkdir()
+    shutil.copy(SAMPLES / "loose_sand" / "campaign.toml", out)
+    for name in KEPT:
+        shutil.copytree(SAMPLES / "loose_sand" / name, out / name)
+    return out
+
+
+@pytest.fixture(scope="module")
+def diagnosed(campaign):
+    assert main(["diagnose", str(campaign)]) == 0
+    results = campaign.parent / "results" / "sand"
+    return results, json.loads((results / "diagnosis.json").read_text())
+
+
+def test_the_hidden_cone_of_the_samples_is_named(diagnosed):
+    """Truth (truth.json): two_resistance + depth_drag (b 17.2) + added_mass (C mu 5.4), asked of a constant drag."""
+    _, d = diagnosed
+    assert d["verdict"] == "discrepant" and d["p_value"] < 1e-6
+    assert set(d["named"]) == {"added_mass", "depth_drag"}
+    assert d["unexplained"] is None
+    p = {k: v for c in d["causes"] for k, v in c["parameters"].items()}
+    assert p["b"]["value"] == pytest.approx(17.2, rel=0.03)
+    assert p["C"]["value"] * p["mu"]["value"] == pytest.approx(5.4, rel=0.03)
+    assert p["C"]["low"] < 2.7 < p["C"]["high"]
+    g = d["gain"]
+    assert g["ratio"] > 10 and g["ratio_ci95"][0] > 3 and g["claimed"]
+    assert sorted(g["holdout"]) == sorted(KEPT)
+    assert g["ratio"] == pytest.approx(g["rmse_track_before_m"] / g["rmse_track_after_m"], rel=1e-9)
+    stutter = [h["simulated_m"] - h["measured_m"] for h in d["heights"] if h["kind"] == "stutter"]
+    assert np.mean(stutter) > 5e-3
+    assert "over-predicts stutter jumps" in d["sentence"]
+
+
+def test_the_extended_model_is_taken_by_simulate(diagnosed, campaign):
+    """Re-simulated with model.toml, the jump reaches the measured height; without, it misses by millimetres."""
+    results, _ = diagnosed
+    model = tomllib.loads((results / "model.toml").read_text())
+    assert set(model["model"]["terms"]) == {"two_resistance", "inertial_drag", "depth_drag", "added_mass"}
+    height = {}
+    for name, extra in (("own", []), ("extended", ["--model", str(results / "model.toml")])):
+        out = campaign.parent / name
+        path = campaign / "stutter-6.0Hz-1"
+        assert main(["run", str(path), "--results", str(out), "--no-pictures", *extra]) == 0
+        height[name] = json.loads((out / "summary.json").read_text())
+    measured = height["own"]["jump_height_m"]
+    assert height["extended"]["simulated_height_m"] == pytest.approx(measured, abs=1e-3)
+    assert height["own"]["simulated_height_m"] - measured > 4e-3
+
+
+def test_asked_again_nothing_is_computed(diagnosed, campaign, capsys):
+    results, _ = diagnosed
+    before = (results / "diagnosis.json").read_bytes()
+    assert main(["diagnose", str(campaign)]) == 0
+    err = capsys.readouterr().err
+    assert "fitting the baseline" not in err
+    assert (results / "diagnosis.json").read_bytes() == before
+
+
+def test_too_little_to_ask_is_said(campaign, tmp_path, capsys):
+    few = tmp_path / "few"
+    few.mkdir()
+    shutil.copy(campaign / "campaign.toml", few)
+    for name in KEPT[:2]:
+        shutil.copytree(campaign / name, few / name)
+    assert main(["diagnose", str(few)]) == 2
+    assert "at least 4 of 2 are needed" in capsys.readouterr().err
+    assert main(["diagnose", str(campaign / KEPT[0])]) == 2
+    assert "give the campaign" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("ground", ["hard", "granular"])
+def test_an_adequate_model_is_left_alone(ground):
+    case = Case("null", 101, ground, (), 5e-5, {"rho": 0.5, "step": 0.0})
+    assert run(case)["outcome"] == "right"
+
+
+EFFECTS = [
+    ("hard", h)
+    for h in ("viscous_friction", "coulomb_friction", "spring_hardening", "spring_damping", "spring_stiffness",
+              "payload", "tilt", "landing_loss", "motor_lag", "camera_scale", "time_offset")
+] + [("granular", h) for h in ("added_mass", "compaction", "stop_go_overshoot")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("ground", "hidden"), EFFECTS)
+def test_a_hidden_effect_is_named(ground, hidden):
+    """One campaign an effect, 0.05 mm noise, fairly strong; the full set is in benchmarks/diagnosis.py."""
+    row = run(Case("one", 7, ground, (hidden,), 5e-5, {"rho": 0.0, "step": 0.0}, 0.7))
+    assert row["outcome"] in ("right", "twin"), row
+    assert row["held_out"] < 1.1
+
+
+def test_two_hidden_effects_are_named():
+    row = run(Case("two", 8, "hard", ("payload", "coulomb_friction"), 5e-5, {"rho": 0.0, "step": 0.0}, 0.6))
+    assert row["outcome"] in ("right", "twin"), row
+
+
+def test_an_effect_of_no_vocabulary_is_not_named():
+    row = run(Case("outside", 9, "hard", ("rail_drag_by_height",), 5e-5, {"rho": 0.0, "step": 0.0}, 0.8))
+    assert row["outcome"] == "right", row
+    assert math.isfinite(row["p"]) and row["p"] < 0.02
