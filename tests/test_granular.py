@@ -511,3 +511,17 @@ def test_motor_that_never_runs_leaves_the_robot_at_rest():
     for name in ("cone", "hard, foot with mass"):
         m = simulate(case(name)[0], still, t=np.linspace(0, 1, 20), rtol=1e-9, atol=1e-12)
         assert len(m.events) == 0 and np.ptp(m.rod) < 1e-12 and math.isnan(m.flight_height)
+
+
+def test_an_intrusion_over_before_it_is_seen_is_none():
+    """A start phase a hair below pi/2 gives an impulse of 1e-8 m/s: the foot must not stop and start without end."""
+    model = Model(
+        "granular", ("two_resistance", "inertial_drag"), ModelParameters(k1=2100.0, k2=2100.0, delta=0.012, alpha=73.0),
+        motor_mass=1.125, rod_mass=0.175, foot_mass=0.04, spring_stiffness=3300.0, spring_damping=1.2, gravity=9.81,
+        foot_radius=0.0381, volume_fraction=0.57, grain_density=1000.0,
+    )  # fmt: skip
+    heights = []
+    for off in (0.0, 2e-8, 2.7e-8, 1e-6, 3e-6, 1e-5):
+        law = sinusoid(7.0, 0.01875, math.pi / 2 - off, 1.0, 0.1)
+        heights.append(simulate(model, law, t=np.arange(0.0, 0.8, 0.005), rtol=1e-8, atol=1e-10).jump_height)
+    assert heights == pytest.approx([heights[0]] * 6, abs=1e-8)  # the impulse of 1e-5 rad is worth less than 1e-8 m

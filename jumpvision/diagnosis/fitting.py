@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
+VALLEY = 0.02  # nor is a damped one, unless the free step promised more than this: then it creeps along a valley
 
 
 Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its trial's scatter, and their size
@@ -213,7 +214,8 @@ class Problem:
             if self.scattered and (again := residuals(x, moved := framed(x))) is not None:
                 frame, r, best = moved, again, cost(again, x)
             jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
-            if gain < ENOUGH:
+            free_step = _bounded(hessian, slope, 1e-9, scales, x, axes.low, axes.high)
+            if gain < ENOUGH and float(slope @ free_step) < VALLEY:
                 break
         else:
             converged = not free

@@ -117,6 +117,7 @@ def run(
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0)
     rod_before, rod_after, com = -np.inf, -np.inf, -np.inf
+    held = -np.inf
     for piece in range(rows.shape[0]):
         t, end, row = edges[piece], edges[piece + 1], rows[piece]
         if size > N_MOTION and p.kp == 0.0:
@@ -204,7 +205,7 @@ def run(
                         if final[i] <= 0.0:
                             if trial > RESOLVE:
                                 unresolved = True
-                            elif final[i] < -NOISE and theta > 0.0:
+                            elif final[i] < -NOISE and theta > 0.0 and not (mode == STUCK and t < held):
                                 event, theta = i, 0.0
                         continue
                     if not known:
@@ -284,13 +285,15 @@ def run(
                     s[XF], s[VF] = 0.0, 0.0
                 new_mode = AIR if event == 0 else INTRUDE
             elif mode == INTRUDE:
+                if taken == 0.0:  # an intrusion over before it could be seen: the foot rests meanwhile
+                    held = t + RESOLVE
                 memory[0] = max(memory[0], -s[XF])
                 memory[2] = memory[0]
                 s[XF], s[VF] = -memory[0], 0.0
                 log[n_log, 0], log[n_log, 1] = t, STOP
                 n_log += 1
                 mode = STUCK
-                new_mode = settle(t, s, memory, kind, row, p)
+                new_mode = STUCK if t < held else settle(t, s, memory, kind, row, p)
             else:
                 log[n_log, 0], log[n_log, 1] = t, LANDING
                 n_log += 1
