@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ from ..params import TrackParams
 from ..pipeline import StageWarning, stage
 from ..records import Track
 from ..sections import Actuation, Calibration, RodVideo
-from ..vision.ball import track_ball
+from ..vision.ball import BallSettings
 from ..vision.ball_film import track_film
 from ..vision.camera import Camera, camera
 from .films import open_film
@@ -32,12 +31,12 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
         diameter = p.diameter or (film.ball_diameter / view.scale if film.ball_diameter else None)
         exposure = film.exposure or float(frames.meta.get("exposure_s") or 0.0)
         interval = float(np.median(np.diff(frames.time))) if len(frames) > 1 else np.inf
-        follow = partial(
-            track_ball, diameter=diameter, polarity=p.polarity, method=p.method, search=p.search,
+        settings = BallSettings(
+            diameter=diameter, polarity=p.polarity, method=p.method, search=p.search,
             seed=(p.seed[0], p.seed[1]) if p.seed else None, streak=exposure > 0,
             exposure_fraction=min(exposure / interval, 1.0),
         )  # fmt: skip
-        found = track_film(frames, follow, scene=p.background == "static" and p.method == "disc")
+        found = track_film(frames, settings, scene=p.background == "static")[0]
         n, time = len(found.x), frames.time
     flag = np.array(found.flag, dtype=object)
     for i, reason in film.excluded().items():

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from jumpvision.vision import disc
 from jumpvision.vision.ball_memory import DRIFT, LIGHT, learn, rim_faults
 from jumpvision.vision.ball_threshold import half_height_centroid
+from jumpvision.vision.ball_view import View
 
 MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
 DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given
@@ -78,28 +79,29 @@ class DiscMeasure:
         self.rim = np.zeros(disc.SECTORS)  # running mean shape of the rim, px outside the circle
         self.rim_factor = 1.0
 
-    def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
+    def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
         """fresh: nothing learned before counts (a ball newly found), the noise comes from this frame alone."""
-        found = self._measure(image, start, fresh)
+        found = self._measure(view, start, fresh)
         if found.fit is not None and max(abs(found.x - start.x), abs(found.y - start.y)) > 3.0:
             # The ball may have run out of the crop made around the start
             p = found.fit.p
             again = Start(found.x, found.y, start.d, p[disc.WX], p[disc.WY], start.rough)
             if math.hypot(found.x - start.x, found.y - start.y) < 2.0 * start.d:
-                found = self._measure(image, again, fresh)
+                found = self._measure(view, again, fresh)
         return found
 
-    def _measure(self, image: NDArray[np.generic], start: Start, fresh: bool) -> Found:
+    def _measure(self, view: View, start: Start, fresh: bool) -> Found:
         fresh = fresh or self.noise is None
-        half = 0.75 * start.d + 10.0
+        half = window_half(start.d)
         x0 = max(0, int(start.x - 0.5 * abs(start.wx) - half))
         y0 = max(0, int(start.y - 0.5 * abs(start.wy) - half))
-        crop = np.asarray(
-            image[
-                y0 : int(start.y + 0.5 * abs(start.wy) + half) + 2, x0 : int(start.x + 0.5 * abs(start.wx) + half) + 2
-            ],
-            dtype=np.float64,
+        part = view.part(
+            y0,
+            int(start.y + 0.5 * abs(start.wy) + half) + 2,
+            x0,
+            int(start.x + 0.5 * abs(start.wx) + half) + 2,
         )
+        crop = np.asarray(part, dtype=np.float64)
         if min(crop.shape) < 4:
             return Found("lost: outside the image")
         p = self.last.copy()
@@ -113,7 +115,7 @@ class DiscMeasure:
         contrast = abs(p[disc.A] - p[disc.B])
         if not contrast > 0.0:
             return Found("lost: no contrast")
-        floor = 1.0 / 12.0 if np.issubdtype(image.dtype, np.integer) else (1e-4 * contrast) ** 2
+        floor = 1.0 / 12.0 if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
         mean, var = p.copy(), np.full(12, np.inf)
         var[LIGHT] = contrast**2 if fresh else self.light_var
         if self.streak:
@@ -139,7 +141,7 @@ class DiscMeasure:
         # Only a misfit beyond chance enlarges the stated uncertainty
         excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
         sigma = math.sqrt(max(fit.cov[0, 0], fit.cov[1, 1]) * excess * self.rim_factor) if fit.converged else math.nan
-        flag = self._judge(fit, sigma, image.shape, np.max(noise[:2]), fresh)
+        flag = self._judge(fit, sigma, view.shape, max(noise[0], noise[1]), fresh)
         return Found(flag, p[disc.X], p[disc.Y], sigma, 2.0 * p[disc.R], fit.chi2, fit)
 
     def _judge(self, fit: disc.DiscFit, sigma: float, shape: tuple[int, ...], noise: float, fresh: bool) -> str:
@@ -205,10 +207,10 @@ class ThresholdMeasure:
         self.seen = math.nan
         self.frames = 0
 
-    def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
+    def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
         half = max(self.search, 0.75) * start.d + 2.0
         x0, y0 = max(0, int(start.x - half)), max(0, int(start.y - half))
-        crop = np.asarray(image[y0 : int(start.y + half) + 2, x0 : int(start.x + half) + 2], dtype=np.float64)
+        crop = np.asarray(view.part(y0, int(start.y + half) + 2, x0, int(start.x + half) + 2), dtype=np.float64)
         if min(crop.shape) < 4:
             return Found("lost: outside the image")
         c = half_height_centroid(crop, (start.x - x0, start.y - y0), start.d, self.polarity)
@@ -229,6 +231,11 @@ class ThresholdMeasure:
 
     def missed(self) -> None:
         pass
+
+
+def window_half(d: float) -> float:
+    """Half side of the window around a ball of diameter d [px] that the disc is fitted in, without its streak."""
+    return 0.75 * d + 10.0
 
 
 def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tuple[float, float] | None:

@@ -1,4 +1,4 @@
-"""What the disc fits of one frame teach the next: how the lighting drifts, and how the rim's shape scatters. Compiled."""
+"""What the disc fit of one frame teaches the next: how the lighting drifts, how the rim's shape scatters. Compiled."""
 
 from __future__ import annotations
 
