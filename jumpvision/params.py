@@ -17,11 +17,19 @@ class TrackParams:
     background: str = param("static", "", "remove the still scene behind the ball, or leave it",
                             choices=("static", "none"))  # fmt: skip
     seed: tuple[float, ...] = param((), "px", "column, row of the ball in the first frame; default: found by search")
+    markers: tuple[tuple[float, ...], ...] = param(
+        (), "px", "[[column, row], ...] of further balls in the first frame: track_2.csv, track_3.csv ..."
+    )
     diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
 
     def check(self) -> list[str]:
-        """A seed is a point."""
-        return [f"seed = {list(self.seed)}: must be [column, row]"] if len(self.seed) not in (0, 2) else []
+        """A seed is a point, and so is every marker; several balls cannot be told apart without the first's."""
+        problems = [f"seed = {list(self.seed)}: must be [column, row]"] if len(self.seed) not in (0, 2) else []
+        if any(len(m) != 2 for m in self.markers):
+            problems.append(f"markers = {[list(m) for m in self.markers]}: must be [[column, row], ...]")
+        if self.markers and not self.seed:
+            problems.append("markers are given without a seed: give seed = [column, row] of the ball on the rod, too")
+        return problems
 
 
 @dataclass(frozen=True)

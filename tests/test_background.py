@@ -65,7 +65,7 @@ def test_a_ball_that_hides_the_scene_leaves_it_unknown():
     views = SceneSum()
     for k in range(30):
         assert k >= 20 or views.background() is None
-        views.add(image, [(COLUMN, 40.0, 2 * RADIUS)])
+        views.add(image, [(COLUMN, 40.0, 2 * RADIUS)], 190.0)
     known = views.background()
     assert np.isnan(known.scene[40, 24])
     assert known.scene[90, 24] == pytest.approx(image[90, 24])

@@ -3,41 +3,42 @@
 from __future__ import annotations
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from ..fit.mean import weighted_mean
 from ..params import TrackParams
 from ..pipeline import StageWarning, stage
 from ..records import Track
 from ..sections import Actuation, Calibration, RodVideo
-from ..vision.ball import BallSettings
-from ..vision.ball_film import track_film
+from ..vision.ball import BallTrack
 from ..vision.camera import Camera, camera
+from .ball_film import BallFilm
 from .films import open_film
 
 
-@stage(version=1)
+@stage(version=2)
 def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
     """Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN."""
-    return Track(with_rest_zero(from_film(film, calibration, p), actuation))
+    first, *others = (with_rest_zero(motion, actuation) for motion in from_film(film, calibration, p))
+    return Track(first, tuple(others))
 
 
-def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> pd.DataFrame:
-    """Columns of Track, height along the rail from the camera's own zero."""
-    with open_film(film) as frames:
-        view = film_camera(film, calibration or Calibration(), frames.shape)
-        diameter = p.diameter or (film.ball_diameter / view.scale if film.ball_diameter else None)
-        exposure = film.exposure or float(frames.meta.get("exposure_s") or 0.0)
-        interval = float(np.median(np.diff(frames.time))) if len(frames) > 1 else np.inf
-        settings = BallSettings(
-            diameter=diameter, polarity=p.polarity, method=p.method, search=p.search,
-            seed=(p.seed[0], p.seed[1]) if p.seed else None, streak=exposure > 0,
-            exposure_fraction=min(exposure / interval, 1.0),
-        )  # fmt: skip
-        found = track_film(frames, settings, scene=p.background == "static")[0]
-        n, time = len(found.x), frames.time
+def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> list[pd.DataFrame]:
+    """Columns of Track for every ball, height along the rail from the camera's own zero."""
+    balls = BallFilm(film, p, partial(film_camera, film, calibration or Calibration()))
+    with open_film(film, balls.see if balls.ready else None) as frames:
+        tracks, view = balls.tracks(frames), film_camera(film, calibration or Calibration(), frames.shape)
+        time = frames.time + balls.exposure(frames) / 2
+    return [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
+
+
+def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], view: Camera, number: int) -> pd.DataFrame:
+    """Columns of Track for one ball. time: (n,) mid-exposure [s]; number: of the ball, from 1."""
+    n, which = len(found.x), f"ball {number}: " if number > 1 else ""
     flag = np.array(found.flag, dtype=object)
     for i, reason in film.excluded().items():
         if i < n:
@@ -45,16 +46,18 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
     bad = flag != ""
     if bad.all():
         raise ValueError(
-            f"{film.path}: no ball found in any of {n} frames (first reason: {flag[0]}); "
+            f"{film.path}: {which}no ball found in any of {n} frames (first reason: {flag[0]}); "
             "check polarity, ball_diameter and scale, or give track.seed=[column, row]"
         )
     if bad.any():
         lost = np.flatnonzero(bad)
-        warnings.warn(f"{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})", StageWarning, stacklevel=2)
+        warnings.warn(
+            f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})", StageWarning, stacklevel=2
+        )
     x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))
     return pd.DataFrame(
         {
-            "frame": np.arange(n), "time_s": time[:n] + exposure / 2, "x_px": x, "y_px": y, "sigma_px": sigma,
+            "frame": np.arange(n), "time_s": time, "x_px": x, "y_px": y, "sigma_px": sigma,
             "height_m": view.height(x, y), "sigma_m": sigma * view.scale, "flag": flag,
         }
     )  # fmt: skip

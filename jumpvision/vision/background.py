@@ -50,13 +50,13 @@ class SceneSum:
         self._views = 0
         self._greys: list[float] = []
 
-    def add(self, image: NDArray[Any], balls: Iterable[tuple[float, float, float]]) -> None:
-        """One view: image (row, column) and x, y, diameter [px] of every ball in it; the first gives the grey."""
+    def add(self, image: NDArray[Any], balls: Iterable[tuple[float, float, float]], grey: float) -> None:
+        """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
         if self._total is None:
             self._total, self._hidden = np.zeros(image.shape), np.zeros(image.shape, dtype=np.int64)
         add_image(self._total, image)
         self._views += 1
-        for k, (x, y, diameter) in enumerate(balls):
+        for x, y, diameter in balls:
             reach = 0.5 * diameter + CLEAR
             y0, x0 = max(0, int(y - reach)), max(0, int(x - reach))
             at = np.s_[y0 : max(0, int(y + reach) + 2), x0 : max(0, int(x + reach) + 2)]
@@ -66,9 +66,7 @@ class SceneSum:
             taken = r <= reach
             self._total[at][taken] -= part[taken]
             self._hidden[at][taken] += 1
-            rim = part[(r < 0.42 * diameter) & (r > 0.3 * diameter)]
-            if k == 0 and rim.size:
-                self._greys.append(float(np.median(rim)))
+        self._greys.append(grey)
 
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""

@@ -17,10 +17,11 @@ from jumpvision.vision.background import LEAST, Background, SceneSum
 from jumpvision.vision.ball import BallSettings, BallTrack, BallTracker, as_track
 from jumpvision.vision.ball_measure import Found, window_half
 from jumpvision.vision.ball_view import View, Window
-from jumpvision.vision.disc import WX, WY
+from jumpvision.vision.disc import WX, WY, A
 
-VIEWS = 300  # frames that all count for the scene; of the next 300 every second does, of the next 600 every fourth ...
+VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
+BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache
 SAME = 0.5  # diameters: two balls nearer than this are one
 
 
@@ -50,27 +51,40 @@ class FilmTracker:
     """`track_film` for a film that is handed over frame by frame (`see`, in order), while it is decoded."""
 
     def __init__(self, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()):
+        self.settings = settings  # of the first ball
         self._settings = [settings] + [replace(settings, seed=m) for m in markers]
         self._trackers = [BallTracker(s) for s in self._settings]
         self._found: list[list[Found]] = []  # by frame, then by ball
+        self._waiting: list[NDArray[Any]] = []
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room = MEMORY
         self.shape = (0, 0)
 
     def see(self, image: NDArray[Any]) -> None:
-        """The next frame (row, column)."""
+        """The next frame (row, column); it is kept for a while and must not change."""
+        self._waiting.append(image)
+        if len(self._waiting) == BATCH:
+            self._catch_up()
+
+    def _catch_up(self) -> None:
+        for image in self._waiting:
+            self._follow(image)
+        self._waiting.clear()
+
+    def _follow(self, image: NDArray[Any]) -> None:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
         found = together(self._trackers, [View.of(image)] * len(self._trackers), [None] * len(self._trackers))
         self._found.append(found)
         if self._scene is None:
             return
         self._windows.append([self._window(image, f) for f in found])
-        if i % _stride(i) == 0 and not any(f.flag for f in found):
-            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found])
+        if i % _stride(i) == 0 and not any(f.flag for f in found) and found[0].fit is not None:
+            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].fit.p[A]))
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
+        self._catch_up()
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
             return first
