@@ -21,6 +21,10 @@ class TrackParams:
         (), "px", "[[column, row], ...] of further balls in the first frame: track_2.csv, track_3.csv ..."
     )
     diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
+    exposure_correction: str = param(
+        "report", "", "acceleration during the exposure shifts a height by a T^2/24: leave it, say so, or take it out",
+        choices=("none", "report", "apply"),
+    )  # fmt: skip
 
     def check(self) -> list[str]:
         """A seed is a point, and so is every marker; several balls cannot be told apart without the first's."""

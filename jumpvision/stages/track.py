@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ..fit.exposure import exposure_shift, shift_sigma
 from ..fit.mean import weighted_mean
 from ..params import TrackParams
 from ..pipeline import StageWarning, stage
@@ -18,6 +19,8 @@ from ..vision.ball import BallTrack
 from ..vision.camera import Camera, camera
 from .ball_film import BallFilm
 from .films import open_film
+
+SAY_FROM = 0.5  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1)
 
 
 @stage(version=2)
@@ -32,8 +35,37 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
     balls = BallFilm(film, p, partial(film_camera, film, calibration or Calibration()))
     with open_film(film, balls.see if balls.ready else None) as frames:
         tracks, view = balls.tracks(frames), film_camera(film, calibration or Calibration(), frames.shape)
-        time = frames.time + balls.exposure(frames) / 2
-    return [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
+        exposure = balls.exposure(frames)
+        time = frames.time + exposure / 2
+    motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
+    return [at_mid_exposure(motion, exposure, p.exposure_correction) for motion in motions]
+
+
+def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataFrame:
+    """height_m without what acceleration during the exposure [s] adds (how = "apply"), or a warning of its size."""
+    if how == "none" or exposure <= 0 or len(motion) < 3:
+        return motion
+    time, height, sigma = (motion[c].to_numpy(float) for c in ("time_s", "height_m", "sigma_m"))
+    shift = exposure_shift(time, height, exposure)
+    if np.isnan(shift).all():
+        return motion
+    worst = int(np.nanargmax(np.abs(shift)))
+    size = f"shifts heights by up to {abs(shift[worst]):.2g} m ({abs(shift[worst]) / sigma[worst]:.1f} sigma)"
+    if how == "apply":
+        known = np.isfinite(shift)
+        left = np.count_nonzero(np.isfinite(height) & ~known)
+        warnings.warn(
+            f"exposure {exposure:g} s: acceleration {size}; taken out, but for {left} frames without neighbours",
+            StageWarning, stacklevel=2,
+        )  # fmt: skip
+        better = np.where(known, shift_sigma(sigma, time, exposure), sigma)
+        return motion.assign(height_m=height - np.where(known, shift, 0.0), sigma_m=better)
+    if abs(shift[worst]) > SAY_FROM * sigma[worst]:
+        warnings.warn(
+            f'exposure {exposure:g} s: acceleration {size}; track.exposure_correction = "apply" takes it out',
+            StageWarning, stacklevel=2,
+        )  # fmt: skip
+    return motion
 
 
 def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], view: Camera, number: int) -> pd.DataFrame:
