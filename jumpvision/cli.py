@@ -42,6 +42,7 @@ class Options:
 
 
 OPTIONS = Options()
+DRAWN = ("jumpvision.report.pictures", "jumpvision.report.overlay")  # stages that draw results
 
 
 @app.command
@@ -366,7 +367,7 @@ def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipe
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", "jumpvision.report.pictures")[: 1 + options.pictures],
+        modules=("jumpvision.stages", *(DRAWN if options.pictures else ())),
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),

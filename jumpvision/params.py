@@ -37,6 +37,13 @@ class TrackParams:
 
 
 @dataclass(frozen=True)
+class OverlayParams:
+    """Film of the track to check by eye."""
+
+    every: int = param(0, "frames", "track.webm shows every n-th frame with the ball found; 0: no film", lo=0, hi=10000)
+
+
+@dataclass(frozen=True)
 class BedParams:
     """How the bed surface is found."""
 
@@ -111,6 +118,7 @@ class SimulateParams:
 
 PARAMS = {
     "track": TrackParams,
+    "overlay": OverlayParams,
     "bed": BedParams,
     "piv": PivParams,
     "flow": FlowParams,

@@ -14,6 +14,8 @@ from jumpvision.experiment import open_experiment
 from jumpvision.frames import open_frames
 from jumpvision.pipeline import Workspace
 from jumpvision.records import Track
+from jumpvision.report.overlay import TrackFilm
+from jumpvision.sections import NotApplicable
 from jumpvision.vision.ball import BallSettings
 from jumpvision.vision.ball_film import FilmTracker, track_film
 
@@ -112,3 +114,36 @@ def test_windows_that_are_not_kept_are_read_again(monkeypatch):
     monkeypatch.setattr("jumpvision.vision.ball_film.MEMORY", 0)
     read = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
     assert np.allclose(read.y, kept.y, atol=1e-9, equal_nan=True)
+
+
+def test_overlay_film_shows_the_cross_where_the_ball_is(tmp_path):
+    """Every second frame; green is drawn nowhere but along the path and at the ball."""
+    frames, (rod_x, rod_y), _ = two_balls(np.random.default_rng(6), crossing=False)
+    film_file(tmp_path / "rod.avi", frames)
+    (tmp_path / "experiment.toml").write_text(
+        'schema = 1\n[rod_video]\nfile = "rod.avi"\nscale = 1e-3\nball_diameter = 0.014\n'
+        "[params.track]\nseed = [38, 30]\n[params.overlay]\nevery = 2\n"
+    )
+    space = Workspace(open_experiment(tmp_path), tmp_path / "out", tmp_path / "cache")
+    space.make(TrackFilm)
+    with av.open(str(tmp_path / "out" / "track.webm")) as container:
+        shown = [f.to_ndarray(format="rgb24").astype(int) for f in container.decode(video=0)]
+    assert len(shown) == N // 2
+    factor = shown[0].shape[1] // 84
+    last = shown[-1]
+    green = np.argwhere(last[:, :, 1] - last[:, :, [0, 2]].max(axis=2) > 60)
+    k = 2 * (len(shown) - 1)
+    centre = np.array([(rod_y[k] + 0.5) * factor, (rod_x[k] + 0.5) * factor])
+    assert np.hypot(*(green - centre).T).min() < 2
+    assert green[:, 0].max() < (rod_y.max() + 0.5) * factor + 9
+
+
+def test_no_overlay_film_unless_asked_for(tmp_path):
+    film_file(tmp_path / "rod.avi", two_balls(np.random.default_rng(6), crossing=False)[0][:3])
+    (tmp_path / "experiment.toml").write_text(
+        'schema = 1\n[rod_video]\nfile = "rod.avi"\nscale = 1e-3\nball_diameter = 0.014\n'
+        "[params.track]\nseed = [38, 30]\n"
+    )
+    space = Workspace(open_experiment(tmp_path), tmp_path / "out", tmp_path / "cache")
+    with pytest.raises(NotApplicable, match=r"overlay\.every = 0"):
+        space.make(TrackFilm)

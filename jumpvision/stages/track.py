@@ -20,7 +20,7 @@ from ..vision.camera import Camera, camera
 from .ball_film import BallFilm
 from .films import open_film
 
-SAY_FROM = 0.5  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1)
+SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
 
 @stage(version=2)
