@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 PARTS = {
     "pipeline": "Whole commands",
     "ball": "Ball tracker",
+    "ball_films": "Ball tracker on whole films",
     "piv": "PIV",
     "hard": "Hard-ground jumper",
 }
