@@ -76,7 +76,8 @@ METHODS: dict[str, Callable[[list[NDArray[np.uint8]], float], tuple[Positions, N
 def rendered(n: int) -> None:
     rng = np.random.default_rng(2)
     print(
-        "| diameter px | noise grey | method | RMS error px | over Cramer-Rao | coverage of 1 sigma | lost | frames/s of processor time |"
+        "| diameter px | noise grey | method | RMS error px | over Cramer-Rao | coverage of 1 sigma | lost "
+        "| frames/s of processor time |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for d in (10.0, 19.0, 40.0):
