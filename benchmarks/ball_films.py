@@ -37,7 +37,7 @@ def placed(shape: tuple[int, int], x: float, y: float, d: float) -> NDArray[np.f
     m = int(d / 2 + 6)
     out = np.zeros((shape[0] + 4 * m, shape[1] + 4 * m))
     x0, y0 = round(x) - m, round(y) - m
-    if -2 * m < x0 < shape[1] + m and -2 * m < y0 < shape[0] + m:
+    if -2 * m < x0 < shape[1] and -2 * m < y0 < shape[0]:
         at = np.s_[y0 + 2 * m : y0 + 4 * m + 1, x0 + 2 * m : x0 + 4 * m + 1]
         out[at] = disc_image((2 * m + 1, 2 * m + 1), x - x0, y - y0, d)
     return out[2 * m : -2 * m, 2 * m : -2 * m]
