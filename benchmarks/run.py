@@ -16,6 +16,7 @@ PARTS = {
     "pipeline": "Whole commands",
     "ball": "Ball tracker",
     "crater": "Laser line",
+    "ball_films": "Ball tracker on whole films",
     "piv": "PIV",
     "memory": "PIV memory",
     "hard": "Hard-ground jumper",

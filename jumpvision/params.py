@@ -17,11 +17,30 @@ class TrackParams:
     background: str = param("static", "", "remove the still scene behind the ball, or leave it",
                             choices=("static", "none"))  # fmt: skip
     seed: tuple[float, ...] = param((), "px", "column, row of the ball in the first frame; default: found by search")
+    markers: tuple[tuple[float, ...], ...] = param(
+        (), "px", "[[column, row], ...] of further balls in the first frame: track_2.csv, track_3.csv ..."
+    )
     diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
+    exposure_correction: str = param(
+        "report", "", "acceleration during the exposure shifts a height by a T^2/24: leave it, say so, or take it out",
+        choices=("none", "report", "apply"),
+    )  # fmt: skip
 
     def check(self) -> list[str]:
-        """A seed is a point."""
-        return [f"seed = {list(self.seed)}: must be [column, row]"] if len(self.seed) not in (0, 2) else []
+        """A seed is a point, and so is every marker; several balls cannot be told apart without the first's."""
+        problems = [f"seed = {list(self.seed)}: must be [column, row]"] if len(self.seed) not in (0, 2) else []
+        if any(len(m) != 2 for m in self.markers):
+            problems.append(f"markers = {[list(m) for m in self.markers]}: must be [[column, row], ...]")
+        if self.markers and not self.seed:
+            problems.append("markers are given without a seed: give seed = [column, row] of the ball on the rod, too")
+        return problems
+
+
+@dataclass(frozen=True)
+class OverlayParams:
+    """Film of the track to check by eye."""
+
+    every: int = param(0, "frames", "track.webm shows every n-th frame with the ball found; 0: no film", lo=0, hi=10000)
 
 
 @dataclass(frozen=True)
@@ -145,6 +164,7 @@ class SimulateParams:
 
 PARAMS = {
     "track": TrackParams,
+    "overlay": OverlayParams,
     "bed": BedParams,
     "piv": PivParams,
     "flow": FlowParams,

@@ -99,11 +99,28 @@ class Values(Record):
         return cls(json.loads((folder / cls.file).read_text(encoding="utf-8")))
 
 
+@dataclass(frozen=True)
 class Track(Table):
-    """Rod marker, one row a frame; times at mid-exposure; a flagged row holds NaN."""
+    """Rod marker, one row a frame; times at mid-exposure; a flagged row holds NaN. others: the same of further balls,
+    in track_2.csv, track_3.csv ..."""
+
+    others: tuple[pd.DataFrame, ...] = ()
 
     file = "track.csv"
     columns = ("frame", "time_s", "x_px", "y_px", "sigma_px", "height_m", "sigma_m", "flag")
+
+    def save(self, folder: Path) -> None:
+        super().save(folder)
+        for k, table in enumerate(self.others, 2):
+            table.to_csv(folder / f"track_{k}.csv", index=False, lineterminator="\n")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        import pandas as pd
+
+        first = super().load(folder).table
+        files = sorted(folder.glob("track_[0-9]*.csv"), key=lambda f: int(f.stem[6:]))
+        return cls(first, tuple(pd.read_csv(f, float_precision="round_trip") for f in files))
 
     @property
     def good(self) -> pd.DataFrame:

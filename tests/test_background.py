@@ -7,15 +7,14 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from jumpvision.lab.rod_film import balls
-from jumpvision.vision.background import Background, static_background
-from jumpvision.vision.ball import BallTrack, track_ball
+from jumpvision.vision.background import Background, SceneSum
+from jumpvision.vision.ball import BallSettings
 from jumpvision.vision.ball_film import track_film
 
 SHAPE, RADIUS, COLUMN = (110, 52), 8.0, 24.3
-SETTINGS = {
-    "diameter": 2 * RADIUS, "polarity": "bright", "method": "disc", "search": 1.5, "seed": None, "streak": False,
-    "exposure_fraction": 0.0,
-}  # fmt: skip
+SETTINGS = BallSettings(
+    diameter=2 * RADIUS, polarity="bright", method="disc", search=1.5, seed=None, streak=False, exposure_fraction=0.0
+)
 
 
 def film(rng: np.random.Generator, texture: float) -> tuple[np.ndarray, np.ndarray]:
@@ -25,10 +24,6 @@ def film(rng: np.random.Generator, texture: float) -> tuple[np.ndarray, np.ndarr
     share = balls(rows[:, None], COLUMN, radius=RADIUS, shape=SHAPE, blur_px=0.8, limb=0.0, side_light=0.0)
     frames = scene * (1 - share) + 190 * share + rng.normal(0, 2, share.shape)
     return np.clip(np.round(frames), 0, 255).astype(np.uint8), rows
-
-
-def follow(frames) -> BallTrack:
-    return track_ball(frames, **SETTINGS)
 
 
 def test_removing_a_known_scene_is_exact():
@@ -48,7 +43,7 @@ def test_a_textured_scene_no_longer_pulls_the_ball():
     """The error falls to that of an even scene, and the stated sigma covers it: 120 frames, 0.683 +- 3 * 0.042."""
     rng = np.random.default_rng(4)
     frames, rows = film(rng, texture=6.0)
-    plain, clean = track_film(frames, follow, scene=False), track_film(frames, follow, scene=True)
+    (plain,), (clean,) = track_film(frames, SETTINGS, scene=False), track_film(frames, SETTINGS, scene=True)
     error = [np.std(t.y - rows) for t in (plain, clean)]
     assert error[1] < 0.6 * error[0]
     z = (clean.y - rows - np.mean(clean.y - rows)) / clean.sigma
@@ -59,7 +54,7 @@ def test_a_moving_scene_makes_nothing_worse():
     rng = np.random.default_rng(5)
     frames, rows = film(rng, texture=0.0)
     moving = frames + np.stack([gaussian_filter(rng.normal(0, 60, SHAPE), 2.0) for _ in frames]).clip(0, 40)
-    first, second = track_film(moving, follow, scene=False), track_film(moving, follow, scene=True)
+    (first,), (second,) = track_film(moving, SETTINGS, scene=False), track_film(moving, SETTINGS, scene=True)
     error = [np.nanstd(t.y - rows) for t in (first, second)]
     assert error[1] <= 1.05 * error[0]  # a scene that is not there is not subtracted, or does no harm
 
@@ -67,7 +62,10 @@ def test_a_moving_scene_makes_nothing_worse():
 def test_a_ball_that_hides_the_scene_leaves_it_unknown():
     rng = np.random.default_rng(6)
     image = rng.normal(30, 2, SHAPE)
-    known = static_background((image, COLUMN, 40.0, 2 * RADIUS) for _ in range(30))
+    views = SceneSum()
+    for k in range(30):
+        assert k >= 20 or views.background() is None
+        views.add(image, [(COLUMN, 40.0, 2 * RADIUS)], 190.0)
+    known = views.background()
     assert np.isnan(known.scene[40, 24])
-    assert np.isfinite(known.scene[90, 24])
-    assert static_background((image, COLUMN, 40.0, 2 * RADIUS) for _ in range(5)) is None
+    assert known.scene[90, 24] == pytest.approx(image[90, 24])

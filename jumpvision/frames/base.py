@@ -42,6 +42,9 @@ class Film(ABC):
     recorded_rate_hz [Hz], camera. Raises FrameError when a frame cannot be read, IndexError beyond the film.
     """
 
+    decodes_on_opening = False  # and takes `seen`
+    shown = False  # whether `open_frames(seen=...)` was given all frames of this film
+
     def __init__(
         self,
         path: Path,

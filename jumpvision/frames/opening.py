@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 
-from jumpvision.frames.base import Film, FrameError
+from jumpvision.frames.base import Film, FrameError, Image
 
 READERS: dict[str, tuple[str, str]] = {
     **dict.fromkeys((".avi", ".mp4", ".m4v", ".mkv", ".mov", ".webm"), ("video", "VideoFilm")),
@@ -27,12 +28,15 @@ def open_frames(
     frame_rate: float | None = None,
     start: float = 0.0,
     pattern_root: str | os.PathLike[str] | None = None,
+    seen: Callable[[Image], None] | None = None,
 ) -> Film:
     """The film at `path`: a film file, a folder of images, a glob pattern of images or a single image.
 
     frame_rate: declared frames per second [Hz]; used where the file has no time stamps of its own, else compared with
     them. start: common clock [s] at the start of the first exposure. pattern_root: folder that a relative path or
-    pattern starts from (default: the working folder). Raises FrameError when the film cannot be read at all.
+    pattern starts from (default: the working folder). seen: called with every frame, in order, where opening the film
+    means to decode it anyway; the film's `shown` then says whether these were exactly its frames. Raises FrameError
+    when the film cannot be read at all.
     """
     if frame_rate is not None and not (math.isfinite(frame_rate) and frame_rate > 0):
         raise FrameError(f"{path}: frame_rate = {frame_rate!r}; must be > 0 Hz")
@@ -52,5 +56,6 @@ def open_frames(
         raise FrameError(f"{full}: the file is empty (0 bytes); copy it from the camera again")
     module, name = READERS[full.suffix.lower()]
     reader = getattr(importlib.import_module(f"jumpvision.frames.{module}"), name)
-    film: Film = reader(full, frame_rate=frame_rate, start=start)
+    watched = {"seen": seen} if seen is not None and reader.decodes_on_opening else {}
+    film: Film = reader(full, frame_rate=frame_rate, start=start, **watched)
     return film

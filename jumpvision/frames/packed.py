@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from jumpvision.frames.base import FrameError, Image
@@ -38,16 +39,28 @@ def unpack(data: NDArray[np.uint8], bits: int) -> Image:
         return data
     if bits == 16:
         return data.view("<u2").astype(np.uint16, copy=False)
-    if bits == 12:  # 3 bytes hold 2 pixels
-        b = data.reshape(-1, 3).astype(np.uint16).T
-        return np.stack([b[0] << 4 | b[1] >> 4, (b[1] & 15) << 8 | b[2]], axis=1).ravel()
-    if bits == 10:  # 5 bytes hold 4 pixels
-        b = data.reshape(-1, 5).astype(np.uint16).T
-        pixels = [
-            b[0] << 2 | b[1] >> 6,
-            (b[1] & 63) << 4 | b[2] >> 4,
-            (b[2] & 15) << 6 | b[3] >> 2,
-            (b[3] & 3) << 8 | b[4],
-        ]
-        return np.stack(pixels, axis=1).ravel()
+    if bits in (10, 12):
+        out = np.empty(len(data) * 8 // bits, dtype=np.uint16)
+        (_unpack12 if bits == 12 else _unpack10)(data, out)
+        return out
     raise ValueError(f"bits = {bits}; must be 8, 10, 12 or 16")
+
+
+@njit(cache=True)
+def _unpack12(b, out):  # type: ignore[no-untyped-def]
+    """3 bytes hold 2 pixels."""
+    for k in range(len(out) // 2):
+        m = 3 * k
+        out[2 * k] = np.uint16(b[m]) << 4 | b[m + 1] >> 4
+        out[2 * k + 1] = np.uint16(b[m + 1] & 15) << 8 | b[m + 2]
+
+
+@njit(cache=True)
+def _unpack10(b, out):  # type: ignore[no-untyped-def]
+    """5 bytes hold 4 pixels."""
+    for k in range(len(out) // 4):
+        m = 5 * k
+        out[4 * k] = np.uint16(b[m]) << 2 | b[m + 1] >> 6
+        out[4 * k + 1] = np.uint16(b[m + 1] & 63) << 4 | b[m + 2] >> 4
+        out[4 * k + 2] = np.uint16(b[m + 2] & 15) << 6 | b[m + 3] >> 2
+        out[4 * k + 3] = np.uint16(b[m + 3] & 3) << 8 | b[m + 4]

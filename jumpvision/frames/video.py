@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,12 @@ class VideoFilm(Film):
     Grey is the luma plane as stored, without stretching studio range; RGB becomes Rec. 601 luma (see `grey.luma`).
     """
 
-    def __init__(self, path: Path, *, frame_rate: float | None, start: float) -> None:
-        scan, self._threads = scan_film(path, "AUTO"), "AUTO"
+    decodes_on_opening = True
+
+    def __init__(
+        self, path: Path, *, frame_rate: float | None, start: float, seen: Callable[[Image], None] | None = None
+    ) -> None:
+        scan, self._threads = scan_film(path, "AUTO", seen), "AUTO"
         if scan.broken:  # one frame at a time, so that an error belongs to the packet just given
             scan, self._threads = scan_film(path, "SLICE"), "SLICE"
         if not scan.kinds:
@@ -36,6 +40,7 @@ class VideoFilm(Film):
             raise FrameError(f"{path}: the frames change their size or pixels ({found}); convert the film to one kind")
         line = timeline(path, scan)
         self._ordinal = line.ordinal
+        self.shown = seen is not None and self._threads == "AUTO" and len(line.ordinal) == len(scan.frame_pts)
         self._pts = [scan.frame_pts[k] for k in line.ordinal]
         # Seeking needs stamps that name one frame, and the place of each packet: a damaged index leads elsewhere.
         self._seekable = None not in scan.frame_pts and len(set(scan.frame_pts)) == len(scan.frame_pts)

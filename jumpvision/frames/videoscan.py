@@ -5,7 +5,7 @@ Nothing less is exact: packets are not frames (edit lists hide some, damage lose
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.frames.base import FrameError
+from jumpvision.frames.base import FrameError, Image
 from jumpvision.frames.ffv1 import checksums_hold
 from jumpvision.frames.videofile import decode_steps, open_video
+from jumpvision.frames.videogrey import grey
+from jumpvision.progress import watch
 
 HIDDEN_FRAMES = ("vp8", "vp9", "av1")  # codecs whose packets may show nothing
 DEEPEST_REORDER = 16  # frames; no codec delays a frame by more
@@ -53,7 +55,8 @@ class Timeline:
     lost: int
 
 
-def scan_film(path: Path, threads: str) -> Scan:
+def scan_film(path: Path, threads: str, seen: Callable[[Image], None] | None = None) -> Scan:
+    """seen: is given every frame that decodes, in the order of display, as long as they are of one kind."""
     container, stream = open_video(path, threads)
     with container:
         alone = len(container.streams) == 1 and container.duration
@@ -67,7 +70,7 @@ def scan_film(path: Path, threads: str) -> Scan:
         )
         corrupt: list[int | None] = []
         checked: list[bool] = []  # of FFV1 packets
-        for packet, frames, failed in decode_steps(container, stream):
+        for packet, frames, failed in watch(decode_steps(container, stream), "frames decoded", stream.frames or None):
             if packet is not None and packet.is_discard:
                 scan.hidden += 1
             elif packet is not None:
@@ -76,6 +79,8 @@ def scan_film(path: Path, threads: str) -> Scan:
                     checked.append(checksums_hold(bytes(packet)))
             for frame in frames:
                 add_frame(scan, frame)
+                if seen is not None and len(scan.kinds) == 1:
+                    seen(grey(frame))
                 if frame.is_corrupt:
                     corrupt.append(frame.pts)
     at = {pts: k for k, pts in enumerate(scan.pts)}

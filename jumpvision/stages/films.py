@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -19,9 +20,12 @@ from .view import view_of
 SCALE_OF_PIXELS = 1.0  # m/px, where only the lens is undone
 
 
-def open_film(section: RodVideo | GrainVideo) -> Film:
-    """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it."""
-    film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start)
+def open_film(section: RodVideo | GrainVideo, seen: Callable[[NDArray[np.generic]], None] | None = None) -> Film:
+    """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it.
+
+    seen: see `open_frames`.
+    """
+    film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start, seen=seen)
     if section.clock == "declared":
         film = timed_as_declared(film, section)
     if film.truncated and section.truncated != "accept":

@@ -7,38 +7,71 @@ from functools import partial
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from ..fit.exposure import exposure_shift, shift_sigma
 from ..fit.mean import weighted_mean
 from ..params import TrackParams
 from ..pipeline import StageWarning, stage
 from ..records import Track
 from ..sections import Actuation, Calibration, RodVideo
-from ..vision.ball import track_ball
-from ..vision.ball_film import track_film
+from ..vision.ball import BallTrack
+from ..vision.camera import Camera
+from .ball_film import BallFilm
 from .films import open_film
 from .view import view_of
 
+SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
-@stage(version=1)
+
+@stage(version=2)
 def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
     """Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN."""
-    return Track(with_rest_zero(from_film(film, calibration, p), actuation))
+    first, *others = (with_rest_zero(motion, actuation) for motion in from_film(film, calibration, p))
+    return Track(first, tuple(others))
 
 
-def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> pd.DataFrame:
-    """Columns of Track, height along the rail from the camera's own zero."""
-    with open_film(film) as frames:
-        view = view_of(calibration, film, frames.shape)
-        diameter = p.diameter or (film.ball_diameter / view.scale if film.ball_diameter else None)
-        exposure = film.exposure or float(frames.meta.get("exposure_s") or 0.0)
-        interval = float(np.median(np.diff(frames.time))) if len(frames) > 1 else np.inf
-        follow = partial(
-            track_ball, diameter=diameter, polarity=p.polarity, method=p.method, search=p.search,
-            seed=(p.seed[0], p.seed[1]) if p.seed else None, streak=exposure > 0,
-            exposure_fraction=min(exposure / interval, 1.0),
+def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> list[pd.DataFrame]:
+    """Columns of Track for every ball, height along the rail from the camera's own zero."""
+    balls = BallFilm(film, p, partial(view_of, calibration, film))
+    with open_film(film, balls.see if balls.ready else None) as frames:
+        tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
+        exposure = balls.exposure(frames)
+        time = frames.time + exposure / 2
+    motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
+    return [at_mid_exposure(motion, exposure, p.exposure_correction) for motion in motions]
+
+
+def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataFrame:
+    """height_m without what acceleration during the exposure [s] adds (how = "apply"), or a warning of its size."""
+    if how == "none" or exposure <= 0 or len(motion) < 3:
+        return motion
+    time, height, sigma = (motion[c].to_numpy(float) for c in ("time_s", "height_m", "sigma_m"))
+    shift = exposure_shift(time, height, exposure)
+    if np.isnan(shift).all():
+        return motion
+    worst = int(np.nanargmax(np.abs(shift)))
+    size = f"shifts heights by up to {abs(shift[worst]):.2g} m ({abs(shift[worst]) / sigma[worst]:.1f} sigma)"
+    if how == "apply":
+        known = np.isfinite(shift)
+        left = np.count_nonzero(np.isfinite(height) & ~known)
+        warnings.warn(
+            f"exposure {exposure:g} s: acceleration {size}; taken out, but for {left} frames without neighbours",
+            StageWarning, stacklevel=2,
         )  # fmt: skip
-        found = track_film(frames, follow, scene=p.background == "static" and p.method == "disc")
-        n, time = len(found.x), frames.time
+        better = np.where(known, shift_sigma(sigma, time, exposure), sigma)
+        return motion.assign(height_m=height - np.where(known, shift, 0.0), sigma_m=better)
+    if abs(shift[worst]) > SAY_FROM * sigma[worst]:
+        warnings.warn(
+            f'exposure {exposure:g} s: acceleration {size}; track.exposure_correction = "apply" takes it out',
+            StageWarning, stacklevel=2,
+        )  # fmt: skip
+    return motion
+
+
+def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], view: Camera, number: int) -> pd.DataFrame:
+    """Columns of Track for one ball. time: (n,) mid-exposure [s]; number: of the ball, from 1."""
+    n, which = len(found.x), f"ball {number}: " if number > 1 else ""
     flag = np.array(found.flag, dtype=object)
     for i, reason in film.excluded().items():
         if i < n:
@@ -46,16 +79,18 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
     bad = flag != ""
     if bad.all():
         raise ValueError(
-            f"{film.path}: no ball found in any of {n} frames (first reason: {flag[0]}); "
+            f"{film.path}: {which}no ball found in any of {n} frames (first reason: {flag[0]}); "
             "check polarity, ball_diameter and scale, or give track.seed=[column, row]"
         )
     if bad.any():
         lost = np.flatnonzero(bad)
-        warnings.warn(f"{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})", StageWarning, stacklevel=2)
+        warnings.warn(
+            f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})", StageWarning, stacklevel=2
+        )
     x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))
     return pd.DataFrame(
         {
-            "frame": np.arange(n), "time_s": time[:n] + exposure / 2, "x_px": x, "y_px": y, "sigma_px": sigma,
+            "frame": np.arange(n), "time_s": time, "x_px": x, "y_px": y, "sigma_px": sigma,
             "height_m": view.height(x, y), "sigma_m": sigma * view.scale, "flag": flag,
         }
     )  # fmt: skip

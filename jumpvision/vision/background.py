@@ -8,10 +8,10 @@ known, the share itself is (I - B)/(A - B).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -21,44 +21,68 @@ LEAST = 20  # views of a pixel before its mean is used: its noise is then below 
 FAINT = 0.3  # of the typical contrast: where the scene is as bright as the ball, the share cannot be had
 
 
-@dataclass(frozen=True)
 class Background:
     """scene: (row, column) [grey], NaN where never seen; level: its median; ball: grey of the ball inside its edge."""
 
-    scene: Array
-    level: float
-    ball: float
-
-    def removed(self, image: NDArray[Any]) -> Array:
-        """The image with the even scene `level` behind the ball; unchanged where the scene is not known."""
-        contrast = self.ball - self.scene
-        usable = np.isfinite(contrast) & (contrast / (self.ball - self.level) > FAINT)
+    def __init__(self, scene: Array, level: float, ball: float):
+        self.scene, self.level, self.ball = scene, level, ball
+        contrast = ball - scene
+        usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = (image - self.scene) / contrast
-        return np.where(usable, self.level + share * (self.ball - self.level), image)
+            self._gain = np.where(usable, (ball - level) / contrast, 1.0)
+        self._offset = np.where(usable, level - np.where(usable, scene, 0.0) * self._gain, 0.0)
+
+    def removed(self, image: NDArray[Any], row: int = 0, column: int = 0) -> Array:
+        """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
+        unchanged where the scene is not known."""
+        at = np.s_[row : row + image.shape[0], column : column + image.shape[1]]
+        out: Array = image * self._gain[at]
+        out += self._offset[at]
+        return out
 
 
-def static_background(views: Iterable[tuple[NDArray[Any], float, float, float]]) -> Background | None:
-    """The scene from views (image (row, column), x, y, diameter [px]) of a film whose camera and light stand still.
+class SceneSum:
+    """The scene behind one or several balls of a film whose camera and light stand still, from its views one by one."""
 
-    None where too little of it is ever seen to be of use.
-    """
-    total = count = None
-    greys = []
-    for image, x, y, diameter in views:
-        rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
-        r = np.hypot(columns - x, rows - y)
-        if total is None or count is None:
-            total, count = np.zeros(image.shape), np.zeros(image.shape, dtype=np.int64)
-        free = r > 0.5 * diameter + CLEAR
-        total[free] += image[free]
-        count[free] += 1
-        inside = image[(r < 0.42 * diameter) & (r > 0.3 * diameter)]
-        if inside.size:
-            greys.append(float(np.median(inside)))
-    if total is None or count is None or not greys or not (count >= LEAST).any():
-        return None
-    with np.errstate(invalid="ignore"):
-        scene = np.where(count >= LEAST, total / np.maximum(count, 1), np.nan)
-    level, ball = float(np.nanmedian(scene)), float(np.median(greys))
-    return Background(scene, level, ball) if ball != level else None
+    def __init__(self) -> None:
+        self._total: Array | None = None
+        self._hidden: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
+        self._views = 0
+        self._greys: list[float] = []
+
+    def add(self, image: NDArray[Any], balls: Iterable[tuple[float, float, float]], grey: float) -> None:
+        """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
+        if self._total is None:
+            self._total, self._hidden = np.zeros(image.shape), np.zeros(image.shape, dtype=np.int64)
+        add_image(self._total, image)
+        self._views += 1
+        for x, y, diameter in balls:
+            reach = 0.5 * diameter + CLEAR
+            y0, x0 = max(0, int(y - reach)), max(0, int(x - reach))
+            at = np.s_[y0 : max(0, int(y + reach) + 2), x0 : max(0, int(x + reach) + 2)]
+            part = image[at]
+            rows, columns = np.ogrid[y0 : y0 + part.shape[0], x0 : x0 + part.shape[1]]
+            r = np.hypot(columns - x, rows - y)
+            taken = r <= reach
+            self._total[at][taken] -= part[taken]
+            self._hidden[at][taken] += 1
+        self._greys.append(grey)
+
+    def background(self) -> Background | None:
+        """None where too little of the scene is ever seen to be of use."""
+        seen = self._views - self._hidden
+        if self._total is None or not self._greys or not (seen >= LEAST).any():
+            return None
+        scene = np.where(seen >= LEAST, self._total / np.maximum(seen, 1), np.nan)
+        if np.isnan(scene).all():
+            return None
+        level, ball = float(np.nanmedian(scene)), float(np.median(self._greys))
+        return Background(scene, level, ball) if ball != level else None
+
+
+@njit(cache=True)
+def add_image(total, image):  # type: ignore[no-untyped-def]
+    """total += image, at the speed of memory."""
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            total[y, x] += image[y, x]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.vision.ball_measure import DiscMeasure, Found, Start, ThresholdMeasure
 from jumpvision.vision.ball_search import Blob, find_blobs
+from jumpvision.vision.ball_view import View
+from jumpvision.vision.disc import WX, WY
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
@@ -34,83 +37,101 @@ class BallTrack:
     flag: NDArray[np.str_]
 
 
-def track_ball(
-    images: Iterable[NDArray[np.generic]],
-    *,
-    diameter: float | None,
-    polarity: str,
-    method: str,
-    search: float,
-    seed: tuple[float, float] | None,
-    streak: bool,
-    exposure_fraction: float,
-    progress: Callable[[int], None] | None = None,
-) -> BallTrack:
-    """Follow one ball through `images`, each (row, column) of grey levels (integer or float; NaN = no data).
+@dataclass(frozen=True)
+class BallSettings:
+    """How to follow one ball. Raises ValueError for a value out of range, by name.
 
     diameter: of the ball [px], None: learned from the first frame. polarity: "bright" or "dark" against the background.
     method: "disc" (least squares, see `disc`) or "threshold" (half height and centroid, the published way).
     search: half width of the window around the predicted position [ball diameters]; it grows with every lost frame.
     seed: position (x, y) in the first frame [px], None: the frame must show one ball only. streak: fit the motion blur,
     starting from the velocity times exposure_fraction (exposure over frame interval, 0..1).
-    progress: called with the number of frames done. A frame without a sound ball is flagged, never an exception.
+    """
+
+    diameter: float | None
+    polarity: str
+    method: str
+    search: float
+    seed: tuple[float, float] | None
+    streak: bool
+    exposure_fraction: float
+
+    def __post_init__(self) -> None:
+        _check(self.diameter, self.polarity, self.method, self.search, self.seed, self.exposure_fraction)
+
+
+def track_ball(images: Iterable[NDArray[np.generic]], **settings: Any) -> BallTrack:
+    """Follow one ball through `images`, each (row, column) of grey levels (integer or float; NaN = no data).
+
+    settings: those of BallSettings, all of them. A frame without a sound ball is flagged, never an exception.
     Raises ValueError for an argument out of range or an image that is not two-dimensional.
     """
-    _check(diameter, polarity, method, search, seed, exposure_fraction)
-    measurer: DiscMeasure | ThresholdMeasure
-    if method == "disc":
-        measurer = DiscMeasure(diameter, polarity, streak)
-    else:
-        measurer = ThresholdMeasure(diameter, polarity, search)
-    tracker = _Tracker(measurer, diameter, polarity, search, seed, streak, exposure_fraction)
+    tracker = BallTracker(BallSettings(**settings))
     found = []
     for i, image in enumerate(images):
         if np.ndim(image) != 2:
             raise ValueError(f"images[{i}] has shape {np.shape(image)}: must be (row, column); convert colour to grey")
-        found.append(tracker.step(np.asarray(image)))
-        if progress is not None:
-            progress(i + 1)
+        found.append(tracker.step(View.of(np.asarray(image))))
+    return as_track(found)
+
+
+def as_track(found: Sequence[Found]) -> BallTrack:
+    """The track that the measurements of all frames make; numbers of flagged ones are dropped."""
     good = [f if not f.flag else Found(f.flag) for f in found]
     numbers = np.array([(f.x, f.y, f.sigma, f.diameter, f.chi2) for f in good], dtype=np.float64).reshape(-1, 5)
     x, y, sigma, size, chi2 = numbers.T.copy()
     return BallTrack(x, y, sigma, size, chi2, np.array([f.flag for f in good], dtype=np.str_))
 
 
-class _Tracker:
-    """The loop's memory: last position, velocity, how long the ball is lost, and other balls seen meanwhile."""
+class BallTracker:
+    """One ball from frame to frame: last position, velocity, how long it is lost, and other balls seen meanwhile."""
 
-    def __init__(
-        self,
-        measurer: DiscMeasure | ThresholdMeasure,
-        diameter: float | None,
-        polarity: str,
-        search: float,
-        seed: tuple[float, float] | None,
-        streak: bool,
-        exposure_fraction: float,
-    ):
-        self.measurer = measurer
-        self.polarity, self.search, self.seed = polarity, search, seed
-        self.d = diameter
-        self.streak, self.exposure_fraction = streak, exposure_fraction
+    def __init__(self, settings: BallSettings):
+        s = settings
+        self.measurer: DiscMeasure | ThresholdMeasure
+        if s.method == "disc":
+            self.measurer = DiscMeasure(s.diameter, s.polarity, s.streak)
+        else:
+            self.measurer = ThresholdMeasure(s.diameter, s.polarity, s.search)
+        self.polarity, self.search, self.seed = s.polarity, s.search, s.seed
+        self.d = s.diameter
+        self.streak, self.exposure_fraction = s.streak, s.exposure_fraction
         self.last: tuple[float, float] | None = None
         self.velocity: tuple[float, float] | None = None  # px a frame
         self.lost = 0  # frames since the last good one
         self.rivals: list[tuple[float, float]] = []
 
-    def step(self, image: NDArray[np.generic]) -> Found:
-        if image.size == 0 or not np.isfinite(image).any():
-            return self._miss(Found("lost: no finite pixel"))
+    def step(self, view: View, hint: Found | None = None) -> Found:
+        """The ball in the next frame. hint: an earlier measurement of it in this frame, to start from."""
+        return self.keep(self.look(view, hint))
+
+    def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
+        """The same without taking note; `keep` must follow. others: where other balls are expected."""
         if self.last is None:
-            return self._first(image)
+            return self._first(view, others)
         start = self._predicted()
         flag = "lost: no ball found"
         if self.lost == 0:
-            found = self.measurer.measure(image, start, fresh=False)
-            if not found.flag and math.hypot(found.x - start.x, found.y - start.y) < self.search * start.d:
-                return self._take(found)
+            near = start
+            if hint is not None and hint.fit is not None:
+                near = replace(start, x=hint.x, y=hint.y, wx=float(hint.fit.p[WX]), wy=float(hint.fit.p[WY]))
+            found = self.measurer.measure(view, near, fresh=False)
+            if not found.flag and math.hypot(found.x - near.x, found.y - near.y) < self.search * start.d:
+                return found
             flag = found.flag or flag
-        return self._again(image, start, flag)
+        return self._again(view, start, flag, others)
+
+    def keep(self, found: Found) -> Found:
+        """Takes note of a measurement: the next frame is predicted from it."""
+        return self._miss(found) if found.flag else self._take(found)
+
+    @property
+    def expected(self) -> tuple[float, float] | None:
+        """Where the ball should be in the next frame (x, y) [px]; None before it was found."""
+        if self.last is None:
+            return self.seed
+        start = self._predicted()
+        return start.x, start.y
 
     def _predicted(self) -> Start:
         """Constant velocity since the last good frame."""
@@ -119,13 +140,15 @@ class _Tracker:
         n, exposed = self.lost + 1, self.exposure_fraction if self.streak else 0.0
         return Start(self.last[0] + n * vx, self.last[1] + n * vy, self.d, vx * exposed, vy * exposed, self.lost > 0)
 
-    def _first(self, image: NDArray[np.generic]) -> Found:
+    def _first(self, view: View, others: Sequence[tuple[float, float]]) -> Found:
         """The ball in a frame where nothing is known but perhaps the seed."""
+        if not np.isfinite(image := view.everything()).any():
+            return Found("lost: no finite pixel")
         blobs = self._blobs(image)
         found: list[Found] = []
         flags: list[Found] = []
         for blob in blobs:
-            f = self.measurer.measure(image, _start(blob, self.streak), fresh=True)
+            f = self.measurer.measure(view, _start(blob, self.streak), fresh=True)
             (flags if f.flag else found).append(f)
         if self.seed is not None:
             sx, sy = self.seed
@@ -133,50 +156,54 @@ class _Tracker:
             near = [f for f in found[:1] if math.hypot(f.x - sx, f.y - sy) < max(0.6, self.search) * f.diameter]
             if near:
                 self.rivals = [(f.x, f.y) for f in found[1:]]
-                return self._take(near[0])
-            return self._miss(Found(flags[0].flag if flags else "lost: no ball near the seed"))
-        found = _distinct(found)
+                return near[0]
+            return Found(flags[0].flag if flags else "lost: no ball near the seed")
+        found = [f for f in _distinct(found) if not _nearer(f, others, None)]
         if len(found) == 1:
-            return self._take(found[0])
+            return found[0]
         if found:
             places = ", ".join(f"({f.x:.0f}, {f.y:.0f})" for f in found[:3])
-            return self._miss(Found(f"lost: {len(found)} balls, at {places}; give a seed or the diameter"))
-        return self._miss(Found(flags[0].flag if flags else "lost: no ball found"))
+            return Found(f"lost: {len(found)} balls, at {places}; give a seed or the diameter")
+        return Found(flags[0].flag if flags else "lost: no ball found")
 
-    def _again(self, image: NDArray[np.generic], predicted: Start, flag: str) -> Found:
+    def _again(self, view: View, predicted: Start, flag: str, others: Sequence[tuple[float, float]]) -> Found:
         """Search around the prediction in a window that grows with every lost frame, to the whole image in the end."""
         x, y, d = predicted.x, predicted.y, predicted.d
         reach = self.search * d * (self.lost + 1)
         whole = self.lost > 0  # the first miss looks in the window only: most end there
         x0 = y0 = 0
-        part = image
-        if not whole:
+        if whole:
+            part = view.everything()
+            if not np.isfinite(part).any():
+                return Found("lost: no finite pixel")
+        else:
             half = reach + 1.5 * d
             x0, y0 = max(0, int(x - half)), max(0, int(y - half))
-            part = image[y0 : max(0, int(y + half) + 2), x0 : max(0, int(x + half) + 2)]
+            part = view.part(y0, int(y + half) + 2, x0, int(x + half) + 2)
         blobs = self._blobs(part) if min(part.shape) > 4 else []
         starts = [replace(predicted, rough=True)]
         starts += [_start(replace(blob, x=blob.x + x0, y=blob.y + y0), self.streak) for blob in blobs]
         found, covered = [], []
         for start in starts:
-            f = self.measurer.measure(image, start, fresh=False)
+            f = self.measurer.measure(view, start, fresh=False)
             if f.flag.startswith("poor fit"):  # the scene's noise may have changed: judge it by this frame alone
-                f = self.measurer.measure(image, start, fresh=True)
+                f = self.measurer.measure(view, start, fresh=True)
             if not f.flag:
                 found.append(f)
             elif f.flag.startswith(("occluded", "diameter off")):
                 covered.append((math.hypot(f.x - x, f.y - y), f.flag))
         ours = self._not_rivals(_distinct(found), predicted, reach)
+        ours = [f for f in ours if not _nearer(f, others, (x, y))]
         if not ours:
-            inside = 0 <= x < image.shape[1] and 0 <= y < image.shape[0]
-            return self._miss(Found(flag if inside else "lost: left the image"))
+            inside = 0 <= x < view.shape[1] and 0 <= y < view.shape[0]
+            return Found(flag if inside else "lost: left the image")
         away = [math.hypot(f.x - x, f.y - y) for f in ours]
         if covered and min(covered)[0] < min(away[0] - 0.25 * d, 0.75 * d):
-            return self._miss(Found(min(covered)[1]))  # ours is the covered one where it should be, not the one beside
+            return Found(min(covered)[1])  # ours is the covered one where it should be, not the one beside
         # Two balls within what the ball may have moved while lost: no picture tells which is ours
         if len(ours) > 1 and away[1] < away[0] + 0.5 * d * self.lost:
-            return self._miss(Found(f"lost: {len(ours)} balls alike"))
-        return self._take(ours[0])
+            return Found(f"lost: {len(ours)} balls alike")
+        return ours[0]
 
     def _not_rivals(self, found: list[Found], predicted: Start, reach: float) -> list[Found]:
         """Balls within reach of the prediction, nearest first, less those that a rival of the frame before explains."""
@@ -213,6 +240,12 @@ class _Tracker:
 def _start(blob: Blob, streak: bool) -> Start:
     wx, wy = (blob.wx, blob.wy) if streak else (0.0, 0.0)
     return Start(blob.x, blob.y, blob.d, wx, wy, rough=True)
+
+
+def _nearer(f: Found, others: Sequence[tuple[float, float]], ours: tuple[float, float] | None) -> bool:
+    """Whether another ball, expected within a diameter, explains a measurement better than ours does."""
+    own = math.hypot(f.x - ours[0], f.y - ours[1]) if ours else math.inf
+    return any(math.hypot(f.x - x, f.y - y) < min(own, f.diameter) for x, y in others)
 
 
 def _distinct(found: list[Found]) -> list[Found]:

@@ -12,26 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.vision import disc
+from jumpvision.vision.ball_memory import DRIFT, LIGHT, learn, rim_faults
 from jumpvision.vision.ball_threshold import half_height_centroid
+from jumpvision.vision.ball_view import View
 
 MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
 DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given
 DIAMETER_SEEN = 0.12  # and from the frames before
-SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this part is covered
 MOST_SECTORS_OFF = 2  # of 16: a thin rod holding the ball is not an occlusion
 MOST_DROPPED = 0.25  # part of the edge pixels
 MOST_CHI2 = 4.0
 CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
 RIM_OFF, RIM_OFF_PX = 0.04, 0.6  # a sector's rim off the fitted circle by this part of the diameter or px is covered
-RIM_FREEDOM = 12.7  # of the 16 sectors' shifts, what the fit leaves free (white noise, diameters 10-40 px)
 UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new ball must be clearer: clutter is not
 NOISE_FRAMES = 30  # frames the noise is averaged over
-# Drift of the lighting gradients a frame, as part of the contrast: first guess (the background changes most, as the
-# ball passes over it), least, and how fast it follows what the frames show
-DRIFT = np.array([0.01, 0.01, 0.003, 0.003])
-LEAST_DRIFT = 2e-4
-DRIFT_GAIN = 0.15
-LIGHT = slice(disc.BX, disc.GY + 1)
 
 
 @dataclass(frozen=True)
@@ -85,28 +79,29 @@ class DiscMeasure:
         self.rim = np.zeros(disc.SECTORS)  # running mean shape of the rim, px outside the circle
         self.rim_factor = 1.0
 
-    def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
+    def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
         """fresh: nothing learned before counts (a ball newly found), the noise comes from this frame alone."""
-        found = self._measure(image, start, fresh)
+        found = self._measure(view, start, fresh)
         if found.fit is not None and max(abs(found.x - start.x), abs(found.y - start.y)) > 3.0:
             # The ball may have run out of the crop made around the start
             p = found.fit.p
             again = Start(found.x, found.y, start.d, p[disc.WX], p[disc.WY], start.rough)
             if math.hypot(found.x - start.x, found.y - start.y) < 2.0 * start.d:
-                found = self._measure(image, again, fresh)
+                found = self._measure(view, again, fresh)
         return found
 
-    def _measure(self, image: NDArray[np.generic], start: Start, fresh: bool) -> Found:
+    def _measure(self, view: View, start: Start, fresh: bool) -> Found:
         fresh = fresh or self.noise is None
-        half = 0.75 * start.d + 10.0
+        half = window_half(start.d)
         x0 = max(0, int(start.x - 0.5 * abs(start.wx) - half))
         y0 = max(0, int(start.y - 0.5 * abs(start.wy) - half))
-        crop = np.asarray(
-            image[
-                y0 : int(start.y + 0.5 * abs(start.wy) + half) + 2, x0 : int(start.x + 0.5 * abs(start.wx) + half) + 2
-            ],
-            dtype=np.float64,
+        part = view.part(
+            y0,
+            int(start.y + 0.5 * abs(start.wy) + half) + 2,
+            x0,
+            int(start.x + 0.5 * abs(start.wx) + half) + 2,
         )
+        crop = np.asarray(part, dtype=np.float64)
         if min(crop.shape) < 4:
             return Found("lost: outside the image")
         p = self.last.copy()
@@ -120,7 +115,7 @@ class DiscMeasure:
         contrast = abs(p[disc.A] - p[disc.B])
         if not contrast > 0.0:
             return Found("lost: no contrast")
-        floor = 1.0 / 12.0 if np.issubdtype(image.dtype, np.integer) else (1e-4 * contrast) ** 2
+        floor = 1.0 / 12.0 if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
         mean, var = p.copy(), np.full(12, np.inf)
         var[LIGHT] = contrast**2 if fresh else self.light_var
         if self.streak:
@@ -146,7 +141,7 @@ class DiscMeasure:
         # Only a misfit beyond chance enlarges the stated uncertainty
         excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
         sigma = math.sqrt(max(fit.cov[0, 0], fit.cov[1, 1]) * excess * self.rim_factor) if fit.converged else math.nan
-        flag = self._judge(fit, sigma, image.shape, np.max(noise[:2]), fresh)
+        flag = self._judge(fit, sigma, view.shape, max(noise[0], noise[1]), fresh)
         return Found(flag, p[disc.X], p[disc.Y], sigma, 2.0 * p[disc.R], fit.chi2, fit)
 
     def _judge(self, fit: disc.DiscFit, sigma: float, shape: tuple[int, ...], noise: float, fresh: bool) -> str:
@@ -169,13 +164,11 @@ class DiscMeasure:
             and reach + 0.5 * wy < p[disc.Y] < shape[0] - 1 - reach - 0.5 * wy
         ):
             return "at the image edge"
-        off = np.count_nonzero(~(np.abs(fit.sectors - 1.0) < SECTOR_OFF))
+        off, dent = rim_faults(fit.sectors, fit.shifts, fit.shift_sigmas, self.rim, self.rim_factor)
         if off > MOST_SECTORS_OFF:
             return f"occluded: {off} of {disc.SECTORS} sectors"
-        dent = np.abs(fit.shifts - self.rim)
-        dent = dent[dent > 6.0 * fit.shift_sigmas * math.sqrt(self.rim_factor)]
-        if len(dent) and dent.max() > min(RIM_OFF * d, RIM_OFF_PX):
-            return f"occluded: the rim is off by {dent.max():.2g} px"
+        if dent > min(RIM_OFF * d, RIM_OFF_PX):
+            return f"occluded: the rim is off by {dent:.2g} px"
         if fit.dropped > MOST_DROPPED:
             return f"occluded: {fit.dropped:.0%} of the edge does not fit"
         for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
@@ -194,20 +187,10 @@ class DiscMeasure:
         n = min(self.frames, NOISE_FRAMES)
         self.noise = fit.noise if self.noise is None else self.noise + (fit.noise - self.noise) / n
         self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
-        moved_by = np.nan_to_num(fit.shifts - self.rim)
-        if self.frames > 1:
-            moved = float(np.nansum((moved_by / fit.shift_sigmas) ** 2)) * (n - 1) / n / RIM_FREEDOM
-            self.rim_factor += (min(moved, 10.0 * self.rim_factor) - self.rim_factor) / n
-        self.rim += moved_by / n
-        contrast = abs(fit.p[disc.A] - fit.p[disc.B])
-        var = np.diag(fit.cov)[LIGHT]
-        if self.frames > 1:
-            # A fit moves its prior by (prior variance - posterior variance)^(1/2), if the drift allowed for is right
-            ratio = (fit.p[LIGHT] - self.last[LIGHT]) ** 2 / np.maximum(self.light_var - var, 1e-30)
-            self.drift *= np.exp(0.5 * DRIFT_GAIN * (np.minimum(ratio, 9.0) - 1.0))
-            self.drift = np.maximum(self.drift, LEAST_DRIFT)
-        self.last = fit.p.copy()
-        self.light_var = var + (self.drift * contrast) ** 2
+        self.rim_factor = learn(
+            self.frames, n, fit.p, fit.cov, fit.shifts, fit.shift_sigmas, self.rim, self.rim_factor, self.last,
+            self.light_var, self.drift,
+        )  # fmt: skip
 
     def missed(self) -> None:
         """A frame without the ball: the lighting has drifted on."""
@@ -224,10 +207,10 @@ class ThresholdMeasure:
         self.seen = math.nan
         self.frames = 0
 
-    def measure(self, image: NDArray[np.generic], start: Start, *, fresh: bool) -> Found:
+    def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
         half = max(self.search, 0.75) * start.d + 2.0
         x0, y0 = max(0, int(start.x - half)), max(0, int(start.y - half))
-        crop = np.asarray(image[y0 : int(start.y + half) + 2, x0 : int(start.x + half) + 2], dtype=np.float64)
+        crop = np.asarray(view.part(y0, int(start.y + half) + 2, x0, int(start.x + half) + 2), dtype=np.float64)
         if min(crop.shape) < 4:
             return Found("lost: outside the image")
         c = half_height_centroid(crop, (start.x - x0, start.y - y0), start.d, self.polarity)
@@ -248,6 +231,11 @@ class ThresholdMeasure:
 
     def missed(self) -> None:
         pass
+
+
+def window_half(d: float) -> float:
+    """Half side of the window around a ball of diameter d [px] that the disc is fitted in, without its streak."""
+    return 0.75 * d + 10.0
 
 
 def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tuple[float, float] | None:

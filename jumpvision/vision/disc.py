@@ -22,18 +22,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from jumpvision.vision.disc_sums import SECTORS, accumulate
+
 Array = NDArray[np.float64]
 
 NAMES = ("x", "y", "R", "s", "b", "a", "bx", "by", "gx", "gy", "wx", "wy")
 X, Y, R, S, B, A, BX, BY, GX, GY, WX, WY = range(12)
-SECTORS = 16
-KEEP, DROP = 3.5, 7.0  # residual in standard deviations: full weight up to KEEP, none from DROP on
-EDGE = 0.02  # pixels with E in (EDGE, 1 - EDGE) are the edge
 MIN_S = 0.29  # px, the blur of a square pixel alone
 ROUGH_END = 0.05  # of sigma: last step of a fit that need not come to rest
 MAX_STEPS = 40
-SQRT2 = math.sqrt(2.0)
-ROOT_2PI = math.sqrt(2.0 * math.pi)
+SETTLED = 0.1  # of sigma: the last step; each is some tenth of the one before
+NEAR = 20.0  # last steps: from here on the next may be the last, and its sums are kept
 
 
 def margin(s: float) -> float:
@@ -54,126 +53,6 @@ class DiscFit:
     shift_sigmas: Array  # (16,) their standard uncertainty [px]
     dropped: float  # part of the edge pixels that the robust weight drops
     converged: bool
-
-
-@njit(cache=True)
-def _accumulate(img, p, n_par, zone, noise, soft, last, h, g, classes, sectors):  # type: ignore[no-untyped-def]
-    """Normal equations h, g of the weighted residuals; returns (sum of capped u^2, pixels).
-
-    zone: x, y, R, wx, wy, inner depth, outer margin of the pixels in use. soft: factor on the variance in the robust
-    weight. last: fill classes (3, 6) for background, ball, edge: sums of w r^2, w (1 - E),
-    w E, 4 w E (1 - E), pixels, dropped pixels; and sectors (4, 16): residual and model along E - 1/2, then along dI/dR.
-    """
-    h[:] = 0.0
-    g[:] = 0.0
-    classes[:] = 0.0
-    sectors[:] = 0.0
-    x, y, rad, s = p[0], p[1], p[2], p[3]
-    wx, wy = (p[10], p[11]) if n_par == 12 else (0.0, 0.0)
-    length = math.sqrt(wx * wx + wy * wy)
-    n_t = max(3, math.ceil(length / (0.7 * s))) if n_par == 12 else 1
-    hx, hy = 0.5 * zone[3], 0.5 * zone[4]
-    zl2 = 4.0 * (hx * hx + hy * hy)
-    r_out = zone[2] + zone[6]
-    r_in = max(zone[2] - zone[5], 0.0)
-    kurt = 1.0 / (2880.0 * s**4)
-    reach = 5.5 * s
-    y_lo = max(0, math.floor(zone[1] - abs(hy) - r_out))
-    y_hi = min(img.shape[0] - 1, math.ceil(zone[1] + abs(hy) + r_out))
-    x_lo = max(0, math.floor(zone[0] - abs(hx) - r_out))
-    x_hi = min(img.shape[1] - 1, math.ceil(zone[0] + abs(hx) + r_out))
-    j = np.zeros(12)
-    total = 0.0
-    count = 0
-    for iy in range(y_lo, y_hi + 1):
-        for ix in range(x_lo, x_hi + 1):
-            zx, zy = ix - zone[0], iy - zone[1]
-            if zl2 > 0.0:  # distance to the nearest and to the farthest point of the streak
-                t = max(-0.5, min(0.5, 2.0 * (zx * hx + zy * hy) / zl2))
-                near2 = (zx - 2.0 * t * hx) ** 2 + (zy - 2.0 * t * hy) ** 2
-                far2 = max((zx - hx) ** 2 + (zy - hy) ** 2, (zx + hx) ** 2 + (zy + hy) ** 2)
-            else:
-                near2 = zx * zx + zy * zy
-                far2 = near2
-            if near2 > r_out * r_out or far2 < r_in * r_in:
-                continue
-            value = img[iy, ix]
-            if not math.isfinite(value):
-                continue
-            out = p[4] + (p[6] * (ix - x) + p[7] * (iy - y)) / rad
-            j[:] = 0.0
-            e_mean = 0.0
-            ball = 0.0
-            for k in range(n_t):
-                t = (k + 0.5) / n_t - 0.5
-                dx, dy = ix - x - t * wx, iy - y - t * wy
-                r = math.sqrt(dx * dx + dy * dy)
-                if r > rad + reach:
-                    continue
-                inside = p[5] + (p[8] * dx + p[9] * dy) / rad
-                if r < rad - reach:
-                    e = 1.0
-                else:
-                    r = max(r, 0.5)
-                    z = (rad - r) / s - 0.5 * s / r
-                    phi = math.exp(-0.5 * z * z) / ROOT_2PI
-                    square = dx * dy / (r * r)
-                    e = 0.5 * math.erfc(-z / SQRT2) + kurt * (1.0 - 2.0 * square * square) * (z * z - 3.0) * z * phi
-                    step = (inside - out) * phi / s
-                    radial = step * (1.0 - 0.5 * s * s / (r * r)) / r
-                    j[0] += radial * dx
-                    j[1] += radial * dy
-                    j[2] += step
-                    j[3] -= step * (z + s / r)
-                    j[10] += t * radial * dx
-                    j[11] += t * radial * dy
-                e_mean += e
-                ball += inside * e
-                j[8] += e * dx / rad
-                j[9] += e * dy / rad
-            for m in range(12):
-                j[m] /= n_t
-            e_mean /= n_t
-            j[4] = 1.0 - e_mean
-            j[5] = e_mean
-            j[6] = (1.0 - e_mean) * (ix - x) / rad
-            j[7] = (1.0 - e_mean) * (iy - y) / rad
-            res = value - (out * (1.0 - e_mean) + ball / n_t)
-            e_in = min(1.0, max(0.0, e_mean))
-            var = noise[0] * (1.0 - e_in) + noise[1] * e_in + 4.0 * noise[2] * e_in * (1.0 - e_in)
-            u2 = res * res / var
-            total += min(u2, DROP * DROP)
-            count += 1
-            u = math.sqrt(u2 / soft)
-            w = 1.0 if u < KEEP else max(0.0, (DROP - u) / (DROP - KEEP))
-            if last:
-                c = 0 if e_in < EDGE else (1 if e_in > 1.0 - EDGE else 2)
-                classes[c, 0] += w * res * res
-                classes[c, 1] += w * (1.0 - e_in)
-                classes[c, 2] += w * e_in
-                classes[c, 3] += w * 4.0 * e_in * (1.0 - e_in)
-                classes[c, 4] += 1.0
-                if w == 0.0:
-                    classes[c, 5] += 1.0
-                angle = (math.atan2(iy - y, ix - x) + math.pi) / (2.0 * math.pi)
-                q = min(SECTORS - 1, int(angle * SECTORS))
-                template = e_in - 0.5
-                sectors[0, q] += res * template
-                sectors[1, q] += template * template
-                sectors[2, q] += j[2] * res / var
-                sectors[3, q] += j[2] * j[2] / var
-            if w == 0.0:
-                continue
-            w /= var
-            for m in range(n_par):
-                wj = w * j[m]
-                g[m] += wj * res
-                for n in range(m + 1):
-                    h[m, n] += wj * j[n]
-    for m in range(n_par):
-        for n in range(m):
-            h[n, m] = h[m, n]
-    return total, count
 
 
 @njit(cache=True)
@@ -215,12 +94,13 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     h, g = np.zeros((12, 12)), np.zeros(12)
     cov = np.zeros((12, 12))
     classes, sectors = np.zeros((3, 6)), np.zeros((4, SECTORS))
+    slopes = np.empty((14, img.size))
     step = np.zeros(12)
     zone = np.zeros(7)
     soft = 1e30
     settled = False
     good = False
-    size = np.inf
+    size, enough = np.inf, 0.0
     for _ in range(MAX_STEPS):
         if not settled:
             zone[0], zone[1], zone[2] = p[0], p[1], p[2]
@@ -228,7 +108,11 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
                 zone[3], zone[4] = p[10], p[11]
             zone[5] = min(0.4 * p[2], 12.0)
             zone[6] = max(4.0, 5.0 * p[3])
-        total, count = _accumulate(img, p, n_par, zone, noise, soft, False, h, g, classes, sectors)
+        near = settled and size < NEAR * enough
+        if near:
+            classes[:] = 0.0
+            sectors[:] = 0.0
+        total, count = accumulate(img, p, n_par, zone, noise, soft, near, slopes, h, g, classes, sectors)
         if count <= n_par:
             break
         for m in range(n_par):
@@ -252,18 +136,23 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
         if not (abs(p[0]) < 1e6 and abs(p[1]) < 1e6 and 1.5 < p[2] < 1e5 and p[3] < 2.0 * p[2]):
             break
         size = max(abs(step[0]), abs(step[1]), abs(step[2]))
+        enough = max(3e-5, SETTLED * np.sqrt(min(cov[0, 0], cov[1, 1])))
         if size < 0.1 and not settled:
             settled = True
             soft = 1.0
-        elif settled and size < 3e-5:
+        elif settled and size < enough:
             good = True
+            if near:
+                return cov, classes, sectors, total / max(1.0, count - n_par), True
             break
         elif not settled:  # far from the answer the misfit, not the noise, sets what is an outlier
             soft = max(1.0, total / count)
             if soft < 1.5:
                 soft = 1.0
     soft = 1.0
-    total, count = _accumulate(img, p, n_par, zone, noise, soft, True, h, g, classes, sectors)
+    classes[:] = 0.0
+    sectors[:] = 0.0
+    total, count = accumulate(img, p, n_par, zone, noise, soft, True, slopes, h, g, classes, sectors)
     for m in range(n_par):
         h[m, m] += weight[m]
     if not _invert(h, n_par, cov):
@@ -288,26 +177,26 @@ def fit_disc(
     if not streak:
         p[WX] = p[WY] = 0.0
     cov, classes, sectors, chi2, good = _fit(image, p, n, np.asarray(noise, dtype=np.float64), centre, weight)
-    found = np.zeros(3)
+    found, contrast, shifts, shift_sigmas = _summary(classes, sectors, p[A] - p[B], streak)
+    dropped = classes[2, 5] / max(classes[2, 4], 1.0)
+    return DiscFit(p, cov, found, float(chi2), contrast, shifts, shift_sigmas, float(dropped), bool(good))
+
+
+@njit(cache=True, error_model="numpy")
+def _summary(classes, sectors, contrast, streak):  # type: ignore[no-untyped-def]
+    """noise, sectors, shifts and shift_sigmas of DiscFit from the sums of the last step."""
+    noise = np.zeros(3)
     # Degrees of freedom each class spends: level and gradient; centre, radius and blur (and streak)
     spent = (3.0, 3.0, 6.0 if streak else 4.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        square = classes[:, 0] * classes[:, 4] / np.maximum(classes[:, 4] - spent, 1.0)
-        found[0], found[1] = square[0] / classes[0, 1], square[1] / classes[1, 2]
-        found[2] = (square[2] - found[0] * classes[2, 1] - found[1] * classes[2, 2]) / classes[2, 3]
-        contrast = 1.0 + sectors[0] / sectors[1] / (p[A] - p[B])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shifts, shift_sigmas = sectors[2] / sectors[3], 1.0 / np.sqrt(sectors[3])
-    few = sectors[1] < 0.3 * np.median(sectors[1])  # outside the image, or no data
-    contrast[few] = shifts[few] = shift_sigmas[few] = np.nan
-    return DiscFit(
-        p,
-        cov,
-        found,
-        float(chi2),
-        contrast,
-        shifts,
-        shift_sigmas,
-        float(classes[2, 5] / max(classes[2, 4], 1.0)),
-        bool(good),
-    )
+    square = np.zeros(3)
+    for c in range(3):
+        square[c] = classes[c, 0] * classes[c, 4] / max(classes[c, 4] - spent[c], 1.0)
+    noise[0], noise[1] = square[0] / classes[0, 1], square[1] / classes[1, 2]
+    noise[2] = (square[2] - noise[0] * classes[2, 1] - noise[1] * classes[2, 2]) / classes[2, 3]
+    shares = 1.0 + sectors[0] / sectors[1] / contrast
+    shifts, sigmas = sectors[2] / sectors[3], 1.0 / np.sqrt(sectors[3])
+    least = 0.3 * np.median(sectors[1])
+    for q in range(SECTORS):
+        if sectors[1, q] < least:  # outside the image, or no data
+            shares[q] = shifts[q] = sigmas[q] = np.nan
+    return noise, shares, shifts, sigmas

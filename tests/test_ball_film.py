@@ -1,0 +1,149 @@
+"""Balls in whole films: several at once, and a film that is tracked while it is decoded. About 8 s."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from test_ball import BACK, CONTRAST, ball_image, camera
+
+import jumpvision.stages  # noqa: F401  registers them
+from jumpvision.experiment import open_experiment
+from jumpvision.frames import open_frames
+from jumpvision.pipeline import Workspace
+from jumpvision.records import Track
+from jumpvision.report.overlay import TrackFilm
+from jumpvision.sections import NotApplicable
+from jumpvision.vision.ball import BallSettings
+from jumpvision.vision.ball_film import FilmTracker, track_film
+
+D, N = 14.0, 40
+
+
+def settings(**change):
+    plain = {
+        "diameter": D, "polarity": "bright", "method": "disc", "search": 1.5, "seed": None, "streak": False,
+        "exposure_fraction": 0.0,
+    }  # fmt: skip
+    return BallSettings(**(plain | change))
+
+
+def two_balls(rng, *, crossing):
+    """Frames and true (x, y) of a ball on the rod and one on the foot, which nearly touch or pass each other."""
+    k = np.arange(N)
+    if crossing:  # past each other: for eight frames the two pictures are one
+        rod, foot = (38.0 + 0.1 * k, 30.0 + 1.8 * k), (38.7 + 0.1 * k, 100.0 - 1.8 * k)
+    else:  # nearly touching at the lowest point
+        rod, foot = (38.0 + 0.1 * k, 30.0 + 32.0 * np.sin(np.pi * k / N) ** 2), (41.0 + 0.0 * k, 78.5 + 0.0 * k)
+    frames = []
+    for i in k:
+        a, b = (ball_image((130, 84), x[i], y[i], D, ss=6)[0] for x, y in (rod, foot))
+        frames.append(camera(BACK + CONTRAST * (1 - (1 - a) * (1 - b)), 2.0, rng))
+    return frames, np.array(rod), np.array(foot)
+
+
+@pytest.mark.parametrize("crossing", [False, True])
+def test_two_balls_keep_their_names(crossing):
+    """Near each other and through each other: every position given is that of the right ball."""
+    frames, *truth = two_balls(np.random.default_rng(1), crossing=crossing)
+    seeds = [tuple(float(v[0]) for v in xy) for xy in truth]
+    tracks = track_film(frames, settings(seed=seeds[0]), scene=True, markers=[seeds[1]])
+    assert len(tracks) == 2
+    for track, (x, y) in zip(tracks, truth, strict=True):
+        good = track.flag == ""
+        assert good[-5:].all() and good.mean() > (0.6 if crossing else 0.9)
+        # noise 2 at D = 14: sigma 0.005 px; balls that nearly touch may pull each other by a few hundredths
+        assert np.hypot(track.x - x, track.y - y)[good].max() < 0.1
+
+
+def film_file(path: Path, frames) -> Path:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=200)
+        stream.height, stream.width = frames[0].shape
+        stream.pix_fmt = "gray"
+        for image in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+        container.mux(stream.encode())
+    return path
+
+
+def test_two_balls_of_an_experiment_give_two_tables(tmp_path):
+    frames, *truth = two_balls(np.random.default_rng(2), crossing=False)
+    film_file(tmp_path / "rod.avi", frames)
+    (tmp_path / "experiment.toml").write_text(
+        'schema = 1\n[rod_video]\nfile = "rod.avi"\nscale = 1e-3\nball_diameter = 0.014\n'
+        "[params.track]\nseed = [38, 30]\nmarkers = [[41, 78]]\n"
+    )
+    space = Workspace(open_experiment(tmp_path), tmp_path / "out", tmp_path / "cache")
+    made = space.make(Track)
+    again = Workspace(open_experiment(tmp_path), tmp_path / "out", tmp_path / "cache").make(Track)
+    for table in (made.others[0], again.others[0], Track.load(tmp_path / "out").others[0]):
+        assert np.nanmax(np.abs(table.y_px - truth[1][1])) < 0.1
+        assert list(table.columns) == list(made.table.columns)
+    assert np.ptp(made.others[0].height_m.dropna()) < 1e-4 < np.ptp(made.good.height_m)
+
+
+def test_a_film_tracked_while_it_is_decoded_is_the_film_tracked_afterwards(tmp_path):
+    frames, (_, rod_y), _ = two_balls(np.random.default_rng(3), crossing=False)
+    frames = [f[:70] for f in frames]
+    path = film_file(tmp_path / "rod.avi", frames)
+    follower = FilmTracker(settings(seed=(38.0, 30.0)), scene=True)
+    with open_frames(path, seen=follower.see) as film:
+        assert film.shown
+        (track,) = follower.finish(film)
+        (after,) = track_film(film, settings(seed=(38.0, 30.0)), scene=True)
+    assert np.array_equal(track.y, after.y, equal_nan=True) and np.array_equal(track.flag, after.flag)
+    assert np.nanstd(track.y - rod_y) < 0.02
+
+
+def test_a_film_with_lost_frames_is_not_taken_for_what_was_shown(tmp_path):
+    frames = two_balls(np.random.default_rng(4), crossing=False)[0]
+    path = film_file(tmp_path / "rod.avi", frames)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 0xFF  # one packet's checksum no longer holds
+    path.write_bytes(data)
+    with open_frames(path, seen=lambda image: None) as film:
+        assert len(film) < N and not film.shown
+
+
+def test_windows_that_are_not_kept_are_read_again(monkeypatch):
+    frames, *_ = two_balls(np.random.default_rng(5), crossing=False)
+    kept = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
+    monkeypatch.setattr("jumpvision.vision.ball_film.MEMORY", 0)
+    read = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
+    assert np.allclose(read.y, kept.y, atol=1e-9, equal_nan=True)
+
+
+def test_overlay_film_shows_the_cross_where_the_ball_is(tmp_path):
+    """Every second frame; green is drawn nowhere but along the path and at the ball."""
+    frames, (rod_x, rod_y), _ = two_balls(np.random.default_rng(6), crossing=False)
+    film_file(tmp_path / "rod.avi", frames)
+    (tmp_path / "experiment.toml").write_text(
+        'schema = 1\n[rod_video]\nfile = "rod.avi"\nscale = 1e-3\nball_diameter = 0.014\n'
+        "[params.track]\nseed = [38, 30]\n[params.overlay]\nevery = 2\n"
+    )
+    space = Workspace(open_experiment(tmp_path), tmp_path / "out", tmp_path / "cache")
+    space.make(TrackFilm)
+    with av.open(str(tmp_path / "out" / "track.webm")) as container:
+        shown = [f.to_ndarray(format="rgb24").astype(int) for f in container.decode(video=0)]
+    assert len(shown) == N // 2
+    factor = shown[0].shape[1] // 84
+    last = shown[-1]
+    green = np.argwhere(last[:, :, 1] - last[:, :, [0, 2]].max(axis=2) > 60)
+    k = 2 * (len(shown) - 1)
+    centre = np.array([(rod_y[k] + 0.5) * factor, (rod_x[k] + 0.5) * factor])
+    assert np.hypot(*(green - centre).T).min() < 2
+    assert green[:, 0].max() < (rod_y.max() + 0.5) * factor + 9
+
+
+def test_no_overlay_film_unless_asked_for(tmp_path):
+    film_file(tmp_path / "rod.avi", two_balls(np.random.default_rng(6), crossing=False)[0][:3])
+    (tmp_path / "experiment.toml").write_text(
+        'schema = 1\n[rod_video]\nfile = "rod.avi"\nscale = 1e-3\nball_diameter = 0.014\n'
+        "[params.track]\nseed = [38, 30]\n"
+    )
+    space = Workspace(open_experiment(tmp_path), tmp_path / "out", tmp_path / "cache")
+    with pytest.raises(NotApplicable, match=r"overlay\.every = 0"):
+        space.make(TrackFilm)
