@@ -469,8 +469,12 @@ def main(argv: list[str] | None = None) -> int:
     except CycloptsError as e:
         print(f"jumpvision: {e}; see jumpvision --help", file=sys.stderr)
         return BAD_CALL
+    except BrokenPipeError:
+        return FAILED
+    except OSError as e:  # a full disk, a folder that may not be written
+        where = f": {e.filename}" if e.filename else ""
+        print(f"jumpvision: {e.strerror or e}{where}; free or change it and run the same command again", file=sys.stderr)
+        return FAILED
     except KeyboardInterrupt:
         print("jumpvision: interrupted; run the same command again to resume", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        return FAILED
