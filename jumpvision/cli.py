@@ -345,6 +345,51 @@ def params(stage: str | None = None, *, json: bool = False) -> int:
 
 
 @app.command
+def cache(
+    path: Path = Path("results"),
+    /,
+    *,
+    older_than: str | None = None,
+    keep: str | None = None,
+    all: bool = False,
+    json: bool = False,
+) -> int:
+    """Size of the cache by stage; with an option, make it smaller. Safe beside a running run.
+
+    Example: jumpvision cache results/loose_sand --older-than 30d
+
+    Parameters
+    ----------
+    path
+        A results folder, a folder of them, or a cache folder.
+    older_than
+        Delete what was not used for so long, e.g. 12h, 30d.
+    keep
+        Delete the longest unused until so much is left, e.g. 500MB, 5GB.
+    all
+        Delete everything; a later run computes it again.
+    json
+        Machine-readable result on stdout.
+    """
+    from . import cache as store
+    from . import show
+
+    age = store.quantity(older_than, store.SECONDS, "--older-than") if older_than is not None else None
+    size = store.quantity(keep, store.BYTES, "--keep") if keep is not None else None
+    caches = store.caches_of(path)
+    entries = [e for c in caches for e in store.entries_of(c)]
+    out = entries if all else store.to_prune(entries, older_than=age, keep=size)
+    store.prune(out)
+    if all or age is not None or size is not None:
+        for folder in caches:
+            store.tidy(folder)
+    rows = store.table(entries, out)
+    data = {"caches": [str(c) for c in caches], "stages": rows, "freed_bytes": sum(e.nbytes for e in out)}
+    show.result(data, rows, as_json=json)
+    return DONE
+
+
+@app.command
 def doctor(*, json: bool = False) -> int:
     """Versions, codecs and cores, for a report of a problem.
 
@@ -473,7 +518,9 @@ def main(argv: list[str] | None = None) -> int:
         return FAILED
     except OSError as e:  # a full disk, a folder that may not be written
         where = f": {e.filename}" if e.filename else ""
-        print(f"jumpvision: {e.strerror or e}{where}; free or change it and run the same command again", file=sys.stderr)
+        print(
+            f"jumpvision: {e.strerror or e}{where}; free or change it and run the same command again", file=sys.stderr
+        )
         return FAILED
     except KeyboardInterrupt:
         print("jumpvision: interrupted; run the same command again to resume", file=sys.stderr)

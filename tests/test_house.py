@@ -21,7 +21,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"experiment", "records"},
     {"pipeline", "overrides"},
     {"stages"},
-    {"campaign", "craters", "checks"},
+    {"campaign", "craters", "checks", "cache"},
     {"sweep", "question", "across"},
     {"show"},
     {"report", "demo"},
