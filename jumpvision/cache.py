@@ -30,7 +30,7 @@ class Entry:
 
 
 def caches_of(path: Path) -> list[Path]:
-    """The caches in a results folder, in the results folders in it, or the cache that `path` is; InputError for none."""
+    """The cache of a results folder, those of the results folders in it, or `path` itself; InputError for none."""
     if path.is_dir() and (path.name == ".cache" or (path / "hashes").is_dir()):
         return [path]
     found = [c for c in (path / ".cache", *sorted(path.glob("*/.cache"))) if c.is_dir()]
@@ -60,7 +60,9 @@ def to_prune(entries: Iterable[Entry], *, older_than: float | None = None, keep:
 
     A time of use that lies ahead (a clock that was set back) counts as now.
     """
-    now, left, out = time.time(), [], []
+    now = time.time()
+    left: list[Entry] = []
+    out: list[Entry] = []
     for e in sorted(entries, key=lambda e: -e.used):
         (out if older_than is not None and now - e.used > older_than else left).append(e)
     if keep is not None:
@@ -107,5 +109,7 @@ def quantity(text: str, units: Mapping[str, float], option: str) -> float:
     known = {u.lower(): factor for u, factor in units.items()}
     if match is None or match[2].lower() not in known:
         allowed = ", ".join(u for u in units if u)
-        raise InputError([f"{option} {text}: must be a number with a unit ({allowed}), e.g. 30{next(reversed(units))}"])
+        raise InputError(
+            [f"{option} {text}: must be a number with a unit ({allowed}), e.g. 30 {allowed.split(', ')[-1]}"]
+        )
     return float(match[1]) * known[match[2].lower()]

@@ -116,7 +116,8 @@ def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
     """The stages of a plan, then the registered pictures of what those stages make."""
     chosen = {o: s for o, s in STAGES.items() if not s.picture and (plan.stages is None or s.name in plan.stages)}
     yield from chosen.items()
-    yield from ((o, s) for o, s in STAGES.items() if s.picture and s.inputs[0].type in chosen)
+    drawn = {o: s for o, s in STAGES.items() if s.picture and s.function.__module__ in plan.modules}
+    yield from ((o, s) for o, s in drawn.items() if s.inputs[0].type in chosen)
 
 
 def explain(error: Exception, stage: str, path: Path) -> list[str]:
@@ -165,12 +166,22 @@ def write_provenance(workspace: Workspace, command: str) -> None:
     write_aside(workspace.results / "provenance.json", json.dumps(plain(data), indent=1) + "\n")
 
 
-def run_campaign(campaign: Campaign, plan: Plan, *, workers: int, done: Report) -> list[Outcome]:
-    """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order."""
+def run_campaign(
+    campaign: Campaign,
+    plan: Plan,
+    *,
+    workers: int,
+    done: Report,
+    elsewhere: Mapping[str, list[str]] | None = None,
+) -> list[Outcome]:
+    """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
+
+    elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
+    """
     sweep_leftovers(plan.results, plan.cache)
     jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
     outcomes: dict[str, Outcome] = {}
-    if workers <= 1 or len(jobs) <= 1:
+    if elsewhere is None and (workers <= 1 or len(jobs) <= 1):
         for name, job in jobs.items():
             outcomes[name] = run_experiment(*job)
             done(outcomes[name])
@@ -180,7 +191,10 @@ def run_campaign(campaign: Campaign, plan: Plan, *, workers: int, done: Report) 
         try:
             outcomes[name] = run_experiment(*job, only_cached=True)
         except NotCached:
-            continue
+            if elsewhere is None:
+                continue
+            why = elsewhere.get(name, [f"{job[0].path}: it changed while it was computed; run again"])
+            outcomes[name] = Outcome(name, job[2], errors=why)
         done(outcomes[name])
     waiting = {n: job for n, job in jobs.items() if n not in outcomes}
     if not waiting:

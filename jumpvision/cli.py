@@ -46,7 +46,15 @@ OPTIONS = Options()
 
 
 @app.command
-def run(path: Path, /, *, pipeline: Path | None = None, options: Options = OPTIONS) -> int:
+def run(
+    path: Path,
+    /,
+    *,
+    pipeline: Path | None = None,
+    profile: str | None = None,
+    report: bool = True,
+    options: Options = OPTIONS,
+) -> int:
     """Every stage that has inputs, for one experiment or a whole campaign, then report.html.
 
     Example: jumpvision run data_samples/loose_sand
@@ -57,8 +65,13 @@ def run(path: Path, /, *, pipeline: Path | None = None, options: Options = OPTIO
         An experiment folder (with experiment.toml) or a folder of them.
     pipeline
         TOML file with the stages to run and their parameters, e.g. pipelines/granular.toml.
+    profile
+        Hand a campaign to Snakemake: local, slurm, or a folder with config.yaml (docs/scale.md); --workers is then
+        the number of jobs at a time.
+    report
+        Write report.html.
     """
-    return _work(path, None, options, pipeline=pipeline, page=True)
+    return _work(path, None, options, pipeline=pipeline, page=report, profile=profile)
 
 
 def _stage_command(name: str, text: str) -> None:
@@ -418,13 +431,19 @@ def _open(path: Path, options: Options, pipeline: dict[str, Any] | None = None) 
 
 
 def _work(
-    path: Path, stages: tuple[str, ...] | None, options: Options, *, pipeline: Path | None = None, page: bool = False
+    path: Path,
+    stages: tuple[str, ...] | None,
+    options: Options,
+    *,
+    pipeline: Path | None = None,
+    page: bool = False,
+    profile: str | None = None,
 ) -> int:
     from . import show
     from .campaign import jumps_table, write_jumps
     from .schema import InputError
 
-    campaign, outcomes, plan, single = _outcomes(path, stages, options, pipeline)
+    campaign, outcomes, plan, single = _outcomes(path, stages, options, pipeline, profile)
     if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
         raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
     rows = jumps_table(campaign, outcomes)
@@ -454,7 +473,13 @@ def _work(
     return FAILED if any(o.errors for o in outcomes) else DONE
 
 
-def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipeline: Path | None = None) -> Any:
+def _outcomes(
+    path: Path,
+    stages: tuple[str, ...] | None,
+    options: Options,
+    pipeline: Path | None = None,
+    profile: str | None = None,
+) -> Any:
     """Run the stages; (campaign, outcomes, plan, whether it is a single experiment)."""
     from . import show
     from .campaign import Plan, run_campaign, run_single
@@ -475,12 +500,30 @@ def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipe
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
     single = not is_campaign(path)
+    elsewhere = _hand_over(campaign, plan, profile, options, pipeline, single=single) if profile else None
     with show.Progress(len(campaign.experiments)) as progress:
         if single and campaign.experiments:
             outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
         else:
-            outcomes = run_campaign(campaign, plan, workers=options.workers or cores(), done=progress.experiment)
+            outcomes = run_campaign(
+                campaign, plan, workers=options.workers or cores(), done=progress.experiment, elsewhere=elsewhere
+            )
     return campaign, outcomes, plan, single
+
+
+def _hand_over(
+    campaign: Any, plan: Any, profile: str, options: Options, pipeline: Path | None, *, single: bool
+) -> dict[str, list[str]]:
+    """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
+    from .cluster import hand_over
+    from .schema import InputError
+
+    if single:
+        raise InputError([f"--profile {profile}: {campaign.path} is one experiment; give a campaign, or leave it out"])
+    passed = [x for text in options.set for x in ("--set", text)]
+    passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
+    passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
+    return hand_over(campaign, plan, profile, options=passed, jobs=options.workers)
 
 
 def _question(campaign: Any, outcomes: Any, plan: Any, options: Options, made: list[Path]) -> dict[str, Any]:

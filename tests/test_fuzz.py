@@ -11,9 +11,11 @@ import fuzz_files
 import pytest
 
 CASES = 120  # of each kind
-KINDS = ("film.npy film.h5 film.seq film.cine packed.cine film.mraw film.cihx stack.tif imagej.tif image.png image.jpg "
-         "image.bmp image.pgm ffv1.avi ffv1.mkv h264.mp4 mjpeg.avi raw.avi vp9.webm motor.csv map.npz map.npy "
-         "experiment.toml").split()  # fmt: skip
+KINDS = [
+    "film.npy", "film.h5", "film.seq", "film.cine", "packed.cine", "film.mraw", "film.cihx", "stack.tif", "imagej.tif",
+    "image.png", "image.jpg", "image.bmp", "image.pgm", "ffv1.avi", "ffv1.mkv", "h264.mp4", "mjpeg.avi", "raw.avi",
+    "vp9.webm", "motor.csv", "map.npz", "map.npy", "experiment.toml",
+]  # fmt: skip
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits time and memory of processes as Linux does")

@@ -22,7 +22,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"pipeline", "overrides"},
     {"stages"},
     {"campaign", "craters", "checks", "cache"},
-    {"sweep", "question", "across"},
+    {"sweep", "question", "across", "cluster"},
     {"show"},
     {"report", "demo"},
     {"cli"},
