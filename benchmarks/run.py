@@ -24,6 +24,9 @@ PARTS = {
     "laboratory": "Virtual laboratory",
     "dem": "Discs",
     "closed_loop": "Closed loop: discs, film, analysis",
+    "fuzz": "Damaged files",
+    "faults": "Faults",
+    "campaign": "Campaigns",
 }
 
 

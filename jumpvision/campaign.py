@@ -5,15 +5,18 @@ A failed stage is reported with its reason; stages that do not depend on it, and
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import importlib
 import multiprocessing
 import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -90,7 +93,8 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
         except Exception as e:
             if plan.debug and not isinstance(e, InputError):
                 raise
-            workspace.withdraw(output)
+            with contextlib.suppress(OSError):  # a results folder that cannot be written has been said already
+                workspace.withdraw(output)
             if id(e) not in blamed:  # a stage below failed already: said once
                 blamed.add(id(e))
                 said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
@@ -98,8 +102,12 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
     outcome.steps = workspace.steps
     if Summary in workspace.made:
         outcome.summary = workspace.made[Summary].values
-    if workspace.made:
-        write_provenance(workspace, plan.command)
+    try:
+        if workspace.made:
+            write_provenance(workspace, plan.command)
+    except OSError as e:
+        said = explain(e, "provenance", experiment.path)
+        outcome.errors += [text for text in said if text not in outcome.errors]
     outcome.seconds = time.perf_counter() - began
     return outcome
 
@@ -108,7 +116,8 @@ def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
     """The stages of a plan, then the registered pictures of what those stages make."""
     chosen = {o: s for o, s in STAGES.items() if not s.picture and (plan.stages is None or s.name in plan.stages)}
     yield from chosen.items()
-    yield from ((o, s) for o, s in STAGES.items() if s.picture and s.inputs[0].type in chosen)
+    drawn = {o: s for o, s in STAGES.items() if s.picture and s.function.__module__ in plan.modules}
+    yield from ((o, s) for o, s in drawn.items() if s.inputs[0].type in chosen)
 
 
 def explain(error: Exception, stage: str, path: Path) -> list[str]:
@@ -123,18 +132,23 @@ def explain(error: Exception, stage: str, path: Path) -> list[str]:
     return [f"{where}unexpected {type(error).__name__}: {error} (run again with --debug to see where)"]
 
 
-def write_provenance(workspace: Workspace, command: str) -> None:
-    """provenance.json: versions, parameters, inputs and outputs with SHA-256, command."""
+@functools.cache  # reading the packages' metadata takes longer than most stages
+def _versions() -> dict[str, str]:
     from importlib.metadata import version
 
     packages = ("numpy", "scipy", "pandas", "xarray", "numba", "opencv-python-headless", "scikit-image", "av")
+    return {p: version(p) for p in packages}
+
+
+def write_provenance(workspace: Workspace, command: str) -> None:
+    """provenance.json: versions, parameters, inputs and outputs with SHA-256, command."""
     stages = {s.name: s for s in STAGES.values()}
     done = [stages[s.stage] for s in workspace.steps]
     data = {
         "versions": {
             "jumpvision": __version__,
             "python": platform.python_version(),
-            **{p: version(p) for p in packages},
+            **_versions(),
             "stages": {s.name: s.version for s in done if not s.picture},
         },
         "parameters": {s.name: asdict(workspace.parameters(s)) for s in done if s.params},
@@ -152,12 +166,22 @@ def write_provenance(workspace: Workspace, command: str) -> None:
     write_aside(workspace.results / "provenance.json", json.dumps(plain(data), indent=1) + "\n")
 
 
-def run_campaign(campaign: Campaign, plan: Plan, *, workers: int, done: Report) -> list[Outcome]:
-    """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order."""
+def run_campaign(
+    campaign: Campaign,
+    plan: Plan,
+    *,
+    workers: int,
+    done: Report,
+    elsewhere: Mapping[str, list[str]] | None = None,
+) -> list[Outcome]:
+    """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
+
+    elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
+    """
     sweep_leftovers(plan.results, plan.cache)
     jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
     outcomes: dict[str, Outcome] = {}
-    if workers <= 1 or len(jobs) <= 1:
+    if elsewhere is None and (workers <= 1 or len(jobs) <= 1):
         for name, job in jobs.items():
             outcomes[name] = run_experiment(*job)
             done(outcomes[name])
@@ -167,37 +191,69 @@ def run_campaign(campaign: Campaign, plan: Plan, *, workers: int, done: Report) 
         try:
             outcomes[name] = run_experiment(*job, only_cached=True)
         except NotCached:
-            continue
+            if elsewhere is None:
+                continue
+            why = elsewhere.get(name, [f"{job[0].path}: it changed while it was computed; run again"])
+            outcomes[name] = Outcome(name, job[2], errors=why)
         done(outcomes[name])
     waiting = {n: job for n, job in jobs.items() if n not in outcomes}
     if not waiting:
         return [outcomes[n] for n in jobs]
     # films first: the longest jobs must not start last
     order = sorted(waiting, key=lambda n: -sum(hasattr(s, "frame_rate") for s in jobs[n][0].sections.values()))
-    context = multiprocessing.get_context("spawn")  # fork is unsafe under OpenMP and OpenCV threads
-    with ProcessPoolExecutor(min(workers, len(waiting)), mp_context=context, initializer=_worker) as pool:
-        futures = {pool.submit(run_experiment, *jobs[n]): n for n in order}
-        try:
-            for future in as_completed(futures):
-                name = futures[future]
-                try:
-                    outcomes[name] = future.result()
-                except BrokenProcessPool:
-                    killed = f"{jobs[name][0].path}: a worker process was killed (out of memory?); run again to resume"
-                    outcomes[name] = Outcome(name, plan.results / name, errors=[killed])
-                done(outcomes[name])
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
-            raise
+
+    def report(name: str, outcome: Outcome) -> None:
+        outcomes[name] = outcome
+        done(outcome)
+
+    left = {n: jobs[n] for n in order}
+    while left:
+        for name in _in_processes(left, min(workers, len(left)), report):  # alone, so that the guilty one is known
+            if _in_processes({name: jobs[name]}, 1, report):
+                killed = f"{jobs[name][0].path}: its worker process was killed (out of memory?); run again to resume"
+                report(name, Outcome(name, plan.results / name, errors=[killed]))
+        left = {n: jobs[n] for n in order if n not in outcomes}
     return [outcomes[n] for n in jobs]
 
 
+def _in_processes(jobs: Mapping[str, Any], workers: int, report: Callable[[str, Outcome], None]) -> list[str]:
+    """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
+    context = multiprocessing.get_context("spawn")  # fork is unsafe under OpenMP and OpenCV threads
+    queue = list(jobs.items())[::-1]
+    under_way: dict[Future[Outcome], str] = {}
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_worker) as pool:
+        try:
+            while queue or under_way:
+                while queue and len(under_way) <= workers:  # one more than there are workers, so that none waits
+                    name, job = queue.pop()
+                    under_way[pool.submit(run_experiment, *job)] = name
+                for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                    outcome = future.result()
+                    report(under_way.pop(future), outcome)
+        except BrokenProcessPool:
+            return list(under_way.values())
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return []
+
+
 def _worker() -> None:
-    """One thread a worker: the processes are the parallel work."""
+    """One thread a worker: the processes are the parallel work. It ends when the process that started it is killed."""
+    import threading
+
     import cv2
 
     os.environ["NUMBA_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(process: BaseProcess) -> None:
+    process.join()
+    os._exit(1)
 
 
 def run_single(experiment: Experiment, plan: Plan, *, hook: Hook | None) -> Outcome:

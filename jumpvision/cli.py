@@ -49,7 +49,15 @@ OPTIONS = Options()
 
 
 @app.command
-def run(path: Path, /, *, pipeline: Path | None = None, options: Options = OPTIONS) -> int:
+def run(
+    path: Path,
+    /,
+    *,
+    pipeline: Path | None = None,
+    profile: str | None = None,
+    report: bool = True,
+    options: Options = OPTIONS,
+) -> int:
     """Every stage that has inputs, for one experiment or a whole campaign, then report.html.
 
     Example: jumpvision run data_samples/loose_sand
@@ -60,8 +68,13 @@ def run(path: Path, /, *, pipeline: Path | None = None, options: Options = OPTIO
         An experiment folder (with experiment.toml) or a folder of them.
     pipeline
         TOML file with the stages to run and their parameters, e.g. pipelines/granular.toml.
+    profile
+        Hand a campaign to Snakemake: local, slurm, or a folder with config.yaml (docs/scale.md); --workers is then
+        the number of jobs at a time.
+    report
+        Write report.html.
     """
-    return _work(path, None, options, pipeline=pipeline, page=True)
+    return _work(path, None, options, pipeline=pipeline, page=report, profile=profile)
 
 
 def _stage_command(name: str, text: str) -> None:
@@ -355,6 +368,51 @@ def params(stage: str | None = None, *, json: bool = False) -> int:
 
 
 @app.command
+def cache(
+    path: Path = Path("results"),
+    /,
+    *,
+    older_than: str | None = None,
+    keep: str | None = None,
+    all: bool = False,
+    json: bool = False,
+) -> int:
+    """Size of the cache by stage; with an option, make it smaller. Safe beside a running run.
+
+    Example: jumpvision cache results/loose_sand --older-than 30d
+
+    Parameters
+    ----------
+    path
+        A results folder, a folder of them, or a cache folder.
+    older_than
+        Delete what was not used for so long, e.g. 12h, 30d.
+    keep
+        Delete the longest unused until so much is left, e.g. 500MB, 5GB.
+    all
+        Delete everything; a later run computes it again.
+    json
+        Machine-readable result on stdout.
+    """
+    from . import cache as store
+    from . import show
+
+    age = store.quantity(older_than, store.SECONDS, "--older-than") if older_than is not None else None
+    size = store.quantity(keep, store.BYTES, "--keep") if keep is not None else None
+    caches = store.caches_of(path)
+    entries = [e for c in caches for e in store.entries_of(c)]
+    out = entries if all else store.to_prune(entries, older_than=age, keep=size)
+    store.prune(out)
+    if all or age is not None or size is not None:
+        for folder in caches:
+            store.tidy(folder)
+    rows = store.table(entries, out)
+    data = {"caches": [str(c) for c in caches], "stages": rows, "freed_bytes": sum(e.nbytes for e in out)}
+    show.result(data, rows, as_json=json)
+    return DONE
+
+
+@app.command
 def doctor(*, json: bool = False) -> int:
     """Versions, codecs and cores, for a report of a problem.
 
@@ -391,13 +449,19 @@ def _results_of(path: Path) -> Path:
 
 
 def _work(
-    path: Path, stages: tuple[str, ...] | None, options: Options, *, pipeline: Path | None = None, page: bool = False
+    path: Path,
+    stages: tuple[str, ...] | None,
+    options: Options,
+    *,
+    pipeline: Path | None = None,
+    page: bool = False,
+    profile: str | None = None,
 ) -> int:
     from . import show
     from .campaign import jumps_table, write_jumps
     from .schema import InputError
 
-    campaign, outcomes, plan, single = _outcomes(path, stages, options, pipeline)
+    campaign, outcomes, plan, single = _outcomes(path, stages, options, pipeline, profile)
     if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
         raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
     rows = jumps_table(campaign, outcomes)
@@ -427,7 +491,13 @@ def _work(
     return FAILED if any(o.errors for o in outcomes) else DONE
 
 
-def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipeline: Path | None = None) -> Any:
+def _outcomes(
+    path: Path,
+    stages: tuple[str, ...] | None,
+    options: Options,
+    pipeline: Path | None = None,
+    profile: str | None = None,
+) -> Any:
     """Run the stages; (campaign, outcomes, plan, whether it is a single experiment)."""
     from . import show
     from .campaign import Plan, run_campaign, run_single
@@ -448,12 +518,30 @@ def _outcomes(path: Path, stages: tuple[str, ...] | None, options: Options, pipe
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
     single = not is_campaign(path)
+    elsewhere = _hand_over(campaign, plan, profile, options, pipeline, single=single) if profile else None
     with show.Progress(len(campaign.experiments)) as progress:
         if single and campaign.experiments:
             outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
         else:
-            outcomes = run_campaign(campaign, plan, workers=options.workers or cores(), done=progress.experiment)
+            outcomes = run_campaign(
+                campaign, plan, workers=options.workers or cores(), done=progress.experiment, elsewhere=elsewhere
+            )
     return campaign, outcomes, plan, single
+
+
+def _hand_over(
+    campaign: Any, plan: Any, profile: str, options: Options, pipeline: Path | None, *, single: bool
+) -> dict[str, list[str]]:
+    """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
+    from .cluster import hand_over
+    from .schema import InputError
+
+    if single:
+        raise InputError([f"--profile {profile}: {campaign.path} is one experiment; give a campaign, or leave it out"])
+    passed = [x for text in options.set for x in ("--set", text)]
+    passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
+    passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
+    return hand_over(campaign, plan, profile, options=passed, jobs=options.workers)
 
 
 def _question(campaign: Any, outcomes: Any, plan: Any, options: Options, made: list[Path]) -> dict[str, Any]:
@@ -487,8 +575,14 @@ def main(argv: list[str] | None = None) -> int:
     except CycloptsError as e:
         print(f"jumpvision: {e}; see jumpvision --help", file=sys.stderr)
         return BAD_CALL
+    except BrokenPipeError:
+        return FAILED
+    except OSError as e:  # a full disk, a folder that may not be written
+        where = f": {e.filename}" if e.filename else ""
+        print(
+            f"jumpvision: {e.strerror or e}{where}; free or change it and run the same command again", file=sys.stderr
+        )
+        return FAILED
     except KeyboardInterrupt:
         print("jumpvision: interrupted; run the same command again to resume", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        return FAILED

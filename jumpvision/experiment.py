@@ -181,6 +181,8 @@ def _read(
     table = merged(table, {"params": overrides.get("params", {})})
 
     where = f"{file}:"
+    if other := _other_schema(table.get("schema", SCHEMA)):
+        return None, [f"{where} schema = {table['schema']}: {other}"]
     known = {*SECTIONS, "model", "params"}
     problems = [
         f"{where} {k} = {v!r}: must be a table, written [{k}]"
@@ -218,6 +220,16 @@ def _read(
 
 
 _HEADER = {f.name for f in fields(Header)}
+SCHEMA = 1
+
+
+def _other_schema(number: Any) -> str:
+    """What to do about a folder of another format, "" for the present one (other types are refused with the rest)."""
+    if isinstance(number, bool) or not isinstance(number, int) or number == SCHEMA:
+        return ""
+    if number > SCHEMA:
+        return f"newer than this jumpvision reads ({SCHEMA}); update it: pip install --upgrade jumpvision"
+    return f"older than any format there was; write schema = {SCHEMA} and run jumpvision check on the folder"
 
 
 def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:

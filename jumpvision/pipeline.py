@@ -7,6 +7,7 @@ either a whole entry or none; checksums are verified when an entry is read.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import inspect
@@ -24,7 +25,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from .experiment import Experiment
 from .schema import read
 from .sections import MissingKey, NotApplicable, Section
-from .storage import aside_folder, companions, copy_aside, sha256, sync, write_aside
+from .storage import aside_folder, companions, copy_aside, remove_aside, sealed, sha256, sync, unsealed, write_aside
 
 
 class StageWarning(UserWarning):
@@ -58,6 +59,7 @@ class Stage:
 
 
 STAGES: dict[type, Stage] = {}  # by output type
+ATTEMPTS = 3  # at an entry that vanishes before its files are copied
 
 
 def stage(
@@ -189,17 +191,23 @@ class Workspace:
         key = hashlib.sha256(text.encode()).hexdigest()
         entry = self.cache / made.name / key[:24]
         began = time.perf_counter()
-        try:
-            record, receipt = self._load(entry, output)
-            state = "cached"
-        except (FileNotFoundError, CorruptEntry) as e:
-            if self.only_cached:
-                raise NotCached(made.name) from None
-            if isinstance(e, CorruptEntry):
-                warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)
-            record, receipt = self._compute(made, arguments, entry, key)
-            state = "computed"
-        self._publish(entry, output, receipt)
+        for attempt in range(ATTEMPTS):
+            try:
+                record, receipt = self._load(entry, output)
+                state = "cached"
+            except (FileNotFoundError, CorruptEntry) as e:
+                if self.only_cached:
+                    raise NotCached(made.name) from None
+                if isinstance(e, CorruptEntry):
+                    warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)
+                record, receipt = self._compute(made, arguments, entry, key)
+                state = "computed"
+            try:
+                self._publish(entry, receipt)
+                break
+            except FileNotFoundError:  # the entry was pruned, or mended by another run, in between
+                if entry.exists() or attempt == ATTEMPTS - 1:
+                    raise
         self.steps.append(Step(made.name, state, time.perf_counter() - began, receipt["warnings"], key))
         return key, record
 
@@ -258,15 +266,19 @@ class Workspace:
                 "not_applicable": nothing_to_do,
                 "outputs": {f.name: sha256(f) for f in sorted(aside.iterdir())},
             }  # fmt: skip
-            (aside / "receipt.json").write_text(json.dumps(receipt, indent=1), encoding="utf-8")
+            (aside / "receipt.json").write_text(sealed(receipt), encoding="utf-8")
             sync(aside)
             entry.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.rename(aside, entry)
-            except OSError:  # there already: made by a faster run, or damaged
-                if not self._whole(entry, made.output):
-                    shutil.rmtree(entry)
+            for attempt in range(ATTEMPTS):
+                try:
                     os.rename(aside, entry)
+                    break
+                except OSError:  # there already: made by a faster run, or damaged
+                    if self._whole(entry, made.output):
+                        break
+                    if attempt == ATTEMPTS - 1 or not entry.exists():
+                        raise
+                    remove_aside(entry, self.cache)
         finally:
             shutil.rmtree(aside, ignore_errors=True)
         if nothing_to_do:
@@ -276,10 +288,12 @@ class Workspace:
     def _load(self, entry: Path, output: type) -> tuple[Any, dict[str, Any]]:
         """The record and receipt of a whole, undamaged entry; NotApplicable where it says that there is none."""
         try:
-            receipt = json.loads((entry / "receipt.json").read_text(encoding="utf-8"))
+            receipt = unsealed((entry / "receipt.json").read_text(encoding="utf-8"))
             for name, digest in receipt["outputs"].items():
                 if sha256(entry / name) != digest:
                     raise CorruptEntry(f"{entry / name}: damaged in the cache")
+            with contextlib.suppress(OSError):  # when it was last used, for pruning by age
+                os.utime(entry / "receipt.json")
             if receipt["not_applicable"]:
                 raise NotApplicable(receipt["not_applicable"])
             return output.load(entry), receipt  # type: ignore[attr-defined]
@@ -297,7 +311,7 @@ class Workspace:
             return False
         return True
 
-    def _publish(self, entry: Path, output: type, receipt: Mapping[str, Any]) -> None:
+    def _publish(self, entry: Path, receipt: Mapping[str, Any]) -> None:
         """The result file beside the others; replaced in one step when it differs."""
         self.results.mkdir(parents=True, exist_ok=True)
         for name, digest in receipt["outputs"].items():
@@ -326,14 +340,15 @@ class Workspace:
         """SHA-256 of a file, remembered while its size and modification time stay."""
         s = path.stat()
         memo = self.cache / "hashes" / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
-        stamp = [s.st_size, s.st_mtime_ns]
+        # the time of the last change of any kind tells also an edit that keeps size and date, or a clock set back
+        stamp = [s.st_size, s.st_mtime_ns, s.st_ctime_ns]
         if not self.verify:
             try:
-                known = json.loads(memo.read_text(encoding="utf-8"))
+                known = unsealed(memo.read_text(encoding="utf-8"))
                 if known["stamp"] == stamp:
                     return str(known["sha256"])
-            except (OSError, ValueError, KeyError, TypeError):
+            except (OSError, ValueError, KeyError):
                 pass
         digest = sha256(path)
-        write_aside(memo, json.dumps({"stamp": stamp, "sha256": digest}))
+        write_aside(memo, sealed({"stamp": stamp, "sha256": digest}))
         return digest

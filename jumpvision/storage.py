@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 import socket
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 
 def aside_folder(cache: Path) -> Path:
@@ -30,6 +32,23 @@ def sha256(path: Path) -> str:
     """SHA-256 of a file's content, in hex."""
     with path.open("rb") as f:
         return hashlib.file_digest(f, "sha256").hexdigest()
+
+
+def sealed(content: dict[str, Any]) -> str:
+    """JSON text that carries its own checksum, for `unsealed`."""
+    return json.dumps({**content, "seal": _seal(content)}, indent=1)
+
+
+def unsealed(text: str) -> dict[str, Any]:
+    """The content of a sealed text; ValueError where a bit of it has changed."""
+    content = json.loads(text)
+    if not isinstance(content, dict) or content.pop("seal", None) != _seal(content):
+        raise ValueError("its checksum is wrong")
+    return content
+
+
+def _seal(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def write_aside(path: Path, text: str) -> None:
@@ -61,6 +80,17 @@ def sync(folder: Path) -> None:
             os.fsync(fd)
         finally:
             os.close(fd)
+
+
+def remove_aside(folder: Path, cache: Path) -> None:
+    """Remove a cache entry so that a run beside it sees it whole or not at all."""
+    aside = aside_folder(cache)
+    try:
+        os.rename(folder, aside / "entry")
+    except FileNotFoundError:  # somebody else was faster
+        pass
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 def sweep_leftovers(results: Path, cache: Path) -> None:

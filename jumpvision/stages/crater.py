@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-import zipfile
 from typing import Any
 
 import numpy as np
@@ -94,7 +93,7 @@ def read_map(section: CraterDepth) -> Array:
     try:
         loaded = np.load(path, allow_pickle=False)
         maps = [loaded] if isinstance(loaded, np.ndarray) else [a for a in map(loaded.get, loaded.files) if a.ndim == 2]
-    except (ValueError, OSError, zipfile.BadZipFile, EOFError) as e:
+    except Exception as e:  # of a damaged file numpy, zip and zlib raise what their parsing meets, MemoryError included
         raise ValueError(
             f"{path}: not a {path.suffix} file of plain numbers, or damaged ({e}); save it again"
         ) from None

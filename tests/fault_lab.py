@@ -1,0 +1,141 @@
+"""What the tests and the benchmark of faults share: a small campaign of tables, a run of it in a forked process."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+CAMPAIGN = 'ground = "hard"\n[robot]\nmotor_mass = 1.003\nrod_mass = 0.175\nspring_stiffness = 5760.6\n'
+EXPERIMENT = """[actuation]
+kind = "stutter"
+frequency = {frequency}
+amplitude = 0.004
+phase = 1.57
+start = 0.1
+[rod_track]
+file = "rod_track.csv"
+"""
+
+
+def write_campaign(root: Path, n: int, *, seed: int = 1) -> Path:
+    """n experiments, each a flight with noise of 20 um at 200 Hz in a table; no films, no [model]."""
+    root.mkdir(parents=True)
+    (root / "campaign.toml").write_text(CAMPAIGN, encoding="utf-8")
+    rng = np.random.default_rng(seed)
+    for i in range(n):
+        folder = root / f"jump-{i:04d}"
+        folder.mkdir()
+        frequency, speed = rng.uniform(6, 12), rng.uniform(0.4, 0.6)
+        (folder / "experiment.toml").write_text(EXPERIMENT.format(frequency=frequency), encoding="utf-8")
+        t = np.arange(0, 0.75, 0.005)  # little after the landing: a ring-down to be fitted takes long
+        flight = t - 0.1 - 1 / frequency
+        height = np.where(flight > 0, np.maximum(speed * flight - 1.35 * flight**2, 0), 0) + rng.normal(0, 2e-5, t.size)
+        rows = np.column_stack([t, height])
+        np.savetxt(folder / "rod_track.csv", rows, "%.6f", ",", header="time_s,height_m", comments="")
+    return root
+
+
+def results_of(folder: Path) -> dict[str, bytes]:
+    """Every result file by its path; of provenance.json what does not change from run to run."""
+    found = {}
+    for f in sorted(folder.rglob("*")):
+        name = f.relative_to(folder).as_posix()
+        if f.is_file() and not name.startswith(".cache/") and f.name != "report.html":
+            found[name] = f.read_bytes()
+            if f.name == "provenance.json":
+                data = json.loads(found[name])
+                found[name] = json.dumps({k: data[k] for k in ("inputs", "outputs", "parameters")}).encode()
+    return found
+
+
+def leftovers(folder: Path) -> list[Path]:
+    """Temporary files and unfinished cache entries."""
+    return [f for f in folder.rglob("*") if f.name.startswith("writing-") or f.name.endswith(".tmp")]
+
+
+def run_here(campaign: Path, results: Path, *options: str) -> int:
+    """`jumpvision run` in this process, with one worker and without pictures; its exit code."""
+    from jumpvision.cli import main
+
+    return main(["run", str(campaign), "--results", str(results), "--workers", "1", "--no-pictures", *options])
+
+
+def run_and_kill(campaign: Path, results: Path, after: float) -> bool:
+    """The same in a forked process that gets SIGKILL after `after` seconds; whether it was still at work."""
+    child = os.fork()
+    if child == 0:
+        try:
+            for fd in (1, 2):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), fd)
+            run_here(campaign, results)
+        finally:
+            os._exit(0)
+    time.sleep(after)
+    os.kill(child, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
+
+
+def at_once(work: Path, runs: int, *, n: int = 2) -> dict[str, object]:
+    """Several runs of one campaign into one results folder at the same time, compared with a run alone."""
+    campaign = write_campaign(work / "campaign", n)
+    run_here(campaign, work / "alone")
+    children = []
+    for _ in range(runs):
+        children.append(os.fork())
+        if children[-1] == 0:
+            code = 99
+            try:
+                code = run_here(campaign, work / "together")
+            finally:
+                os._exit(code)
+    codes = [os.waitstatus_to_exitcode(os.waitpid(c, 0)[1]) for c in children]
+    same = results_of(work / "together") == results_of(work / "alone")
+    return {"codes": codes, "same": same, "left": [str(f) for f in leftovers(work / "together")]}
+
+
+def kill_at_random(work: Path, moments: int, *, n: int = 2, seed: int = 0) -> dict[str, object]:
+    """Kill a run at `moments` random moments of its course, resume each to its end and compare with an undisturbed run.
+
+    Returns killed (runs that were still at work), different (results that differ after resuming), left (temporary
+    files after resuming) and torn (JSON result files that could not be read right after a kill).
+    """
+    campaign = write_campaign(work / "campaign", n)
+    run_here(campaign, work / "calm")  # imports and first-use costs
+    calm = results_of(work / "calm")
+    shutil.rmtree(work / "calm")
+    began = time.perf_counter()
+    run_here(campaign, work / "calm")
+    duration = time.perf_counter() - began
+    rng = np.random.default_rng(seed)
+    killed, torn, different, left = 0, [], [], []
+    for k in range(moments):
+        results = work / f"run-{k}"
+        killed += run_and_kill(campaign, results, float(rng.uniform(0, duration)))
+        for f in results.rglob("*.json"):
+            if ".cache/writing-" not in f.as_posix():
+                try:
+                    json.loads(f.read_text())
+                except ValueError:
+                    torn.append(str(f))
+        code = run_here(campaign, results)
+        again = results_of(results)
+        different += [f"run {k}: exit code {code}"] if code else []
+        different += [f"run {k}: {n}" for n in calm.keys() | again.keys() if calm.get(n) != again.get(n)]
+        left += [str(f) for f in leftovers(results)]
+        shutil.rmtree(results)
+    return {"moments": moments, "killed": killed, "torn": torn, "different": different, "left": left}
+
+
+if __name__ == "__main__":  # a process without threads of its own, which may fork
+    import contextlib
+
+    with contextlib.redirect_stdout(sys.stderr):
+        found = {"kill": kill_at_random, "together": at_once}[sys.argv[1]](Path(sys.argv[2]), int(sys.argv[3]))
+    print(json.dumps(found))

@@ -1,0 +1,217 @@
+"""Random damage to every kind of file that is read, each case in a process that may crash, hang or eat memory alone.
+
+Run as a program it is the worker: `fuzz_files.py FOLDER KIND FIRST LAST`. A case is (kind, seed) and nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import warnings
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+LIMIT_S = 20.0  # a good file takes milliseconds; the machine may be busy
+MEMORY = 3 * 2**30  # bytes of address space above what the imports take
+
+NUMBERS = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 10**9)
+TEXT = ["nan", "inf", "-1", "0", "1e999", '"', "'", "[", "]", "{", "}", "=", ",", "\n", "\0", "\xff", "2020-01-01"]
+TEXT += ["99999999999999999999", "../../x"]
+
+
+def damage(good: bytes, seed: int, *, text: bool) -> bytes:
+    """One to eight changes: bytes, whole numbers, cut, removed, doubled or inserted pieces; most near the beginning."""
+    rng = np.random.default_rng(seed)
+    data = bytearray(good)
+    for _ in range(min(int(rng.geometric(0.4)), 8)):
+        if not data:
+            break
+        end = len(data) if rng.random() < 0.4 else min(len(data), 2048)
+        at, kind = int(rng.integers(end)), rng.random()
+        piece = int(rng.integers(1, 65))
+        if kind < 0.35:
+            data[at] = int(rng.integers(256))
+        elif kind < 0.5:
+            data[at] ^= 1 << int(rng.integers(8))
+        elif kind < 0.7:
+            number, width = NUMBERS[rng.integers(len(NUMBERS))], int(rng.choice([1, 2, 4, 8]))
+            order = "little" if rng.random() < 0.7 else "big"
+            data[at : at + width] = (number % 256**width).to_bytes(width, order)  # type: ignore[arg-type]
+        elif kind < 0.78:
+            del data[at:]
+        elif kind < 0.86:
+            del data[at : at + piece]
+        elif kind < 0.93:
+            data[at:at] = data[at : at + piece]
+        elif text:
+            data[at:at] = str(rng.choice(TEXT)).encode()
+        else:
+            data[at:at] = rng.integers(0, 256, piece, np.uint8).tobytes()
+    return bytes(data)
+
+
+def samples(folder: Path) -> dict[str, Path]:
+    """A small good file of each kind by its name; what belongs to it lies beside."""
+    import av
+    import test_frames_raw
+    from test_frames import film_of
+
+    folder.mkdir(parents=True, exist_ok=True)
+    found = test_frames_raw.samples(folder)
+    film = (film_of(5, dtype="uint16") >> 8).astype(np.uint8)
+    film = np.pad(film, ((0, 0), (0, -film.shape[1] % 16), (0, -film.shape[2] % 16)), mode="edge")
+    for name, codec, pixels in (
+        ("ffv1.avi", "ffv1", "gray"), ("ffv1.mkv", "ffv1", "gray"), ("h264.mp4", "libx264", "yuv420p"),
+        ("mjpeg.avi", "mjpeg", "yuvj420p"), ("raw.avi", "rawvideo", "gray"), ("vp9.webm", "libvpx-vp9", "yuv420p"),
+    ):  # fmt: skip
+        if codec not in av.codecs_available:
+            continue
+        with av.open(str(folder / name), "w") as out:
+            stream = out.add_stream(codec, rate=100)
+            stream.height, stream.width = film.shape[1:]
+            stream.pix_fmt = pixels
+            for image in film:
+                out.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray").reformat(format=pixels)))
+            out.mux(stream.encode())
+        found[name] = folder / name
+    (folder / "motor.csv").write_text("time_s,position_m\n" + "".join(f"{i / 100},{i % 7}e-3\n" for i in range(40)))
+    np.savez_compressed(folder / "map.npz", depth=np.linspace(0, 1, 120).reshape(10, 12))
+    np.save(folder / "map.npy", np.linspace(0, 1, 120).reshape(10, 12))
+    (folder / "experiment.toml").write_text(EXPERIMENT)
+    for name in ("motor.csv", "map.npz", "map.npy", "experiment.toml"):
+        found[name] = folder / name
+    return found
+
+
+EXPERIMENT = """
+schema = 1
+ground = "granular"
+exclude = ""
+[robot]
+motor_mass = 1.125
+rod_mass = 0.175
+spring_stiffness = 3300.0
+[robot.sigma]
+spring_stiffness = 20.0
+[actuation]
+kind = "stutter"
+frequency = 7.0
+amplitude = 0.01875
+cycles = 1
+[motor_log]
+file = "motor.csv"
+[model]
+terms = ["two_resistance", "inertial_drag"]
+k1 = 2000.0
+k2 = 1200.0
+delta = 0.012
+[model.fit]
+alpha = [0.0, 300.0]
+[params.track]
+polarity = "dark"
+"""
+
+
+def reader(name: str) -> Callable[[Path], None]:
+    """What reads a file of this name; returning or a clear error is right, all else is a finding."""
+    if name == "experiment.toml":
+        from jumpvision.experiment import open_experiment
+
+        return lambda path: open_experiment(path.parent) and None  # type: ignore[return-value]
+    if name == "motor.csv":
+        from jumpvision.logs import read_log
+
+        return lambda path: read_log(path, "time_s", "position_m") is None and None  # type: ignore[return-value]
+    if name.startswith("map."):
+        from jumpvision.sections import CraterDepth
+        from jumpvision.stages.crater import read_map
+
+        return lambda path: read_map(CraterDepth(file=path.name, path=path)) is None and None  # type: ignore[return-value]
+    return read_film
+
+
+def read_film(path: Path) -> None:
+    """Opens a film, checks what it promises and reads its first and last frame."""
+    from jumpvision.frames import open_frames
+
+    with open_frames(path, frame_rate=100.0) as film:
+        assert 1 <= len(film) == len(film.time), "frames without times"
+        assert np.isfinite(film.time).all() and (np.diff(film.time) > 0).all(), "times that do not increase"
+        for i in {0, len(film) - 1}:
+            image = film[i]
+            assert image.shape == film.shape and image.dtype == film.dtype, "a frame of another kind"
+
+
+def worker(folder: Path, name: str, first: int, last: int) -> None:
+    """Cases first to last - 1 of one kind; the case under way stands in the file `now`, findings on stdout."""
+    import resource
+
+    import numba
+
+    import jumpvision.frames.tiff
+    import jumpvision.frames.video
+    from jumpvision.frames import FrameError
+    from jumpvision.schema import InputError
+
+    assert numba is not None and jumpvision is not None
+    warnings.simplefilter("ignore")
+    warnings.filterwarnings("error", category=RuntimeWarning, module="jumpvision")
+    good = (folder / name).read_bytes()
+    path, read = folder / "case" / name, reader(name)
+    shutil.copytree(folder, path.parent, ignore=shutil.ignore_patterns("case"), dirs_exist_ok=True)
+    read(path)  # the imports, and a good file is read
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # ends the process even inside a library
+    now = os.open(folder / "now", os.O_CREAT | os.O_WRONLY)
+    text = name.endswith((".csv", ".toml", ".cih", ".cihx"))
+    refused = 0
+    for seed in range(first, last):
+        os.pwrite(now, b"%20d" % seed, 0)
+        path.write_bytes(damage(good, zlib.crc32(name.encode()) + seed, text=text))
+        signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+        try:
+            read(path)
+        except (FrameError, InputError) as e:
+            refused += 1
+            if name not in str(e) and "film." not in str(e):
+                print(f"finding {name} {seed}: the error does not name the file: {e}", flush=True)
+        except ValueError as e:
+            refused += 1
+            if not name.startswith("map.") or str(path) not in str(e):
+                print(f"finding {name} {seed}: {type(e).__name__}: {e}", flush=True)
+        except Exception as e:
+            print(f"finding {name} {seed}: {type(e).__name__}: {e}", flush=True)
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+    print(f"refused {refused}", flush=True)
+
+
+def fuzz(folder: Path, name: str, first: int, last: int) -> tuple[int, list[str]]:
+    """(files refused, findings) of cases first to last - 1; a process that died is a finding and is started anew.
+
+    folder: that of `samples`, for this call alone.
+    """
+    refused, findings = 0, []
+    while first < last and len(findings) < 20:
+        call = [sys.executable, __file__, str(folder), name, str(first), str(last)]
+        done = subprocess.run(call, capture_output=True, text=True, errors="replace")
+        lines = done.stdout.splitlines()
+        findings += [t for t in lines if t.startswith("finding ")]
+        refused += sum(int(t.split()[1]) for t in lines if t.startswith("refused "))
+        if done.returncode == 0:
+            break
+        seed = int((folder / "now").read_text()) if (folder / "now").exists() else first
+        what = "hangs" if done.returncode == -signal.SIGALRM else f"ends the process ({done.returncode})"
+        findings.append(f"finding {name} {seed}: {what}: {done.stderr.strip()[-300:]}")
+        first = seed + 1
+    return refused, findings
+
+
+if __name__ == "__main__":
+    worker(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))

@@ -1,0 +1,75 @@
+"""A campaign handed to Snakemake: real jobs on this machine, one killed in mid-run. (About 20 s.)"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from fault_lab import results_of, run_here, write_campaign
+
+from jumpvision.cli import main
+
+SNAKEMAKE = shutil.which("snakemake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+needs_snakemake = pytest.mark.skipif(
+    SNAKEMAKE is None or not sys.platform.startswith("linux"),
+    reason="needs Snakemake (pip install 'jumpvision[workflow]') and /proc",
+)
+
+
+def jobs_at_work(campaign: Path) -> list[int]:
+    """Processes that are a `jumpvision run` of an experiment of this campaign."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (entry / "cmdline").read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if b"--no-report" in words and any(w.startswith(bytes(campaign)) for w in words):
+            found.append(int(entry.name))
+    return found
+
+
+@needs_snakemake
+def test_a_worker_is_killed_and_nothing_is_lost(tmp_path):
+    """Two jobs at a time; the first is killed, tried again, and the tables are those of an ordinary run. One experiment
+    has a bad log: its reason is in the table, and it is not tried again."""
+    campaign = write_campaign(tmp_path / "a campaign", 3)
+    log = campaign / "jump-0002" / "rod_track.csv"
+    log.write_text(log.read_text().replace("0.100000,", "oops,", 1))
+    assert run_here(campaign, tmp_path / "here") == 1
+    call = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())", "run", campaign]
+    call += ["--results", tmp_path / "there", "--profile", "local", "--workers", "2", "--no-pictures"]
+    run = subprocess.Popen(list(map(str, call)), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    try:
+        end = time.monotonic() + 120
+        while not (jobs := jobs_at_work(campaign)) and run.poll() is None and time.monotonic() < end:
+            time.sleep(0.02)
+        assert jobs
+        os.kill(max(jobs), signal.SIGKILL)
+        err = run.communicate(timeout=300)[1]
+    finally:
+        run.kill()
+    assert run.returncode == 1, err
+    assert "Trying to restart job" in err
+    assert err.count("error: ") == 1 and "oops" in err
+    assert not (tmp_path / "there" / ".workflow").exists()
+    here, there = results_of(tmp_path / "here"), results_of(tmp_path / "there")
+    for name in ("jump-0000/fits.json", "jump-0001/summary.json", "jump-0001/rod.csv", "jumps.csv"):
+        assert there[name] == here[name], name
+
+
+def test_a_profile_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("jumpvision.cluster._snakemake", lambda: "snakemake")
+    campaign = write_campaign(tmp_path / "campaign", 2)
+    call = ["run", str(campaign), "--results", str(tmp_path / "r"), "--profile"]
+    assert main([*call, "cloud"]) == 2
+    assert "allowed: local, slurm" in capsys.readouterr().err
+    assert main(["run", str(campaign / "jump-0000"), "--results", str(tmp_path / "r"), "--profile", "local"]) == 2
+    assert "one experiment" in capsys.readouterr().err
+    assert not (tmp_path / "r").exists()
