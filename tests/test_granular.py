@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
-from jumpvision.physics.jump import filmed_height, simulate
+from jumpvision.physics.jump import equilibrium, filmed_height, simulate
 from jumpvision.physics.model import Model
 from jumpvision.physics.parameters import ModelParameters
 
@@ -511,3 +511,13 @@ def test_motor_that_never_runs_leaves_the_robot_at_rest():
     for name in ("cone", "hard, foot with mass"):
         m = simulate(case(name)[0], still, t=np.linspace(0, 1, 20), rtol=1e-9, atol=1e-12)
         assert len(m.events) == 0 and np.ptp(m.rod) < 1e-12 and math.isnan(m.flight_height)
+
+
+def test_rest_is_balanced_in_any_bed():
+    """F_p(z_0) = (M + m_f) g to rounding, also where a straight F_p lets the search hit the root in one step."""
+    rng = np.random.default_rng(4)
+    for k1, mass in zip(rng.uniform(1500.0, 3000.0, 300), rng.uniform(0.9, 1.3, 300)):
+        p = ModelParameters(k1=k1, k2=2100.0, delta=0.01)
+        model = Model("granular", ("two_resistance",), p, **(SAND | {"motor_mass": mass}))
+        z = -equilibrium(model)[1]
+        assert k1 * min(z, 0.01) + 2100.0 * max(z - 0.01, 0.0) == pytest.approx((model.M + model.m_f) * 9.81, rel=1e-12)
