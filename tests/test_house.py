@@ -23,6 +23,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"stages"},
     {"campaign", "craters", "checks"},
     {"sweep", "question", "across"},
+    {"plans"},
     {"show"},
     {"report", "demo"},
     {"cli"},

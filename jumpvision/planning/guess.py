@@ -24,7 +24,7 @@ PUSH, PULL = 1.5 * math.pi, 0.5 * math.pi  # start phases [rad]: a single thrust
 
 
 def starts(jumper: Jumper, apex: float, stroke: float) -> Iterator[Segments]:
-    """Commands to start from, the likeliest first: thrusts, with a pull before or without, slow and fast, small and large.
+    """Commands to start from, the likeliest first: thrusts with or without a pull, slow and fast, of three sizes.
 
     X_c = A [sin(2 pi f t + phase) - sin(phase)] for one cycle; the first amplitude gives about the apex [m].
     """
