@@ -20,6 +20,7 @@ PARTS = {
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",
     "laboratory": "Virtual laboratory",
+    "plan": "Motion planning",
 }
 
 

@@ -115,8 +115,11 @@ class Planner:
                 return self._plan("infeasible" if best else "failed", apex, best or trial, began)
             solution = self._descend(apex, best)
             if solution is None:
+                solution, solver = self.solver("height").solve(apex, self.limits, warm=best), self.solver("height")
+                self.say(f"the least {self.objective} was not found; kept a plan that reaches the apex")
+            if not solution.solved:
                 return self._plan("failed", apex, best, began)
-        return self._corrected(apex, solution, began)
+        return self._corrected(apex, solution, solver, began)
 
     def highest(self, count: int | None = None) -> Plan:
         """The highest jump found from `count` starts (default: all)."""
@@ -154,7 +157,7 @@ class Planner:
 
     def _descend(self, apex: float, best: Solution) -> Solution | None:
         """From the highest jump down to the apex, in steps where one does not do."""
-        for steps in (1, 4, 12):
+        for steps in (1, 4):
             at = best
             for target in best.apex + (apex - best.apex) * np.linspace(0.0, 1.0, steps + 1)[1:]:
                 at = self.solver(self.objective).solve(float(target), self.limits, guess=self._guess(at.command))
@@ -164,7 +167,7 @@ class Planner:
                 return at
         return None
 
-    def _corrected(self, apex: float, solution: Solution, began: float) -> Plan:
+    def _corrected(self, apex: float, solution: Solution, solver: Solver, began: float) -> Plan:
         """Moves the target by what the re-simulated apex misses it."""
         seconds, target = solution.seconds, apex
         plan = self._plan("solved", apex, solution, began)
@@ -173,7 +176,7 @@ class Planner:
             if abs(miss) < ACCURATE:
                 break
             target += miss
-            solution = self.solver(self.objective).solve(target, self.limits, warm=solution)
+            solution = solver.solve(target, self.limits, warm=solution)
             if not solution.solved:
                 break
             other = self._plan("solved", apex, solution, began)
