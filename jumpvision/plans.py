@@ -117,7 +117,7 @@ def make_plan(
         "apex_spread_m": spread, "solve_s": plan.solve_s, "active_limits": list(plan.active),
         "highest_apex_m": None if reached else plan.planned_apex, "planned_apex_m": plan.planned_apex,
         "build_s": plan.build_s, "total_s": plan.total_s, "robot": robot.name, "ground": robot.model.ground,
-        "objective": objective, "motion": motion,
+        "objective": "height" if apex is None else objective, "motion": motion,
         "limits": {n: v for n, v in asdict(planner.limits).items() if v < math.inf},
         "duration_s": plan.command.stop, "phases_s": dict(zip(_phases(planner.sequence), plan.durations.tolist())),
     }  # fmt: skip
