@@ -27,6 +27,7 @@ PARTS = {
     "fuzz": "Damaged files",
     "faults": "Faults",
     "campaign": "Campaigns",
+    "plan": "Motion planning",
 }
 
 

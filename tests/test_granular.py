@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
-from jumpvision.physics.jump import filmed_height, simulate
+from jumpvision.physics.jump import equilibrium, filmed_height, simulate
 from jumpvision.physics.model import Model
 from jumpvision.physics.parameters import ModelParameters
 
@@ -525,3 +525,13 @@ def test_an_intrusion_over_before_it_is_seen_is_none():
         law = sinusoid(7.0, 0.01875, math.pi / 2 - off, 1.0, 0.1)
         heights.append(simulate(model, law, t=np.arange(0.0, 0.8, 0.005), rtol=1e-8, atol=1e-10).jump_height)
     assert heights == pytest.approx([heights[0]] * 6, abs=1e-8)  # the impulse of 1e-5 rad is worth less than 1e-8 m
+
+
+def test_rest_is_balanced_in_any_bed():
+    """F_p(z_0) = (M + m_f) g to rounding, also where a straight F_p lets the search hit the root in one step."""
+    rng = np.random.default_rng(4)
+    for k1, mass in zip(rng.uniform(1500.0, 3000.0, 300), rng.uniform(0.9, 1.3, 300)):
+        p = ModelParameters(k1=k1, k2=2100.0, delta=0.01)
+        model = Model("granular", ("two_resistance",), p, **(SAND | {"motor_mass": mass}))
+        z = -equilibrium(model)[1]
+        assert k1 * min(z, 0.01) + 2100.0 * max(z - 0.01, 0.0) == pytest.approx((model.M + model.m_f) * 9.81, rel=1e-12)

@@ -23,6 +23,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"stages"},
     {"campaign", "craters", "checks", "cache"},
     {"sweep", "question", "across", "cluster"},
+    {"plans"},
     {"show"},
     {"report", "demo"},
     {"cli"},

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from jumpvision.lab import samples
 from jumpvision.lab.jumper import Motion, simulate
-from jumpvision.lab.mechanisms import Law, Motor
+from jumpvision.lab.mechanisms import Law, Motor, Samples
 
 HARD, SAND = samples.HARD_ROBOT, samples.SAND_ROBOT
 
@@ -69,6 +69,18 @@ def test_a_stiff_loop_is_the_law():
         u = m.t - 0.05  # 10 ms after the step of X'' the loop has settled
         error.append(np.abs(m.motor - plain.motor)[(u > 0.01) & (u < 1 / 6.0)].max())
     assert error[0] / error[1] == pytest.approx(4.0, rel=0.1)
+
+
+def test_samples_are_played_as_the_law_they_were_taken_from():
+    """Straight lines leave a sine by A w^2 dt^2 / 8 = 2.5e-8 m, and the loop follows them within a few times that."""
+    motor, law = Motor(20000.0, 120.0), Law(6.0, 0.01875, 0.5 * math.pi, 0.05)
+    t = np.arange(0.0, 1 / 6.0 + 0.5e-4, 1e-4)
+    X = law.amplitude * (np.sin(2 * math.pi * 6.0 * t + law.phase) - 1.0)
+    options = {"ground": "granular", "bed_density": 570.0, "motor": motor, "duration": 0.5, "dt": 1e-5, "every": 10}
+    played = simulate(SAND, Samples(X, 1e4, 0.05), samples.SAND_TERMS, samples.SAND_TRUTH, **options)
+    plain = simulate(SAND, law, samples.SAND_TERMS, samples.SAND_TRUTH, **options)
+    np.testing.assert_allclose(played.motor, plain.motor, atol=1e-6)
+    assert played.jump_height == pytest.approx(plain.jump_height, abs=1e-6)
 
 
 def test_limits_hold():

@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .jumper_kernel import integrate
-from .mechanisms import Law, Motor, Robot, truth_of
+from .mechanisms import Law, Motor, Robot, Samples, truth_of
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class Motion:
 
 def simulate(
     robot: Robot,
-    law: Law | None,
+    law: Law | Samples | None,
     terms: Sequence[str],
     parameters: Mapping[str, float],
     *,
@@ -95,20 +95,26 @@ def simulate(
 ) -> Motion:
     """The jump from settled rest at t = 0 to `duration` [s].
 
-    law: the command, or None for a motor at rest. terms: mechanisms in force (MECHANISMS; those at the camera are
-    ignored), with their `parameters` under the names of the contract (SI, rad). ground: "hard" or "granular" (needs a
-    static force and a foot with mass). bed_density: phi rho [kg/m^3], for added_mass and depth_drag. dt [s]: the step;
-    every: samples are kept each `every` steps. motor: the feedback loop that follows the law; None: the motor is where
-    the law says. Raises ValueError for an impossible set.
+    law: the command (Samples need the feedback loop), or None for a motor at rest. terms: mechanisms in force
+    (MECHANISMS; those at the camera are ignored), with their `parameters` under the names of the contract (SI, rad).
+    ground: "hard" or "granular" (needs a static force and a foot with mass). bed_density: phi rho [kg/m^3], for
+    added_mass and depth_drag. dt [s]: the step; every: samples are kept each `every` steps. motor: the feedback loop
+    that follows the law; None: the motor is where the law
+    says. Raises ValueError for an impossible set.
     """
     q = truth_of(robot, terms, parameters, ground=ground, bed_density=bed_density)
     if law is None:
         law = Law(1.0, 0.0, 0.0, 0.0, 0.0)
-    half = law.start + (0.5 / law.frequency if law.delay > 0 else law.cycles / law.frequency)
-    command = (law.amplitude, 2 * math.pi * law.frequency, law.phase, law.start, half, law.delay, law.stop)
+    command: tuple[Any, ...]
+    if isinstance(law, Samples):
+        command = (0.0, 0.0, 0.0, law.start, law.stop, 0.0, law.stop, 1.0, np.asarray(law.position, float), law.rate)
+    else:
+        half = law.start + (0.5 / law.frequency if law.delay > 0 else law.cycles / law.frequency)
+        command = (law.amplitude, 2 * math.pi * law.frequency, law.phase, law.start, half, law.delay, law.stop,
+                   law.dwell_gain, np.empty(0), 0.0)  # fmt: skip
     loop = _loop(motor, law, q.tau)
     n = round(duration / (dt * every)) + 1
-    out, contact, lift_offs, landings = integrate(q, (*command, law.dwell_gain), loop, dt, every, n)
+    out, contact, lift_offs, landings = integrate(q, command, loop, dt, every, n)
     t: Array = np.arange(n, dtype=np.float64) * (dt * every)
     ends = np.append(landings, t[-1])[: len(lift_offs)]
     return Motion(
@@ -121,7 +127,7 @@ def simulate(
     )
 
 
-def _loop(motor: Motor | None, law: Law, tau: float) -> Loop:
+def _loop(motor: Motor | None, law: Law | Samples, tau: float) -> Loop:
     """Gains and limits as the kernel needs them: the travel's ends lie evenly about the range of the law."""
     if motor is None:
         return Loop(0.0, 0.0, math.inf, math.inf, -math.inf, math.inf)
@@ -131,7 +137,10 @@ def _loop(motor: Motor | None, law: Law, tau: float) -> Loop:
         raise ValueError("motor_lag: leave it out where the motor's feedback loop is simulated")
     if math.isinf(motor.stroke):
         return Loop(*motor[:4], -math.inf, math.inf)
-    turn = 2 * math.pi * np.linspace(0.0, law.cycles, 1001)
-    X = law.amplitude * (np.sin(turn + law.phase) - math.sin(law.phase))
+    if isinstance(law, Samples):
+        X = law.position
+    else:
+        turn = 2 * math.pi * np.linspace(0.0, law.cycles, 1001)
+        X = law.amplitude * (np.sin(turn + law.phase) - math.sin(law.phase))
     low = min(max(0.5 * float(X.max() + X.min() - motor.stroke), -motor.stroke), 0.0)
     return Loop(*motor[:4], low, low + motor.stroke)

@@ -17,10 +17,16 @@ AIR, STUCK, INTRUDING = 0, 1, 2
 @nb.njit(cache=True)
 def _command(t, cmd):  # type: ignore[no-untyped-def]
     """X_m, its rate and acceleration as commanded."""
-    A, w, phase, start, half, delay, stop, _ = cmd
+    A, w, phase, start, half, delay, stop, _, samples, rate = cmd
     moving = True
     if t < start:
         return 0.0, 0.0, 0.0
+    if samples.size > 0:
+        i = int((t - start) * rate)
+        if i >= samples.size - 1:
+            return samples[-1], 0.0, 0.0
+        slope = (samples[i + 1] - samples[i]) * rate
+        return samples[i] + slope * (t - start - i / rate), slope, 0.0
     if t >= stop:
         u, moving = stop - delay - start, False
     elif t < half:
@@ -110,7 +116,7 @@ def _acceleration(t, X, V, x_r, v_m, F_s, cmd, loop, q):  # type: ignore[no-unty
     speed it does not push on.
     """
     command, rate, _ = _command(t, cmd)
-    _, _, _, _, half, delay, _, dwell = cmd
+    _, _, _, _, half, delay, _, dwell, _, _ = cmd
     gain = loop.kp * (dwell if half <= t < half + delay else 1.0)
     F_m = gain * (command - X) + loop.kd * (rate - V) + q.m_m * q.g
     F_m = min(max(F_m, -loop.max_force), loop.max_force)

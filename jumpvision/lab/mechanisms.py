@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 # mechanism (PHYSICS section 4) -> the parameters it needs
 MECHANISMS: dict[str, tuple[str, ...]] = {
     "linear_penetration": ("k",),
@@ -64,6 +67,18 @@ class Law(NamedTuple):
     @property
     def stop(self) -> float:
         return self.start + self.cycles / self.frequency + self.delay
+
+
+class Samples(NamedTuple):
+    """A command as a controller plays it: X_m in equal steps of 1/rate from `start` on, straight lines between."""
+
+    position: NDArray[np.float64]  # m, from 0
+    rate: float  # 1/s
+    start: float
+
+    @property
+    def stop(self) -> float:
+        return self.start + (len(self.position) - 1) / self.rate
 
 
 class Motor(NamedTuple):

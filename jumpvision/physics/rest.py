@@ -41,8 +41,8 @@ def depth(p: Any) -> float:
         z = (lo * f_hi - hi * f_lo) / (f_hi - f_lo) if n % 3 else 0.5 * (lo + hi)
         f = static_force(z, 0.0, 0.0, p) - load
         if f < 0.0:
-            if z == lo:
-                break
+            if z == lo:  # the root to the last bit; the far end of the bracket is not
+                return lo
             lo, f_lo = z, f
         else:
             if z == hi:

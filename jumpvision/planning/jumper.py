@@ -1,0 +1,125 @@
+"""The jumper's equations of motion in symbols, one mode at a time, from the force laws of `physics.terms`.
+
+State [y, w(, X(, V))(, x_f, v_f)] as in `physics.granular`: y = x_r + (m_m/M) X_m the centre of mass of motor and rod,
+w its rate; X, V the motor's position and rate where a feedback loop drives it, X alone where it lags its command; the
+foot where it moves by itself. Modes: STUCK (foot at rest on the ground), INTRUDE, AIR.
+"""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import Any
+
+from jumpvision.physics.model import Model
+from jumpvision.physics.terms import STATIC, TERMS, spring
+
+STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Gains of the motor's feedback loop; kp = 0: none, the motor is where its command says."""
+
+    kp: float = 0.0  # N/m
+    kd: float = 0.0  # N s/m
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What the ground remembers: depths [m] of the hole's floor, of the last lift-off and the last pause (0: none)."""
+
+    floor: Any
+    hole: Any = 0.0
+    pause: Any = 0.0
+    moved: bool = False  # the foot has intruded before
+    landed: bool = False  # the foot has left the ground before
+
+
+@dataclass(frozen=True)
+class Jumper:
+    """A model with its motor. xp: array namespace of the laws."""
+
+    model: Model
+    drive: Drive
+    xp: Any
+
+    @property
+    def massless(self) -> bool:
+        return self.model.m_f == 0.0
+
+    def states(self, mode: str) -> tuple[str, ...]:
+        """Names of the states in a mode."""
+        motor = ("X", "V") if self.drive.kp > 0 else ("X",) if "motor_lag" in self.model else ()
+        foot = ("x_f", "v_f") if mode == INTRUDE or (mode == AIR and not self.massless) else ()
+        return ("y", "w", *motor, *foot)
+
+    def sag(self) -> float:
+        """X_m - command [m] of the loop in free flight, where its feed-forward m_m g carries nothing."""
+        return self.model.m_m * self.model.g / self.drive.kp if self.drive.kp > 0 else 0.0
+
+    def law(self, term: str, **symbols: Any) -> Any:
+        """Force [N] of one mechanism; 0 where the model has it not. symbols win over the model's parameters."""
+        if term not in self.model:
+            return 0.0
+        names = list(inspect.signature(TERMS[term]).parameters)[1:]
+        return TERMS[term](self.xp, **{n: symbols[n] if n in symbols else self.model.symbol(n) for n in names})
+
+    def static_force(self, z: Any, memory: Memory) -> Any:
+        """F_p(z) [N] with its overshoots, also the yield threshold."""
+        stiffer: dict[str, Any] = {}
+        if "compaction" in self.model and memory.landed:
+            p = self.model.parameters
+            stiffer = {n: p.factor * v for n in ("k", "k1") if (v := getattr(p, n)) is not None}
+        force = sum(self.law(t, z=z, **stiffer) for t in STATIC)
+        if memory.landed:
+            force += self.law("reintrusion_overshoot", z=z, z_g=memory.hole)
+        return force + self.law("stop_go_overshoot", z=z, z_stop=memory.pause)
+
+    def foot_inertia(self, z: Any) -> Any:
+        """m_f + m_a(z) [kg]."""
+        return self.model.m_f - self.law("added_mass", z=z, a=1.0)
+
+    def equations(self, mode: str, s: dict[str, Any], command: tuple[Any, Any, Any], memory: Memory) -> dict[str, Any]:
+        """Rates of the states under "rates", and rod, rod_rate, X, V, force F_m, spring force, push on the ground.
+
+        command: X_c [m], X_c' [m/s], X_c'' [m/s^2].
+        """
+        m, d = self.model, self.drive
+        x_c, v_c, a_c = command
+        if d.kp > 0:
+            X, V = s["X"], s["V"]
+        elif "motor_lag" in m:
+            X, V = s["X"], (x_c - s["X"]) / m.parameters.tau
+        else:
+            X, V = x_c, v_c
+        ratio = m.m_m / m.M
+        x_r, v_r = s["y"] - ratio * X, s["w"] - ratio * V
+        v_m = v_r + V
+        free = mode == AIR and self.massless
+        x_f = x_r if free else s.get("x_f", -memory.floor)
+        v_f = v_r if free else s.get("v_f", 0.0)
+        stretch = x_r - x_f
+        force = (
+            0.0 if free else spring(stretch, v_r - v_f, m.k_s, m.c_s) + self.law("spring_hardening", stretch=stretch)
+        )
+        rail = self.law("viscous_friction", v_m=v_m)
+        w_rate = -m.g + (force + rail) / m.M
+        if d.kp > 0:
+            effort = d.kp * (x_c - X) + d.kd * (v_c - V) + m.m_m * m.g
+            a = effort * m.M / (m.m_m * m.rod_mass) + rail / m.m_m - force / m.rod_mass
+        else:
+            a = (v_c - V) / m.parameters.tau if "motor_lag" in m else a_c
+            effort = m.m_m * (w_rate + m.rod_mass / m.M * a + m.g) - rail
+        rates = {"y": s["w"], "w": w_rate, "X": V, "V": a, "x_f": v_f, "v_f": 0.0}
+        push = force + m.m_f * m.g
+        if mode == AIR and not free:
+            rates["v_f"] = -push / m.m_f
+        elif mode == INTRUDE:
+            z = -x_f
+            resist = (
+                self.static_force(z, memory) + self.law("inertial_drag", v=v_f) + self.law("depth_drag", z=z, v=v_f)
+            )
+            rates["v_f"] = (resist - push) / self.foot_inertia(z)
+        return {"rates": [rates[n] for n in self.states(mode)], "rod": x_r, "rod_rate": v_r, "foot": x_f,
+                "foot_rate": v_f, "X": X, "V": V, "force": effort, "push": push}  # fmt: skip

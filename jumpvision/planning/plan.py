@@ -1,0 +1,194 @@
+"""Planning a jump: solve, simulate the plan with its events, correct the target by the miss, or say what is reached."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.physics.forcing import Forcing, Spline
+from jumpvision.physics.jump import Motion, equilibrium, simulate
+from jumpvision.physics.loop import Loop
+from jumpvision.physics.model import Model
+from jumpvision.planning import namespace
+from jumpvision.planning.guess import guessed, starts
+from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper
+from jumpvision.planning.solve import Solution, Solver
+from jumpvision.planning.transcription import OBJECTIVES, Guess, Limits, Programme
+from jumpvision.schema import InputError, closest
+
+Array = NDArray[np.float64]
+
+MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
+    "single": {"hard": (STUCK, AIR), "granular": (STUCK, INTRUDE, STUCK, AIR)},
+    "hop": {"hard": (STUCK, AIR, STUCK, AIR), "granular": (STUCK, AIR, INTRUDE, STUCK, AIR)},
+    "stop-go": {"granular": (STUCK, INTRUDE, STUCK, INTRUDE, STUCK, AIR)},
+    "stick": {"hard": (STUCK, AIR, AIR, STUCK)},
+}
+"""Sequences of phases by name and ground. hop: a preliminary hop; stick: lands and stands still."""
+NEEDS = {("hop", "granular"): "reintrusion_overshoot", ("stop-go", "granular"): "stop_go_overshoot"}
+REFUSED = "coulomb_friction"  # set-valued on the rail: the phases do not resolve its sticking
+ACCURATE = 5e-6  # m, between target and re-simulated apex, at which the corrections end
+CORRECTIONS = 4
+TRIES = 3  # starts before the highest apex is asked for
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A planned jump. status: solved; infeasible (then the rest is the highest jump found); failed.
+
+    apex [m] of the target, or of the plan itself where none was given; motion: the re-simulation; active: limits met.
+    """
+
+    status: str
+    apex: float
+    planned_apex: float
+    command: Spline
+    motion: Motion
+    resimulated_apex: float
+    active: tuple[str, ...]
+    durations: Array
+    build_s: float
+    solve_s: float  # of the solution that counts, without corrections
+    total_s: float
+
+
+@dataclass
+class Planner:
+    """Plans for one jumper: programmes are built once an objective and kept.
+
+    say: is told what goes on. Raises InputError for a motion or a model that cannot be planned.
+    """
+
+    model: Model
+    drive: Drive
+    limits: Limits
+    objective: str = "effort"
+    motion: str = "single"
+    say: Callable[[str], None] = lambda text: None
+    _solvers: dict[str, Solver] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.objective not in OBJECTIVES:
+            found = closest(self.objective, OBJECTIVES)
+            raise InputError([f"objective = '{self.objective}'{found}: must be one of {', '.join(OBJECTIVES)}"])
+        if self.motion not in MOTIONS:
+            found = closest(self.motion, MOTIONS)
+            raise InputError([f"motion = '{self.motion}'{found}: must be one of {', '.join(MOTIONS)}"])
+        if self.model.ground not in MOTIONS[self.motion]:
+            raise InputError([f"motion = '{self.motion}': not on {self.model.ground} ground; choose another motion"])
+        if (need := NEEDS.get((self.motion, self.model.ground))) and need not in self.model:
+            raise InputError([f"motion = '{self.motion}': the model has no '{need}'; add it with its parameters"])
+        if REFUSED in self.model:
+            raise InputError([f"model terms: '{REFUSED}' cannot be planned with; use viscous_friction or remove it"])
+        if self.drive.kp > 0 and "motor_lag" in self.model:
+            raise InputError(["model terms: 'motor_lag' cannot act together with [motor] kp; remove one"])
+        self.jumper = Jumper(self.model, self.drive, namespace)
+        self.sequence = MOTIONS[self.motion][self.model.ground]
+
+    def solver(self, objective: str) -> Solver:
+        """The built programme of an objective."""
+        if objective not in self._solvers:
+            rest = equilibrium(self.model)
+            self._solvers[objective] = Solver(Programme(self.jumper, self.sequence, objective, rest, self.limits))
+        return self._solvers[objective]
+
+    def plan(self, apex: float) -> Plan:
+        """The jump to an apex [m] over rest."""
+        began = time.perf_counter()
+        solver = self.solver(self.objective)
+        best: Solution | None = None
+        solution = None
+        for _, command in zip(range(TRIES), starts(self.jumper, apex, self.limits.stroke)):
+            trial = solver.solve(apex, self.limits, guess=self._guess(command))
+            self.say(f"{self.objective}: {trial.status}, {trial.iterations} iterations, {trial.seconds:.2f} s")
+            if trial.solved:
+                solution = trial
+                break
+        if solution is None:
+            best = self.reach(apex)
+            if best is None or best.apex < apex:
+                return self._plan("infeasible" if best else "failed", apex, best or trial, began)
+            solution = self._descend(apex, best)
+            if solution is None:
+                solution, solver = self.solver("height").solve(apex, self.limits, warm=best), self.solver("height")
+                self.say(f"the least {self.objective} was not found; kept a plan that reaches the apex")
+            if not solution.solved:
+                return self._plan("failed", apex, best, began)
+        return self._corrected(apex, solution, solver, began)
+
+    def highest(self, count: int | None = None) -> Plan:
+        """The highest jump found from `count` starts (default: all)."""
+        began = time.perf_counter()
+        best = self.reach(math.inf, count)
+        if best is None:
+            raise InputError(["limits: no jump was found under them; widen the limits"])
+        return self._plan("solved", best.apex, best, began)
+
+    def reach(self, enough: float, count: int | None = None) -> Solution | None:
+        """The highest apex from all starts, or the first above `enough` [m]; None where no start gives a jump."""
+        solver, best = self.solver("height"), None
+        likely = min(enough, 0.05)
+        for n, command in enumerate(starts(self.jumper, likely, self.limits.stroke)):
+            if n == count:
+                break
+            r = solver.solve(None, self.limits, guess=self._guess(command))
+            if r.solved and (best is None or r.apex > best.apex):
+                best = r
+                self.say(f"highest apex: {1e3 * r.apex:.1f} mm from start {n + 1}")
+                if best.apex >= enough:
+                    break
+        return best
+
+    def simulate(self, command: Spline, model: Model | None = None) -> tuple[Motion, float]:
+        """The motion under a command by the simulator, and its apex over rest [m]; model: another than the plan's."""
+        d = self.drive
+        forcing = Loop(command, d.kp, d.kd, self.limits.max_force) if d.kp > 0 else command
+        t = np.linspace(0.0, command.stop + 0.6, 1201)
+        motion = simulate(model or self.model, forcing, t=t, rtol=1e-8, atol=1e-10)
+        return motion, motion.driven_height if self.motion == "stick" else motion.jump_height
+
+    def _guess(self, command: Forcing) -> Guess:
+        return guessed(self.jumper, self.sequence, command)
+
+    def _descend(self, apex: float, best: Solution) -> Solution | None:
+        """From the highest jump down to the apex, in steps where one does not do."""
+        for steps in (1, 4):
+            at = best
+            for target in best.apex + (apex - best.apex) * np.linspace(0.0, 1.0, steps + 1)[1:]:
+                at = self.solver(self.objective).solve(float(target), self.limits, guess=self._guess(at.command))
+                if not at.solved:
+                    break
+            if at.solved:
+                return at
+        return None
+
+    def _corrected(self, apex: float, solution: Solution, solver: Solver, began: float) -> Plan:
+        """Moves the target by what the re-simulated apex misses it."""
+        seconds, target = solution.seconds, apex
+        plan = self._plan("solved", apex, solution, began)
+        for _ in range(CORRECTIONS):
+            miss = apex - plan.resimulated_apex
+            if abs(miss) < ACCURATE:
+                break
+            target += miss
+            solution = solver.solve(target, self.limits, warm=solution)
+            if not solution.solved:
+                break
+            other = self._plan("solved", apex, solution, began)
+            if abs(apex - other.resimulated_apex) >= abs(miss):
+                break
+            plan = other
+        self.say(f"re-simulated apex {1e3 * plan.resimulated_apex:.3f} mm")
+        return replace(plan, solve_s=seconds)
+
+    def _plan(self, status: str, apex: float, s: Solution, began: float) -> Plan:
+        motion, found = self.simulate(s.command)
+        return Plan(
+            status, apex, s.apex, s.command, motion, found, s.active, s.durations,
+            sum(solver.build_s for solver in self._solvers.values()), s.seconds, time.perf_counter() - began,
+        )  # fmt: skip

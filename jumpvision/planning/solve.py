@@ -1,0 +1,139 @@
+"""Solving a transcribed jump: IPOPT with exact derivatives, cold from a guess or warm from an earlier solution."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.physics.forcing import Spline
+from jumpvision.planning.transcription import SCALE, SHORTEST, Guess, Limits, Programme
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-7
+MAX_ITERATIONS = 250
+LONGEST = 3.0  # of a phase, in periods of the spring
+WIDEST = 1.0  # m, travel where no stroke is given
+HIT = 1e-3  # of a limit, within which it is called active
+OPTIONS: dict[str, Any] = {
+    "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": TOLERANCE,
+    "ipopt.max_iter": MAX_ITERATIONS, "ipopt.mu_strategy": "adaptive",
+    "ipopt.acceptable_tol": 1e-5, "ipopt.acceptable_iter": 8,
+}  # fmt: skip
+WARM = {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-5, "ipopt.mu_strategy": "monotone",
+        "ipopt.warm_start_bound_push": 1e-7, "ipopt.warm_start_mult_bound_push": 1e-7,
+        "ipopt.warm_start_slack_bound_push": 1e-7}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A solved programme. command: X_c from 0 on; phases: mode and end [s]; apex [m] and its time [s] as planned."""
+
+    solved: bool
+    status: str
+    x: Array
+    multipliers: tuple[Array, Array]
+    command: Spline
+    durations: Array
+    apex: float
+    apex_time: float
+    active: tuple[str, ...]
+    iterations: int
+    seconds: float
+
+
+class Solver:
+    """A programme built once, to be solved for any apex and limits. build_s: time that took [s]."""
+
+    def __init__(self, programme: Programme):
+        began = time.perf_counter()
+        self.programme = programme
+        nlp = programme.build()
+        self._cold = ca.nlpsol("plan", "ipopt", nlp, OPTIONS)
+        shared = {"grad_f": self._cold.get_function("nlp_grad_f"), "jac_g": self._cold.get_function("nlp_jac_g"),
+                  "hess_lag": self._cold.get_function("nlp_hess_l")}  # fmt: skip
+        self._warm = ca.nlpsol("plan", "ipopt", nlp, OPTIONS | WARM | shared)
+        self._apex = ca.Function("apex", [nlp["x"]], [programme.apex, programme.apex_time])
+        kinds = [u.kind for u in programme.unknowns]
+        self.scale = np.array([SCALE[k] for k in kinds])
+        self.places = {k: np.flatnonzero([kind == k for kind in kinds]) for k in SCALE}
+        self.names = np.array([r.name for r in programme.rows])
+        self.build_s = time.perf_counter() - began
+
+    def solve(
+        self, apex: float | None, limits: Limits, *, guess: Guess | None = None, warm: Solution | None = None
+    ) -> Solution:
+        """The plan for an apex [m] (None: whatever the objective makes of it)."""
+        began = time.perf_counter()
+        bounds = self._bounds(apex, limits)
+        if warm is not None:
+            r = self._warm(x0=warm.x, lam_x0=warm.multipliers[0], lam_g0=warm.multipliers[1], **bounds)
+            stats = self._warm.stats()
+        else:
+            assert guess is not None
+            r = self._cold(x0=self.pack(guess), **bounds)
+            stats = self._cold.stats()
+        return self._solution(r, bounds, limits, stats, time.perf_counter() - began)
+
+    def pack(self, guess: Guess) -> Array:
+        """The guess as unknowns."""
+        out = np.zeros(len(self.scale))
+        unknowns = self.programme.unknowns
+        begin, end = np.array(guess.phases).T
+        which = np.array([u.phase for u in unknowns])
+        at = begin[which] + (end - begin)[which] * np.array([u.place for u in unknowns])
+        values = guess.sample(at)
+        for kind, i in self.places.items():
+            if kind in values:
+                out[i] = values[kind][i]
+        out[self.places["T"]] = end - begin
+        out[self.places["low"]] = float(np.min(values["X"]))
+        out[self.places["peak"]] = 50.0
+        out[self.places["work"]] = 1.0
+        return out / self.scale
+
+    def _bounds(self, apex: float | None, limits: Limits) -> dict[str, Array]:
+        p = self.programme
+        swing = 2 * math.pi * math.sqrt(p.jumper.model.M / p.jumper.model.k_s)
+        lbx, ubx = np.full(len(self.scale), -math.inf), np.full(len(self.scale), math.inf)
+        stroke = min(limits.stroke, WIDEST)
+        for kind, least, most in (("T", SHORTEST, LONGEST * swing), ("low", -stroke, 0.0), ("work", 0.0, math.inf)):
+            lbx[self.places[kind]], ubx[self.places[kind]] = least, most
+        table = limits.bounds() | {"apex": (-math.inf, math.inf) if apex is None else (apex, apex)}
+        low = np.array([table[r.name][0] if r.name else r.low for r in p.rows])
+        high = np.array([table[r.name][1] if r.name else r.high for r in p.rows])
+        scale = np.array([r.scale for r in p.rows])
+        return {"lbx": lbx / self.scale, "ubx": ubx / self.scale, "lbg": low / scale, "ubg": high / scale}
+
+    def _solution(
+        self, r: dict[str, Any], bounds: dict[str, Array], limits: Limits, stats: dict[str, Any], seconds: float
+    ) -> Solution:
+        x, g = np.asarray(r["x"]).ravel(), np.asarray(r["g"]).ravel()
+        v = x * self.scale
+        T = v[self.places["T"]]
+        intervals = [self.programme.intervals(mode) for mode in self.programme.sequence]
+        steps = np.concatenate([np.full(n, duration / n) for n, duration in zip(intervals, T)])
+        knots = np.concatenate([[0.0], np.cumsum(steps)])
+        x_c = np.concatenate([[0.0], v[self.places["x_c"]]])
+        v_c = np.concatenate([[0.0], v[self.places["v_c"]]])
+        a_c = v[self.places["a_c"]]
+        command = Spline(knots, np.array([np.zeros_like(a_c), 0.5 * a_c, v_c[:-1], x_c[:-1]]))
+        active = []
+        for name in limits.bounds():
+            rows = self.names == name
+            low, high = bounds["lbg"][rows], bounds["ubg"][rows]
+            near = HIT * high
+            if (g[rows] > high - near).any() or (name != "stroke" and (g[rows] < low + near).any()):
+                active.append(name)
+        apex, apex_time = (float(value) for value in self._apex(x))
+        return Solution(
+            bool(stats["success"]), str(stats["return_status"]), x,
+            (np.asarray(r["lam_x"]).ravel(), np.asarray(r["lam_g"]).ravel()), command, T, apex, apex_time,
+            tuple(active), int(stats["iter_count"]), seconds,
+        )  # fmt: skip

@@ -1,0 +1,314 @@
+"""Planned jumps: symbols against numbers, targets against the simulator and the virtual laboratory, limits, spread.
+
+About 30 s on an idle core where the compiled simulators are cached.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from test_granular import SAND
+
+from jumpvision.cli import main
+from jumpvision.lab.jumper import simulate as lab_jump
+from jumpvision.lab.mechanisms import Motor, Robot, Samples
+from jumpvision.physics.model import Model
+from jumpvision.physics.parameters import MECHANISMS, ModelParameters
+from jumpvision.physics.terms import TERMS
+from jumpvision.plans import rigid, samples
+from jumpvision.schema import InputError
+
+casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
+
+from jumpvision.planning import namespace, transcription  # noqa: E402
+from jumpvision.planning.guess import guessed, starts  # noqa: E402
+from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory  # noqa: E402
+from jumpvision.planning.plan import Planner  # noqa: E402
+from jumpvision.planning.spread import apexes, drawn  # noqa: E402
+from jumpvision.planning.transcription import Limits  # noqa: E402
+
+P = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, theta=math.pi / 3, b=17.2, alpha=73.0, k=2000.0,
+                    sigma_cone=3e5, s=200.0, s_p=200.0, lam=0.01, c_v=0.5, k_3=2e6, factor=1.3, F_c=1.0)  # fmt: skip
+CONE = Model("granular", ("two_resistance", "depth_drag", "added_mass"), P, **SAND)
+RFT = Model("granular", ("rft_cone", "depth_drag", "added_mass", "viscous_friction", "spring_hardening"), P, **SAND)
+PLAIN = Model("granular", ("linear_penetration", "inertial_drag"), P, **SAND)
+THESIS = Model(
+    "hard", (), ModelParameters(), motor_mass=1.003, rod_mass=0.175, foot_mass=0.0, spring_stiffness=5760.6,
+    spring_damping=1.368, gravity=0.276 * 9.81,
+)  # fmt: skip
+LOOP, LIMITS = Drive(20000.0, 120.0), Limits(max_force=100.0, max_speed=3.0, stroke=0.05)
+TOLERANCE = 1e-4  # m, asked for between target and re-simulated apex
+
+
+@pytest.fixture(scope="module")
+def sand() -> Planner:
+    return Planner(CONE, LOOP, LIMITS)
+
+
+@pytest.fixture(scope="module")
+def hard() -> Planner:
+    return Planner(THESIS, LOOP, LIMITS)
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_every_law_has_its_symbols(term, rng=None):
+    """The same function in CasADi's symbols and in numpy, on both sides of every bend."""
+    rng = np.random.default_rng(1)
+    names = list(inspect.signature(TERMS[term]).parameters)[1:]
+    symbols = {n: casadi.SX.sym(n) for n in names}
+    law = casadi.Function("law", list(symbols.values()), [TERMS[term](namespace, **symbols)])
+    for _ in range(50):
+        values = {n: float(rng.uniform(0.01, 1.2)) for n in names} | {
+            n: float(rng.uniform(-2.0, 2.0)) for n in names if n in ("v", "a", "v_m", "stretch")
+        }
+        assert float(law(*values.values())) == pytest.approx(float(TERMS[term](np, **values)), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("model", [CONE, RFT, PLAIN], ids=["cone", "rft", "plain"])
+def test_equations_are_newtons_laws(model):
+    """Motor, rod and foot one by one, as PHYSICS writes them, in numbers; the planner's come in y and X_m."""
+    rng = np.random.default_rng(2)
+    jumper = Jumper(model, LOOP, np)
+    m = model
+    for mode in (STUCK, INTRUDE, AIR):
+        y, w, X, V, x_f, v_f = rng.uniform(-0.02, 0.02, 6) * (1, 30, 1, 30, 1, 20)
+        x_f, v_f = -abs(x_f), -abs(v_f) if mode == INTRUDE else v_f
+        s = dict(zip(("y", "w", "X", "V", "x_f", "v_f"), (y, w, X, V, x_f, v_f)))
+        s = {n: s[n] for n in jumper.states(mode)}
+        e = jumper.equations(mode, s, (0.001, 0.2, 5.0), Memory(floor=-x_f))
+        rate = dict(zip(jumper.states(mode), e["rates"]))
+        a_r = rate["w"] - m.m_m / m.M * rate["V"]
+        a_m = a_r + rate["V"]
+        v_r, x_r = w - m.m_m / m.M * V, y - m.m_m / m.M * X
+        foot_rate = 0.0 if mode == STUCK else v_f
+        k_3 = P.k_3 if "spring_hardening" in m else 0.0
+        F_s = -m.k_s * (x_r - x_f) - m.c_s * (v_r - foot_rate) - k_3 * (x_r - x_f) ** 3
+        rail = -(P.c_v if "viscous_friction" in m else 0.0) * (v_r + V)
+        F_m = 20000.0 * (0.001 - X) + 120.0 * (0.2 - V) + m.m_m * m.g
+        assert e["force"] == pytest.approx(F_m)
+        assert m.m_m * a_m == pytest.approx(-m.m_m * m.g + F_m + rail, abs=1e-9)
+        assert m.rod_mass * a_r == pytest.approx(-m.rod_mass * m.g - F_m + F_s, abs=1e-9)
+        if mode == AIR:
+            assert m.m_f * rate["v_f"] == pytest.approx(-m.m_f * m.g - F_s, abs=1e-9)
+        if mode == INTRUDE:
+            forces = m.forces(z=-x_f, v=v_f, a=rate["v_f"], v_m=0.0, stretch=0.0)
+            F_GM = sum(float(f) for t, f in forces.items() if t not in ("viscous_friction", "spring_hardening"))
+            assert m.m_f * rate["v_f"] == pytest.approx(-m.m_f * m.g - F_s + F_GM, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", ["cone", "rft", "plain", "hard", "foot", "ideal"])
+def test_the_plan_jumps_to_its_apex(name):
+    """Target 40 mm: the simulator, which locates the events, lands within 0.1 mm; every limit is kept on the way."""
+    model = {"cone": CONE, "rft": RFT, "plain": PLAIN, "hard": THESIS, "foot": rigid(CONE), "ideal": CONE}[name]
+    planner = Planner(model, Drive() if name == "ideal" else LOOP, LIMITS)
+    plan = planner.plan(0.04)
+    assert plan.status == "solved"
+    assert plan.resimulated_apex == pytest.approx(0.04, abs=TOLERANCE)
+    X, t = plan.motion.motor - plan.motion.rod, plan.motion.t
+    assert np.ptp(X) <= LIMITS.stroke * 1.002
+    assert np.abs(np.diff(X) / np.diff(t)).max() <= LIMITS.max_speed * 1.01
+    x_c, v_c = plan.command(np.array([plan.command.stop - 1e-9]))
+    assert abs(x_c[0]) < 1e-8 and abs(v_c[0]) < 1e-5
+    if planner.model.ground == "granular":  # one intrusion, as it was planned, and no landing before the stop
+        kinds = [str(e["kind"]) for e in plan.motion.events if e["time"] < plan.command.stop]
+        assert kinds == ["intrude", "stop", "lift_off"]
+
+
+def test_collocation_converges(monkeypatch):
+    """Plan against re-simulation without corrections: twice the intervals, a fraction of the difference."""
+    misses = []
+    for scale in (1, 2):
+        monkeypatch.setattr(transcription, "INTERVALS", {STUCK: 4 * scale, INTRUDE: 5 * scale, AIR: 3 * scale})
+        planner = Planner(CONE, LOOP, LIMITS)
+        command = next(starts(planner.jumper, 0.05, LIMITS.stroke))
+        s = planner.solver("effort").solve(0.05, LIMITS, guess=guessed(planner.jumper, planner.sequence, command))
+        misses.append(abs(planner.simulate(s.command)[1] - s.apex))
+    # a bend of F_p at 10 mm limits the order: not h^5, but well below a half
+    assert misses[1] < 0.5 * misses[0] and misses[1] < TOLERANCE
+
+
+def test_a_warm_solve_is_short(sand):
+    solver = sand.solver("effort")
+    command = next(starts(sand.jumper, 0.03, LIMITS.stroke))
+    cold = solver.solve(0.03, LIMITS, guess=guessed(sand.jumper, sand.sequence, command))
+    warm = solver.solve(0.031, LIMITS, warm=cold)
+    assert cold.solved and warm.solved
+    assert warm.iterations < 0.5 * cold.iterations
+
+
+def test_the_laboratory_agrees(sand):
+    """The command as 1 kHz samples, played by the laboratory's own integrator.
+
+    Straight lines between samples leave the command by a dt^2 / 8 = 25 um at 200 m/s^2, on either side of it.
+    """
+    plan = sand.plan(0.05)
+    assert lab_apex(CONE, plan) == pytest.approx(0.05, abs=TOLERANCE)
+
+
+def lab_apex(model, plan):
+    robot = Robot(model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
+                  model.foot_radius or 0.0, model.gravity)  # fmt: skip
+    values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].parameters}
+    command = Samples(samples(plan.command, plan.command.stop).command_m.to_numpy(), 1000.0, 0.01)
+    motion = lab_jump(
+        robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,
+        bed_density=(model.volume_fraction or 0.0) * (model.grain_density or 0.0), motor=Motor(20000.0, 120.0, 100.0),
+    )  # fmt: skip
+    return motion.jump_height
+
+
+def test_the_spread_covers_what_the_laboratory_finds(sand):
+    """Hidden parameters drawn from the stated uncertainties: |miss| <= spread in 68 %: 20 +- 2.5 of 30 (3 sigma: 8)."""
+    rng = np.random.default_rng(3)
+    sigma = {"k1": 60.0, "b": 0.8, "C": 0.2, "motor_mass": 0.01, "spring_stiffness": 30.0}
+    plan = sand.plan(0.04)
+    spread = apexes(sand, plan.command, sigma, draws=150, rng=rng).std(ddof=1)
+    misses = np.array([lab_apex(drawn(CONE, sigma, rng), plan) - 0.04 for _ in range(30)])
+    assert 13 <= np.sum(np.abs(misses) <= spread) <= 28
+    assert 1e-4 < spread < 5e-3
+
+
+def test_a_rigid_plan_falls_short_on_sand(sand):
+    """Thesis Fig 64: a plan for rigid ground reaches far less on sand than one made for sand."""
+    plan = Planner(rigid(CONE), LOOP, LIMITS).plan(0.04)
+    assert sand.simulate(plan.command)[1] < 0.7 * 0.04
+
+
+def peaks(plan, planner):
+    t = plan.motion.t[plan.motion.t < plan.command.stop]
+    X = (plan.motion.motor - plan.motion.rod)[: t.size]
+    V = np.gradient(X, t)
+    x_c, v_c = plan.command(t)
+    force = LOOP.kp * (x_c - X) + LOOP.kd * (v_c - V) + planner.model.m_m * planner.model.g
+    work = np.maximum(force * V, 0.0)
+    return np.trapezoid(force**2, t), np.max(force * V), np.trapezoid(work, t)
+
+
+def test_each_objective_is_least_under_its_own_plan(hard):
+    """Of the plans for one apex each has the least of its own objective (2 %: constraints hold at points only)."""
+    found = []
+    for objective in ("effort", "power", "energy"):
+        planner = Planner(THESIS, LOOP, LIMITS, objective)
+        plan = planner.plan(0.05)
+        assert plan.resimulated_apex == pytest.approx(0.05, abs=TOLERANCE)
+        found.append(peaks(plan, planner))
+    table = np.array(found)
+    for i in range(3):
+        assert table[i, i] <= 1.02 * table[:, i].min()
+
+
+def test_limits_of_power_and_time(hard):
+    free = hard.plan(0.05)
+    power = peaks(free, hard)[1]
+    at = free.motion.t[np.argmax(free.motion.rod)]
+    limits = dataclasses.replace(LIMITS, max_power=0.8 * power, by=0.9 * at)
+    planner = Planner(THESIS, LOOP, limits)
+    plan = planner.plan(0.05)
+    assert plan.status == "solved"
+    assert peaks(plan, planner)[1] <= 0.8 * power * 1.05  # between collocation points
+    assert plan.motion.t[np.argmax(plan.motion.rod)] <= 0.9 * at + 1e-3
+
+
+def test_a_landing_that_sticks(hard):
+    """Thesis Fig 66: after the command ends the rod stands; a single jump bounces on."""
+    planner = Planner(THESIS, LOOP, LIMITS, motion="stick")
+    plan = planner.plan(0.03)
+    assert plan.resimulated_apex == pytest.approx(0.03, abs=TOLERANCE)
+    after = plan.motion.t > plan.command.stop
+    assert np.abs(plan.motion.rod[after] - plan.motion.rest).max() < 5e-4
+    bounce = hard.plan(0.03)
+    landed = bounce.motion.t > bounce.motion.flights[-1, 0]
+    assert np.ptp(bounce.motion.rod[landed]) > 5e-3
+
+
+def test_stop_go_is_there_with_its_term_only():
+    """Thesis Fig 67: the foot pauses in the sand before it intrudes again."""
+    with pytest.raises(InputError, match="stop_go_overshoot"):
+        Planner(CONE, LOOP, LIMITS, motion="stop-go")
+    model = dataclasses.replace(CONE, terms=(*CONE.terms, "stop_go_overshoot"))
+    plan = Planner(model, LOOP, LIMITS, motion="stop-go").plan(0.04)
+    assert plan.status == "solved"
+    assert plan.resimulated_apex == pytest.approx(0.04, abs=TOLERANCE)
+    kinds = [str(e["kind"]) for e in plan.motion.events if e["time"] < plan.command.stop]
+    assert kinds[:5] == ["intrude", "stop", "intrude", "stop", "lift_off"]
+
+
+def test_out_of_reach_is_said_with_the_limit_that_holds():
+    planner = Planner(THESIS, LOOP, dataclasses.replace(LIMITS, stroke=0.008))
+    plan = planner.plan(0.15)
+    assert plan.status == "infeasible"
+    assert "stroke" in plan.active
+    assert plan.planned_apex < 0.15
+    assert planner.plan(0.95 * plan.planned_apex).status == "solved"  # what is within reach is found
+
+
+def test_random_targets_are_reached_or_out_of_reach():
+    """A sample of the benchmark: a plan, or the highest jump stays below the target."""
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        limits = Limits(rng.uniform(20.0, 120.0), rng.uniform(0.5, 3.0), rng.uniform(0.01, 0.05))
+        planner = Planner(THESIS, LOOP, limits)
+        target = float(rng.uniform(0.005, 0.1))
+        plan = planner.plan(target)
+        if plan.status == "solved":
+            assert plan.resimulated_apex == pytest.approx(target, abs=TOLERANCE)
+        else:
+            assert plan.status == "infeasible" and plan.planned_apex < target
+
+
+def test_bad_calls_are_named(tmp_path, capsys):
+    assert main(["plan", "--ground", "mud", "--apex", "-1", "--stroke", "0"]) == 2
+    text = capsys.readouterr().err
+    assert "--ground mud" in text and "--apex -1" in text and "--stroke 0" in text
+    assert main(["plan", "--ground", "hard", "--apex", "0.02", "--objective", "efort", "--results", str(tmp_path)]) == 2
+    assert "must be one of effort" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="coulomb_friction"):
+        Planner(dataclasses.replace(CONE, terms=(*CONE.terms, "coulomb_friction")), LOOP, LIMITS)
+
+
+def test_the_command_writes_its_files(tmp_path, capsys):
+    call = ["plan", "--apex", "0.03", "--ground", "granular", "--set", "motor.kp=30000", "--json"]
+    assert main([*call, "--results", str(tmp_path)]) == 0
+    told = json.loads(capsys.readouterr().out)
+    data = json.loads((tmp_path / "plan.json").read_text())
+    assert told["status"] == data["status"] == "solved"
+    assert data["resimulated_apex_m"] == pytest.approx(0.03, abs=TOLERANCE)
+    table = pd.read_csv(tmp_path / "plan.csv")
+    assert list(table.columns) == ["time_s", "command_m"]
+    np.testing.assert_allclose(np.diff(table.time_s), 1e-3, rtol=1e-9)
+    assert table.command_m.iloc[0] == 0.0 and abs(table.command_m.iloc[-1]) < 1e-8
+    assert (tmp_path / "plan.png").stat().st_size > 20_000
+    page = (tmp_path / "plan.html").read_text()
+    assert "http" not in page and '"rod"' in page
+    if checker := os.environ.get("JUMPVISION_CONTRACT_CHECK"):
+        subprocess.run([sys.executable, checker, str(tmp_path)], check=True)
+
+
+def test_an_experiment_and_a_model_file_give_the_robot(tmp_path, capsys):
+    folder = tmp_path / "e"
+    folder.mkdir()
+    (folder / "experiment.toml").write_text(
+        'ground = "granular"\n[robot]\nmotor_mass = 1.2\nrod_mass = 0.175\nfoot_mass = 0.04\nfoot_radius = 0.0381\n'
+        "spring_stiffness = 3300.0\n[robot.sigma]\nmotor_mass = 0.02\n[motor]\nkp = 20000.0\nkd = 120.0\n"
+        "stroke = 0.05\n[bed]\nvolume_fraction = 0.57\n"
+    )
+    (tmp_path / "model.toml").write_text(
+        '[model]\nterms = ["linear_penetration", "inertial_drag"]\nk = 2000.0\nalpha = 70.0\n[model.sigma]\nk = 50.0\n'
+    )
+    call = ["plan", "--apex", "0.03", "--ground", "granular", "--experiment", str(folder), "--no-pictures"]
+    assert main([*call, "--model", str(tmp_path / "model.toml"), "--results", str(tmp_path / "out")]) == 0
+    data = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert data["limits"] == {"stroke": 0.05}
+    assert 1e-5 < data["apex_spread_m"] < 5e-3
+    assert main(["plan", "--apex", "0.03", "--ground", "hard", "--experiment", str(folder)]) == 2
+    assert "ground = 'granular'" in capsys.readouterr().err
