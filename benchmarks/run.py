@@ -20,6 +20,7 @@ PARTS = {
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",
     "laboratory": "Virtual laboratory",
+    "diagnosis_real": "Diagnosis of real recordings",
 }
 
 

@@ -4,8 +4,7 @@
 
 g: gravity [unit of x / s^2]; W: stiffness (g over the reduced length) [1/s^2]; c: viscous, q: quadratic drag; f: dry
 friction, u = sign(v), set-valued at rest; with presliding (Dahl 1968) u relaxes to sign(v) over the distance delta
-after a reversal. A record shows y = scale x + level; a clock's offset is a part
-of the start.
+after a reversal. A record shows y = scale x + level; a clock's offset is a part of the start.
 
 Where a body starts differs from record to record and is no part of the model: speed, level and (where a force depends
 on x) position at the start are fitted to each record for every prediction, held-out ones included.
