@@ -46,8 +46,9 @@ class Unexplained:
     """A residual force. terms: shapes, the best supported first; coefficients and sigmas: their strengths.
 
     beside: mechanisms of the vocabulary that the description stands beside.
-    r2: share of the baseline residuals' excess over the noise that the terms explain. stability: share of the bootstrap
-    draws in which a shape is the best first term. where: parts of the motion that show it, and where it acted.
+    r2: share of the baseline residuals' excess over the noise that the terms explain (1: what is left is within it).
+    stability: share of the bootstrap draws in which a shape is the best first term. where: parts of the motion that show
+    it, and where it acted.
     """
 
     beside: tuple[str, ...]
@@ -106,7 +107,7 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
     return Unexplained(
         before.mechanisms, tuple(terms), tuple(values), tuple(sigmas),
         tuple(shapes.candidates[t].parameters[0].unit for t in terms),
-        (plain.chi2 - left) / (plain.chi2 - dof),
+        (plain.chi2 - left) / (plain.chi2 - min(left, dof)),
         _stability(problem, [f for _, f in tried], rng),
         "; ".join(x for x in (_parts(problem, plain, best), shapes.reach(first, best.mechanisms, best.named)) if x),
     )  # fmt: skip
