@@ -47,8 +47,8 @@ class Unexplained:
 
     beside: mechanisms of the vocabulary that the description stands beside.
     r2: share of the baseline residuals' excess over the noise that the terms explain (1: what is left is within it).
-    stability: share of the bootstrap draws in which a shape is the best first term. where: parts of the motion that show
-    it, and where it acted.
+    stability: share of the bootstrap draws in which a shape is the best first term. where: parts that show it most,
+    and where it acted.
     """
 
     beside: tuple[str, ...]
