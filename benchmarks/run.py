@@ -28,6 +28,7 @@ PARTS = {
     "faults": "Faults",
     "campaign": "Campaigns",
     "plan": "Motion planning",
+    "diagnosis_real": "Diagnosis of real recordings",
 }
 
 

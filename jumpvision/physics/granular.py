@@ -44,6 +44,7 @@ Array = NDArray[np.float64]
 AIR, STUCK, INTRUDE = 0, 1, 2
 HARD, LINEAR, TWO_RESISTANCE, RFT_CONE = 0, 1, 2, 3
 SINE, CUBIC = 0, 1
+FOOT, CARRIAGE, CONE = 0, 1, 2  # what a residual force acts on; CONE: r z^i is a mass that moves with the foot
 Y, W, XF, VF, X, V = range(6)
 N_MOTION = V + 1
 WORKS = ("motor", "impulse", "spring_damping", "static", "reintrusion_overshoot", "stop_go_overshoot", "inertial_drag",
@@ -51,16 +52,17 @@ WORKS = ("motor", "impulse", "spring_damping", "static", "reintrusion_overshoot"
 """Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
 
 CONSTANTS = np.dtype(
-    [(n, np.int64) for n in ("static", "massless")]
+    [(n, np.int64) for n in ("static", "massless", "r_on")]
     + [(n, np.float64) for n in ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack")]
     + [
         (n, np.float64)
         for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "tan_theta")
     ]
     + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau", "kp", "kd", "max_force")]
+    + [(n, np.float64) for n in ("r", "r_i", "r_j")]
 )
 """Numbers of one jumper: zero switches a term off. C is 0 without added mass, C_drag without depth drag; tau = 0
-without lag. lam and factor are 1 when unused."""
+without lag. lam and factor are 1 when unused. r, r_i, r_j: the force or mass that `unexplained` tries, on `r_on`."""
 
 
 @kernel
@@ -139,9 +141,22 @@ def drag_coefficient(z: float, p: Any) -> float:
 @kernel
 def foot_inertia(z: float, p: Any) -> float:
     """m_f + m_a(z) [kg]."""
+    mass = p.m_f
     if p.C > 0.0:
-        return p.m_f + cone_mass(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
-    return p.m_f
+        mass += cone_mass(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
+    if p.r != 0.0 and p.r_on == CONE:
+        mass += p.r * z**p.r_i
+    return mass
+
+
+@kernel
+def residual_force(q: float, rate: float, p: Any) -> float:
+    """r |q|^i |rate|^j against the motion [N]: no mechanism, but what `diagnosis.unexplained` tries.
+
+    On the foot while it intrudes q = z, rate = v; on the carriage always, q = x_r, rate = v_m.
+    """
+    size = p.r * abs(q) ** p.r_i * abs(rate) ** p.r_j
+    return size if rate < 0.0 else -size
 
 
 @kernel
@@ -156,6 +171,8 @@ def rhs(
         k[i, W] = -p.m_r / p.M * acceleration
     else:
         rail = viscous_friction(scalar, v_m, p.c_v) + coulomb_friction(scalar, float(slip), p.F_c)
+        if p.r != 0.0 and p.r_on == CARRIAGE:
+            rail += residual_force(x_r, v_m, p)
         k[i, W] = -p.g + (force + rail) / p.M
     k[i, XF] = s[VF]
     if mode == STUCK or p.massless == 1:
@@ -166,6 +183,8 @@ def rhs(
     else:
         z = -s[XF]
         resist = static_force(z, memory[1], memory[2], p) + drag_coefficient(z, p) * s[VF] * s[VF]
+        if p.r != 0.0 and p.r_on == FOOT:
+            resist += residual_force(z, s[VF], p)
         k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
     if s.size > X:
         k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > 0.0 else 0.0

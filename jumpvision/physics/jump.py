@@ -164,6 +164,8 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
         value = model.symbol(name)
         out[name] = 0.0 if value is None else value
     out["lam"], out["factor"] = 1.0, 1.0
+    own = model.residual
+    out["r_on"], out["r"], out["r_i"], out["r_j"] = own.on, own.strength, own.i, own.j
     for mechanism in model.terms:
         for name in MECHANISMS[mechanism].parameters:
             if name == "C" and mechanism == "depth_drag":

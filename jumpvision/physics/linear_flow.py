@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.granular import AIR, INTRUDE, SINE, VF, XF, W, Y, is_still
+from jumpvision.physics.granular import AIR, CARRIAGE, INTRUDE, SINE, VF, XF, W, Y, is_still
 from jumpvision.physics.kernel import kernel
 
 Array = NDArray[np.float64]
@@ -41,6 +41,8 @@ def oscillator(mode: int, p: Any) -> tuple[float, float]:
 def longest_step(mode: int, kind: int, row: Array, p: Any) -> float:
     """Step [s] to look for events with, or 0 where the closed form does not hold."""
     if mode == INTRUDE or p.k_3 > 0.0 or p.c_v > 0.0 or p.F_c > 0.0 or p.tau > 0.0:
+        return 0.0
+    if p.r != 0.0 and p.r_on == CARRIAGE:
         return 0.0
     stiff, damp = oscillator(mode, p)
     if damp * damp >= 3.9 * stiff:

@@ -33,6 +33,16 @@ _EQUATION = {  # how a term reads on the line of the force it belongs to
 
 
 @dataclass(frozen=True)
+class Residual:
+    """A force of no mechanism, strength |q|^i |rate|^j (on = 2: a mass strength z^i): `granular.residual_force`."""
+
+    on: int = 0
+    i: float = 0.0
+    j: float = 0.0
+    strength: float = 0.0
+
+
+@dataclass(frozen=True)
 class Model:
     """Robot, ground and mechanisms. Raises InputError (a ValueError) with every problem found.
 
@@ -54,6 +64,7 @@ class Model:
     foot_radius: float | None = param(None, "m", "radius of the foot", lo=0, open_lo=True)
     volume_fraction: float | None = param(None, "", "volume fraction of the bed", lo=0, hi=1, open_lo=True)
     grain_density: float | None = param(None, "kg/m^3", "density of a grain", lo=0, open_lo=True)
+    residual: Residual = field(default_factory=Residual, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(self.terms))
@@ -64,7 +75,8 @@ class Model:
         return mechanism in self.terms
 
     def _problems(self) -> Iterable[str]:
-        yield from _range_problems(self, "model", [f.name for f in dataclasses.fields(self) if f.name != "parameters"])
+        records = ("parameters", "residual")
+        yield from _range_problems(self, "model", [f.name for f in dataclasses.fields(self) if f.name not in records])
         known = [t for t in self.terms if t in MECHANISMS]
         for t in self.terms:
             if t not in MECHANISMS:

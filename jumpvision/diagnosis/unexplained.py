@@ -1,0 +1,162 @@
+"""The gate's other side: what a model and its whole vocabulary leave over, described by generic forces.
+
+Columns are sensitivities of the predicted motion to a small force of each shape, whitened and less their part within
+the span of the fitted parameters. This is the weak form: the motion's own response is the test function, so that no
+measurement is differentiated. Forward selection; the first term is then fitted through the whole simulation, since the
+strongest residuals are not linear; which shape wins is judged again over bootstrap draws of the groups.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from .detect import LEVEL, Detection, Direction, Span, detect, directions
+from .fitting import Fit, Problem
+from .naming import Start, _best_of, held_out_score, race, start_of
+from .system import System
+
+Array = NDArray[np.float64]
+
+FITTED = 8  # shapes of the greatest scores are fitted through the simulation
+LEAST_OWN = 0.05  # share of a second shape that the first model cannot mimic
+DRAWS = 500  # of the groups
+TOLD = 0.1  # share of the draws from which a shape is worth telling
+
+
+class Shapes(System, Protocol):
+    """The system questioned with generic forces among its candidates: one number each, 0 where it is absent."""
+
+    @property
+    def shapes(self) -> Mapping[str, Any]: ...
+    def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
+        """Where in position and speed the shape acted, in words."""
+        ...
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """A residual force. terms: shapes, the best supported first; coefficients and sigmas: their strengths.
+
+    beside: mechanisms of the vocabulary that the description stands beside.
+    r2: share of the baseline residuals' excess over the noise that the terms explain (1: what is left is within it).
+    stability: share of the bootstrap draws in which a shape is the best first term. where: parts that show it most,
+    and where it acted.
+    """
+
+    beside: tuple[str, ...]
+    terms: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    sigmas: tuple[float, ...]
+    units: tuple[str, ...]
+    r2: float
+    stability: Mapping[str, float]
+    where: str
+
+    def document(self) -> dict[str, Any]:
+        """As diagnosis.json has it."""
+        each = zip(self.terms, self.coefficients, self.sigmas, self.units)
+        strengths = {t: {"value": c, "sigma": s, "unit": u} for t, c, s, u in each}
+        return {
+            "terms": list(self.terms), "coefficients": strengths, "r2": self.r2, "where": self.where,
+            "beside": list(self.beside), "stability": dict(self.stability),
+        }  # fmt: skip
+
+
+def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.random.Generator) -> Unexplained | None:
+    """Describes what the first of the fits leaves over by generic forces; None where none is seen, or none predicts.
+
+    fits: models beside which a shape is tried: the baseline, and the best of the vocabulary, which may hold a part of
+    the truth or only imitate it; the pair that explains most is told.
+    """
+    whole = Problem(shapes, problem.noise, problem.scattered)
+    seen = {}
+    tried: list[tuple[Fit, Fit]] = []
+    for fit in fits:
+        columns = directions(whole, fit, list(shapes.shapes))
+        found = detect(whole, fit, columns, rng)
+        if columns and found.p_score < LEVEL:
+            seen[fit.mechanisms] = columns
+            tried += [(fit, f) for f in race(whole, _starts(whole, fit, found))]
+    limit = min((held_out_score(problem, f) for f in fits), default=0.0)
+    tried = [(a, b) for a, b in tried if b.chi2 < a.chi2 and held_out_score(whole, b) > limit]
+    if not tried:
+        return None
+    before, best = max(tried, key=lambda x: x[1].log_evidence)
+    first, plain = best.mechanisms[-1], fits[0]
+    alone = whole.fit((*plain.mechanisms, first), best.named)  # without what only imitated it
+    if alone is not None and alone.log_evidence > best.log_evidence:
+        before, best = plain, alone
+    terms, values, sigmas, left = [first], [best.named["r"]], [best.sigma("r")], best.chi2
+    span = Span(best)
+    others = _seconds(span, span.off(span.residual), seen.get(before.mechanisms, []), first)
+    if others and len(others) * float(special.erfc(abs(others[0][1]) / math.sqrt(2.0))) < LEVEL:
+        d, z, share = others[0]
+        terms.append(d.mechanism)
+        values.append(d.strength * z / share)
+        sigmas.append(abs(values[-1] / z))
+        left -= z * z
+    dof = max(problem.n - len(plain.parameters), 1)
+    return Unexplained(
+        before.mechanisms, tuple(terms), tuple(values), tuple(sigmas),
+        tuple(shapes.candidates[t].parameters[0].unit for t in terms),
+        (plain.chi2 - left) / (plain.chi2 - min(left, dof)),
+        _stability(problem, [f for _, f in tried], rng),
+        "; ".join(x for x in (_parts(problem, plain, best), shapes.reach(first, best.mechanisms, best.named)) if x),
+    )  # fmt: skip
+
+
+def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
+    """Of the shapes that are seen best, the better of the linear estimate of the strength and shares of it."""
+    ranked = sorted(zip(found.directions, found.score), key=lambda x: -abs(x[1]))
+    out = []
+    for d, z in ranked[:FITTED]:
+        full = start_of(problem, fit, d, float(z))
+        tries = [{**full, "r": full["r"] * share} for share in (1.0, 0.3)]
+        out += _best_of(problem, (*fit.mechanisms, d.mechanism), tries, 1)
+    return out
+
+
+def _seconds(
+    span: Span, residual: Array, columns: Sequence[Direction], first: str
+) -> list[tuple[Direction, float, float]]:
+    """The other shapes beside the first: (direction, score, share left beside the new span), the best first."""
+    out = []
+    for d in columns:
+        rest = span.off(d.vector)
+        share = float(np.linalg.norm(rest))
+        if d.mechanism != first and share > LEAST_OWN:
+            out.append((d, float(rest @ residual) / share, share))
+    return sorted(out, key=lambda x: -abs(x[1]))
+
+
+def _stability(problem: Problem, tried: Sequence[Fit], rng: np.random.Generator) -> dict[str, float]:
+    """How often each of the fitted shapes is in the best model when groups of trials are drawn again."""
+    groups: dict[str, list[int]] = {}
+    for i, o in enumerate(problem.system.observations):
+        groups.setdefault(o.group, []).append(i)
+    cost = np.array([[sum(float(f.residuals[i] @ f.residuals[i]) for i in g) for g in groups.values()] for f in tried])
+    picks = rng.multinomial(len(groups), np.full(len(groups), 1.0 / len(groups)), DRAWS)
+    wins = Counter(tried[k].mechanisms[-1] for k in np.argmin(picks @ cost.T, axis=1))
+    return {shape: n / DRAWS for shape, n in wins.most_common() if n / DRAWS >= TOLD}
+
+
+def _parts(problem: Problem, before: Fit, after: Fit) -> str:
+    """The parts of the motion, by kind, in which the term explains most."""
+    total: dict[str, float] = {}
+    for o, a, b in zip(problem.system.observations, before.residuals, after.residuals):
+        parts = o.parts if o.parts is not None else np.full(o.t.size, "all")
+        for part in np.unique(parts):
+            key = " ".join(str(x) for x in (o.labels.get("kind"), part) if x and x != "all")
+            here = parts == part
+            total[key] = total.get(key, 0.0) + float(a[here] @ a[here] - b[here] @ b[here])
+    gained = max(sum(total.values()), 1e-300)
+    top = sorted(total.items(), key=lambda x: -x[1])[:3]
+    return ", ".join(f"{k or 'everywhere'} {100 * v / gained:.0f} %" for k, v in top if v > 0.1 * gained)
