@@ -10,7 +10,7 @@ import numpy as np
 
 from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, Piv, Record, RodMotion, Simulation, Track
-from ..sections import Actuation, BedImage, Calibration, GrainVideo, NotApplicable, RodVideo
+from ..sections import Actuation, BedImage, Calibration, GrainVideo, NotApplicable, PivField, RodVideo
 from ..stages.films import open_film, open_grains, open_pictures
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
@@ -149,19 +149,23 @@ def busiest(field: Any) -> int:
     return int(speed.fillna(0).argmax("t"))
 
 
-@stage(version=1, picture=True)
-def piv_picture(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> PivPicture:
-    """Velocity vectors over the grains at the busiest moment, valid and replaced ones told apart."""
+@stage(version=2, picture=True)
+def piv_picture(
+    piv: Piv, film: GrainVideo | None, calibration: Calibration | None, given: PivField | None
+) -> PivPicture:  # fmt: skip
+    """Velocity vectors at the busiest moment, over the grains where their film is known; replaced ones told apart."""
     field = piv.field
     i = busiest(field)
-    straight, film = open_grains(film, calibration)
-    with straight as frames:
-        image = frames[i]
-    scale = film.scale or 1.0
+    image = None
+    if film is not None and given is None:
+        straight, film = open_grains(film, calibration)
+        with straight as frames:
+            image = frames[i]
     unit = field.u.attrs["units"].split("/")[0]
     factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")
+    scale = field.attrs["scale_m_per_px"] if unit == "m" else 1.0
     origin_x, origin_y = field.attrs["origin_column_px"], field.attrs["origin_row_px"]
-    rows, columns = image.shape
+    rows, columns = field.attrs["image_rows"], field.attrs["image_columns"]
     extent = (
         np.array([-0.5 - origin_x, columns - 0.5 - origin_x, -(rows - 0.5 - origin_y), origin_y + 0.5]) * scale * factor
     )
@@ -170,7 +174,9 @@ def piv_picture(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> 
     with styled() as Figure:
         figure = Figure(figsize=(6.4, min(8.0, 0.7 + 5.2 * rows / columns)), layout="constrained")
         axis = figure.subplots()
-        axis.imshow(image, cmap="gray", extent=extent, alpha=0.75)
+        if image is not None:
+            axis.imshow(image, cmap="gray", extent=extent, alpha=0.75)
+        axis.set_aspect("equal")
         speed = np.hypot(f.u, f.v)
         x, y = np.meshgrid(f.x * factor, f.y * factor)
         ok = f.chc.values > 0
@@ -181,7 +187,7 @@ def piv_picture(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> 
             x[ok], y[ok], f.u.values[ok], f.v.values[ok], speed.values[ok], cmap="viridis", width=0.004, **size
         )
         bad = ~ok & np.isfinite(f.u.values)
-        axis.plot(x[bad], y[bad], "x", color=ACCENT, ms=3, mew=0.8, label="replaced")
+        axis.plot(x[bad], y[bad], "x", color=ACCENT, ms=3, mew=0.8, label="not measured")
         if bad.any():
             axis.legend(loc="lower right", facecolor="white", frameon=True)
         axis.set_xlim(extent[0], extent[1])

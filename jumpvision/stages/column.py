@@ -21,9 +21,9 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
     field = piv.field
     if field.x.attrs["units"] != "m":
-        raise NotApplicable(["column needs [grain_video] scale"])
+        raise NotApplicable(["column needs the scale of [grain_video] or [piv_field]"])
     if "foot_y" not in field:
-        raise NotApplicable(["column needs [grain_video] foot_row and axis_column"])
+        raise NotApplicable(["column needs foot_row and axis_column of [grain_video] or [piv_field]"])
     field = field.sortby("y", ascending=False)  # downwards from the top
     shared = field.attrs["window_px"] / field.attrs["step_px"]
     profiles = [

@@ -14,17 +14,21 @@ from ..field.momentum import added_mass, grain_momentum
 from ..params import FlowParams
 from ..pipeline import StageWarning, stage
 from ..records import BedHeight, Flow, Piv
-from ..sections import Bed, GrainVideo
+from ..sections import Bed, GrainVideo, PivField
 from .bed import packing
 
 Array = NDArray[np.float64]
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=2)
-def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None, *, p: FlowParams) -> Flow:
+@stage(version=3)
+def flow(
+    piv: Piv, film: GrainVideo | None, section: Bed | None, bed: BedHeight | None, given: PivField | None = None, *,
+    p: FlowParams,
+) -> Flow:  # fmt: skip
     """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
-    field = piv.field
+    field, source = piv.field, given or film
+    assert source is not None  # the field comes from one of them
     overlap = field.attrs["window_px"] / field.attrs["step_px"]
     maps: dict[str, list[Array]] = {}
     for i in range(field.sizes["t"]):
@@ -46,25 +50,26 @@ def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None,
         attrs={
             "min_speed": p.min_speed,
             "initial_depth_m": p.initial_depth,
-            "disc": film.foot,
+            "disc": source.foot,
             "source": field.attrs["source"],
         },
     )
     data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
-    for name, (values, unit) in under_the_foot(field, film, section, bed, p, overlap).items():
+    for name, (values, unit) in under_the_foot(field, source, section, bed, p, overlap).items():
         data[name] = ("t", values, {"units": unit})
     return Flow(data)
 
 
 def under_the_foot(
-    field: xr.Dataset, film: GrainVideo, section: Bed | None, bed: BedHeight | None, p: FlowParams, overlap: float
-) -> dict[str, tuple[Array, str]]:
+    field: xr.Dataset, source: GrainVideo | PivField, section: Bed | None, bed: BedHeight | None, p: FlowParams,
+    overlap: float,
+) -> dict[str, tuple[Array, str]]:  # fmt: skip
     """Momentum, added mass and the foot's motion over t."""
     n = field.sizes["t"]
     out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
     metres = field.x.attrs["units"] == "m"
     phi = packing(section, bed)[0]
-    needed = {"[grain_video] foot_row and axis_column": "foot_y" in field, "[grain_video] scale": metres}
+    needed = {f"[{source.name}] foot_row and axis_column": "foot_y" in field, f"[{source.name}] scale": metres}
     lacking = [k for k, there in needed.items() if not there]
     if lacking:
         warnings.warn(f"no momentum and added mass: {', '.join(lacking)} missing", StageWarning, stacklevel=3)
@@ -77,7 +82,7 @@ def under_the_foot(
             "no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3
         )
         return out
-    rows = [momentum_of(field.isel(t=i), film, section, phi, overlap) for i in range(n)]
+    rows = [momentum_of(field.isel(t=i), source.foot, section, phi, overlap) for i in range(n)]
     momentum, sigma, covered = (np.array(a) for a in zip(*rows, strict=True))
     mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
     return out | {
@@ -87,7 +92,7 @@ def under_the_foot(
 
 
 def momentum_of(
-    frame: xr.Dataset, film: GrainVideo, section: Bed | None, phi: float, overlap: float
+    frame: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float
 ) -> tuple[float, float, float]:
     """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost."""
     top = float(frame.foot_y)
@@ -104,7 +109,7 @@ def momentum_of(
         axis_x=0.0,
         density=section.grain_density if section else Bed().grain_density,
         volume_fraction=phi,
-        disc=film.foot,
+        disc=disc,
         correlation_length=overlap,
     )  # fmt: skip
     return found.value, found.sigma, found.covered

@@ -15,19 +15,29 @@ from ..params import PivParams
 from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Piv
-from ..sections import Calibration, GrainVideo, Robot
+from ..sections import Calibration, GrainVideo, PivField, Robot
 from ..vision.foot import FootTrack, track_foot
 from ..vision.piv.engine import piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_grains
+from .vectors import foreign_field
 
 Array = NDArray[np.float64]
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=2)
-def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, *, p: PivParams) -> Piv:
-    """m/s where the film's scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y)."""
+@stage(version=3, any_of=("film", "field"))
+def piv(
+    film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
+    p: PivParams,
+) -> Piv:  # fmt: skip
+    """m/s where the scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y).
+
+    A field that is given in a file ([piv_field]) is taken instead of matching the film.
+    """
+    if field is not None:
+        return foreign_field(field, robot)
+    assert film is not None
     straight, film = open_grains(film, calibration)
     with straight as frames:
         if len(frames) <= p.gap:
