@@ -14,7 +14,8 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
-PICTURES = tuple(f"jumpvision.report.{m}" for m in ("pictures", "craters", "air", "intrusions"))  # register figures
+FIGURES = ("pictures", "grains", "craters", "air", "intrusions")
+PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
 
 app = App(
     name="jumpvision",
