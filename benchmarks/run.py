@@ -23,6 +23,7 @@ PARTS = {
     "laboratory": "Virtual laboratory",
     "dem": "Discs",
     "closed_loop": "Closed loop: discs, film, analysis",
+    "grain_films": "Grain films: bias and sigma of the cone",
 }
 
 

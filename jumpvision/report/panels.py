@@ -74,7 +74,7 @@ def draw_theta(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     if theta and theta["value"] is not None:
         axis.axhline(theta["value"], color=MODEL)
         axis.legend()
-    axis.set(title="θ of the cone", xlabel="foot depth [mm]", ylabel="θ [deg]")
+    axis.set(title="θ of the cone", xlabel="foot depth [mm]", ylabel="θ [deg]", ylim=(30, 90))
 
 
 def draw_cone(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:

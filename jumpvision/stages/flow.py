@@ -152,5 +152,6 @@ def momentum_of(
         volume_fraction=phi,
         disc=disc,
         correlation_length=overlap,
+        error_length=a.get("error_px", a["window_px"]) / a["step_px"],
     )  # fmt: skip
     return found.value, found.sigma, found.covered

@@ -23,6 +23,7 @@ from .films import open_grains
 from .vectors import foreign_field
 
 Array = NDArray[np.float64]
+SMOOTHED = 2.2  # windows over which adaptive smoothing makes errors alike, where it smooths wholly (measured)
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
@@ -118,6 +119,7 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
             "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
+            "error_px": p.window * (SMOOTHED if p.smooth == "adaptive" else 1.0),
             "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
