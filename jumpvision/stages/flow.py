@@ -105,7 +105,7 @@ def jammed_share(
 ) -> Array:  # fmt: skip
     """Share of the momentum carried by grains at JAMMED of the foot's speed or more, where the foot is fast enough."""
     out = np.full(momentum.size, np.nan)
-    for i in np.flatnonzero(speed >= min_speed):
+    for i in np.flatnonzero((speed >= min_speed) & (momentum > 0.0)):
         f = field.isel(t=i)
         with_foot = f.assign(v=f.v.where(~(-f.v < JAMMED * speed[i]), 0.0))
         out[i] = momentum_of(with_foot, disc, section, phi, overlap)[0] / momentum[i]
@@ -124,6 +124,8 @@ def sensitivities(
         return momentum_of(frame, source.foot, section, phi, overlap, **how)[0] / whole - 1.0
 
     whole = momentum_of(frame, source.foot, section, phi, overlap)[0]
+    if not whole > 0.0:
+        return {"momentum_per_mm_of_axis": np.nan, "momentum_per_vector_of_window": np.nan}
     axis = max((change(axis=1e-3), change(axis=-1e-3)), key=abs)
     return {"momentum_per_mm_of_axis": axis, "momentum_per_vector_of_window": change(inwards=step)}
 
