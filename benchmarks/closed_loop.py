@@ -23,7 +23,7 @@ from jumpvision.params import ColumnParams, FlowParams
 from jumpvision.records import Column, Flow, Piv
 from jumpvision.sections import Bed, GrainVideo
 from jumpvision.stages.column import column
-from jumpvision.stages.fit import cone_fits
+from jumpvision.stages.cone import cone_fits
 from jumpvision.stages.flow import flow
 
 sys.path.insert(0, "tests")

@@ -29,6 +29,7 @@ PARTS = {
     "campaign": "Campaigns",
     "plan": "Motion planning",
     "diagnosis_real": "Diagnosis of real recordings",
+    "grain_films": "Grain films: bias and sigma of the cone",
 }
 
 

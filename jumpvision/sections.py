@@ -171,6 +171,8 @@ class Fan(Section):
 
 SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
 RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
+LENGTHS = ("px", "m", "cm", "mm", "um")  # of a vector file
+SPEEDS = ("px/frame", "px/s", "m/s", "cm/s", "mm/s", "um/s")
 
 
 @dataclass(frozen=True)
@@ -305,10 +307,32 @@ class CraterDepth(FileSection):
         return out + (["height_scale = 0: must not be zero"] if self.height_scale == 0.0 else [])
 
 
+@dataclass(frozen=True)
 class PivField(FileSection):
-    """A velocity field computed elsewhere."""
+    """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of OpenPIV or PIVlab .txt."""
 
-    name = "piv_field"
+    name: ClassVar[str] = "piv_field"
+    length: str = param("file", "", "unit of x and y in the file; default: what the file says",
+                        choices=("file", *LENGTHS))  # fmt: skip
+    speed: str = param("file", "", "unit of u and v in the file; default: what the file says",
+                       choices=("file", *SPEEDS))  # fmt: skip
+    up: str = param("file", "", "which way y and v count up in the file; default: what the file says, PIVlab text: -y",
+                    choices=("file", "+y", "-y"))  # fmt: skip
+    scale: float | None = param(None, "m/px", "metres per pixel, for a file in pixels", **SCALE)
+    frame_rate: float | None = param(None, "1/s", "of the film that was matched, where the file counts frames", **RATE)
+    gap: int = param(1, "frames", "between the two images of a pair", lo=1, hi=1000)
+    stride: int = param(1, "frames", "from a pair to the next: 1 for 1-2, 2-3, ...; 2 for 1-2, 3-4, ...", lo=1, hi=1000)
+    start: float = param(
+        0.0, "s", "time of the first image, or of the file's t = 0, on the common clock", lo=-1e6, hi=1e9
+    )
+    foot_row: float | None = param(None, "file", "y of the foot's lower face at the first time, as the file counts y",
+                                   lo=-1e5, hi=1e5)  # fmt: skip
+    axis_column: float | None = param(None, "file", "x of the foot's axis, as the file counts x", lo=-1e5, hi=1e5)
+    foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
+    window: float | None = param(None, "steps", "matched window over distance of vectors; default: the file's, else 2",
+                                 lo=1.0, hi=100.0)  # fmt: skip
+    sigma: float | None = param(None, "speed", "standard uncertainty of u and v, in the file's unit; default: the "
+                                "file's, else from the scatter of neighbours", lo=0, hi=1e6, open_lo=True)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -227,3 +227,19 @@ def test_the_rim_that_the_grid_leaves_at_the_edge_of_the_picture_counts():
     height, down = -box["bottom"], box["bottom"] ** 2 / 2.0
     true = 570.0 * 2.0 * math.pi * V * (height - slope * down) * (edge**2 / 2.0 - slope * edge**3 / 3.0)
     assert abs(got.value - true) < 2.0 * got.sigma and got.sigma < 0.05 * true
+
+
+def test_errors_alike_over_more_than_a_window_widen_the_sigma_and_not_the_value():
+    """As after adaptive smoothing: the window says how far cells reach, error_length how far errors are alike."""
+    rng, z = np.random.default_rng(8), []
+    x, y = (np.arange(40) - 19.5) * DX, -(np.arange(30) + 0.5) * DX
+    s = np.full((30, 40), 0.01)
+    keys = {"top": 0.0, "bottom": -0.03, "left": -0.02, "right": 0.02, "axis_x": 0.0, "density": 1000.0,
+            "volume_fraction": 0.57, "disc": "half", "correlation_length": 3.0}  # fmt: skip
+    whole = grain_momentum(-np.ones((30, 40)), x, y, s, s > 0, **keys)
+    for _ in range(150):
+        noisy = -1.0 + 0.01 * window_noise(rng, 30, 40, 7)
+        p = grain_momentum(noisy, x, y, s, s > 0, error_length=7.0, **keys)
+        z.append((p.value - whole.value) / p.sigma)
+    assert p.sigma > 1.5 * whole.sigma
+    assert abs(np.std(z) - 1.0) < 0.25  # 150 draws: 3 * 0.058; the sigma also holds what the border may drift

@@ -44,13 +44,15 @@ def grain_momentum(
     volume_fraction: float,
     disc: str,
     correlation_length: float,
+    error_length: float | None = None,
 ) -> Momentum:
     """P = -rho phi c int int v r dr dh over left..right, bottom..top; c = 2 pi for a full disc, pi for a half foot.
 
     v, v_sigma [m/s], v positive UP (the value, positive down, has the opposite sign), valid [bool]: shape (ny, nx).
     x (nx,), y (ny,) [m] strictly monotonic cell centres, y up. Domain [m]: top is the foot's face (vectors above it do
     not count), bottom, left and right the edges of the picture or of the bed. axis_x [m]: the foot's axis. density
-    rho [kg/m^3] of the grains' material. correlation_length: window width / grid step (`field.correlation`).
+    rho [kg/m^3] of the grains' material. correlation_length: window width / grid step (`field.correlation`);
+    error_length: the same for the errors, where smoothing has made them alike over more than a window.
 
     Both half planes are measured and azimuthal symmetry is assumed: radii seen on both sides are averaged, radii seen
     on one side only count in full. Every cell is weighted with its exact int r dr inside the domain, and the outermost
@@ -123,7 +125,9 @@ def grain_momentum(
             shares[far, j] -= weight[i, j] * reach
             drift += float(weight[i, j] * reach * (v[near, j] - v[far, j]))
         held += float(weight[i, j])
-    noise = correlated_variance(np.where(ok, shares * np.where(ok, sigma, 0.0), 0.0), correlation_length)
+    noise = correlated_variance(
+        np.where(ok, shares * np.where(ok, sigma, 0.0), 0.0), error_length or correlation_length
+    )
     value = -float(np.sum(shares[ok] * v[ok]))
     return Momentum(value, math.sqrt(noise + hole_variance + drift**2 / 3.0), held / total)
 

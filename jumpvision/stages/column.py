@@ -7,25 +7,26 @@ import math
 import numpy as np
 import xarray as xr
 
+from ..field.bands import Sides, cone_outline, shear_bands
 from ..field.profile import central_column
 from ..fit.column import beta, fit_column
 from ..fit.front import jammed_thickness
 from ..params import ColumnParams
 from ..pipeline import stage
 from ..records import Column, Flow, Piv
-from ..sections import NotApplicable
+from ..sections import NotApplicable, Robot
 
 
-@stage(version=1)
-def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
+@stage(version=2)
+def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
     field = piv.field
     if field.x.attrs["units"] != "m":
-        raise NotApplicable(["column needs [grain_video] scale"])
+        raise NotApplicable(["column needs the scale of [grain_video] or [piv_field]"])
     if "foot_y" not in field:
-        raise NotApplicable(["column needs [grain_video] foot_row and axis_column"])
+        raise NotApplicable(["column needs foot_row and axis_column of [grain_video] or [piv_field]"])
     field = field.sortby("y", ascending=False)  # downwards from the top
-    shared = field.attrs["window_px"] / field.attrs["step_px"]
+    shared = field.attrs.get("error_px", field.attrs["window_px"]) / field.attrs["step_px"]
     profiles = [
         central_column(
             f.v, f.v_sigma, f.chc.values > 0, f.x, half_width=p.half_width, correlation_length=shared
@@ -39,12 +40,29 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
     below = depth > p.clear
     speed, sigma = np.where(below, speed, np.nan), np.where(below, sigma, np.nan)
     rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(field.sizes["t"])]
+    sides = [
+        cone_sides(field.isel(t=i), flow.field.isel(t=i), rows[i], robot, shared, p) for i in range(field.sizes["t"])
+    ]
+    for row, (band, outline) in zip(rows, sides):
+        for name, side in (("theta_bands", band), ("theta", outline)):
+            row |= {f"{name}_deg": math.degrees(side.theta), f"{name}_deg_sigma": math.degrees(side.theta_sigma)}
+        row |= {"cone_radius": outline.radius, "cone_radius_sigma": outline.radius_sigma}
+    places = {
+        f"{name}_{way}": (
+            ("y", "t"),
+            np.stack([sign * pair[i].places[side] for pair in sides], axis=-1),
+            {"units": "m"},
+        )
+        for i, name in enumerate(("ridge", "outline"))
+        for side, (way, sign) in enumerate((("left", -1.0), ("right", 1.0)))
+    }
     over_t = {k: ("t", np.array([r[k] for r in rows]), {"units": u}) for k, u in UNITS.items()}
     data = xr.Dataset(
         {
             "depth": (("y", "t"), depth, {"units": "m", "long_name": "below the foot's face"}),
             "speed": (("y", "t"), speed, {"units": "m/s", "long_name": "downwards"}),
             "speed_sigma": (("y", "t"), sigma, {"units": "m/s"}),
+            **places,
             **over_t,
             "foot_depth": flow.field.foot_depth,
             "foot_speed": flow.field.foot_speed,
@@ -54,17 +72,38 @@ def column(piv: Piv, flow: Flow, *, p: ColumnParams) -> Column:
             "front": p.front,
             "layer_m": p.layer,
             "half_width_m": p.half_width,
+            "foot_radius_m": robot.foot_radius if robot and robot.foot_radius else math.nan,
             "min_speed": flow.field.attrs["min_speed"],
         },
     )
     return Column(data)
 
 
+CONE_SHARE = 0.8  # of the jammed thickness: below it the bands end, at the cone's flat lower side
+WIDEST = 1.4  # foot radii from the axis within which bands are looked for
+
 UNITS = {
     "max_speed": "m/s", "max_speed_sigma": "m/s", "jammed_thickness": "m", "jammed_thickness_sigma": "m",
     "log_a": "1/m", "log_a_sigma": "1/m", "b": "m", "b_sigma": "m", "beta_deg": "degree", "beta_deg_sigma": "degree",
-    "chi2": "1", "n": "1",
+    "chi2": "1", "n": "1", "theta_deg": "degree", "theta_deg_sigma": "degree", "theta_bands_deg": "degree",
+    "theta_bands_deg_sigma": "degree", "cone_radius": "m", "cone_radius_sigma": "m",
 }  # fmt: skip
+
+
+def cone_sides(
+    frame: xr.Dataset, strain: xr.Dataset, front: dict[str, float], robot: Robot | None, shared: float, p: ColumnParams
+) -> tuple[Sides, Sides]:
+    """Bands of shear, and outline of what moves with the foot, over most of the jammed thickness on the axis."""
+    strain = strain.sortby("y", ascending=False)
+    edge = float(np.max(np.abs(frame.x)))
+    where: dict[str, float] = {
+        "face": float(frame.foot_y), "top": p.clear, "bottom": CONE_SHARE * front["jammed_thickness"],
+        "reach": min(WIDEST * robot.foot_radius, edge) if robot and robot.foot_radius else edge,
+        "correlation_length": shared,
+    }  # fmt: skip
+    bands = shear_bands(strain.shear_rate, strain.shear_rate_sigma, frame.x, frame.y, **where)
+    speed = p.front * front["max_speed"]
+    return bands, cone_outline(frame.v, frame.chc.values > 0, frame.x, frame.y, speed=speed, **where)
 
 
 def fit_frame(z: np.ndarray, speed: np.ndarray, sigma: np.ndarray, p: ColumnParams) -> dict[str, float]:

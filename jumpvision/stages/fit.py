@@ -9,13 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..experiment import Experiment
-from ..fit.column import beta_sensitivity
 from ..fit.estimate import Estimate
 from ..fit.flight import Flights, contact_flights, final_flight, flight_height, track_flights
-from ..fit.front import fit_mu
 from ..fit.height import jump_height, rest_height
-from ..fit.line import fit_line
-from ..fit.mean import weighted_mean
 from ..fit.packing import cone_growth
 from ..fit.restitution import restitution
 from ..logs import read_log
@@ -27,16 +23,15 @@ from ..sections import Actuation, Bed, ContactLog, MotorLog, NotApplicable, Robo
 from .actuator import actuator_fits
 from .bed import packing
 from .body import hanging_foot, total_mass
+from .cone import cone_fits, grown_cone, mass_fits
 from .motor import position_at
 from .ring import ring_fits
 
 Array = NDArray[np.float64]
 NAN = math.nan
-AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
-MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
 
 
-@stage(version=2, any_of=("rod", "contact", "column", "flow", "intrusion", "log"))
+@stage(version=3, any_of=("rod", "contact", "column", "flow", "intrusion", "log"))
 def fit(
     experiment: Experiment,
     rod: RodMotion | None,
@@ -72,6 +67,8 @@ def fit(
     if flow is not None:
         out |= mass_fits(flow)
     phi = packing(section, bed)[0]
+    if column is not None and flow is not None:
+        out |= grown_cone(column, flow, out, robot.foot_radius if robot else None, phi, section)
     if column is not None and phi is not None:
         out |= theory(phi, p)
     if not (out or rod or contact or column or flow or intrusion):
@@ -157,49 +154,6 @@ def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None) -> d
         "apex_time_s": Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason),
         "motor_rise_m": Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN),
     }
-
-
-def pushing(column: Column) -> NDArray[np.bool_]:
-    """Frames in which the foot pushes the grains: the largest grain speed is the foot's."""
-    c = column.field
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = c.max_speed.values / c.foot_speed.values
-    return (c.foot_speed.values > c.attrs["min_speed"]) & (ratio > MOVING_WITH_FOOT[0]) & (ratio < MOVING_WITH_FOOT[1])
-
-
-def cone_fits(column: Column) -> dict[str, Estimate]:
-    """beta: mean over the frames in which the foot pushes; mu: slope of the jammed thickness against depth."""
-    c = column.field
-    use = pushing(column)
-    out = {"beta_deg": weighted_mean(c.beta_deg.values[use], c.beta_deg_sigma.values[use], "degree")}
-    out["log_a"] = weighted_mean(c.log_a.values[use], c.log_a_sigma.values[use], "1/m")
-    thickness = np.where(use, c.jammed_thickness.values, np.nan)
-    line = fit_mu(
-        c.foot_depth.values, thickness, np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
-    )
-    out["mu"] = line.slope_estimate("")
-    out["mu_intercept_m"] = Estimate(line.intercept, line.intercept_sigma, "m", line.n, line.chi2, line.reason)
-    if not out["log_a"].reason:
-        slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
-        per_mm = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["log_a"].n, NAN)
-        out["beta_deg_per_mm_layer"] = per_mm
-    return out
-
-
-def mass_fits(flow: Flow) -> dict[str, Estimate]:
-    """Largest grain momentum, and the added mass at that moment from a straight line through the frames around it."""
-    f = flow.field
-    momentum = f.momentum.values
-    if not np.isfinite(f.added_mass.values).any():
-        return {}
-    peak = int(np.nanargmax(np.where(np.isfinite(f.added_mass.values), momentum, -np.inf)))
-    out = {"peak_momentum": Estimate(float(momentum[peak]), float(f.momentum_sigma[peak]), "kg m/s", 1, 0.0)}
-    near = slice(max(0, peak - AROUND_PEAK), peak + AROUND_PEAK + 1)
-    t, m, s = (a[near] for a in (f.t.values - f.t.values[peak], f.added_mass.values, f.added_mass_sigma.values))
-    ok = np.isfinite(m) & (s > 0)
-    line = fit_line(t[ok], m[ok], s[ok])
-    out["added_mass_kg"] = Estimate(line.intercept, line.intercept_sigma, "kg", line.n, line.chi2, line.reason)
-    return out
 
 
 def theory(phi: float, p: FitParams) -> dict[str, Any]:

@@ -14,17 +14,22 @@ from ..field.momentum import added_mass, grain_momentum
 from ..params import FlowParams
 from ..pipeline import StageWarning, stage
 from ..records import BedHeight, Flow, Piv
-from ..sections import Bed, GrainVideo
+from ..sections import Bed, GrainVideo, PivField
 from .bed import packing
 
 Array = NDArray[np.float64]
+JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.3.5)
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=2)
-def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None, *, p: FlowParams) -> Flow:
+@stage(version=3)
+def flow(
+    piv: Piv, film: GrainVideo | None, section: Bed | None, bed: BedHeight | None, given: PivField | None = None, *,
+    p: FlowParams,
+) -> Flow:  # fmt: skip
     """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
-    field = piv.field
+    field, source = piv.field, given or film
+    assert source is not None  # the field comes from one of them
     overlap = field.attrs["window_px"] / field.attrs["step_px"]
     maps: dict[str, list[Array]] = {}
     for i in range(field.sizes["t"]):
@@ -46,25 +51,31 @@ def flow(piv: Piv, film: GrainVideo, section: Bed | None, bed: BedHeight | None,
         attrs={
             "min_speed": p.min_speed,
             "initial_depth_m": p.initial_depth,
-            "disc": film.foot,
+            "disc": source.foot,
             "source": field.attrs["source"],
         },
     )
     data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
-    for name, (values, unit) in under_the_foot(field, film, section, bed, p, overlap).items():
+    for name, (values, unit) in under_the_foot(field, source, section, bed, p, overlap).items():
         data[name] = ("t", values, {"units": unit})
+    if np.isfinite(data.added_mass).any():
+        phi = packing(section, bed)[0]
+        assert phi is not None
+        peak = int(np.nanargmax(np.where(np.isfinite(data.added_mass), data.momentum, -np.inf)))
+        data.attrs |= sensitivities(field, source, section, phi, overlap, peak)
     return Flow(data)
 
 
 def under_the_foot(
-    field: xr.Dataset, film: GrainVideo, section: Bed | None, bed: BedHeight | None, p: FlowParams, overlap: float
-) -> dict[str, tuple[Array, str]]:
+    field: xr.Dataset, source: GrainVideo | PivField, section: Bed | None, bed: BedHeight | None, p: FlowParams,
+    overlap: float,
+) -> dict[str, tuple[Array, str]]:  # fmt: skip
     """Momentum, added mass and the foot's motion over t."""
     n = field.sizes["t"]
     out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
     metres = field.x.attrs["units"] == "m"
     phi = packing(section, bed)[0]
-    needed = {"[grain_video] foot_row and axis_column": "foot_y" in field, "[grain_video] scale": metres}
+    needed = {f"[{source.name}] foot_row and axis_column": "foot_y" in field, f"[{source.name}] scale": metres}
     lacking = [k for k, there in needed.items() if not there]
     if lacking:
         warnings.warn(f"no momentum and added mass: {', '.join(lacking)} missing", StageWarning, stacklevel=3)
@@ -77,19 +88,56 @@ def under_the_foot(
             "no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3
         )
         return out
-    rows = [momentum_of(field.isel(t=i), film, section, phi, overlap) for i in range(n)]
+    rows = [momentum_of(field.isel(t=i), source.foot, section, phi, overlap) for i in range(n)]
     momentum, sigma, covered = (np.array(a) for a in zip(*rows, strict=True))
+    jammed = jammed_share(field, source.foot, section, phi, overlap, speed, momentum, p.min_speed)
     mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
     return out | {
         "momentum": (momentum, "kg m/s"), "momentum_sigma": (sigma, "kg m/s"), "covered": (covered, "1"),
+        "jammed_share": (jammed, "1"),
         "added_mass": (mass, "kg"), "added_mass_sigma": (mass_sigma, "kg"),
     }  # fmt: skip
 
 
+def jammed_share(
+    field: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float, speed: Array, momentum: Array,
+    min_speed: float,
+) -> Array:  # fmt: skip
+    """Share of the momentum carried by grains at JAMMED of the foot's speed or more, where the foot is fast enough."""
+    out = np.full(momentum.size, np.nan)
+    for i in np.flatnonzero((speed >= min_speed) & (momentum > 0.0)):
+        f = field.isel(t=i)
+        with_foot = f.assign(v=f.v.where(~(-f.v < JAMMED * speed[i]), 0.0))
+        out[i] = momentum_of(with_foot, disc, section, phi, overlap)[0] / momentum[i]
+    return out
+
+
+def sensitivities(
+    field: xr.Dataset, source: GrainVideo | PivField, section: Bed | None, phi: float, overlap: float, peak: int
+) -> dict[str, float]:
+    """Relative change of the peak's momentum if the axis is a millimetre off (the worse way), and if the picture ended
+    a vector earlier on all its edges. Density and volume fraction enter as they are: 1 % is 1 %."""
+    frame = field.isel(t=peak)
+    step = frame.attrs["step_px"] * frame.attrs["scale_m_per_px"]
+
+    def change(**how: float) -> float:
+        return momentum_of(frame, source.foot, section, phi, overlap, **how)[0] / whole - 1.0
+
+    whole = momentum_of(frame, source.foot, section, phi, overlap)[0]
+    if not whole > 0.0:
+        return {"momentum_per_mm_of_axis": np.nan, "momentum_per_vector_of_window": np.nan}
+    axis = max((change(axis=1e-3), change(axis=-1e-3)), key=abs)
+    return {"momentum_per_mm_of_axis": axis, "momentum_per_vector_of_window": change(inwards=step)}
+
+
 def momentum_of(
-    frame: xr.Dataset, film: GrainVideo, section: Bed | None, phi: float, overlap: float
-) -> tuple[float, float, float]:
-    """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost."""
+    frame: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float, *, axis: float = 0.0,
+    inwards: float = 0.0,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost.
+
+    axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn in.
+    """
     top = float(frame.foot_y)
     if not np.isfinite(top):
         return np.nan, np.nan, 0.0
@@ -98,13 +146,14 @@ def momentum_of(
     found = grain_momentum(
         frame.v, frame.x, frame.y, frame.v_sigma, frame.chc.values > 0,
         top=top,
-        bottom=-(a["image_rows"] - 0.5 - a["origin_row_px"]) * scale,
-        left=(-0.5 - a["origin_column_px"]) * scale,
-        right=(a["image_columns"] - 0.5 - a["origin_column_px"]) * scale,
-        axis_x=0.0,
+        bottom=-(a["image_rows"] - 0.5 - a["origin_row_px"]) * scale + inwards,
+        left=(-0.5 - a["origin_column_px"]) * scale + inwards,
+        right=(a["image_columns"] - 0.5 - a["origin_column_px"]) * scale - inwards,
+        axis_x=axis,
         density=section.grain_density if section else Bed().grain_density,
         volume_fraction=phi,
-        disc=film.foot,
+        disc=disc,
         correlation_length=overlap,
+        error_length=a.get("error_px", a["window_px"]) / a["step_px"],
     )  # fmt: skip
     return found.value, found.sigma, found.covered

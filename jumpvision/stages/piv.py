@@ -15,19 +15,30 @@ from ..params import PivParams
 from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Piv
-from ..sections import Calibration, GrainVideo, Robot
+from ..sections import Calibration, GrainVideo, PivField, Robot
 from ..vision.foot import FootTrack, track_foot
 from ..vision.piv.engine import piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_grains
+from .vectors import foreign_field
 
 Array = NDArray[np.float64]
+SMOOTHED = 2.2  # windows over which adaptive smoothing makes errors alike, where it smooths wholly (measured)
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=2)
-def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, *, p: PivParams) -> Piv:
-    """m/s where the film's scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y)."""
+@stage(version=3, any_of=("film", "field"))
+def piv(
+    film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
+    p: PivParams,
+) -> Piv:  # fmt: skip
+    """m/s where the scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y).
+
+    A field that is given in a file ([piv_field]) is taken instead of matching the film.
+    """
+    if field is not None:
+        return foreign_field(field, robot)
+    assert film is not None
     straight, film = open_grains(film, calibration)
     with straight as frames:
         if len(frames) <= p.gap:
@@ -108,6 +119,7 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
             "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
+            "error_px": p.window * (SMOOTHED if p.smooth == "adaptive" else 1.0),
             "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },

@@ -1,0 +1,115 @@
+"""What the grain film says of the jammed cone: front, sides, added mass, and the cone that fits them together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..field.momentum import ANGLE
+from ..fit.column import beta_sensitivity
+from ..fit.cone_fit import fit_mass_curve, solve_cone
+from ..fit.estimate import Estimate
+from ..fit.front import fit_mu
+from ..fit.line import fit_line
+from ..fit.mean import weighted_mean
+from ..records import Column, Flow
+from ..sections import Bed
+
+NAN = math.nan
+AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
+MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
+
+
+MEANS = ("beta_deg", "degree"), ("log_a", "1/m"), ("theta_deg", "degree"), ("theta_bands_deg", "degree")
+
+
+def pushing(column: Column) -> NDArray[np.bool_]:
+    """Frames in which the foot pushes the grains: the largest grain speed is the foot's."""
+    c = column.field
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = c.max_speed.values / c.foot_speed.values
+    return (c.foot_speed.values > c.attrs["min_speed"]) & (ratio > MOVING_WITH_FOOT[0]) & (ratio < MOVING_WITH_FOOT[1])
+
+
+def cone_fits(column: Column) -> dict[str, Estimate]:
+    """beta and both theta: means over the frames in which the foot pushes; mu: slope of jammed thickness over depth."""
+    c = column.field
+    use = pushing(column)
+    out = {
+        name: weighted_mean(c[name].values[use], c[f"{name}_sigma"].values[use], unit)
+        for name, unit in MEANS
+    }  # fmt: skip
+    out["theta_deg"] = widened(out["theta_deg"], out["theta_bands_deg"])
+    thickness = np.where(use, c.jammed_thickness.values, np.nan)
+    line = fit_mu(
+        c.foot_depth.values, thickness, np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
+    )
+    out["mu"] = line.slope_estimate("")
+    out["mu_intercept_m"] = Estimate(line.intercept, line.intercept_sigma, "m", line.n, line.chi2, line.reason)
+    if not out["log_a"].reason:
+        slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
+        per_mm = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["log_a"].n, NAN)
+        out["beta_deg_per_mm_layer"] = per_mm
+    return out
+
+
+def widened(theta: Estimate, bands: Estimate) -> Estimate:
+    """Outline and bands mark the cone's side each in its own way: their difference belongs to theta, over sqrt(12)."""
+    if theta.reason or bands.reason:
+        return theta
+    return replace(theta, sigma=math.hypot(theta.sigma, (theta.value - bands.value) / math.sqrt(12.0)))
+
+
+def mass_fits(flow: Flow) -> dict[str, Estimate]:
+    """Largest grain momentum, and the added mass at that moment from a straight line through the frames around it."""
+    f = flow.field
+    momentum = f.momentum.values
+    if not np.isfinite(f.added_mass.values).any():
+        return {}
+    peak = int(np.nanargmax(np.where(np.isfinite(f.added_mass.values), momentum, -np.inf)))
+    out = {"peak_momentum": Estimate(float(momentum[peak]), float(f.momentum_sigma[peak]), "kg m/s", 1, 0.0)}
+    near = slice(max(0, peak - AROUND_PEAK), peak + AROUND_PEAK + 1)
+    t, m, s = (a[near] for a in (f.t.values - f.t.values[peak], f.added_mass.values, f.added_mass_sigma.values))
+    ok = np.isfinite(m) & (s > 0)
+    line = fit_line(t[ok], m[ok], s[ok])
+    out["added_mass_kg"] = Estimate(line.intercept, line.intercept_sigma, "kg", line.n, line.chi2, line.reason)
+    share = f.jammed_share.values[near][ok]
+    spread = float(np.std(share, ddof=1) / math.sqrt(share.size)) if share.size > 1 else NAN
+    out["jammed_share"] = Estimate(float(np.mean(share)), spread, "", share.size, 0.0)
+    for name, unit in (("momentum_per_mm_of_axis", "1/mm"), ("momentum_per_vector_of_window", "")):
+        out[name] = Estimate(f.attrs[name], NAN, unit, 1, NAN)
+    return out
+
+
+def grown_cone(
+    column: Column, flow: Flow, known: dict[str, Estimate], R: float | None, phi: float | None, section: Bed | None
+) -> dict[str, Estimate]:
+    """C, mu and theta of the saturating cone (33) from added mass against depth, front and outline together."""
+    f, use = flow.field, pushing(column)
+    if not R or phi is None or not np.isfinite(f.added_mass.values[use]).any():
+        return {}
+    mass, sigma = f.added_mass.values[use], f.added_mass_sigma.values[use]
+    curve = fit_mass_curve(f.foot_depth.values[use], mass, np.where(sigma > 0.0, sigma, np.nan), R=R)
+    density = (section or Bed()).grain_density * phi * ANGLE[f.attrs["disc"]] / ANGLE["full"]
+    mu, theta = known["mu"], known["theta_deg"]
+    cone = solve_cone(
+        curve,
+        R=R,
+        density=density,
+        mu=None if mu.reason else (mu.value, mu.sigma),
+        theta=None if theta.reason else (math.radians(theta.value), math.radians(theta.sigma)),
+    )
+    wide = np.sqrt(np.diag(cone.covariance) * max(1.0, cone.chi2))  # the scatter factor of one degree of freedom
+    slope_sigma, narrow_sigma = np.sqrt(np.diag(curve.covariance))
+    return {
+        "cone_slope_kg_m": Estimate(curve.slope, float(slope_sigma), "kg/m", curve.n, curve.chi2, curve.reason),
+        "mu_over_tan_theta": Estimate(curve.narrowing, float(narrow_sigma), "", curve.n, curve.chi2, curve.reason),
+        "C": Estimate(cone.C, float(wide[0]), "", curve.n, cone.chi2, cone.reason),
+        "mu_cone": Estimate(cone.mu, float(wide[1]), "", curve.n, cone.chi2, cone.reason),
+        "theta_cone_deg": Estimate(
+            math.degrees(cone.theta), math.degrees(float(wide[2])), "degree", curve.n, cone.chi2, cone.reason
+        ),
+    }

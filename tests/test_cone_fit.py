@@ -1,0 +1,120 @@
+"""The saturating cone from drawn added masses, and the sides of a cone in drawn velocity fields. About 15 s."""
+
+import math
+
+import numpy as np
+import pytest
+from test_field import window_noise
+
+from jumpvision.field.bands import cone_outline, shear_bands
+from jumpvision.field.gradients import gradients
+from jumpvision.field.strain import shear_rate, shear_rate_sigma
+from jumpvision.fit.cone_fit import fit_mass_curve, mass_curve, solve_cone
+from jumpvision.physics.cone import cone_mass
+
+R, C, MU, THETA, DENSITY = 0.0381, 2.7, 2.0, math.radians(60.0), 285.0
+Z = np.linspace(0.004, 0.030, 25)
+
+
+def masses(z=Z):
+    """Equation (33) as the force terms have it (the fit has its own form of it)."""
+    return np.array([cone_mass(np, a, C, MU, THETA, R, 0.57, DENSITY / 0.57) for a in z])
+
+
+def test_the_curve_is_equation_33_also_beyond_the_complete_cone():
+    z = np.linspace(0.0, 0.06, 200)  # complete at R tan(60 deg)/2 = 33 mm
+    slope = C * DENSITY * math.pi * R**2 * MU
+    assert mass_curve(z, slope, MU / math.tan(THETA), R) == pytest.approx(masses(z), rel=1e-12)
+
+
+@pytest.mark.parametrize("known", ["mu", "theta", "both"])
+def test_c_mu_theta_with_their_true_errors(known):
+    rng, z = np.random.default_rng(5), []
+    s = 0.01 * masses() + 2e-4
+    for _ in range(200):
+        curve = fit_mass_curve(Z, masses() + rng.normal(0.0, s), s, R=R)
+        mu, theta = (rng.normal(MU, 0.03), 0.03), (rng.normal(THETA, 0.02), 0.02)
+        cone = solve_cone(curve, R=R, density=DENSITY, mu=None if known == "theta" else mu,
+                          theta=None if known == "mu" else theta)  # fmt: skip
+        assert cone.reason == ""
+        e = np.array([cone.C - C, cone.mu - MU, cone.theta - THETA])
+        z.append([*(e / np.sqrt(np.diag(cone.covariance))), e @ np.linalg.solve(cone.covariance, e)])
+    z = np.array(z)
+    inside = np.mean(np.abs(z[:, :3]) < 1.0, axis=0)
+    # 200 draws: 0.683 +- 3 * 0.033, and the scatter factor widens by 0.2/sqrt(23) = 4 %
+    assert np.all((inside > 0.58) & (inside < 0.81)), inside
+    assert np.all(np.abs(z[:, :3].mean(axis=0)) < 0.3)  # 3/sqrt(200) = 0.21, and C = slope/mu is curved
+    assert 2.2 < z[:, 3].mean() < 3.5  # of the whole covariance: 3 +- 0.52, 8 % less by the scatter factor
+
+
+def test_the_added_mass_alone_does_not_tell_c_from_theta():
+    s = np.full(Z.size, 2e-4)
+    curve = fit_mass_curve(Z, masses(), s, R=R)
+    cone = solve_cone(curve, R=R, density=DENSITY, mu=None, theta=None)
+    assert math.isnan(cone.C) and "C tan(theta)" in cone.reason
+    # another cone with the same C tan(theta) and mu/tan(theta) has the same masses
+    t = math.radians(45.0)
+    other = [cone_mass(np, a, C * math.tan(THETA), MU / math.tan(THETA), t, R, 0.57, DENSITY / 0.57) for a in Z]
+    assert np.array(other) == pytest.approx(masses(), rel=1e-12)
+
+
+def test_too_short_a_range_says_so():
+    z = np.linspace(0.002, 0.004, 12)
+    s = np.full(z.size, 0.02 * masses(z).max())
+    rng = np.random.default_rng(1)
+    said = set()
+    for _ in range(20):
+        curve = fit_mass_curve(z, masses(z) + rng.normal(0.0, s), s, R=R)
+        said.add(solve_cone(curve, R=R, density=DENSITY, mu=(MU, 0.03), theta=None).reason)
+    assert any("does not bend" in text for text in said)
+    assert "needs 4" in fit_mass_curve(z[:3], masses(z[:3]), s[:3], R=R).reason
+
+
+X, Y, FOOT = np.arange(-45, 46) * 1e-3, -(np.arange(45) + 0.5) * 1e-3, 0.5
+
+
+def banded(theta, thickness=0.004, height=0.022, offset=0.0):
+    """v [m/s]: the foot's inside a cone of half width R at the face, falling like tanh across bands at theta."""
+    d = -Y[:, None]
+    across = (np.abs(X - offset)[None] - (R - d / math.tan(theta))) / thickness
+    return -FOOT * 0.5 * (1.0 - np.tanh(across)) * np.exp(-np.maximum(d - height, 0.0) / 0.02)
+
+
+@pytest.mark.parametrize("degrees", [50, 60, 70])
+@pytest.mark.parametrize("length", [1, 3])
+def test_angle_of_the_bands_within_two_degrees_and_inside_sigma(degrees, length):
+    rng, errors = np.random.default_rng(degrees + length), {"bands": [], "outline": []}
+    noise, ok = 0.01 * FOOT, np.ones((Y.size, X.size), bool)
+    s = np.full(ok.shape, noise)
+    for _ in range(40):
+        u, v = (noise * window_noise(rng, *ok.shape, length) for _ in range(2))
+        v = v + banded(math.radians(degrees))
+        g = gradients(u, v, X, Y, s, s, ok, half_width=1, correlation_length=length)
+        rate, sigma = shear_rate(g.u_x, g.u_y, g.v_x, g.v_y), shear_rate_sigma(g)
+        where = {"face": 0.0, "top": 0.003, "bottom": 0.018, "reach": 1.3 * R, "correlation_length": length}
+        found = {"bands": shear_bands(rate, sigma, X, Y, **where),
+                 "outline": cone_outline(v, ok, X, Y, speed=0.9 * FOOT, **where)}  # fmt: skip
+        for name, side in found.items():
+            assert side.reason == ""
+            e = math.degrees(side.theta) - degrees
+            errors[name].append((e, e / math.degrees(side.theta_sigma)))
+    for name, pairs in errors.items():
+        e, z = np.array(pairs).T
+        assert np.abs(e).max() < (2.5 if name == "bands" else 2.0), (name, e)  # largest of 40; one sigma 0.3 to 0.9
+        assert abs(e.mean()) < 0.6 and math.sqrt(np.mean(e**2)) < 1.0, name
+        # 40 draws: 0.683 +- 3 * 0.074
+        assert 0.46 < np.mean(np.abs(z) < 1.0) < 0.9, (name, np.mean(np.abs(z) < 1.0))
+
+
+def test_the_axis_may_be_off_and_no_band_is_said():
+    ok = np.ones((Y.size, X.size), bool)
+    v = banded(math.radians(60), offset=0.003)
+    side = cone_outline(v, ok, X, Y, speed=0.9 * FOOT, face=0.0, top=0.003, bottom=0.018, reach=0.045,
+                        correlation_length=1.0)  # fmt: skip
+    # |x - 3 mm| at 0.9 is inside R by 4 mm atanh(0.8) = 4.4 mm; linear between vectors of 1 mm: 0.05 mm
+    assert side.offset == pytest.approx(0.003, abs=5e-5)
+    assert side.radius == pytest.approx(R - 0.004 * math.atanh(0.8), abs=1e-4)
+    assert math.degrees(side.theta) == pytest.approx(60.0, abs=0.2)
+    still = shear_bands(np.zeros(ok.shape), np.ones(ok.shape), X, Y, face=0.0, top=0.003, bottom=0.018, reach=0.045,
+                        correlation_length=1.0)  # fmt: skip
+    assert math.isnan(still.theta) and "found in 0 rows" in still.reason
