@@ -14,7 +14,9 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
-PICTURES = tuple(f"jumpvision.report.{m}" for m in ("pictures", "craters", "air", "intrusions"))  # register figures
+PICTURES = tuple(
+    f"jumpvision.report.{m}" for m in ("pictures", "overlays", "craters", "air", "intrusions")
+)  # register figures
 
 app = App(
     name="jumpvision",
