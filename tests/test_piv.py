@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jumpvision.vision.piv.correlate import correlate, peaks
-from jumpvision.vision.piv.engine import piv_film, piv_pair
+from jumpvision.vision.piv.engine import error_correlation, piv_film, piv_pair
 from jumpvision.vision.piv.field import INTERPOLATED, MASKED, NO_TEXTURE, REASONS, VALID
 from jumpvision.vision.piv.validate import normalised_median
 
@@ -93,9 +93,9 @@ def truth(field, name):
 
 
 # mean end-point error [px] at noise 2: a window of about 30 grains' edges measures to 0.01-0.02 px; the band turns by
-# 8 px within 24 rows, which the window of 24 px resolves in part
+# 8 px within 24 rows, which the window of 24 px resolves in part: a surface that rang would leave 0.034 px there
 @pytest.mark.parametrize(
-    ("name", "limit"), [("uniform", 0.02), ("shear", 0.02), ("rotation", 0.02), ("vortex", 0.025), ("band", 0.06)]
+    ("name", "limit"), [("uniform", 0.02), ("shear", 0.02), ("rotation", 0.02), ("vortex", 0.025), ("band", 0.036)]
 )
 def test_error(name, limit):
     rng = np.random.default_rng(1)
@@ -160,7 +160,7 @@ def test_claimed_sigma_is_true_sigma():
     rng = np.random.default_rng(2)
     inside, gradients = {}, []
     for noise in (2, 6):
-        for name in ("uniform", "shear", "rotation", "vortex"):
+        for name in FIELDS:
             f = piv_pair(*(camera(i, noise, rng) for i in bed_of(name)), **SETTINGS)
             u, v = truth(f, name)
             good = f.reason == VALID
@@ -172,6 +172,56 @@ def test_claimed_sigma_is_true_sigma():
     assert 0.62 < np.mean(gradients) < 0.76
     # one field alone: about 100 independent values, 3 x 0.047
     assert all(0.55 < v.mean() < 0.82 for v in inside.values()), {k: v.mean() for k, v in inside.items()}
+
+
+@pytest.mark.parametrize(("smooth", "window", "step"), [("none", 24, 8), ("none", 16, 4), ("adaptive", 24, 4)])
+def test_errors_are_alike_over_the_stated_length(smooth, window, step):
+    """The stated length against the correlation of the errors of drawn grains, interpolated to where it is 1/e. Their
+    texture is not white and the frame holds some 100 lengths^2: 20 % (measured: within 12 %)."""
+    settings = SETTINGS | {"window": window, "step": step, "smooth": smooth}
+    errors = []
+    for name in ("uniform", "shear"):
+        f = piv_pair(*(camera(i, 6, np.random.default_rng(k)) for k, i in enumerate(bed_of(name))), **settings)
+        errors += [q - t for q, t in zip((f.u, f.v), truth(f, name))]
+    alike = [
+        np.mean([np.nanmean(e[k:] * e[: len(e) - k]) + np.nanmean(e[:, k:] * e[:, : e.shape[1] - k]) for e in errors])
+        for k in range(10)
+    ]
+    k = int(np.argmax(np.array(alike) < alike[0] / np.e))
+    length = step * (k - (alike[0] / np.e - alike[k]) / (alike[k - 1] - alike[k]))
+    assert error_correlation(window, step, smooth, "default") == pytest.approx(length, rel=0.2)
+
+
+@functools.cache
+def narrow_bands():
+    """Two blocks 3 px apart in motion, the band between them 3 px wide; its row and the pair at noise 2."""
+    out = []
+    for k, middle in enumerate((60.0, 62.6, 64.0, 66.7)):
+        pair = grains(
+            (128, 232),
+            lambda x, y, m=middle: (1.5 * np.clip((y - m) / 1.5, -1, 1), 0.4 + 0 * x),
+            np.random.default_rng(30 + k),
+        )
+        out.append((middle, [camera(i, 2, np.random.default_rng(k)) for i in pair]))
+    return out
+
+
+@pytest.mark.parametrize("preset", ["default", "fast"])
+def test_a_narrow_band_is_kept_to_itself(preset):
+    """Of the vectors more than 1.5 steps from the band some 1 % are wrong by more than 0.1 px (4 % with a surface that
+    rings over the band), and their sigma is no smaller than their error."""
+    wrong, far_z, near_z = [], [], []
+    for middle, (a, b) in narrow_bands():
+        f = piv_pair(a, b, **SETTINGS, preset=preset)
+        u = 1.5 * np.clip((f.y - middle) / 1.5, -1, 1)[:, None]
+        e, z = np.hypot(f.u - u, f.v - 0.4), np.abs(np.stack([(f.u - u) / f.u_sigma, (f.v - 0.4) / f.v_sigma]))
+        far = np.abs(f.y - middle) > 12
+        wrong.append(e[far] > 0.1)
+        far_z.append(z[:, far])
+        near_z.append(z[:, ~far])
+    assert np.nanmean(np.concatenate(wrong)) < 0.02
+    assert 0.64 < np.nanmean(np.concatenate(far_z, 1) < 1) < 0.9
+    assert np.nanmean(np.concatenate(near_z, 1) < 1) > 0.5  # on the band itself the error is half of its jump
 
 
 @pytest.mark.parametrize("d", [0.125, 0.25, 0.5, 0.75, 1.5])

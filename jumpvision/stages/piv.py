@@ -17,7 +17,7 @@ from ..progress import watch
 from ..records import Piv
 from ..sections import Calibration, GrainVideo, Robot
 from ..vision.foot import FootTrack, track_foot
-from ..vision.piv.engine import piv_film, vector_places
+from ..vision.piv.engine import error_correlation, piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_grains
 
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=2)
+@stage(version=3)
 def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, *, p: PivParams) -> Piv:
     """m/s where the film's scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y)."""
     straight, film = open_grains(film, calibration)
@@ -109,6 +109,7 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
             "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
+            "error_correlation_px": error_correlation(p.window, p.step, p.smooth, p.preset),
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
     )  # fmt: skip

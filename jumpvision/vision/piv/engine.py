@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -14,10 +15,10 @@ from scipy import ndimage
 from jumpvision.vision.piv import field as code
 from jumpvision.vision.piv.field import VectorField
 from jumpvision.vision.piv.frame import Frame, prepare
-from jumpvision.vision.piv.noise import factors
+from jumpvision.vision.piv.noise import correlation_length, factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
 from jumpvision.vision.piv.refine import Grid, Match, refine
-from jumpvision.vision.piv.smooth import smoothed
+from jumpvision.vision.piv.smooth import STIFF, smoothed
 from jumpvision.vision.piv.solve import COVERED, FLAT, STEPPED
 from jumpvision.vision.piv.validate import local_median, normalised_median
 
@@ -28,6 +29,9 @@ LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 SMOOTHING = ("none", "adaptive")
 TIMES = {"default": 3, "fast": 2}  # Gauss-Newton steps
+UNRESOLVED = {"default": 8.0, "fast": 1.0}  # squared error of what is not resolved over the squared last change
+SPLINE = {"default": 0.0, "fast": 0.003}  # px, error of a cubic spline between whole pixels on grains of 3-4 px
+NEAR = 3  # vectors, side of the neighbourhood over which the last change is averaged
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -122,28 +126,40 @@ def vector_places(pixels: int, window: int, step: int) -> Array:
     return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
 
 
+def error_correlation(window: int, step: int, smooth: str, preset: str) -> float:
+    """Distance [px] at which the errors of two vectors are alike by 1/e, where the field is smooth.
+
+    The error of a mean over an area is as if one vector in about (length)^2 were independent; sigma of a vector does
+    not hold that.
+    """
+    return correlation_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
+
+
 def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
     x, y = (vector_places(n, s.window, s.step) for n in a.grey.shape[::-1])
     grid = Grid(x, y, s.step, s.window, STIFFNESS)
     times = TIMES[s.preset]
 
     start = np.stack(flow(a.grey, b.grey, x, y, s.step))
-    m = refine(a, b, grid, start, s.min_texture, False)
+    m = refine(a, b, grid, start, s.min_texture, None, False)
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
     if again.sum() > TOO_MANY * np.isin(reason, code.MATCHED).sum():
         m, reason, edge = _second_try(a, b, grid, m, reason, s)
-    first = reason
+    first, matched = reason, ~ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
         start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        m = refine(a, b, grid, start, s.min_texture, k == times - 1)
+        m = refine(a, b, grid, start, s.min_texture, matched | (k > 1), k == times - 1)
         reason = _judge(m, start, s)
     raw = np.where(_to_try(first), raw, m.p[:2])
     if m.sigma is None:
         raise ValueError("at least two steps are needed")
     factor = np.repeat(factors(s.window, s.step, STIFFNESS, times, m.clumping), (2, 4))
     sigma = m.sigma * factor[:, None, None]
+    moved = np.nan_to_num(m.p[:2] - start)
+    about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in moved])
+    left = UNRESOLVED[s.preset] * about + SPLINE[s.preset] ** 2
 
     measured = np.isin(reason, code.MEASURED)
     reason[measured & _to_try(first)] = code.SECOND_PEAK
@@ -159,6 +175,7 @@ def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
         complete = _whole(np.concatenate([filled, p[2:]]), s.step)
         drawn, factor = smoothed(complete, sigma[:2], s.window, s.step, STIFFNESS, times)
         filled, spread = np.where(measured, drawn, filled), np.where(measured, factor * sigma[:2], spread)
+    spread = np.where(measured, np.sqrt(spread**2 + left), spread)
     shape = reason.shape
     return VectorField(
         x, y, filled[0], filled[1], spread[0], spread[1], m.quality, reason, raw[0], raw[1],
@@ -178,7 +195,7 @@ def _second_try(
         again = _to_try(reason)
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
         start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(a, b, grid, start, s.min_texture, False)
+        trial = refine(a, b, grid, start, s.min_texture, None, False)
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p), None, np.nan,

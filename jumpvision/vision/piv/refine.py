@@ -29,7 +29,7 @@ from jumpvision.vision.piv.frame import Frame, taper
 from jumpvision.vision.piv.moments import FIRST, ORDER, SXX, deform, moments, moments_of
 from jumpvision.vision.piv.noise import LAG
 from jumpvision.vision.piv.solve import STEPPED, covariances, steps
-from jumpvision.vision.piv.surface import axis, everywhere
+from jumpvision.vision.piv.surface import axis, everywhere, lightly_smoothed
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -63,12 +63,18 @@ class Match(NamedTuple):
     state: NDArray[np.int64]  # (ny, nx)
 
 
-def refine(a: Frame, b: Frame, grid: Grid, start: Array, texture: float, errors: bool) -> Match:
-    """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere."""
+def refine(
+    a: Frame, b: Frame, grid: Grid, start: Array, texture: float, matched: NDArray[np.bool_] | None, errors: bool
+) -> Match:
+    """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere.
+
+    matched: (ny, nx) True where the start was matched before, so that its steps are the field's; None: nowhere.
+    """
     shape = a.weight.shape
     ny, nx = start.shape[1:]
     rows, columns = (axis(n, q[0] + a.pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
-    dx, dy = (everywhere(rows, columns, f, True) for f in start)
+    start = lightly_smoothed(rows, columns, start, matched)
+    dx, dy = (everywhere(rows, columns, f) for f in start)
     first, second, keep = (np.empty(shape, np.float32) for _ in range(3))
     half = np.float32(0.5)
     deform(a.c, a.fine, a.weight, dx, dy, -half, first, keep, True)
@@ -86,13 +92,13 @@ def refine(a: Frame, b: Frame, grid: Grid, start: Array, texture: float, errors:
 
     change = step.T.reshape(8, ny, nx)
     smooth = np.stack([
-        *(rows.value @ f @ columns.value.T for f in start),
-        *(q for f in start for q in (rows.value @ f @ columns.slope.T, rows.slope @ f @ columns.value.T)),
+        *start,
+        *(q for f in start for q in (f @ columns.slope.T, rows.slope @ f)),
     ])  # fmt: skip
     p = smooth + change[ALONG]
     sigma, clumping = None, np.nan
     if errors:
-        offset, gain, ex, ey = (everywhere(rows, columns, change[q], False) for q in (6, 7, 0, 3))
+        offset, gain, ex, ey = (everywhere(rows, columns, change[q]) for q in (6, 7, 0, 3))
         zz, clumping = _scatter(m, r, keep, offset, gain, ex, ey)
         scatter = np.empty((ny, nx, 18))
         moments_of(zz, *places, g * g, np.array([2, 2, 2]), np.array([0, 6, 12, 18]), scatter)
