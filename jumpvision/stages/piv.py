@@ -22,6 +22,7 @@ from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_grains
 
 Array = NDArray[np.float64]
+UNEVEN = 0.02  # of the time between frames
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
@@ -32,12 +33,16 @@ def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, 
     with straight as frames:
         if len(frames) <= p.gap:
             raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
+        steps = np.diff(frames.time)
+        if p.baseline > p.gap and np.ptp(steps) > UNEVEN * np.median(steps):
+            raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
         foot = follow_foot(frames, film, robot, p)
         data = header(frames.time, frames.shape, film, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, p)
         fields = piv_film(
             watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap,
+            baseline=p.baseline,
             preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
             min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
         )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +14,7 @@ from scipy import ndimage
 from jumpvision.vision.piv import field as code
 from jumpvision.vision.piv.field import VectorField
 from jumpvision.vision.piv.frame import Frame, prepare
+from jumpvision.vision.piv.multiframe import combined
 from jumpvision.vision.piv.noise import correlation_length, factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
 from jumpvision.vision.piv.refine import Grid, Match, refine
@@ -86,28 +86,45 @@ def piv_film(
     *,
     mask: Callable[[int], Mask | None] | None,
     gap: int,
+    baseline: int = 1,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
 ) -> Iterator[VectorField]:
-    """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most gap + 1 frames are held.
+    """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most gap + 1 or baseline + 1 frames are held.
 
-    mask(k): usable pixels (H, W) of frame k, or None. progress(k) is called after the pair (k, k + gap). settings: see
-    `Settings`; displacements are px per pair, not per frame.
+    mask(k): usable pixels (H, W) of frame k, or None. baseline: pairs 3, 9, ... times as far apart about the same
+    mid-time, up to that many frames, are combined with each (see `multiframe`). progress(k) is called after the pair
+    (k, k + gap). settings: see `Settings`; displacements are px per pair (k, k + gap), not per frame.
     """
     s = Settings(**settings)
     if gap < 1:
         raise ValueError(f"gap = {gap}: must be at least 1")
-    held: deque[Frame] = deque()
+    further: list[int] = []  # frames that the longer baselines reach beyond the pair on either side
+    while gap * 3 ** (len(further) + 1) <= baseline:
+        further.append(gap * (3 ** (len(further) + 1) - 1) // 2)
+    reach = max(further, default=0)
+    held: dict[int, Frame] = {}
+
+    def about(k: int) -> VectorField:
+        """The pair (k, k + gap) and the longer ones about it, as far as the film goes; lets go of the oldest frame."""
+        spans = [0, *(j for j in further if k >= j and k + gap + j in held)]
+        fields = [(gap + 2.0 * j, _match(held[k - j], held[k + gap + j], s)) for j in spans]
+        held.pop(k - reach, None)
+        if progress is not None:
+            progress(k)
+        return combined(fields) if len(fields) > 1 else fields[0][1]
+
     shape: tuple[int, ...] | None = None
+    k = -1
     for k, image in enumerate(images):
         shape = shape or image.shape
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
-        held.append(prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast"))
-        if len(held) > gap:
-            yield _match(held.popleft(), held[-1], s)
-            if progress is not None:
-                progress(k - gap)
+        held[k] = prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast")
+        if k >= gap + reach:
+            yield about(k - gap - reach)
+    for rest in range(max(0, k + 1 - gap - reach), k + 1 - gap):
+        yield about(rest)
 
 
 def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, mask: Mask | None) -> None:
