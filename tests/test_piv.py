@@ -334,6 +334,39 @@ def test_film_streams():
     assert len(list(piv_film(frames * 2, mask=lambda k: None, gap=2, **settings))) == 2
 
 
+def test_an_ensemble_of_pairs_measures_what_one_pair_cannot():
+    """Three particles of 3 px in a window, noise 12, 3.3 px and a shear: half of the vectors of a pair fail. Sixteen
+    pairs, each with particles of its own: all are found, at least to a quarter of the error, and sigma is true."""
+    rng, first, second = np.random.default_rng(22), [], []
+    for _ in range(16):
+        x, y, grey = rng.uniform(-10, 242, 250), rng.uniform(-10, 178, 250), rng.uniform(60, 160, 250)
+        u = 3.3 + 0.01 * (y - 80)
+        for side, out in ((-1, first), (1, second)):
+            out.append(camera(spots(SHAPE, x + side * u / 2, y, grey, 3) + 30, 12, rng))
+    one = piv_pair(first[0], second[0], **SETTINGS)
+    (whole,) = piv_film(first + second, mask=None, gap=16, ensemble=16, **SETTINGS)
+    inner = np.s_[2:-2, 2:-2]
+    true = (3.3 + 0.01 * (whole.y - 80))[:, None]
+    rms = [np.sqrt(np.nanmean(np.square([(f.u - true)[inner], f.v[inner]]))) for f in (one, whole)]
+    assert rms[1] < rms[0] / 4
+    assert (one.reason == VALID).mean() < 0.7 and (whole.reason == VALID).mean() > 0.99
+    z = np.array([((whole.u - true) / whole.u_sigma)[inner], (whole.v / whole.v_sigma)[inner]])
+    assert 0.55 < (np.abs(z) < 1).mean() < 0.86  # 60 independent errors twice: 0.68 +- 3 x 0.04, and the fit's share
+
+
+def test_an_ensemble_of_a_slow_film_gains_as_its_length():
+    """Consecutive pairs share a frame, whose noise cancels: nine pairs have a ninth of the error, not a third."""
+    frames = list(slow_film(10))
+    one, many = (next(piv_film(frames, mask=None, gap=1, ensemble=n, **SETTINGS)) for n in (1, 9))
+    inner = np.s_[2:-2, 2:-2]
+    v = -0.02 * np.sin(one.x / 40)
+    rms = [np.sqrt(np.mean(np.square([f.u[inner] - 0.06, (f.v - v)[inner]]))) for f in (one, many)]
+    assert rms[1] < rms[0] / 7
+    z = np.array([((many.u - 0.06) / many.u_sigma)[inner], ((many.v - v) / many.v_sigma)[inner]])
+    assert 0.55 < (np.abs(z) < 1).mean() < 0.82
+    assert len(list(piv_film(frames, mask=None, gap=1, ensemble=4, **SETTINGS))) == 3  # 4, 4 and 1 pairs
+
+
 def slow_film(n, jump=0.0):
     """Frames of particles that drift by (0.06, -0.02 sin) px a frame, from frame 6 on faster by `jump`."""
     rng = np.random.default_rng(21)

@@ -51,9 +51,12 @@ def piv_overlay(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> 
     shown = np.unique(np.linspace(0, n - 1, min(n, MOST)).round().astype(int))
     straight, film = open_grains(film, calibration)
     with straight as frames:
-        gap = len(frames) - n
+        attrs = piv.field.attrs
+        every, gap = int(attrs.get("ensemble_pairs", 1)), int(attrs.get("gap_frames", 1))
         draw = Drawing(piv.field.isel(t=shown), frames[0], film.scale or 1.0)
-        pictures = (draw(frames[int(k) + gap // 2], i) for i, k in enumerate(shown))
+        pictures = (
+            draw(frames[min(int(k) * every + (every + gap - 1) // 2, len(frames) - 1)], i) for i, k in enumerate(shown)
+        )
         return PivOverlay(webm(pictures, rate=min(RATE, max(1.0, len(shown) / SHORTEST))))
 
 

@@ -156,7 +156,7 @@ def piv_picture(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> 
     i = busiest(field)
     straight, film = open_grains(film, calibration)
     with straight as frames:
-        image = frames[i]
+        image = frames[i * int(field.attrs.get("ensemble_pairs", 1))]
     scale = film.scale or 1.0
     unit = field.u.attrs["units"].split("/")[0]
     factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")

@@ -42,11 +42,11 @@ def piv(film: GrainVideo, robot: Robot | None, calibration: Calibration | None, 
             add_foot(data, foot, frames.time, film, p)
         fields = piv_film(
             watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap,
-            baseline=p.baseline,
+            baseline=p.baseline, ensemble=p.ensemble,
             preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
             min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
         )  # fmt: skip
-        dt = frames.time[p.gap :] - frames.time[: -p.gap]
+        dt = of_fields(frames.time[p.gap :] - frames.time[: -p.gap], p)
         return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
 
 
@@ -97,6 +97,12 @@ def foot_mask(
     return mask
 
 
+def of_fields(values: Array, p: PivParams) -> Array:
+    """Means of the values of pairs over the pairs of each field."""
+    first = np.arange(0, len(values), p.ensemble)
+    return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
+
+
 def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) -> xr.Dataset:
     """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
     scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
@@ -107,13 +113,14 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
         coords={
             "x": ("x", (x - origin_x) * scale, {"units": unit, "long_name": "right"}),
             "y": ("y", -(y - origin_y) * scale, {"units": unit, "long_name": "up"}),
-            "t": ("t", 0.5 * (begin + end), {"units": "s", "long_name": "mid-time of the pair, common clock"}),
+            "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
         },
         attrs={
             "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
             "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
+            "gap_frames": p.gap, "baseline_frames": p.baseline, "ensemble_pairs": p.ensemble,
             "error_correlation_px": error_correlation(p.window, p.step, p.smooth, p.preset),
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
@@ -159,12 +166,14 @@ def origin(film: GrainVideo) -> tuple[float, float]:
 def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p: PivParams) -> None:
     """The foot's face over t: foot_y (up, from its place in the first frame) and foot_v, at mid-time of each pair."""
     scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
-    n = data.sizes["t"]
-    a, b = slice(0, n), slice(p.gap, p.gap + n)
+    a, b = slice(0, len(time) - p.gap), slice(p.gap, len(time))
     dt = time[b] - time[a]
     spread = np.hypot(foot.sigma[a], foot.sigma[b])
     first = film.foot_row or 0.0
-    data["foot_y"] = ("t", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, {"units": unit})
-    data["foot_y_sigma"] = ("t", 0.5 * spread * scale, {"units": unit})
-    data["foot_v"] = ("t", -(foot.row[b] - foot.row[a]) * scale / dt, {"units": f"{unit}/s"})
-    data["foot_v_sigma"] = ("t", spread * scale / dt, {"units": f"{unit}/s"})
+    for name, values, dimension in (
+        ("foot_y", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, unit),
+        ("foot_y_sigma", 0.5 * spread * scale, unit),
+        ("foot_v", -(foot.row[b] - foot.row[a]) * scale / dt, f"{unit}/s"),
+        ("foot_v_sigma", spread * scale / dt, f"{unit}/s"),  # of one pair: that of a mean is no larger
+    ):
+        data[name] = ("t", of_fields(values, p), {"units": dimension})

@@ -17,7 +17,7 @@ from jumpvision.vision.piv.frame import Frame, prepare
 from jumpvision.vision.piv.multiframe import combined
 from jumpvision.vision.piv.noise import correlation_length, factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
-from jumpvision.vision.piv.refine import Grid, Match, refine
+from jumpvision.vision.piv.refine import Grid, Match, Pairs, refine
 from jumpvision.vision.piv.smooth import STIFF, smoothed
 from jumpvision.vision.piv.solve import COVERED, FLAT, STEPPED
 from jumpvision.vision.piv.validate import local_median, normalised_median
@@ -87,13 +87,15 @@ def piv_film(
     mask: Callable[[int], Mask | None] | None,
     gap: int,
     baseline: int = 1,
+    ensemble: int = 1,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
 ) -> Iterator[VectorField]:
-    """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most gap + 1 or baseline + 1 frames are held.
+    """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most ensemble + gap or baseline frames are held.
 
     mask(k): usable pixels (H, W) of frame k, or None. baseline: pairs 3, 9, ... times as far apart about the same
-    mid-time, up to that many frames, are combined with each (see `multiframe`). progress(k) is called after the pair
+    mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
+    matched together and give one field, for steady flow; the last may hold fewer. progress(k) is called after the pair
     (k, k + gap). settings: see `Settings`; displacements are px per pair (k, k + gap), not per frame.
     """
     s = Settings(**settings)
@@ -105,26 +107,29 @@ def piv_film(
     reach = max(further, default=0)
     held: dict[int, Frame] = {}
 
-    def about(k: int) -> VectorField:
-        """The pair (k, k + gap) and the longer ones about it, as far as the film goes; lets go of the oldest frame."""
-        spans = [0, *(j for j in further if k >= j and k + gap + j in held)]
-        fields = [(gap + 2.0 * j, _match(held[k - j], held[k + gap + j], s)) for j in spans]
-        held.pop(k - reach, None)
-        if progress is not None:
-            progress(k)
+    def about(first: int, end: int) -> VectorField:
+        """The pairs from first to end and the longer ones about them, as far as the film goes; drops frames behind."""
+        spans = [0, *(j for j in further if first >= j and end - 1 + gap + j in held)]
+        several = [[(held[q - j], held[q + gap + j]) for q in range(first, end)] for j in spans]
+        fields = [(gap + 2.0 * j, _match(pairs, s)) for j, pairs in zip(spans, several)]
+        for q in range(first, end):
+            held.pop(q - reach, None)
+            if progress is not None:
+                progress(q)
         return combined(fields) if len(fields) > 1 else fields[0][1]
 
     shape: tuple[int, ...] | None = None
-    k = -1
+    first, k = 0, -1
     for k, image in enumerate(images):
         shape = shape or image.shape
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
         held[k] = prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast")
-        if k >= gap + reach:
-            yield about(k - gap - reach)
-    for rest in range(max(0, k + 1 - gap - reach), k + 1 - gap):
-        yield about(rest)
+        if k >= first + ensemble - 1 + gap + reach:
+            yield about(first, first + ensemble)
+            first += ensemble
+    for rest in range(first, k + 1 - gap, ensemble):
+        yield about(rest, min(rest + ensemble, k + 1 - gap))
 
 
 def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, mask: Mask | None) -> None:
@@ -152,22 +157,22 @@ def error_correlation(window: int, step: int, smooth: str, preset: str) -> float
     return correlation_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
 
 
-def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
-    x, y = (vector_places(n, s.window, s.step) for n in a.grey.shape[::-1])
+def _match(pairs: Pairs, s: Settings) -> VectorField:
+    x, y = (vector_places(n, s.window, s.step) for n in pairs[0][0].grey.shape[::-1])
     grid = Grid(x, y, s.step, s.window, STIFFNESS)
     times = TIMES[s.preset]
 
-    start = np.stack(flow(a.grey, b.grey, x, y, s.step))
-    m = refine(a, b, grid, start, s.min_texture, None, False)
+    start = np.mean([flow(a.grey, b.grey, x, y, s.step) for a, b in pairs], axis=0)
+    m = refine(pairs, grid, start, s.min_texture, None, False)
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
     if again.sum() > TOO_MANY * np.isin(reason, code.MATCHED).sum():
-        m, reason, edge = _second_try(a, b, grid, m, reason, s)
+        m, reason, edge = _second_try(pairs, grid, m, reason, s)
     first, matched = reason, ~ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
         start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        m = refine(a, b, grid, start, s.min_texture, matched | (k > 1), k == times - 1)
+        m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), k == times - 1)
         reason = _judge(m, start, s)
     raw = np.where(_to_try(first), raw, m.p[:2])
     if m.sigma is None:
@@ -201,18 +206,18 @@ def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
 
 
 def _second_try(
-    a: Frame, b: Frame, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
+    pairs: Pairs, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
 ) -> tuple[Match, NDArray[np.int8], NDArray[np.bool_]]:
     """The failed vectors matched again from the two peaks of a correlation, whichever matches better.
 
     Returns the match, its reasons and where the correlation's peak lies on the edge of its search.
     """
-    coarse = predict(a.grey, b.grey, a.usable, b.usable, passes=s.passes, outlier=s.outlier)
+    coarse = predict(pairs, passes=s.passes, outlier=s.outlier)
     for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2)):
         again = _to_try(reason)
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
         start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(a, b, grid, start, s.min_texture, None, False)
+        trial = refine(pairs, grid, start, s.min_texture, None, False)
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p), None, np.nan,
