@@ -66,6 +66,10 @@ class PivParams:
     window: int = param(24, "px", "side of the matched window: a few grains", lo=8, hi=256)
     step: int = param(8, "px", "distance between vectors", lo=1, hi=256)
     gap: int = param(1, "frames", "frames between the two images of a pair", lo=1, hi=100)
+    baseline: int = param(1, "frames", "slow flow: pairs 3, 9, ... times as far apart as gap, up to this, are combined "
+                          "with each", lo=1, hi=100)  # fmt: skip
+    ensemble: int = param(1, "pairs", "steady flow: so many consecutive pairs are matched together and give one field",
+                          lo=1, hi=64)  # fmt: skip
     passes: tuple[int, ...] = param((64, 32), "px", "correlation windows where the start fails; the first exceeds "
                                     "twice the largest displacement", lo=8, hi=1024)  # fmt: skip
     min_correlation: float = param(0.3, "", "matches below this correlation are replaced", lo=0, hi=1)

@@ -40,7 +40,7 @@ def piv_picture(
     if film is not None and given is None:
         straight, film = open_grains(film, calibration)
         with straight as frames:
-            image = frames[i]
+            image = frames[i * int(field.attrs.get("ensemble_pairs", 1))]
     unit = field.u.attrs["units"].split("/")[0]
     factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")
     scale = field.attrs["scale_m_per_px"] if unit == "m" else 1.0

@@ -17,17 +17,18 @@ from ..progress import watch
 from ..records import Piv
 from ..sections import Calibration, GrainVideo, PivField, Robot
 from ..vision.foot import FootTrack, track_foot
-from ..vision.piv.engine import piv_film, vector_places
+from ..vision.piv.engine import error_correlation, piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_grains
 from .vectors import foreign_field
 
 Array = NDArray[np.float64]
 SMOOTHED = 2.2  # windows over which adaptive smoothing makes errors alike, where it smooths wholly (measured)
+UNEVEN = 0.02  # of the time between frames
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=3, any_of=("film", "field"))
+@stage(version=4, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
     p: PivParams,
@@ -43,16 +44,20 @@ def piv(
     with straight as frames:
         if len(frames) <= p.gap:
             raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
+        steps = np.diff(frames.time)
+        if p.baseline > p.gap and np.ptp(steps) > UNEVEN * np.median(steps):
+            raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
         foot = follow_foot(frames, film, robot, p)
         data = header(frames.time, frames.shape, film, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, p)
         fields = piv_film(
             watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap,
+            baseline=p.baseline, ensemble=p.ensemble,
             preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
             min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
         )  # fmt: skip
-        dt = frames.time[p.gap :] - frames.time[: -p.gap]
+        dt = of_fields(frames.time[p.gap :] - frames.time[: -p.gap], p)
         return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
 
 
@@ -103,6 +108,12 @@ def foot_mask(
     return mask
 
 
+def of_fields(values: Array, p: PivParams) -> Array:
+    """Means of the values of pairs over the pairs of each field."""
+    first = np.arange(0, len(values), p.ensemble)
+    return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
+
+
 def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) -> xr.Dataset:
     """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
     scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
@@ -113,7 +124,7 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
         coords={
             "x": ("x", (x - origin_x) * scale, {"units": unit, "long_name": "right"}),
             "y": ("y", -(y - origin_y) * scale, {"units": unit, "long_name": "up"}),
-            "t": ("t", 0.5 * (begin + end), {"units": "s", "long_name": "mid-time of the pair, common clock"}),
+            "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
         },
         attrs={
             "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
@@ -121,6 +132,8 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
             "error_px": p.window * (SMOOTHED if p.smooth == "adaptive" else 1.0),
             "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
+            "gap_frames": p.gap, "baseline_frames": p.baseline, "ensemble_pairs": p.ensemble,
+            "error_correlation_px": error_correlation(p.window, p.step, p.smooth, p.preset),
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
     )  # fmt: skip
@@ -165,12 +178,14 @@ def origin(film: GrainVideo) -> tuple[float, float]:
 def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p: PivParams) -> None:
     """The foot's face over t: foot_y (up, from its place in the first frame) and foot_v, at mid-time of each pair."""
     scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
-    n = data.sizes["t"]
-    a, b = slice(0, n), slice(p.gap, p.gap + n)
+    a, b = slice(0, len(time) - p.gap), slice(p.gap, len(time))
     dt = time[b] - time[a]
     spread = np.hypot(foot.sigma[a], foot.sigma[b])
     first = film.foot_row or 0.0
-    data["foot_y"] = ("t", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, {"units": unit})
-    data["foot_y_sigma"] = ("t", 0.5 * spread * scale, {"units": unit})
-    data["foot_v"] = ("t", -(foot.row[b] - foot.row[a]) * scale / dt, {"units": f"{unit}/s"})
-    data["foot_v_sigma"] = ("t", spread * scale / dt, {"units": f"{unit}/s"})
+    for name, values, dimension in (
+        ("foot_y", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, unit),
+        ("foot_y_sigma", 0.5 * spread * scale, unit),
+        ("foot_v", -(foot.row[b] - foot.row[a]) * scale / dt, f"{unit}/s"),
+        ("foot_v_sigma", spread * scale / dt, f"{unit}/s"),  # of one pair: that of a mean is no larger
+    ):
+        data[name] = ("t", of_fields(values, p), {"units": dimension})

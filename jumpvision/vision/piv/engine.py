@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -14,10 +14,11 @@ from scipy import ndimage
 from jumpvision.vision.piv import field as code
 from jumpvision.vision.piv.field import VectorField
 from jumpvision.vision.piv.frame import Frame, prepare
-from jumpvision.vision.piv.noise import factors
+from jumpvision.vision.piv.multiframe import combined
+from jumpvision.vision.piv.noise import correlation_length, factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
-from jumpvision.vision.piv.refine import Grid, Match, refine
-from jumpvision.vision.piv.smooth import smoothed
+from jumpvision.vision.piv.refine import Grid, Match, Pairs, refine
+from jumpvision.vision.piv.smooth import STIFF, smoothed
 from jumpvision.vision.piv.solve import COVERED, FLAT, STEPPED
 from jumpvision.vision.piv.validate import local_median, normalised_median
 
@@ -28,6 +29,9 @@ LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 SMOOTHING = ("none", "adaptive")
 TIMES = {"default": 3, "fast": 2}  # Gauss-Newton steps
+UNRESOLVED = {"default": 8.0, "fast": 1.0}  # squared error of what is not resolved over the squared last change
+SPLINE = {"default": 0.0, "fast": 0.003}  # px, error of a cubic spline between whole pixels on grains of 3-4 px
+NEAR = 3  # vectors, side of the neighbourhood over which the last change is averaged
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -82,28 +86,50 @@ def piv_film(
     *,
     mask: Callable[[int], Mask | None] | None,
     gap: int,
+    baseline: int = 1,
+    ensemble: int = 1,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
 ) -> Iterator[VectorField]:
-    """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most gap + 1 frames are held.
+    """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most ensemble + gap or baseline frames are held.
 
-    mask(k): usable pixels (H, W) of frame k, or None. progress(k) is called after the pair (k, k + gap). settings: see
-    `Settings`; displacements are px per pair, not per frame.
+    mask(k): usable pixels (H, W) of frame k, or None. baseline: pairs 3, 9, ... times as far apart about the same
+    mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
+    matched together and give one field, for steady flow; the last may hold fewer. progress(k) is called after the pair
+    (k, k + gap). settings: see `Settings`; displacements are px per pair (k, k + gap), not per frame.
     """
     s = Settings(**settings)
     if gap < 1:
         raise ValueError(f"gap = {gap}: must be at least 1")
-    held: deque[Frame] = deque()
+    further: list[int] = []  # frames that the longer baselines reach beyond the pair on either side
+    while gap * 3 ** (len(further) + 1) <= baseline:
+        further.append(gap * (3 ** (len(further) + 1) - 1) // 2)
+    reach = max(further, default=0)
+    held: dict[int, Frame] = {}
+
+    def about(first: int, end: int) -> VectorField:
+        """The pairs from first to end and the longer ones about them, as far as the film goes; drops frames behind."""
+        spans = [0, *(j for j in further if first >= j and end - 1 + gap + j in held)]
+        several = [[(held[q - j], held[q + gap + j]) for q in range(first, end)] for j in spans]
+        fields = [(gap + 2.0 * j, _match(pairs, s)) for j, pairs in zip(spans, several)]
+        for q in range(first, end):
+            held.pop(q - reach, None)
+            if progress is not None:
+                progress(q)
+        return combined(fields) if len(fields) > 1 else fields[0][1]
+
     shape: tuple[int, ...] | None = None
+    first, k = 0, -1
     for k, image in enumerate(images):
         shape = shape or image.shape
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
-        held.append(prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast"))
-        if len(held) > gap:
-            yield _match(held.popleft(), held[-1], s)
-            if progress is not None:
-                progress(k - gap)
+        held[k] = prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast")
+        if k >= first + ensemble - 1 + gap + reach:
+            yield about(first, first + ensemble)
+            first += ensemble
+    for rest in range(first, k + 1 - gap, ensemble):
+        yield about(rest, min(rest + ensemble, k + 1 - gap))
 
 
 def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, mask: Mask | None) -> None:
@@ -122,28 +148,40 @@ def vector_places(pixels: int, window: int, step: int) -> Array:
     return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
 
 
-def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
-    x, y = (vector_places(n, s.window, s.step) for n in a.grey.shape[::-1])
+def error_correlation(window: int, step: int, smooth: str, preset: str) -> float:
+    """Distance [px] at which the errors of two vectors are alike by 1/e, where the field is smooth.
+
+    The error of a mean over an area is as if one vector in about (length)^2 were independent; sigma of a vector does
+    not hold that.
+    """
+    return correlation_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
+
+
+def _match(pairs: Pairs, s: Settings) -> VectorField:
+    x, y = (vector_places(n, s.window, s.step) for n in pairs[0][0].grey.shape[::-1])
     grid = Grid(x, y, s.step, s.window, STIFFNESS)
     times = TIMES[s.preset]
 
-    start = np.stack(flow(a.grey, b.grey, x, y, s.step))
-    m = refine(a, b, grid, start, s.min_texture, False)
+    start = np.mean([flow(a.grey, b.grey, x, y, s.step) for a, b in pairs], axis=0)
+    m = refine(pairs, grid, start, s.min_texture, None, False)
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
     if again.sum() > TOO_MANY * np.isin(reason, code.MATCHED).sum():
-        m, reason, edge = _second_try(a, b, grid, m, reason, s)
-    first = reason
+        m, reason, edge = _second_try(pairs, grid, m, reason, s)
+    first, matched = reason, ~ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
         start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        m = refine(a, b, grid, start, s.min_texture, k == times - 1)
+        m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), k == times - 1)
         reason = _judge(m, start, s)
     raw = np.where(_to_try(first), raw, m.p[:2])
     if m.sigma is None:
         raise ValueError("at least two steps are needed")
     factor = np.repeat(factors(s.window, s.step, STIFFNESS, times, m.clumping), (2, 4))
     sigma = m.sigma * factor[:, None, None]
+    moved = np.nan_to_num(m.p[:2] - start)
+    about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in moved])
+    left = UNRESOLVED[s.preset] * about + SPLINE[s.preset] ** 2
 
     measured = np.isin(reason, code.MEASURED)
     reason[measured & _to_try(first)] = code.SECOND_PEAK
@@ -159,6 +197,7 @@ def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
         complete = _whole(np.concatenate([filled, p[2:]]), s.step)
         drawn, factor = smoothed(complete, sigma[:2], s.window, s.step, STIFFNESS, times)
         filled, spread = np.where(measured, drawn, filled), np.where(measured, factor * sigma[:2], spread)
+    spread = np.where(measured, np.sqrt(spread**2 + left), spread)
     shape = reason.shape
     return VectorField(
         x, y, filled[0], filled[1], spread[0], spread[1], m.quality, reason, raw[0], raw[1],
@@ -167,18 +206,18 @@ def _match(a: Frame, b: Frame, s: Settings) -> VectorField:
 
 
 def _second_try(
-    a: Frame, b: Frame, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
+    pairs: Pairs, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
 ) -> tuple[Match, NDArray[np.int8], NDArray[np.bool_]]:
     """The failed vectors matched again from the two peaks of a correlation, whichever matches better.
 
     Returns the match, its reasons and where the correlation's peak lies on the edge of its search.
     """
-    coarse = predict(a.grey, b.grey, a.usable, b.usable, passes=s.passes, outlier=s.outlier)
+    coarse = predict(pairs, passes=s.passes, outlier=s.outlier)
     for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2)):
         again = _to_try(reason)
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
         start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(a, b, grid, start, s.min_texture, False)
+        trial = refine(pairs, grid, start, s.min_texture, None, False)
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p), None, np.nan,

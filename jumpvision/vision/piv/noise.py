@@ -51,14 +51,29 @@ def _gains(window: int, step: int, stiffness: float, times: int) -> tuple[float,
     return float(shift), float((gradient**2).mean() / alone), float((box * (2 * seen - seen**2)).mean())
 
 
-def response(window: int, step: int, stiffness: float, times: int, other: float) -> tuple[Array, Array]:
+def response(window: int, step: int, stiffness: float, times: int, other: float, n: int = 128) -> tuple[Array, Array]:
     """R W and the response of a surface of stiffness `other`, on the same wave numbers (n, n)."""
     g = taper(window).astype(np.float64)
-    k = 2 * np.pi * np.fft.fftfreq(128)
+    k = 2 * np.pi * np.fft.fftfreq(n)
     one_window = (g * np.cos(np.outer(k, np.arange(len(g)) - len(g) // 2))).sum(1) / g.sum()
     w, s, o = (np.outer(q, q) for q in (one_window, _surface(k * step, stiffness), _surface(k * step, other)))
     missed = s * (1 - w)
     return w * (1 - missed**times) / (1 - missed), o
+
+
+@functools.lru_cache(maxsize=16)
+def correlation_length(window: int, step: int, stiffness: float, times: int, other: float | None) -> float:
+    """Distance [px] at which the correlation of the errors of two vectors has fallen to 1/e.
+
+    other: stiffness of the surface that the vectors are drawn to afterwards, None where they are left alone.
+    """
+    n = min(max(128, 32 * step), 1024)  # px, beyond which the picture repeats itself
+    seen, surface = response(window, step, stiffness, times, other or 0.0, n)
+    power = (seen * surface if other is not None else seen) ** 2
+    along = np.fft.ifft(power.sum(0)).real[: n // 2]
+    along = np.append(along / along[0], 0.0)
+    first = int(np.argmax(along < 1 / np.e))
+    return float(first - (1 / np.e - along[first]) / (along[first - 1] - along[first]))
 
 
 def _surface(theta: NDArray[np.floating[Any]], stiffness: float) -> Array:

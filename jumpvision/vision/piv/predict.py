@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from jumpvision.vision.piv.correlate import correlate, peaks
+from jumpvision.vision.piv.frame import Frame
 from jumpvision.vision.piv.validate import local_median, normalised_median
 
 Array = NDArray[np.float64]
@@ -32,13 +33,13 @@ class Coarse(NamedTuple):
     at_edge: NDArray[np.bool_]  # (ny, nx)
 
 
-def predict(a: Float32, b: Float32, mask_a: Mask, mask_b: Mask, *, passes: tuple[int, ...], outlier: float) -> Coarse:
-    """Correlation passes with window sizes `passes` [px] over images (H, W) with usable pixels mask_a, mask_b.
+def predict(pairs: list[tuple[Frame, Frame]], *, passes: tuple[int, ...], outlier: float) -> Coarse:
+    """Correlation passes with window sizes `passes` [px]; the correlations of several pairs are averaged (ensemble).
 
     Windows overlap by half. Each pass shifts the two windows by whole pixels, half each, and searches up to half a
     window around. `outlier`: limit of the normalised median test; outliers try their second peak, then the median.
     """
-    height, width = a.shape
+    height, width = pairs[0][0].grey.shape
     coarse: Coarse | None = None
     for size in passes:
         x, y = _centres(width, size), _centres(height, size)
@@ -48,15 +49,20 @@ def predict(a: Float32, b: Float32, mask_a: Mask, mask_b: Mask, *, passes: tuple
             u, v = (np.rint(at(coarse, f, x, y)) for f in (coarse.u, coarse.v))
         # the split of an odd shift leaves the vector half a pixel from its window: of no account for a predictor
         ua, va = np.floor_divide(u, 2), np.floor_divide(v, 2)
-        first = _windows(a, mask_a, x, y, -ua, -va, size)
-        second = _windows(b, mask_b, x, y, u - ua, v - va, size)
-        found = peaks(correlate(*first, *second))
+        planes: list[Float32] = []
+        light = np.full(u.size, np.inf)
+        for a, b in pairs:
+            first = _windows(a.grey, a.usable, x, y, -ua, -va, size)
+            second = _windows(b.grey, b.usable, x, y, u - ua, v - va, size)
+            planes.append(correlate(*first, *second))
+            light = np.minimum(light, np.minimum(first[1].mean((1, 2)), second[1].mean((1, 2))))
+        found = peaks(np.asarray(sum(planes[1:], planes[0]) / np.float32(len(planes)), np.float32))
         shape = u.shape
         u1, v1, u2, v2 = (
             s + q.reshape(shape)
             for s, q in ((u, found.u[:, 0]), (v, found.v[:, 0]), (u, found.u[:, 1]), (v, found.v[:, 1]))
         )
-        blind = (np.minimum(first[1].mean((1, 2)), second[1].mean((1, 2))) < 0.25) | (found.height[:, 0] <= 0)
+        blind = (light < 0.25) | (found.height[:, 0] <= 0)
         u1[blind.reshape(shape)] = np.nan
         v1[blind.reshape(shape)] = np.nan
         u1, v1 = _validated(u1, v1, u2, v2, outlier)

@@ -29,7 +29,7 @@ from jumpvision.vision.piv.frame import Frame, taper
 from jumpvision.vision.piv.moments import FIRST, ORDER, SXX, deform, moments, moments_of
 from jumpvision.vision.piv.noise import LAG
 from jumpvision.vision.piv.solve import STEPPED, covariances, steps
-from jumpvision.vision.piv.surface import axis, everywhere
+from jumpvision.vision.piv.surface import axis, everywhere, lightly_smoothed
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -50,6 +50,9 @@ class Grid(NamedTuple):
     stiffness: float
 
 
+Pairs = list[tuple[Frame, Frame]]
+
+
 class Match(NamedTuple):
     """One step of all windows: p (6, ny, nx) d_x, d_y [px], u_x, u_y, v_x, v_y [1]; sigma likewise, or None.
 
@@ -63,37 +66,45 @@ class Match(NamedTuple):
     state: NDArray[np.int64]  # (ny, nx)
 
 
-def refine(a: Frame, b: Frame, grid: Grid, start: Array, texture: float, errors: bool) -> Match:
-    """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere."""
-    shape = a.weight.shape
-    ny, nx = start.shape[1:]
-    rows, columns = (axis(n, q[0] + a.pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
-    dx, dy = (everywhere(rows, columns, f, True) for f in start)
-    first, second, keep = (np.empty(shape, np.float32) for _ in range(3))
-    half = np.float32(0.5)
-    deform(a.c, a.fine, a.weight, dx, dy, -half, first, keep, True)
-    deform(b.c, b.fine, b.weight, dx, dy, half, second, keep, False)
-    m, r = np.float32(0.5) * (first + second), first - second
+def refine(
+    pairs: Pairs, grid: Grid, start: Array, texture: float, matched: NDArray[np.bool_] | None, errors: bool
+) -> Match:
+    """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere.
 
+    Several pairs share one displacement: their normal equations are added (ensemble).
+    matched: (ny, nx) True where the start was matched before, so that its steps are the field's; None: nowhere.
+    """
+    shape = pairs[0][0].weight.shape
+    ny, nx = start.shape[1:]
+    pad = pairs[0][0].pad
+    rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
+    start = lightly_smoothed(rows, columns, start, matched)
+    dx, dy = (everywhere(rows, columns, f) for f in start)
     planes = len(ORDER) if errors else SXX
     g = taper(grid.window)
-    sums = np.empty((ny, nx, FIRST[planes]))
-    places = (grid.x + a.pad).astype(np.intp), (grid.y + a.pad).astype(np.intp)
-    moments(m, r, keep, *places, g, ORDER[:planes], FIRST[: planes + 1], sums)
+    sums, part = np.zeros((ny, nx, FIRST[planes])), np.empty((ny, nx, FIRST[planes]))
+    places = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
+    pictures = []
+    for a, b in pairs:
+        together = half_way(a, b, dx, dy)
+        moments(*together, *places, g, ORDER[:planes], FIRST[: planes + 1], part)
+        sums += part
+        if errors:
+            pictures.append(together)
     step, quality, state = np.empty((ny * nx, 8)), np.empty(ny * nx), np.empty(ny * nx, np.int64)
     sums = sums.reshape(ny * nx, -1)
-    steps(sums, float(g.sum()) ** 2, texture, step, quality, state)
+    steps(sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, state)
 
     change = step.T.reshape(8, ny, nx)
     smooth = np.stack([
-        *(rows.value @ f @ columns.value.T for f in start),
-        *(q for f in start for q in (rows.value @ f @ columns.slope.T, rows.slope @ f @ columns.value.T)),
+        *start,
+        *(q for f in start for q in (f @ columns.slope.T, rows.slope @ f)),
     ])  # fmt: skip
     p = smooth + change[ALONG]
     sigma, clumping = None, np.nan
     if errors:
-        offset, gain, ex, ey = (everywhere(rows, columns, change[q], False) for q in (6, 7, 0, 3))
-        zz, clumping = _scatter(m, r, keep, offset, gain, ex, ey)
+        offset, gain, ex, ey = (everywhere(rows, columns, change[q]) for q in (6, 7, 0, 3))
+        zz, clumping = _scatter(pictures, offset, gain, ex, ey)
         scatter = np.empty((ny, nx, 18))
         moments_of(zz, *places, g * g, np.array([2, 2, 2]), np.array([0, 6, 12, 18]), scatter)
         sigma = np.empty((ny * nx, 6))
@@ -104,38 +115,46 @@ def refine(a: Frame, b: Frame, grid: Grid, start: Array, texture: float, errors:
     return Match(p, sigma, clumping, quality.reshape(ny, nx), state)
 
 
+def half_way(a: Frame, b: Frame, dx: Float32, dy: Float32) -> tuple[Float32, Float32, Float32]:
+    """Mean m and difference r of the two frames brought half-way together, and the weight of their pixels."""
+    first, second, keep = (np.empty(a.weight.shape, np.float32) for _ in range(3))
+    half = np.float32(0.5)
+    deform(a.c, a.fine, a.weight, dx, dy, -half, first, keep, True)
+    deform(b.c, b.fine, b.weight, dx, dy, half, second, keep, False)
+    return half * (first + second), first - second, keep
+
+
 @nb.njit(cache=True, parallel=True, fastmath=True)
 def _forces(m, r, keep, offset, gain, ex, ey, z, energy):  # type: ignore[no-untyped-def]
-    """grad m times what the step (ex, ey), offset and gain of the grey leave of r, and |grad m|^2, at every pixel."""
+    """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r, and |grad m|^2, everywhere."""
     rows, cols = m.shape
     k8, k12 = np.float32(8), np.float32(1 / 12)
-    z[:, :2] = z[:, rows - 2 :] = 0
-    energy[:2] = energy[rows - 2 :] = 0
     for j in nb.prange(2, rows - 2):
-        z[:, j, :2] = z[:, j, cols - 2 :] = 0
-        energy[j, :2] = energy[j, cols - 2 :] = 0
         for i in range(2, cols - 2):
             gx = (k8 * (m[j, i + 1] - m[j, i - 1]) - (m[j, i + 2] - m[j, i - 2])) * k12
             gy = (k8 * (m[j + 1, i] - m[j - 1, i]) - (m[j + 2, i] - m[j - 2, i])) * k12
             left = keep[j, i] * (r[j, i] - offset[j, i] - gain[j, i] * m[j, i] - gx * ex[j, i] - gy * ey[j, i])
-            z[0, j, i] = gx * left
-            z[1, j, i] = gy * left
-            energy[j, i] = gx * gx + gy * gy
+            z[0, j, i] += gx * left
+            z[1, j, i] += gy * left
+            energy[j, i] += gx * gx + gy * gy
 
 
 def _scatter(
-    m: Float32, r: Float32, keep: Float32, offset: Float32, gain: Float32, ex: Float32, ey: Float32
+    pictures: list[tuple[Float32, Float32, Float32]], offset: Float32, gain: Float32, ex: Float32, ey: Float32
 ) -> tuple[Float32, float]:
     """Variance that each pixel brings to sum w J r (xx, xy, yy: (3, H, W)), and the clumping of the texture.
 
-    z = grad m r of a pixel; its square times the ratio of sum z (sum of z over the box) to sum z^2 around.
+    z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; its square
+    times the ratio of sum z (sum of z over the box) to sum z^2 around.
     """
-    z, energy = np.empty((2, *m.shape), np.float32), np.empty_like(m)
-    _forces(m, r, keep, offset, gain, ex, ey, z, energy)
+    shape = offset.shape
+    z, energy = np.zeros((2, *shape), np.float32), np.zeros(shape, np.float32)
+    for together in pictures:
+        _forces(*together, offset, gain, ex, ey, z, energy)
     box = (LAG, LAG)
     around = (AROUND, AROUND)
     together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)
-    zz = np.empty((3, *m.shape), np.float32)
+    zz = np.empty((3, *shape), np.float32)
     for q, (f, g) in zip(zz, ((z[0], z[0]), (z[0], z[1]), (z[1], z[1]))):
         cv2.multiply(f, g, q)
     alone = cv2.boxFilter(zz[0] + zz[2], -1, around)

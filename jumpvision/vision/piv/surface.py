@@ -6,6 +6,7 @@ import functools
 import math
 from typing import NamedTuple
 
+import cv2
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +15,17 @@ Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 
+AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
+LEAST = 0.02  # px: smaller differences are no step
+BEYOND = 4.0  # times the variance of chance: more is a step of the field
+
+
 class Axis(NamedTuple):
     """Along one axis of the picture; the matrices act on the vectors' values."""
 
-    exact: Array  # (knots, vectors) coefficients of the cubic B-spline through the vectors
-    coefficients: Array  # (knots, vectors) the same after smoothing
-    value: Array  # (vectors, vectors) the smoothed values at the vectors
-    slope: Array  # (vectors, vectors) d/dpx of the smoothed curve at the vectors
+    coefficients: Array  # (knots, vectors) of the cubic B-spline through the vectors
+    smooth: Array  # (vectors, vectors) the smoothed values, see `smoother`
+    slope: Array  # (vectors, vectors) d/dpx of the spline at the vectors
     knot: NDArray[np.int64]  # (pixels,) first of the four knots that a pixel hears
     weight: Float32  # (pixels, 4) their weights
 
@@ -38,15 +43,11 @@ def smoother(vectors: int, stiffness: float) -> Array:
 
 @functools.lru_cache(maxsize=16)
 def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -> Axis:
-    """Cubic spline through vectors at first + step * k [px], continued straight beyond the outer ones.
-
-    Smoothed before by `smoother`.
-    """
+    """Cubic spline through vectors at first + step * k [px], continued straight beyond the outer ones."""
     before = math.ceil(first / step) + 2
     after = math.ceil((pixels - 1 - first) / step) - (vectors - 1) + 2
     k = np.arange(-before, vectors + after)
     straight = np.eye(vectors)[np.clip(k, 0, vectors - 1)]
-    smooth = smoother(vectors, stiffness)
     if vectors > 1:
         rise = np.eye(vectors)[[1, -1]] - np.eye(vectors)[[0, -2]]
         straight += np.minimum(k, 0)[:, None] * rise[0] + np.maximum(k - vectors + 1, 0)[:, None] * rise[1]
@@ -56,17 +57,33 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     bend = straight.copy()
     bend[0] = bend[-1] = 0
     exact = np.linalg.solve(samples, bend).astype(np.float64)
-    slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) @ smooth / (2 * step)
+    slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) / (2 * step)
     q = (np.arange(pixels) - first) / step + before
     knot = np.floor(q).astype(np.int64)
     t = q - knot
     weight = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=1) / 6
-    return Axis(exact, exact @ smooth, smooth, slope, knot - 1, weight.astype(np.float32))
+    return Axis(exact, smoother(vectors, stiffness), slope, knot - 1, weight.astype(np.float32))
 
 
-def everywhere(rows: Axis, columns: Axis, f: Array, smoothed: bool) -> Float32:
+def lightly_smoothed(rows: Axis, columns: Axis, f: Array, matched: NDArray[np.bool_] | None) -> Array:
+    """Fields (n, ny, nx) smoothed where they differ from the smooth surface by no more than chance, kept where by more.
+
+    What chance is, the field itself tells: the median of the squared differences. A smoothed step would ring over
+    three vectors on either side. Where not `matched` (ny, nx), and everywhere if it is None, the surface counts.
+    """
+    surface = np.stack([rows.smooth @ q @ columns.smooth.T for q in f])
+    if matched is None:
+        return surface
+    e = f - surface
+    squared = (e**2).sum(0)
+    power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
+    chance = max(BEYOND * float(np.median(squared)) / math.log(2), LEAST**2)  # of two normal components: exponential
+    return surface + np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0) * e
+
+
+def everywhere(rows: Axis, columns: Axis, f: Array) -> Float32:
     """A field of vectors (ny, nx) at every pixel (height, width)."""
-    c = rows.coefficients @ f @ columns.coefficients.T if smoothed else rows.exact @ f @ columns.exact.T
+    c = rows.coefficients @ f @ columns.coefficients.T
     out = np.empty((len(rows.knot), len(columns.knot)), np.float32)
     _evaluate(c.astype(np.float32), rows.knot, rows.weight, columns.knot, columns.weight, out)
     return out

@@ -1,0 +1,63 @@
+"""The film of vectors over the grains: what is drawn where, and a file that browsers play."""
+
+import io
+
+import av
+import numpy as np
+import pytest
+import xarray as xr
+
+from jumpvision.report.overlays import STRIP, Drawing, webm
+
+ROWS, COLUMNS, SCALE = 80, 90, 1e-3  # px, px, m/px
+ORIGIN = 45.0, 10.0  # column, row
+
+
+def field(u, v, chc, n=2):
+    """One vector, 30 mm below the origin, at pixel (45, 40), for n times."""
+    shape = ("y", "x", "t")
+    full = [np.full((1, 1, n), float(f)) for f in (u, v, chc)]
+    return xr.Dataset(
+        {"u": (shape, full[0], {"units": "m/s"}), "v": (shape, full[1]), "chc": (shape, full[2])},
+        coords={"x": [0.0], "y": [-0.03], "t": np.arange(n) * 0.01},
+        attrs={"origin_column_px": ORIGIN[0], "origin_row_px": ORIGIN[1]},
+    )
+
+
+def drawn(u, v, chc=1.0):
+    """Rows and columns, in pixels of the frame, of what is drawn, and its colours (BGR)."""
+    draw = Drawing(field(u, v, chc), np.tile(np.uint8([0, 200]), (ROWS, COLUMNS // 2)), SCALE)
+    picture = draw(np.zeros((ROWS, COLUMNS), np.uint8), 0)[:-STRIP].astype(int)
+    seen = np.ptp(picture, axis=2) > 40  # colour, where the frame is grey
+    row, column = np.nonzero(seen)
+    return (row + 0.5) / draw.zoom - 0.5, (column + 0.5) / draw.zoom - 0.5, picture[seen]
+
+
+@pytest.mark.parametrize(("u", "v"), [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_an_arrow_starts_at_its_place_and_points_up_for_positive_v(u, v):
+    row, column, _ = drawn(u, v)
+    along = (column - 45) * u + (40 - row) * v
+    across = (column - 45) * v + (row - 40) * u
+    # one vector: twice 16 px at the largest speed; the pen is a film pixel (an eighth) wide and smoothed over one more
+    assert along.min() == pytest.approx(0, abs=0.25) and along.max() == pytest.approx(32, abs=0.3)
+    assert abs(across.mean()) < 0.2
+
+
+def test_replaced_vectors_are_pink_and_missing_ones_absent():
+    blue, green, red = drawn(1, 0, chc=0.0)[2].mean(0)
+    assert red > blue > green
+    assert len(drawn(np.nan, np.nan)[0]) == 0
+
+
+def test_the_film_is_vp8_with_every_picture_and_the_same_each_time():
+    rng = np.random.default_rng(1)
+    base = rng.integers(0, 255, (8, 12, 3), np.uint8).repeat(8, 0).repeat(8, 1)
+    pictures = [np.roll(base, 8 * k, axis=1) for k in range(7)]
+    data = webm(pictures, rate=5.0)
+    assert data == webm(pictures, rate=5.0)
+    with av.open(io.BytesIO(data)) as film:
+        frames = [f.to_ndarray(format="bgr24") for f in film.decode(video=0)]
+        assert film.streams.video[0].codec_context.name == "vp8" and film.streams.video[0].average_rate == 5
+    assert len(frames) == 7
+    # grey of blocks of 8 px through a codec for small films: a few levels; colour is halved in size
+    assert max(np.abs(f.mean(2) - p.mean(2)).mean() for f, p in zip(frames, pictures)) < 12
