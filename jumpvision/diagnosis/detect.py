@@ -64,7 +64,8 @@ class Span:
         rows = np.zeros((self.extra, len(fit.parameters)))
         for k, (i, p) in enumerate(priors):
             rows[k, i] = 1.0 / p.sigma
-        matrix = np.vstack([*fit.jacobian, rows])
+        # a parameter at the end of its range cannot take up what would push it further
+        matrix = np.vstack([*fit.jacobian, rows])[:, [not p.at_end(x) for p, x in zip(fit.parameters, fit.values)]]
         scale = np.linalg.norm(matrix, axis=0)
         matrix = matrix[:, scale > 0] / scale[scale > 0]
         u, s, _ = np.linalg.svd(matrix, full_matrices=False) if matrix.size else (matrix, np.zeros(0), None)

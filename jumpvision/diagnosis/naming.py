@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 CONFIDENCE = 0.9  # of the set of models that is kept
 FIRSTS, SECONDS = 4, 4  # pairs tried: the best single ones, each with those its residuals ask for
+WORTH = 3.0  # of log evidence that a second mechanism must bring
 LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
 
@@ -61,7 +62,12 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
         if not tests[fit.mechanisms].discrepant:
             break
     if all(t.discrepant for t in tests.values()):
-        pairs = race(problem, _pairs(problem, base, singles, tests))
+        alone = {f.mechanisms[0]: f.log_evidence for f in singles}
+        pairs = [
+            f
+            for f in race(problem, _pairs(problem, base, singles, tests))
+            if f.log_evidence > WORTH + max(alone.get(m, -math.inf) for m in f.mechanisms)
+        ]
         models += pairs
         for fit in pairs[:2]:
             tests[fit.mechanisms] = detect(problem, fit, directions(problem, fit), rng)
@@ -73,7 +79,7 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
         Explanation(f, float(w), held_out_score(problem, f) - score, tests.get(f.mechanisms))
         for w, f in sorted(zip(weight, models), key=lambda x: -x[1].log_evidence)
     )
-    passed = [e for e in tried if e.detection is not None and not e.detection.discrepant]
+    passed = [e for e in confidence_set(tried) if e.detection is not None and not e.detection.discrepant]
     if not passed:
         return Naming((), tried[0], tried, ())
     best = passed[0]

@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..campaign import Outcome
 from ..diagnosis.diagnose import Diagnosis, diagnose
+from ..diagnosis.fitting import Problem
 from ..diagnosis.gain import apex
 from ..diagnosis.jumper import Jump, Jumper, content, learn_noise
+from ..diagnosis.shapes import Shaped
+from ..diagnosis.unexplained import unexplained
 from ..experiment import Campaign
 from ..physics.forcing import delayed, sinusoid
 from ..records import plain
@@ -30,7 +33,7 @@ from .jumps import load_jumps, questioned, spec_of
 Array = NDArray[np.float64]
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 1  # of the method: another one asks again
+VERSION = 2  # of the method: another one asks again
 FILE, MODEL, PICTURE = "diagnosis.json", "model.toml", "diagnosis.png"
 
 
@@ -79,7 +82,8 @@ def question(
             system, noise, np.random.default_rng(SEED), scatter=scatter, by=("kind",), stops=[j.stop for j in jumps],
             runnable=proposals(system, laws), say=say,
         )  # fmt: skip
-        data = document(found, system, heights_of(found, system), None)
+        left = leftover(found, Problem(system, noise, scatter), system, say)
+        data = document(found, system, heights_of(found, system), left)
         data["sentence"] = sentence(data)
         best = found.naming.best.fit if found.naming and found.naming.named else found.baseline
         write_aside(entry / MODEL, model_toml(best, system, data["sentence"] + " Made by jumpvision diagnose."))
@@ -89,6 +93,17 @@ def question(
     for n in names:
         copy_aside(entry / n, results / n)
     return json.loads((entry / FILE).read_text(encoding="utf-8")), [results / n for n in names]
+
+
+def leftover(d: Diagnosis, problem: Problem, system: Jumper, say: Callable[[str], None]) -> dict[str, Any] | None:
+    """`unexplained` of diagnosis.json: generic forces that describe what no mechanism explains; None where one does."""
+    if d.naming is None or d.naming.named:
+        return None
+    say("no mechanism explains it: describing what is left by generic forces")
+    found = unexplained(problem, [d.baseline, d.naming.best.fit], Shaped(system), np.random.default_rng(SEED))
+    if found is None:
+        return {"terms": [], "r2": 0.0, "where": "no generic force describes it"}
+    return found.document()
 
 
 def _key(jumps: Sequence[Jump], ranges: Mapping[str, Any], priors: Mapping[str, float]) -> str:
@@ -166,7 +181,10 @@ def sentence(data: Mapping[str, Any]) -> str:
     over = "over-predicts" if mean > 0 else "under-predicts"
     text = f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
     if not data["named"]:
-        return text + ", and no mechanism of the vocabulary explains what it gets wrong."
+        text += ", and no mechanism of the vocabulary explains what it gets wrong"
+        if data["unexplained"] and data["unexplained"]["terms"]:
+            text += f"; a force like {' + '.join(data['unexplained']['terms'])} would ({data['unexplained']['where']})"
+        return text + "."
     from ..physics.parameters import MECHANISMS
 
     causes = " and ".join(f"{m.replace('_', ' ')} ({MECHANISMS[m].meaning})" for m in data["named"])
