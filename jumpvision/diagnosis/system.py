@@ -35,7 +35,7 @@ class Parameter:
     log: bool = False
 
     def at_end(self, value: float) -> bool:
-        """Whether a value lies at an end of the range (a factor at 1e-4 of its scale or less, which is as good as 0)."""
+        """Whether a value lies at an end of the range (a factor at 1e-4 of its scale is as good as 0)."""
         least = max(self.low, 1e-4 * self.scale) if self.log else self.low
         return value <= least + 1e-9 * self.scale or value >= self.high - 1e-9 * self.scale
 
