@@ -49,16 +49,16 @@ def timed(campaign: Path, results: Path, *options: str) -> tuple[float, float, f
 
 
 def overhead(campaign: Path, results: Path) -> float:
-    """Time of a run of cached experiments in one process, a stage [ms]: what the pipeline adds to computing."""
+    """Processor time of a run of cached experiments in one process, a stage [ms]: what the pipeline adds."""
     from jumpvision.campaign import Plan, run_campaign
     from jumpvision.experiment import open_campaign
 
     plan = Plan(results, results / ".cache")
     found = open_campaign(campaign)
     run_campaign(replace(found, experiments=found.experiments[:1]), plan, workers=1, done=lambda o: None)  # the imports
-    began = time.perf_counter()
+    began = time.process_time()
     outcomes = run_campaign(found, plan, workers=1, done=lambda o: None)
-    return (time.perf_counter() - began) / sum(len(o.steps) for o in outcomes) * 1e3
+    return (time.process_time() - began) / sum(len(o.steps) for o in outcomes) * 1e3
 
 
 def main() -> None:

@@ -82,7 +82,7 @@ def test_every_problem_of_a_folder_in_one_error(tmp_path):
         ("[motor_log]\nfile = '../../etc/passwd'\n", "outside"),
         ("[motor_log]\n", "file: missing"),
         ("[rod_video]\nfile = 'f/*.png'\n", "matches this pattern"),
-        ("schema = 2\n", "in [1, 1]"),
+        ("schema = 2\n", "reads (1)"),
         ("name = 'a/b'\n", "folder name"),
         ("[actuation]\nkind = 'stutter'\ndelay = 0.1\ncycles = 2\n", "cycles = 1"),
         ("[calibration]\nmarks = [[1,2,3]]\n", "[px, py, x_m, y_m]"),
