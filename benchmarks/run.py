@@ -28,6 +28,7 @@ PARTS = {
     "faults": "Faults",
     "campaign": "Campaigns",
     "plan": "Motion planning",
+    "diagnosis": "Diagnosis",
     "diagnosis_real": "Diagnosis of real recordings",
     "grain_films": "Grain films: bias and sigma of the cone",
 }
