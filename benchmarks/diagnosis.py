@@ -200,8 +200,8 @@ def table(rows: list[dict[str, Any]]) -> str:
         lines.append("")
         lines.append(
             f"90 % intervals of the named parameters cover {100 * np.mean(covers):.0f} % of {len(covers)}; held-out "
-            f"track error after extension {np.median(held):.2f} of the noise (median; 90 %: {np.quantile(held, 0.9):.2f}); "
-            f"{np.median(seconds):.0f} s a campaign of 24 jumps on one core (median)."
+            f"track error after extension {np.median(held):.2f} of the noise (median; 90 %: "
+            f"{np.quantile(held, 0.9):.2f}); {np.median(seconds):.0f} s a campaign of 24 jumps on one core (median)."
         )
     return "\n".join(lines)
 
