@@ -63,13 +63,10 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
             break
     if all(t.discrepant for t in tests.values()):
         alone = {f.mechanisms[0]: f.log_evidence for f in singles}
-        pairs = [
-            f
-            for f in race(problem, _pairs(problem, base, singles, tests))
-            if f.log_evidence > WORTH + max(alone.get(m, -math.inf) for m in f.mechanisms)
-        ]
+        pairs = race(problem, _pairs(problem, base, singles, tests))
+        worth = [f for f in pairs if f.log_evidence > WORTH + max(alone.get(m, -math.inf) for m in f.mechanisms)]
         models += pairs
-        for fit in pairs[:2]:
+        for fit in worth[:2]:
             tests[fit.mechanisms] = detect(problem, fit, directions(problem, fit), rng)
     weight = np.array([f.log_evidence for f in models])
     weight = np.exp(weight - weight.max())
