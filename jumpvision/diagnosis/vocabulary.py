@@ -10,13 +10,12 @@ from collections.abc import Mapping
 
 from jumpvision.physics.model import Model
 from jumpvision.physics.parameters import MECHANISMS, ModelParameters
+from jumpvision.physics.terms import STATIC
 
 from .system import Candidate, Parameter
 
-STATIC = ("linear_penetration", "two_resistance", "rft_cone")
 CONE = ((2.2, math.pi / 3),)  # mu, theta
 DECAY = ((0.002,), (0.008,), (0.03,))  # m, lambda
-NULL = {"factor": 1.0, "scale": 1.0}
 
 
 def _parameter(
