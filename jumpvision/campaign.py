@@ -178,7 +178,23 @@ def run_campaign(
 
     elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
     """
+    with _no_leftovers(plan):
+        return _run_campaign(campaign, plan, workers, done, elsewhere)
+
+
+@contextlib.contextmanager
+def _no_leftovers(plan: Plan) -> Iterator[None]:
+    """Before and after: a worker of a killed run can still be dying, in the middle of a write, as the next begins."""
     sweep_leftovers(plan.results, plan.cache)
+    try:
+        yield
+    finally:
+        sweep_leftovers(plan.results, plan.cache)
+
+
+def _run_campaign(
+    campaign: Campaign, plan: Plan, workers: int, done: Report, elsewhere: Mapping[str, list[str]] | None
+) -> list[Outcome]:
     jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
     outcomes: dict[str, Outcome] = {}
     if elsewhere is None and (workers <= 1 or len(jobs) <= 1):
@@ -258,10 +274,10 @@ def _end_with(process: BaseProcess) -> None:
 
 def run_single(experiment: Experiment, plan: Plan, *, hook: Hook | None) -> Outcome:
     """One experiment in this process, its files in the results folder itself, with progress."""
-    sweep_leftovers(plan.results, plan.cache)
     token = HOOK.set(hook)
     try:
-        return run_experiment(experiment, plan, plan.results)
+        with _no_leftovers(plan):
+            return run_experiment(experiment, plan, plan.results)
     finally:
         HOOK.reset(token)
 

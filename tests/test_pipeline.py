@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -288,6 +290,19 @@ def test_killed_at_any_moment_it_resumes_with_a_whole_result(lab):
     storage.sweep_leftovers(lab.root / "results", lab.root / "cache")
     assert not list((lab.root / "cache").glob("writing-*"))
     assert not list((lab.root / "results").glob(".*.tmp"))
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_what_a_killed_process_left_is_swept_though_nobody_asked_for_its_exit_status(tmp_path):
+    child = subprocess.Popen([sys.executable, "-c", "pass"])
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)  # it has ended, and stays a zombie
+    mine, dead = (tmp_path / f"writing-{socket.gethostname()}-{pid}-0" for pid in (os.getpid(), child.pid))
+    mine.mkdir()
+    dead.mkdir()
+    storage.sweep_leftovers(tmp_path, tmp_path)
+    child.wait()
+    assert mine.exists()
+    assert not dead.exists()
 
 
 def test_the_registry_of_the_package_is_not_touched_by_these_tests():

@@ -1,0 +1,35 @@
+"""The command line: arguments to stages. No science, and nothing heavy imported before a command runs."""
+
+from __future__ import annotations
+
+import sys
+
+from cyclopts import CycloptsError
+
+from . import folders, house, plan, sweep, synth  # noqa: F401  (each adds its commands, in the order of --help)
+from .app import BAD_CALL, DONE, FAILED, app
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Entry point: 0 done, 1 something failed, 2 wrong call or bad input."""
+    from ..schema import InputError
+
+    try:
+        return int(app(argv, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
+    except InputError as e:
+        print("\n".join(f"jumpvision: {p}" for p in e.problems), file=sys.stderr)
+        return BAD_CALL
+    except CycloptsError as e:
+        print(f"jumpvision: {e}; see jumpvision --help", file=sys.stderr)
+        return BAD_CALL
+    except BrokenPipeError:
+        return FAILED
+    except OSError as e:  # a full disk, a folder that may not be written
+        where = f": {e.filename}" if e.filename else ""
+        print(
+            f"jumpvision: {e.strerror or e}{where}; free or change it and run the same command again", file=sys.stderr
+        )
+        return FAILED
+    except KeyboardInterrupt:
+        print("jumpvision: interrupted; run the same command again to resume", file=sys.stderr)
+        return 130

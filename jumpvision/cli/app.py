@@ -1,0 +1,50 @@
+"""The application and the options of every command that works on a folder."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+from .. import __version__
+
+DONE, FAILED, BAD_CALL = 0, 1, 2
+
+app = App(
+    name="jumpvision",
+    help="From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.\n\n"
+    "Start with: jumpvision run data_samples/loose_sand",
+    version=__version__,
+)
+
+
+@Parameter(name="*", show_default=False)
+@dataclass(frozen=True)
+class Options:
+    """Options of every command that works on a folder."""
+
+    results: Annotated[Path | None, Parameter(help="Folder for results; default: results/NAME beside PATH.")] = None
+    cache: Annotated[Path | None, Parameter(help="Folder for intermediate results; default: RESULTS/.cache.")] = None
+    set: Annotated[
+        tuple[str, ...],
+        Parameter(name="--set", negative="", help="Override a value: stage.key=value or section.key=value."),
+    ] = ()
+    model: Annotated[
+        Path | None, Parameter(help="model.toml, e.g. of diagnose: its [model] and [robot] over the folder's.")
+    ] = None
+    json: Annotated[bool, Parameter(negative="", help="Machine-readable result on stdout.")] = False
+    workers: Annotated[int | None, Parameter(help="Processes for a campaign; default: the cores.")] = None
+    verify: Annotated[bool, Parameter(negative="", help="Hash every input again, whatever its date says.")] = False
+    pictures: Annotated[bool, Parameter(help="Draw figures beside the results.")] = True
+    debug: Annotated[bool, Parameter(negative="", help="Show the traceback of an unexpected error.")] = False
+
+
+OPTIONS = Options()
+
+
+def cores() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,146 @@
+"""What a command does with a folder: open it, run stages, draw, question and report."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from .app import DONE, FAILED, Options, cores
+
+FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "overlay", "overlays")
+PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
+
+
+def open_folder(path: Path, options: Options, pipeline: dict[str, Any] | None = None) -> Any:
+    """The campaign at `path`; a single experiment is a campaign of one."""
+    from ..experiment import Campaign, folder_of, is_campaign, merged, model_tables, open_campaign, open_experiment
+    from ..overrides import parse
+
+    path = folder_of(path)
+    overrides = parse(options.set)
+    if options.model:
+        overrides = merged(model_tables(options.model), overrides)
+    given: dict[str, Any] = {"overrides": overrides, "pipeline": pipeline}
+    if path.is_dir() and is_campaign(path):
+        return open_campaign(path, **given)
+    experiment = open_experiment(path, **given)
+    if experiment.header.exclude:
+        return Campaign(path, (), {experiment.name: experiment.header.exclude})
+    return Campaign(path, (experiment,))
+
+
+def results_of(path: Path) -> Path:
+    """Where results lie by default: results/NAME beside the folder."""
+    return path.absolute().parent / "results" / path.absolute().name
+
+
+def work(
+    path: Path,
+    stages: tuple[str, ...] | None,
+    options: Options,
+    *,
+    pipeline: Path | None = None,
+    page: bool = False,
+    profile: str | None = None,
+) -> int:
+    from .. import show
+    from ..campaign import jumps_table, write_jumps
+    from ..schema import InputError
+
+    campaign, outcomes, plan, single = outcomes_of(path, stages, options, pipeline, profile)
+    if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
+        raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
+    rows = jumps_table(campaign, outcomes)
+    made: list[Path] = []
+    diagnosis = None
+    if not single and stages is None:
+        write_jumps(rows, plan.results)
+        from ..question.jumps import worth_asking
+
+        if plan.stages is None and worth_asking(campaign):
+            diagnosis = question_campaign(campaign, outcomes, plan, options, made)
+    if not single:
+        from ..across import write_actuator, write_intrusions
+
+        write_intrusions(campaign, outcomes, plan.results)
+        write_actuator(campaign, outcomes, plan.results)
+    if not single and (stages is None or "crater" in stages):
+        from ..craters import craters_table, write_craters, zero_crossing
+
+        craters = craters_table({o.name: o.results for o in outcomes})
+        made += write_craters(craters, zero_crossing(craters), plan.results)
+    if page and any(o.steps for o in outcomes):
+        from ..report.page import write_report
+
+        made.append(write_report(campaign, outcomes, rows, plan.results, single=single, diagnosis=diagnosis))
+    show.outcome(campaign, outcomes, rows, plan.results, made, as_json=options.json, single=single, diagnosis=diagnosis)
+    return FAILED if any(o.errors for o in outcomes) else DONE
+
+
+def outcomes_of(
+    path: Path,
+    stages: tuple[str, ...] | None,
+    options: Options,
+    pipeline: Path | None = None,
+    profile: str | None = None,
+) -> Any:
+    """Run the stages; (campaign, outcomes, plan, whether it is a single experiment)."""
+    from .. import show
+    from ..campaign import Plan, run_campaign, run_single
+    from ..experiment import folder_of, is_campaign
+    from ..overrides import read_pipeline
+
+    path = folder_of(path)
+    definition = read_pipeline(pipeline) if pipeline else {}
+    campaign = open_folder(path, options, definition.get("params"))
+    results = options.results or results_of(path)
+    plan = Plan(
+        results=results,
+        cache=options.cache or results / ".cache",
+        stages=stages or definition.get("stages"),
+        modules=("jumpvision.stages", *(PICTURES if options.pictures else ())),
+        verify=options.verify,
+        debug=options.debug,
+        command="jumpvision " + shlex.join(sys.argv[1:]),
+    )
+    single = not is_campaign(path)
+    elsewhere = _hand_over(campaign, plan, profile, options, pipeline, single=single) if profile else None
+    with show.Progress(len(campaign.experiments)) as progress:
+        if single and campaign.experiments:
+            outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
+        else:
+            outcomes = run_campaign(
+                campaign, plan, workers=options.workers or cores(), done=progress.experiment, elsewhere=elsewhere
+            )
+    return campaign, outcomes, plan, single
+
+
+def _hand_over(
+    campaign: Any, plan: Any, profile: str, options: Options, pipeline: Path | None, *, single: bool
+) -> dict[str, list[str]]:
+    """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
+    from ..cluster import hand_over
+    from ..schema import InputError
+
+    if single:
+        raise InputError([f"--profile {profile}: {campaign.path} is one experiment; give a campaign, or leave it out"])
+    passed = [x for text in options.set for x in ("--set", text)]
+    passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
+    passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
+    return hand_over(campaign, plan, profile, options=passed, jobs=options.workers)
+
+
+def question_campaign(campaign: Any, outcomes: Any, plan: Any, options: Options, made: list[Path]) -> dict[str, Any]:
+    """Diagnose a campaign whose tracks are there; adds the files written to `made`."""
+    from .. import show
+    from ..question.run import question
+    from ..report.diagnosis import diagnosis_picture
+
+    data, files = question(
+        campaign, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=options.workers or cores(),
+        draw=diagnosis_picture if options.pictures else None, say=lambda text: show.line(f"diagnose: {text}"),
+    )  # fmt: skip
+    made += files
+    return data
