@@ -16,7 +16,7 @@ from jumpvision.cli import main
 
 KEPT = (
     "single-5.5Hz-1", "single-5.5Hz-2", "single-8.5Hz-1", "single-8.5Hz-2", "stutter-5.0Hz-1", "stutter-5.0Hz-2",
-    "stutter-6.0Hz-1", "stutter-6.0Hz-2", "stutter-7.0Hz-1", "stutter-7.0Hz-2",
+    "stutter-6.0Hz-1", "stutter-6.0Hz-2", "stutter-7.0Hz-1", "stutter-7.0Hz-film",
 )  # fmt: skip
 
 
@@ -54,6 +54,36 @@ def test_the_hidden_cone_of_the_samples_is_named(diagnosed):
     stutter = [h["simulated_m"] - h["measured_m"] for h in d["heights"] if h["kind"] == "stutter"]
     assert np.mean(stutter) > 5e-3
     assert "over-predicts stutter jumps" in d["sentence"]
+
+
+def test_the_grain_film_confirms_the_mass_that_the_jumps_imply(diagnosed):
+    """Two measurements of one cone: truth.json has the mass under half a foot and how much of it is in view."""
+    results, d = diagnosed
+    (row,) = d["confirmation"]
+    pairs = json.loads((SAMPLES / "loose_sand" / row["experiment"] / "truth.json").read_text())["grain_film"]["pairs"]
+    depth = np.array(pairs["foot_depth_m"])
+    first = slice(0, int(np.argmax(depth)))  # on the way down
+    true, seen = (
+        2 * np.interp(row["depth_m"], depth[first], np.array(pairs[k])[first])
+        for k in ("added_mass_kg", "added_mass_in_view_kg")
+    )
+    assert row["film_kg"] == pytest.approx(seen, abs=3 * row["film_sigma_kg"])
+    assert row["film_sigma_kg"] < 0.03 * seen
+    assert row["jumps_kg"] == pytest.approx(true, rel=0.03)
+    assert abs(row["z_score"]) < 3
+    assert "grain film shows" in d["sentence"]
+
+
+def test_the_energies_of_both_models_close(diagnosed):
+    _, d = diagnosed
+    assert {(r["kind"], r["model"]) for r in d["energy"]} == {
+        (k, m) for k in ("single", "stutter") for m in ("baseline", "extended")
+    }
+    for r in d["energy"]:
+        held = r["potential_J"] + r["kinetic_J"] + r["spring_J"] + sum(r["losses_J"].values())
+        assert r["motor_J"] == pytest.approx(held, rel=1e-5)
+    drag = {r["model"]: r["losses_J"] for r in d["energy"] if r["kind"] == "stutter"}
+    assert drag["extended"]["depth_drag"] > 0.1 and "depth_drag" not in drag["baseline"]
 
 
 def test_the_extended_model_is_taken_by_simulate(diagnosed, campaign):

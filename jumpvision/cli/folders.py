@@ -98,7 +98,7 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
 
     if not is_campaign(folder_of(path)):
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
-    campaign, outcomes, plan, _ = outcomes_of(path, ("rod", "bed"), options)
+    campaign, outcomes, plan, _ = outcomes_of(path, ("rod", "bed", "flow", "fit"), options)
     made: list[Path] = []
     data = question_campaign(campaign, outcomes, plan, options, made)
     show.diagnosis(data, made, as_json=options.json)

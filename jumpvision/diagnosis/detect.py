@@ -26,7 +26,7 @@ class Direction:
     """What a mechanism at one shape would add to the whitened residuals, less what the fitted parameters can mimic.
 
     vector: (n,) unit vector over all residuals and priors; strength: of the mechanism at unit length of the vector.
-    kept: share of the effect (length) that the fitted parameters cannot mimic.
+    kept: share of the effect (length) that the fitted parameters cannot mimic; effect: (n,) all of it at `strength`.
     """
 
     mechanism: str
@@ -34,6 +34,7 @@ class Direction:
     vector: Array
     strength: float
     kept: float
+    effect: Array
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,12 @@ class Detection:
 
 
 class Span:
-    """The residuals of a fit stacked with its priors, and the projection that removes what its parameters can do."""
+    """The residuals of a fit stacked with its priors, and the projection that removes what its parameters can do.
 
-    def __init__(self, fit: Fit) -> None:
+    without: a parameter that is taken as fixed.
+    """
+
+    def __init__(self, fit: Fit, without: str | None = None) -> None:
         priors = [(i, p) for i, p in enumerate(fit.parameters) if math.isfinite(p.sigma)]
         self.lengths = [r.size for r in fit.residuals]
         self.extra = len(priors)
@@ -65,7 +69,8 @@ class Span:
         for k, (i, p) in enumerate(priors):
             rows[k, i] = 1.0 / p.sigma
         # a parameter at the end of its range cannot take up what would push it further
-        matrix = np.vstack([*fit.jacobian, rows])[:, [not p.at_end(x) for p, x in zip(fit.parameters, fit.values)]]
+        free = [not p.at_end(x) and p.name != without for p, x in zip(fit.parameters, fit.values)]
+        matrix = np.vstack([*fit.jacobian, rows])[:, free]
         scale = np.linalg.norm(matrix, axis=0)
         matrix = matrix[:, scale > 0] / scale[scale > 0]
         u, s, _ = np.linalg.svd(matrix, full_matrices=False) if matrix.size else (matrix, np.zeros(0), None)
@@ -96,7 +101,7 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
             rest = span.off(column)
             left = float(np.linalg.norm(rest))
             if length > 0 and left > DEPENDENT * length:
-                out.append(Direction(name, shape, rest / left, strength / left, left / length))
+                out.append(Direction(name, shape, rest / left, strength / left, left / length, column / left))
     return out
 
 

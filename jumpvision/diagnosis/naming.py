@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .detect import Detection, Direction, detect, directions
+from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
 from .system import Parameter
 
@@ -20,6 +20,8 @@ CONFIDENCE = 0.9  # of the set of models that is kept
 FIRSTS, SECONDS = 4, 4  # pairs tried: the best single ones, each with those its residuals ask for
 WORTH = 3.0  # of log evidence that a second mechanism must bring
 LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
+Z90 = 1.645  # half width of a 90 % interval, in sigmas
+SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
 
 
@@ -80,7 +82,7 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
     if not passed:
         return Naming((), tried[0], tried, ())
     best = passed[0]
-    return Naming(best.mechanisms, best, tried, _twins(best, tried))
+    return Naming(best.mechanisms, best, tried, _twins(problem, best, tried))
 
 
 Start = tuple[tuple[str, ...], dict[str, float]]
@@ -224,8 +226,8 @@ def confidence_set(tried: Sequence[Explanation]) -> list[Explanation]:
     return out
 
 
-def _twins(best: Explanation, tried: Sequence[Explanation]) -> tuple[tuple[str, ...], ...]:
-    """For each named mechanism, those that stand in its place in another model of the confidence set."""
+def _twins(problem: Problem, best: Explanation, tried: Sequence[Explanation]) -> tuple[tuple[str, ...], ...]:
+    """For each named mechanism, those that may stand in its place, or make a third of its effect beside it."""
     out = []
     for m in best.mechanisms:
         rest = set(best.mechanisms) - {m}
@@ -235,9 +237,41 @@ def _twins(best: Explanation, tried: Sequence[Explanation]) -> tuple[tuple[str, 
             if rest <= set(e.mechanisms) and len(e.mechanisms) == len(best.mechanisms) and e is not best
             and m not in e.mechanisms
         ]  # fmt: skip
+        others += shared(problem, best, m)
         if others:
             out.append((m, *dict.fromkeys(others)))
     return tuple(out)
+
+
+def shared(problem: Problem, best: Explanation, mechanism: str) -> list[str]:
+    """Mechanisms whose 90 % interval beside a named one reaches values at which a third of its effect is theirs.
+
+    Linear about the fit: a mechanism's strength is estimated by what the fit cannot mimic of it, and takes from the
+    named one what that can. A scale of the camera and a drag, seen over one short fall, are such a pair. The two that
+    share most.
+    """
+    candidates, fit, test = problem.system.candidates, best.fit, best.detection
+    named = candidates[mechanism]
+    if test is None or named.replaces:
+        return []
+    strength = named.parameters[0]
+    at = [p.name for p in fit.parameters].index(strength.name)
+    span = Span(fit, without=strength.name)
+    column = span.off(span.stack([j[:, at] for j in fit.jacobian]))
+    size = float(np.linalg.norm(column))
+    effect = (fit.values[at] - named.null) * size  # in noise units
+    if effect == 0.0:
+        return []
+    share: dict[str, float] = {}
+    for d, z in zip(test.directions, test.score):
+        other = candidates[d.mechanism].parameters[0]
+        null = fit.named.get(other.name, candidates[d.mechanism].null)
+        low, high = sorted(((other.low - null) / d.strength, (other.high - null) / d.strength))
+        mimics = float(column @ d.effect) / size / effect  # share of the named effect, at unit strength
+        ends = (min(z, 0.0) - Z90, max(z, 0.0) + Z90)  # about 0 too: a track's own faults lean one way as easily
+        reach = max(mimics * min(max(end, low), high) for end in ends)
+        share[d.mechanism] = max(share.get(d.mechanism, 0.0), reach)
+    return [m for m, x in sorted(share.items(), key=lambda x: -x[1]) if x >= SHARE][:2]
 
 
 def likely(tried: Sequence[Explanation], at_least: float = 1e-4) -> list[str]:

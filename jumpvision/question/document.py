@@ -47,6 +47,7 @@ def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]],
         "causes": causes(n) if n else [],
         "named": list(n.named) if n else [],
         "indistinguishable": [list(t) for t in n.twins] if n else [],
+        "closest": closest(d, system) if n and not n.named else None,
         "unexplained": unexplained,
         "extended_model": (
             {"terms": list(system.build(best.mechanisms, best.named).terms), "parameters": values(best, system)}
@@ -56,6 +57,21 @@ def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]],
         "extrapolation": {k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if best else {},
         "next_experiment": proposal(d),
     }  # fmt: skip
+
+
+def closest(d: Diagnosis, system: Jumper) -> dict[str, Any] | None:
+    """The likeliest model where none passes the test; None where that is the baseline."""
+    assert d.naming
+    e = d.naming.best
+    if not e.mechanisms:
+        return None
+    return {
+        "mechanisms": list(e.mechanisms),
+        "probability": e.probability,
+        "parameters": {name: value for m in e.mechanisms for name, value in parameters_of(e, m).items()},
+        "rmse_track_m": rmse_track(e.fit, system),
+        "gain": gain_of(d.gain) if d.gain else None,
+    }
 
 
 def causes(n: Naming) -> list[dict[str, Any]]:

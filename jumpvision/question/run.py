@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -28,12 +27,15 @@ from ..schema import InputError
 from ..sections import PHASES, Actuation
 from ..storage import copy_aside, write_aside
 from .document import document, model_toml
+from .energy import ledgers
+from .films import Film, confirmation, films
 from .jumps import load_jumps, questioned, spec_of
+from .sentence import sentence
 
 Array = NDArray[np.float64]
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 2  # of the method: another one asks again
+VERSION = 3  # of the method: another one asks again
 FILE, MODEL, PICTURE = "diagnosis.json", "model.toml", "diagnosis.png"
 
 
@@ -69,7 +71,8 @@ def question(
     robot_sigma = {n: s for n, s in asdict(experiments[0].sections["robot"].sigma).items() if s}
     ranges = {n: (low, high) for n, (low, high) in spec.fit.items()}
     priors = {**spec.sigma, **robot_sigma}
-    entry = cache / "diagnose" / _key(jumps, ranges, priors)
+    seen = films(outcomes)
+    entry = cache / "diagnose" / _key(jumps, ranges, priors, seen)
     names = (FILE, MODEL, PICTURE)[: 3 if draw else 2]
     if not all((entry / n).exists() for n in names):
         laws = [law for e in experiments if (law := e.section(Actuation)) is not None and law.moves]
@@ -84,6 +87,7 @@ def question(
         )  # fmt: skip
         left = leftover(found, Problem(system, noise, scatter), system, say)
         data = document(found, system, heights_of(found, system), left)
+        data |= {"energy": ledgers(found, system), "confirmation": confirmation(found, system, seen)}
         data["sentence"] = sentence(data)
         best = found.naming.best.fit if found.naming and found.naming.named else found.baseline
         write_aside(entry / MODEL, model_toml(best, system, data["sentence"] + " Made by jumpvision diagnose."))
@@ -106,9 +110,9 @@ def leftover(d: Diagnosis, problem: Problem, system: Jumper, say: Callable[[str]
     return found.document()
 
 
-def _key(jumps: Sequence[Jump], ranges: Mapping[str, Any], priors: Mapping[str, float]) -> str:
+def _key(jumps: Sequence[Jump], ranges: Mapping[str, Any], priors: Mapping[str, float], seen: Sequence[Film]) -> str:
     """Digest of everything that the diagnosis depends on."""
-    digest = hashlib.sha256(f"{VERSION} {__version__} {ranges} {priors}".encode())
+    digest = hashlib.sha256(f"{VERSION} {__version__} {ranges} {priors} {seen}".encode())
     for j in jumps:
         said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()), j.spread)
         digest.update(repr(said).encode() + j.t.tobytes() + j.y.tobytes() + content(j.forcing))
@@ -166,32 +170,3 @@ def proposals(system: Jumper, laws: list[Actuation]) -> list[Proposable]:
                 labels = {"kind": kind, "frequency": float(frequency), "delay": delay}
                 out.append(Proposable(labels, t, jump, system))
     return out
-
-
-def sentence(data: Mapping[str, Any]) -> str:
-    """The verdict in plain words."""
-    if data["verdict"] == "adequate":
-        return f"The simulation agrees with the measured jumps within their noise (p = {data['p_value']:.2g})."
-    rows = data["heights"]
-    by_kind: dict[str, list[float]] = {}
-    for h in rows:
-        by_kind.setdefault(str(h["kind"]), []).append(h["simulated_m"] - h["measured_m"])
-    means = {k: (float(np.nanmean(v)), float(np.nanstd(v) / math.sqrt(len(v)))) for k, v in by_kind.items()}
-    kind, (mean, error) = max(means.items(), key=lambda x: abs(x[1][0]))
-    over = "over-predicts" if mean > 0 else "under-predicts"
-    text = f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
-    if not data["named"]:
-        text += ", and no mechanism of the vocabulary explains what it gets wrong"
-        if data["unexplained"] and data["unexplained"]["terms"]:
-            text += f"; a force like {' + '.join(data['unexplained']['terms'])} would ({data['unexplained']['where']})"
-        return text + "."
-    from ..physics.parameters import MECHANISMS
-
-    causes = " and ".join(f"{m.replace('_', ' ')} ({MECHANISMS[m].meaning})" for m in data["named"])
-    text += f" because it lacks: {causes}"
-    if data["indistinguishable"]:
-        twins = "; ".join(" or ".join(m.replace("_", " ") for m in t) for t in data["indistinguishable"])
-        text += f" (the data cannot tell apart: {twins})"
-    if data["gain"]:
-        text += f"; with it the held-out track error falls {data['gain']['ratio']:.1f}x"
-    return text + "."

@@ -1,4 +1,4 @@
-"""The diagnosis in one picture: heights, a track, where it fails, which cause, and what the extension gains."""
+"""The diagnosis in one picture: heights, a track, where it fails, which cause, what the extension gains, energies."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from .pictures import png
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
 
 BARS = 7  # models shown
+CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 
 def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> bytes:
-    """Five panels for a discrepant model, three for an adequate one."""
+    """Nine panels for a discrepant model, three for an adequate one."""
     with styled() as Figure:
         extended = bool(data["named"])
-        figure = Figure(figsize=(12.6, 7.0 if d.naming else 3.8), layout="constrained")
-        axes = figure.subplots(2 if d.naming else 1, 3).ravel()
+        figure = Figure(figsize=(12.6, 10.4 if d.naming else 3.8), layout="constrained")
+        axes = figure.subplots(3 if d.naming else 1, 3).ravel()
         _heights(axes[0], data)
         _track(axes[1], d, system, extended)
         _where(figure, axes[2], data)
@@ -29,6 +30,9 @@ def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> 
             _causes(axes[3], d)
             _gain(axes[4], data)
             _scores(axes[5], d)
+            _energy(axes[6], data)
+            _force(axes[7], d, system, extended)
+            _films(axes[8], data)
         return png(figure)
 
 
@@ -134,3 +138,61 @@ def _scores(ax: Any, d: Diagnosis) -> None:
     ax.set_xscale("log")
     ax.axvline(3.0, color="black", lw=0.8)
     ax.set(title="scores on the baseline", xlabel="|z|; 3 is chance")
+
+
+def _energy(ax: Any, data: Mapping[str, Any]) -> None:
+    """Where the motor's work has gone by the apex: one bar a model, of the jump of each kind that is missed most."""
+    rows = data["energy"]
+    parts = [{"height": r["potential_J"], "motion": r["kinetic_J"] + r["spring_J"], **r["losses_J"]} for r in rows]
+    large = 0.01 * max((r["motor_J"] for r in rows), default=0.0)
+    names = [n for n in dict.fromkeys(n for p in parts for n in p) if any(abs(p.get(n, 0.0)) > large for p in parts)]
+    for k, name in enumerate(names):
+        values = np.array([p.get(name, 0.0) for p in parts])
+        before = [[p.get(n, 0.0) for n in names[:k]] for p in parts]
+        left = [sum(x for x in b if x * v >= 0) for b, v in zip(before, values)]
+        ax.barh(range(len(rows)), values, left=left, color=CYCLE[k % len(CYCLE)], label=name.replace("_", " "))
+    ax.set_yticks(range(len(rows)), [f"{r['kind'].replace('_', ' ')}\n{r['model']}" for r in rows])
+    ax.invert_yaxis()
+    ax.axvline(0.0, color="black", lw=0.8)
+    ax.set(title="the motor's work, by the apex", xlabel="energy [J]")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.3, -0.16), ncols=3, columnspacing=1.0, handlelength=1.2)
+
+
+SMOOTH = 9  # frames, of the quadratic whose curvature is the acceleration
+
+
+def _force(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
+    """Mass times the acceleration that a model misses, over time: a picture, no evidence."""
+    from scipy.signal import savgol_filter
+
+    worst = int(np.argmax([np.mean(r * r) for r in d.baseline.residuals]))
+    o, jump = system.observations[worst], system.jumps[worst]
+    late = o.t > jump.forcing.start
+    fits = {"baseline": (d.baseline, MODEL)}
+    if extended and d.naming:
+        fits["extended"] = (d.naming.best.fit, GREEN)
+    for name, (fit, color) in fits.items():
+        r = o.y - system.predict(fit.mechanisms, fit.named, [worst])[0]
+        force = jump.model.M * savgol_filter(r, SMOOTH, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
+        ax.plot(o.t[late], force[late], color=color, lw=1.0, label=name)
+    ax.axhline(0.0, color=QUIET, lw=0.8)
+    ax.set(title=f"force missing on the rod, {o.name}", xlabel="time [s]", ylabel="mass x missed acceleration [N]")
+    ax.legend()
+
+
+def _films(ax: Any, data: Mapping[str, Any]) -> None:
+    """The cone's mass as grain films show it, beside that which the jumps imply."""
+    rows = data["confirmation"]
+    if not rows:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "no grain film to confirm it with", ha="center", va="center", color=QUIET)
+        return
+    x = np.arange(len(rows))
+    for shift, key, color, label in ((-0.1, "film", MEASURED, "grain film"), (0.1, "jumps", GREEN, "the jumps imply")):
+        mass, sigma = (1e3 * np.array([r[f"{key}{s}_kg"] for r in rows]) for s in ("", "_sigma"))
+        ax.errorbar(x + shift, mass, 1.96 * sigma, fmt="o", ms=5, capsize=3, color=color, label=label)
+    ax.set_xticks(x, [f"{r['experiment']}\n{1e3 * r['depth_m']:.0f} mm deep" for r in rows])
+    ax.set_xlim(-0.6, len(rows) - 0.4)
+    ax.set_ylim(0, None)
+    ax.set(title="mass moving with the foot", ylabel="added mass, 95 % [g]")
+    ax.legend()
