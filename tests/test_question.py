@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import SAMPLES
 
+from benchmarks import stop_go
 from benchmarks.diagnosis import Case, run
 from jumpvision.cli import main
 
@@ -58,7 +59,7 @@ def test_the_hidden_cone_of_the_samples_is_named(diagnosed):
 
 def test_the_grain_film_confirms_the_mass_that_the_jumps_imply(diagnosed):
     """Two measurements of one cone: truth.json has the mass under half a foot and how much of it is in view."""
-    results, d = diagnosed
+    _, d = diagnosed
     (row,) = d["confirmation"]
     pairs = json.loads((SAMPLES / "loose_sand" / row["experiment"] / "truth.json").read_text())["grain_film"]["pairs"]
     depth = np.array(pairs["foot_depth_m"])
@@ -153,3 +154,18 @@ def test_an_effect_of_no_vocabulary_is_not_named():
     row = run(Case("outside", 9, "hard", ("rail_drag_by_height",), 5e-5, {"rho": 0.0, "step": 0.0}, 0.8))
     assert row["outcome"] == "right", row
     assert math.isfinite(row["p"]) and row["p"] < 0.02
+
+
+def test_planned_stop_go_motions_tell_that_the_sand_remembers_a_pause(tmp_path):
+    """Only motor logs say how the jumps were driven; the loop still rings as they end. Truth: s_p 2000 N/m, 5 mm."""
+    stop_go.write_campaign(tmp_path / "pauses")
+    assert main(["diagnose", str(tmp_path / "pauses"), "--no-pictures"]) == 0
+    d = json.loads((tmp_path / "results" / "pauses" / "diagnosis.json").read_text())
+    assert d["named"] == ["stop_go_overshoot"]
+    (cause,) = (c for c in d["causes"] if c["mechanism"] == "stop_go_overshoot")
+    assert cause["parameters"]["s_p"]["value"] == pytest.approx(2000.0, rel=0.03)
+    assert cause["parameters"]["lam"]["value"] == pytest.approx(0.005, rel=0.03)
+    longest = next(h for h in d["heights"] if h["experiment"] == "pause-0.3s-1")
+    assert longest["measured_m"] > 1.1 * longest["simulated_m"]
+    assert longest["extended_m"] == pytest.approx(longest["measured_m"], abs=3e-4)
+    assert d["gain"]["ratio_ci95"][0] > 10

@@ -21,6 +21,7 @@ from ..stages.bed import packing
 from ..stages.simulate import build_model, driver
 
 FEWEST, CONDITIONS = 4, 2  # jumps, and different conditions among them, that can tell anything
+LOGGED = "logged_motion"  # kind of a jump that only a motor log describes, such as a planned one
 NOISIER = 1.5  # times the campaign's median sigma: such a track counts less
 
 
@@ -36,8 +37,8 @@ def questioned(campaign: Campaign) -> list[Experiment]:
 def worth_asking(campaign: Campaign) -> bool:
     """Whether the campaign has a [model] to question and enough jumps for it."""
     usable = questioned(campaign)
-    laws = {repr(e.section(Actuation)) for e in usable}
-    return len(usable) >= FEWEST and len(laws) >= CONDITIONS and any("model" in e.sections for e in usable)
+    motions = {repr(law) if (law := e.section(Actuation)) else e.header.group or e.name for e in usable}
+    return len(usable) >= FEWEST and len(motions) >= CONDITIONS and any("model" in e.sections for e in usable)
 
 
 def _usable(e: Experiment) -> bool:
@@ -101,12 +102,15 @@ def _jump(e: Experiment, results: Path) -> Jump:
     t, y, sigma = RodMotion.load(results).arrays
     phi = packing(section, bed)[0]
     labels = {
-        "kind": law.kind if law else None,
+        "kind": law.kind if law else LOGGED,
         "frequency": law.frequency if law else None,
         "delay": law.delay if law else 0.0,
         "volume_fraction": None if phi is None else round(phi, 2),
     }
-    known = () if law is None else (law.kind, law.frequency, law.amplitude, law.start_phase, law.cycles, law.delay)
+    known = (
+        (LOGGED, e.header.group or e.name) if law is None
+        else (law.kind, law.frequency, law.amplitude, law.start_phase, law.cycles, law.delay)
+    )  # fmt: skip
     condition = " ".join(str(x) for x in (*known, labels["volume_fraction"]))
     return Jump(
         e.name, model, forcing, stop, t, y, e.header.group or condition, condition,

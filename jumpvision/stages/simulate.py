@@ -28,7 +28,7 @@ LINEAR_TERMS = {"landing_loss", "payload", "spring_damping", "spring_stiffness",
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
-@stage(version=2, any_of=("log", "law"))
+@stage(version=3, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,
@@ -147,10 +147,15 @@ def check_limits(t: np.ndarray, position: np.ndarray, motor: Motor | None) -> No
             )
 
 
+RINGING = 0.02  # of the travel: what a landing shakes a motor held by its feedback loop
+
+
 def last_motion(time: np.ndarray, position: np.ndarray, p: SimulateParams) -> float:
-    """When the motor comes to rest [s]: after it the log stays within two encoder steps of its end."""
-    moving = np.flatnonzero(np.abs(position - np.median(position[-5:])) > 2 * p.encoder_step)
-    return float(time[moving[-1] + 1]) if moving.size else float(time[0])
+    """When the motor comes to rest [s]: after it the log stays near its end, but for its loop's give."""
+    end = np.median(position[time >= time[-1] - 0.1]) if time[-1] - time[0] > 0.2 else np.median(position[-5:])
+    near = max(2 * p.encoder_step, RINGING * float(np.ptp(position)))
+    moving = np.flatnonzero(np.abs(position - end) > near)
+    return float(time[min(moving[-1] + 1, time.size - 1)]) if moving.size else float(time[0])
 
 
 def output_times(forcing: Forcing | Loop, stop: float, rod: RodMotion | None, *, lead: float) -> np.ndarray:
