@@ -9,19 +9,18 @@ import contextlib
 import functools
 import importlib
 import multiprocessing
-import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 from . import __version__
 from .experiment import Campaign, Experiment
+from .parts import SPAWN, WORKERS, one_thread
 from .pipeline import STAGES, NotCached, Step, Workspace
 from .progress import HOOK, Hook
 from .records import Summary, plain
@@ -234,10 +233,10 @@ def _run_campaign(
 
 def _in_processes(jobs: Mapping[str, Any], workers: int, report: Callable[[str, Outcome], None]) -> list[str]:
     """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
-    context = multiprocessing.get_context("spawn")  # fork is unsafe under OpenMP and OpenCV threads
+    context = multiprocessing.get_context(SPAWN)
     queue = list(jobs.items())[::-1]
     under_way: dict[Future[Outcome], str] = {}
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_worker) as pool:
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=one_thread) as pool:
         try:
             while queue or under_way:
                 while queue and len(under_way) <= workers:  # one more than there are workers, so that none waits
@@ -254,32 +253,15 @@ def _in_processes(jobs: Mapping[str, Any], workers: int, report: Callable[[str, 
     return []
 
 
-def _worker() -> None:
-    """One thread a worker: the processes are the parallel work. It ends when the process that started it is killed."""
-    import threading
-
-    import cv2
-
-    os.environ["NUMBA_NUM_THREADS"] = "1"
-    cv2.setNumThreads(1)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-
-
-def _end_with(process: BaseProcess) -> None:
-    process.join()
-    os._exit(1)
-
-
-def run_single(experiment: Experiment, plan: Plan, *, hook: Hook | None) -> Outcome:
-    """One experiment in this process, its files in the results folder itself, with progress."""
-    token = HOOK.set(hook)
+def run_single(experiment: Experiment, plan: Plan, *, workers: int, hook: Hook | None) -> Outcome:
+    """One experiment, its files in the results folder itself, with progress; `workers` share a long film."""
+    token, share = HOOK.set(hook), WORKERS.set(workers)
     try:
         with _no_leftovers(plan):
             return run_experiment(experiment, plan, plan.results)
     finally:
         HOOK.reset(token)
+        WORKERS.reset(share)
 
 
 JUMP_COLUMNS = (

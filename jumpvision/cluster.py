@@ -36,7 +36,7 @@ def hand_over(
     for e in campaign.experiments:
         results, cache = plan.results.absolute() / e.name, plan.cache.absolute()
         where = [str(e.path.absolute()), "--results", str(results), "--cache", str(cache), "--no-report"]
-        calls[keys[e.name]] = [*SELF, "run", *where, *options]
+        calls[keys[e.name]] = [*SELF, "run", *where, "--workers", "1", *options]  # as the Snakefile says: threads 1
     write_aside(work / "jobs.json", json.dumps(calls))
     call = [program, "--snakefile", str(_pipelines() / "Snakefile"), "--profile", str(folder), "--directory", str(work)]
     ended = subprocess.run([*call, *RULES, *(["--jobs", str(jobs)] if jobs else [])], stdout=sys.stderr)

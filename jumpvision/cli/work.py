@@ -109,7 +109,8 @@ def outcomes_of(
     elsewhere = _hand_over(campaign, plan, profile, options, pipeline, single=single) if profile else None
     with show.Progress(len(campaign.experiments)) as progress:
         if single and campaign.experiments:
-            outcomes = [run_single(campaign.experiments[0], plan, hook=progress.frames)]
+            workers = options.workers or cores()
+            outcomes = [run_single(campaign.experiments[0], plan, workers=workers, hook=progress.frames)]
         else:
             outcomes = run_campaign(
                 campaign, plan, workers=options.workers or cores(), done=progress.experiment, elsewhere=elsewhere

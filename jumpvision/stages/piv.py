@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 import xarray as xr
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..frames import Film
 from ..params import PivParams
+from ..parts import WORKERS, in_parts
 from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Piv
@@ -25,6 +26,7 @@ from .vectors import foreign_field
 Array = NDArray[np.float64]
 SMOOTHED = 2.2  # windows over which adaptive smoothing makes errors alike, where it smooths wholly (measured)
 UNEVEN = 0.02  # of the time between frames
+PART, LONG = 16, 64  # pairs a process matches at a time; from so many on several processes are worth their start
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
@@ -40,6 +42,7 @@ def piv(
     if field is not None:
         return foreign_field(field, robot)
     assert film is not None
+    given = film
     straight, film = open_grains(film, calibration)
     with straight as frames:
         if len(frames) <= p.gap:
@@ -51,14 +54,53 @@ def piv(
         data = header(frames.time, frames.shape, film, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, p)
-        fields = piv_film(
-            watch(frames, "frames matched", len(frames)), mask=foot_mask(foot, frames.shape, film, robot), gap=p.gap,
-            baseline=p.baseline, ensemble=p.ensemble,
-            preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
-            min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
-        )  # fmt: skip
+        fields = matched(frames, film, given, calibration, foot, robot, p)
         dt = of_fields(frames.time[p.gap :] - frames.time[: -p.gap], p)
         return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
+
+
+def matched(
+    frames: Film, film: GrainVideo, given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
+    robot: Robot | None, p: PivParams,
+) -> Iterator[VectorField]:  # fmt: skip
+    """Fields of all pairs; those of a long film by several processes, PART pairs at a time.
+
+    given: the section as the experiment has it, film: as `open_grains` straightened it.
+    """
+    pairs = len(frames) - p.gap
+    part = p.ensemble * max(1, PART // p.ensemble)
+    parts = [(first, min(first + part, pairs)) for first in range(0, pairs, part)]
+    if p.baseline > 1 or pairs < LONG or WORKERS.get() == 1:  # longer baselines reach beyond a part
+        yield from _fields(watch(frames, "frames matched", len(frames)), frames.shape, 0, film, foot, robot, p)
+        return
+    for fields in watch(in_parts(_part, parts, given, calibration, foot, robot, p), "parts matched", len(parts)):
+        yield from fields
+
+
+def _part(
+    part: tuple[int, int], given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
+    robot: Robot | None, p: PivParams,
+) -> list[VectorField]:  # fmt: skip
+    """Fields of the pairs from part[0] on, before part[1]."""
+    first, end = part
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)  # said where the film was opened first
+        frames, film = open_grains(given, calibration)
+    with frames:
+        images = (frames[i] for i in range(first, end + p.gap))
+        return list(_fields(images, frames.shape, first, film, foot, robot, p))
+
+
+def _fields(
+    images: Iterable[NDArray[np.generic]], shape: tuple[int, int], first: int, film: GrainVideo,
+    foot: FootTrack | None, robot: Robot | None, p: PivParams,
+) -> Iterator[VectorField]:  # fmt: skip
+    usable = foot_mask(foot, shape, film, robot)
+    return piv_film(
+        images, mask=usable and (lambda k: usable(first + k)), gap=p.gap, baseline=p.baseline, ensemble=p.ensemble,
+        preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
+        min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
+    )  # fmt: skip
 
 
 def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:
