@@ -14,7 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
-FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "overlay", "overlays")
+FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "spring", "overlay", "overlays")
 PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
 
 app = App(
@@ -94,7 +94,7 @@ for _name, _text in {
     "piv": "Velocity field of the grains (piv.nc).",
     "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
     "intrusion": "Slow intrusion: two resistances, overshoots after pauses and withdrawals (intrusion.json).",
-    "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",
+    "fit": "Ring-down, flights, spring, column profile, jammed front and the other fits (fits.json).",
     "simulate": "The model driven by the measured motor (simulation.csv).",
 }.items():
     _stage_command(_name, _text)

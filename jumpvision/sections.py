@@ -292,6 +292,22 @@ class IntrusionLog(FileSection):
 
 
 @dataclass(frozen=True)
+class SpringLog(FileSection):
+    """displacement_m,force_N of the spring alone, in the order measured (columns displacement_mm, _um, force_kN, _mN
+    are taken in their unit)."""
+
+    name: ClassVar[str] = "spring_log"
+    force: str = param(
+        "along", "", "along: the force on the spring, growing with displacement; against: its own, which pulls back",
+        choices=("along", "against"),
+    )  # fmt: skip
+    displacement_sigma: float = param(0.0, "m", "standard uncertainty of a displacement", lo=0, hi=0.1)
+    force_sigma: float | None = param(
+        None, "N", "standard uncertainty of a force; default: from the scatter about the line", lo=0, open_lo=True
+    )
+
+
+@dataclass(frozen=True)
 class CraterDepth(FileSection):
     """Depth map of a crater: a 2-D array in .npy, .npz or a TIFF image, metres."""
 
@@ -356,6 +372,6 @@ SECTIONS: dict[str, type[Section]] = {
     s.name: s
     for s in (
         Robot, Motor, Actuation, Bed, Fan, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
-        IntrusionLog, CraterDepth, PivField, CraterImage,
+        IntrusionLog, SpringLog, CraterDepth, PivField, CraterImage,
     )
 }  # fmt: skip
