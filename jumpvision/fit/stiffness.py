@@ -53,12 +53,13 @@ def spring_stiffness(x: ArrayLike, force: ArrayLike, *, x_sigma: float, force_si
     if use.sum() < FEWEST or span <= 6.0 * x_sigma:
         reason = f"fewer than {FEWEST} points where the displacement moves by more than its noise"
         return Spring({"spring_stiffness": _none("N/m", int(use.sum()), reason)}, side, fitted, span)
+    middle = 0.5 * float(at.min() + at.max())
     at, load, both = at[use], load[use], np.ptp(side[use]) > 0.0
     rest = np.column_stack([np.ones_like(at), side[use]] if both else [np.ones_like(at)])
     line = _line(at, load, rest, x_sigma, force_sigma)
     bend = _curvature(line.true, rest, line.miss, span)
     if abs(bend.value) > BENT * bend.sigma:  # a bend that is left out would pass for noise
-        at_middle = ((at - 0.5 * (at.min() + at.max())) / span) ** 2
+        at_middle = ((at - middle) / span) ** 2
         rest = np.column_stack([rest, at_middle])
         line = _line(at, load, rest, x_sigma, force_sigma)
     cov = _covariance(np.column_stack([line.true, rest]), line.miss, line.variance)
