@@ -244,6 +244,10 @@ class BedImage(FileSection):
     floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
     use: str = param("last", "", "picture of a series that gives the experiment's volume fraction",
                      choices=("first", "last"))  # fmt: skip
+    gamma: float = param(1.0, "", "camera's response: grey value ~ light^(1/gamma); 1 linear, about 2.2 for ordinary "
+                         "JPEG, PNG and video", lo=0.2, hi=5.0)  # fmt: skip
+    saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
+                                     lo=0, hi=65536, open_lo=True)  # fmt: skip
     frame_rate: float | None = param(None, "1/s", "of a series without time stamps; default one picture a second",
                                      **RATE)  # fmt: skip
 
