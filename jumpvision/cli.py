@@ -14,7 +14,7 @@ from cyclopts import App, CycloptsError, Parameter
 from . import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
-FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "spring", "overlay", "overlays")
+FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "spring", "actuator", "overlay", "overlays")
 PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
 
 app = App(
