@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def read_log(path: Path, *columns: str, optional: tuple[str, ...] = (), at_least: int = 2) -> pd.DataFrame:
-    """The named columns as floats, in file order; the first must be a strictly increasing time.
+def read_log(
+    path: Path, *columns: str, optional: tuple[str, ...] = (), at_least: int = 2, ordered: bool = True
+) -> pd.DataFrame:
+    """The named columns as floats, in file order; the first must be a strictly increasing time where `ordered`.
 
     Raises InputError naming file, row (1 = first row under the header), column, value and remedy.
     """
@@ -48,7 +50,7 @@ def read_log(path: Path, *columns: str, optional: tuple[str, ...] = (), at_least
         out[c] = values
     time = out[columns[0]]
     back = np.flatnonzero(np.diff(time) <= 0)
-    if back.size and not problems:
+    if ordered and back.size and not problems:
         i = int(back[0])
         what = "repeats" if time[i + 1] == time[i] else "goes back"
         problems.append(

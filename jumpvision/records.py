@@ -247,6 +247,12 @@ class Intrusion(Values):
     file = "intrusion.json"
 
 
+class SpringTest(Values):
+    """Force against displacement of the spring: stiffness, hysteresis, curvature, and the record with its line."""
+
+    file = "spring.json"
+
+
 class Fits(Values):
     """Every fit: {name: {value, sigma, unit, n, chi2}}."""
 

@@ -244,6 +244,10 @@ class BedImage(FileSection):
     floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
     use: str = param("last", "", "picture of a series that gives the experiment's volume fraction",
                      choices=("first", "last"))  # fmt: skip
+    gamma: float = param(1.0, "", "camera's response: grey value ~ light^(1/gamma); 1 linear, about 2.2 for ordinary "
+                         "JPEG, PNG and video", lo=0.2, hi=5.0)  # fmt: skip
+    saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
+                                     lo=0, hi=65536, open_lo=True)  # fmt: skip
     frame_rate: float | None = param(None, "1/s", "of a series without time stamps; default one picture a second",
                                      **RATE)  # fmt: skip
 
@@ -289,6 +293,22 @@ class IntrusionLog(FileSection):
     """time_s,depth_m,force_N."""
 
     name = "intrusion_log"
+
+
+@dataclass(frozen=True)
+class SpringLog(FileSection):
+    """displacement_m,force_N of the spring alone, in the order measured (columns displacement_mm, _um, force_kN, _mN
+    are taken in their unit)."""
+
+    name: ClassVar[str] = "spring_log"
+    force: str = param(
+        "along", "", "along: the force on the spring, growing with displacement; against: its own, which pulls back",
+        choices=("along", "against"),
+    )  # fmt: skip
+    displacement_sigma: float = param(0.0, "m", "standard uncertainty of a displacement", lo=0, hi=0.1)
+    force_sigma: float | None = param(
+        None, "N", "standard uncertainty of a force; default: from the scatter about the line", lo=0, open_lo=True
+    )
 
 
 @dataclass(frozen=True)
@@ -356,6 +376,6 @@ SECTIONS: dict[str, type[Section]] = {
     s.name: s
     for s in (
         Robot, Motor, Actuation, Bed, Fan, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
-        IntrusionLog, CraterDepth, PivField, CraterImage,
+        IntrusionLog, SpringLog, CraterDepth, PivField, CraterImage,
     )
 }  # fmt: skip

@@ -129,3 +129,20 @@ def test_a_campaign_of_logs_gives_the_bandwidth(campaign, tmp_path):
     assert data["bandwidth_hz"]["value"] == pytest.approx(1 / (2 * math.pi * 0.01), rel=5e-3)
     assert data["tau_s"]["value"] == pytest.approx(0.01, rel=5e-3)
     assert "Actuator" in (results / "report.html").read_text()
+
+
+def test_one_log_with_force_has_its_figure(campaign, tmp_path):
+    """F = 12 N + 800 N/m X: the work is 12 X + 400 X^2 of where the lagging motor is when the command ends."""
+    import json
+
+    import pandas as pd
+
+    folder = campaign / "f4"
+    d = pd.read_csv(folder / "motor.csv")
+    d.assign(force_N=12 + 800 * d.position_m).to_csv(folder / "motor.csv", index=False)
+    assert main(["fit", str(folder), "--results", str(tmp_path / "r")]) == 0
+    assert (tmp_path / "r" / "motor.png").stat().st_size > 5000
+    work = json.loads((tmp_path / "r" / "fits.json").read_text())["motor_work_J"]
+    t, _, y = record(4.0, tau=0.01)
+    end = y[t <= 0.2 + 1 / 4.0 + 1e-9][-1]
+    assert work["value"] == pytest.approx(12 * end + 400 * end**2, abs=4 * work["sigma"])

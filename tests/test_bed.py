@@ -16,11 +16,12 @@ from jumpvision.lab.sensor import record
 SCALE, FLOOR = 5e-4, 420.0
 
 
-def side_view(height: float, seed: int, *, lamp: float = 1.0, uneven: float = 0.0, noise: int = 0):
+def side_view(height: float, seed: int, *, lamp: float = 1.0, uneven: float = 0.0, noise: int = 0, gamma: float = 1.0):
     """(8-bit picture, true surface (column,) [m]) of a bed; the same seed gives the same grains."""
     rng = np.random.default_rng(seed)
     mean, surface = bed_picture(height, scale=SCALE, floor_row=FLOOR, shape=(450, 420), grain_diameter=1e-3, rng=rng)
     mean = mean * lamp * (1.0 - uneven * np.linspace(0, 1, mean.shape[1]))
+    mean = 255.0 * (mean / 255.0) ** (1.0 / gamma)  # camera's response
     return record(mean, electrons_per_grey=40.0, read_noise=1.5, rng=np.random.default_rng(1000 + noise)), surface
 
 
@@ -40,6 +41,26 @@ def test_the_height_does_not_depend_on_the_light(light, tmp_path):
         picture, true = side_view(0.15 + 0.0004 * seed, seed, **light)
         write.picture(tmp_path / "bed.png", picture)
         assert run_bed(tmp_path, IMAGE)["height_m"] == pytest.approx(true.mean(), abs=0.05 * SCALE)
+
+
+@pytest.mark.parametrize("gamma", [0.7, 1.6, 2.2])
+def test_a_response_curve_that_is_given_is_undone(gamma, tmp_path):
+    """Not given, gamma 1.6 puts the bed 0.25 px low."""
+    for seed in range(2):
+        picture, true = side_view(0.15 + 0.0004 * seed, seed, gamma=gamma)
+        write.picture(tmp_path / "bed.png", picture)
+        found = run_bed(tmp_path, IMAGE + f"gamma = {gamma}\n")
+        assert found["height_m"] == pytest.approx(true.mean(), abs=0.05 * SCALE)
+
+
+def test_saturated_light_is_said(tmp_path, capsys):
+    write.picture(tmp_path / "bed.png", side_view(0.15, 0, lamp=1.3)[0])
+    plain = run_bed(tmp_path, IMAGE)
+    assert "light is saturated in 97 %" in capsys.readouterr().err
+    assert plain["sigma_m"] > 0.05 * SCALE
+    write.picture(tmp_path / "bed.png", side_view(0.15, 0)[0])
+    run_bed(tmp_path, IMAGE)
+    assert "light is saturated" not in capsys.readouterr().err
 
 
 def write_series(folder, heights, *, seed=3):

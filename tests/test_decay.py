@@ -1,11 +1,13 @@
 """Decay laws, the Cramer-Rao bar of zeta, restitution. Truth from scipy's integrator. About 20 s."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from jumpvision.cli import main
 from jumpvision.fit.decay import LAWS, decay_law
 from jumpvision.fit.flight import Flights, contact_flights
 from jumpvision.fit.peaks import peaks_damping
@@ -132,6 +134,25 @@ def test_a_real_pendulum_decays_by_coulomb_friction(real_data):
     assert d.p_alone["viscous"] < 1e-10
     assert d.share["coulomb"].value > 0.9
     assert d.rate["coulomb"].value == pytest.approx(0.163, abs=4 * d.rate["coulomb"].sigma)
+
+
+def test_the_fit_command_finds_the_same_in_the_whole_record(real_data, tmp_path):
+    """With the 18 s in which the pendulum has stuck, as a user would give it; fitted along they looked viscous."""
+    loadmat = pytest.importorskip("scipy.io").loadmat
+    file = real_data / "kaheman_single_pendulum" / "SingleDataFreeSwing_1_Dt_0_0001.mat"
+    theta = loadmat(file)["Theta1"][0, 0]
+    rows = np.column_stack([theta["time"].squeeze(), theta["signals"][0, 0]["values"].squeeze()])[::100]
+    (tmp_path / "pendulum").mkdir()
+    np.savetxt(
+        tmp_path / "pendulum" / "rod.csv", rows, fmt="%.6f", delimiter=",", header="time_s,height_m", comments=""
+    )
+    (tmp_path / "pendulum" / "experiment.toml").write_text(
+        'ground = "hard"\n[actuation]\nkind = "none"\n[rod_track]\nfile = "rod.csv"\n'
+    )
+    assert main(["fit", str(tmp_path / "pendulum"), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
+    fits = json.loads((tmp_path / "r" / "fits.json").read_text())
+    assert fits["decay_coulomb_share"]["value"] > 0.8
+    assert fits["decay_viscous_p_value"]["value"] < 1e-10 < fits["decay_coulomb_p_value"]["value"]
 
 
 def test_restitution_from_bounces_covers_the_truth():

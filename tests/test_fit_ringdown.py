@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.fit.ringdown import ring_down
+from jumpvision.fit.ringdown import ring_down, swings_until
 
 ZETA = 0.0083
 
@@ -57,3 +57,14 @@ def test_noise_alone_is_not_an_oscillation():
 
 def test_too_few_samples_are_a_value():
     assert "needs 8" in ring_down([0.0, 1.0], [0.0, 1.0], [1.0, 1.0]).reason
+
+
+def test_the_rest_after_a_body_has_stuck_is_no_ring_down():
+    """Dry friction stops an oscillation off its equilibrium; a viscous one goes on to the end of the record."""
+    t = np.arange(0.0, 20.0, 0.01)
+    noise = np.full(t.size, 1e-4)
+    wave = np.clip(1.0 - 0.2 * t, 0.0, None) * np.cos(8.0 * t) + np.where(t < 5.0, 0.0, 0.004)
+    x = wave + np.random.default_rng(0).normal(0.0, 1e-4, t.size)
+    assert t[swings_until(x, noise) - 1] == pytest.approx(5.0, abs=0.25)
+    ringing = np.exp(-0.1 * t) * np.cos(8.0 * t)
+    assert swings_until(ringing, noise) == t.size

@@ -53,7 +53,7 @@ for _name, _text in {
     "piv": "Velocity field of the grains (piv.nc).",
     "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
     "intrusion": "Slow intrusion: two resistances, overshoots after pauses and withdrawals (intrusion.json).",
-    "fit": "Ring-down, flights, column profile, jammed front and the other fits (fits.json).",
+    "fit": "Ring-down, flights, spring, column profile, jammed front and the other fits (fits.json).",
     "simulate": "The model driven by the measured motor (simulation.csv).",
 }.items():
     _stage_command(_name, _text)

@@ -13,6 +13,7 @@ from jumpvision.fit.estimate import Estimate, checked, checked_sigma, least_squa
 Array = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
+STILL = 0.01  # of the largest swing, below which a body counts as at rest
 NAN = float("nan")
 
 
@@ -154,3 +155,16 @@ def _start(t: Array, x: Array, sigma: Array) -> tuple[float, float]:
 
 def _none(n: int, chi2: float, reason: str) -> RingDown:
     return RingDown(NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, NAN, chi2, n, reason)
+
+
+def swings_until(height: ArrayLike, sigma: ArrayLike) -> int:
+    """Number of samples (of n) until the motion has ended; n where it goes on to the end of the record.
+
+    Ended: the last tenth of the record, and all from there on, stays within 5 sigma or STILL of the largest swing about
+    its median. A body that dry friction holds off its equilibrium would otherwise be fitted as an oscillation.
+    """
+    h, noise = checked("swings_until", height=height, sigma=sigma)
+    end = float(np.median(h[-max(1, h.size // 10) :]))
+    moves = np.abs(h - end) > np.maximum(5.0 * noise, STILL * np.abs(h - end).max())
+    last = int(np.flatnonzero(moves)[-1]) + 1 if moves.any() else h.size
+    return last if last < 0.9 * h.size else h.size

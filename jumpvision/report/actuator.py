@@ -1,4 +1,4 @@
-"""The actuator against its command over frequency (thesis Fig 19c)."""
+"""The actuator against its command: of one experiment in time, of a campaign over frequency (thesis Fig 19c)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,56 @@ from typing import Any
 
 import numpy as np
 
+from ..logs import read_log
+from ..pipeline import stage
+from ..records import Fits
+from ..sections import Actuation, MotorLog, NotApplicable
 from ..show import measured
-from .pictures import png
-from .style import MEASURED, MODEL, QUIET, styled
+from ..stages.motor import commanded, read_motor
+from .pictures import Picture, png
+from .style import ACCENT, MEASURED, MODEL, QUIET, styled
+
+
+class MotorPicture(Picture):
+    file = "motor.png"
+
+
+@stage(version=1, picture=True)
+def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
+    """Encoder and command, their difference, and where force was logged the work it does."""
+    v = fits.values
+    if (v.get("actuator_ratio") or {}).get("value") is None:
+        raise NotApplicable(["motor_picture needs a log from rest to rest"])
+    t, position = read_motor(log, law)
+    shown = (t > law.start - 0.05) & (t < law.stop + 0.1)
+    t, position = t[shown], position[shown]
+    command = commanded(law)(t)[0]
+    logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))
+    force = logged.force_N.to_numpy()[shown] if "force_N" in logged else None
+    with styled() as Figure:
+        panels = 3 if force is not None and "motor_work_J" in v else 2
+        figure = Figure(figsize=(3.3 * panels, 3.2), layout="constrained")
+        axes = figure.subplots(1, panels)
+        axes[0].plot(t, command * 1e3, color=MODEL, label="command")
+        axes[0].plot(t, position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
+        axes[0].legend()
+        ratio, lag = v["actuator_ratio"], v["actuator_lag_s"]
+        axes[0].set(title=f"ratio {measured(ratio['value'], ratio['sigma'])}", ylabel="motor on the rod [mm]")
+        axes[1].plot(t, (position - command) * 1e3, color=MEASURED, lw=0.8)
+        axes[1].set(title=f"lag {measured(lag['value'], lag['sigma'], 1e3)} ms", ylabel="encoder − command [mm]")
+        if force is not None and "motor_work_J" in v:
+            work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
+            axes[2].plot(t, work, color=MEASURED)
+            done, peak = v["motor_work_J"], v.get("peak_power_W") or {"value": None, "sigma": None}
+            axes[2].axhline(done["value"], color=QUIET, lw=0.8, ls="--")
+            title = f"work {measured(done['value'], done['sigma'])} J"
+            if peak["value"] is not None:
+                title += f"\npeak power {measured(peak['value'], peak['sigma'])} W"
+            axes[2].set(title=title, ylabel="work of the motor's force [J]")
+        for axis in axes:
+            axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0)
+            axis.set_xlabel("time [s]")
+        return MotorPicture(png(figure))
 
 
 def actuator_picture(rows: list[dict[str, Any]], fit: dict[str, Any]) -> bytes:

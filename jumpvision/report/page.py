@@ -28,6 +28,8 @@ PICTURES = {  # file: (heading, what it shows)
     "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
     "flow.png": ("Flow", "shear rate map, grain momentum against time, added mass against depth"),
     "intrusion.png": ("Intrusion", "force against depth, what the fit leaves over, overshoots against depth"),
+    "motor.png": ("Motor", "encoder against command, their difference, and the work of the motor's force"),
+    "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
 }
 

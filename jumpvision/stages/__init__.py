@@ -9,10 +9,12 @@ from .piv import piv  # isort: skip
 from .flow import flow  # isort: skip
 from .column import column  # isort: skip
 from .intrusion import intrusion  # isort: skip
+from .spring import spring  # isort: skip
 from .fit import fit  # isort: skip
 from .simulate import simulate  # isort: skip
 from .summary import summary  # isort: skip
 
 __all__ = [
-    "bed", "column", "crater", "fit", "flow", "geometry", "intrusion", "piv", "rod", "simulate", "summary", "track",
+    "bed", "column", "crater", "fit", "flow", "geometry", "intrusion", "piv", "rod", "simulate", "spring", "summary",
+    "track",
 ]  # fmt: skip

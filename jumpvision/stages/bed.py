@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..params import BedParams
-from ..pipeline import stage
+from ..pipeline import StageWarning, stage
 from ..records import BedHeight
 from ..sections import Bed, BedImage, Calibration, need
 from ..vision.surface import Surface, bed_height, bed_surface, volume_fraction
@@ -21,15 +22,24 @@ Array = NDArray[np.float64]
 EDGE_COMMON = 0.025  # px, by which all columns of one picture may be off together (light through the topmost grains)
 
 
-@stage(version=2)
+@stage(version=3)
 def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *, p: BedParams) -> BedHeight:
     """Mean height above the floor [m]; volume fraction from the grains' solid volume, or relative to a reference."""
     pixels, surfaces, time, scale = surfaces_of(image, calibration, p)
+    if saturated := max(s.clipped / s.row.size for s in pixels):
+        warnings.warn(
+            f"the light is saturated in {100 * saturated:.0f} % of the columns: the surface is known there only to a "
+            "tenth of a pixel or worse (sigma says so); expose less, or give [bed_image] saturation if that is wrong",
+            StageWarning, stacklevel=2,
+        )  # fmt: skip
     found = [bed_height(s, 0.0) for s in surfaces]
     chosen = 0 if image.use == "first" else len(found) - 1
     best, surface = found[chosen], surfaces[chosen]
     # pictures of one bed share most of the surface's roughness: what changed is measured column by column
-    moved = [bed_height(replace(s, row=s.row - surfaces[0].row), 0.0) for s in surfaces[1:]]
+    moved = [
+        bed_height(replace(s, row=s.row - surfaces[0].row, common=s.common if s.clipped else 0.0), 0.0)
+        for s in surfaces[1:]
+    ]
     common = np.sqrt(2.0) * EDGE_COMMON * scale
     change = [(0.0, 0.0), *((m.height, float(np.hypot(m.sigma, common))) for m in moved)]
     heights = [(f.height, f.sigma) for f in found]
@@ -67,12 +77,21 @@ def surfaces_of(
         # without a floor row the marks' y is counted from the floor
         floor = 0.0 if image.floor_row is None else float(view.height(0.5 * (columns - 1), image.floor_row))
         for picture in frames:
-            s = bed_surface(picture, floor_row=image.floor_row, method=p.method)
+            limit = image.saturation or (float(np.iinfo(picture.dtype).max) if picture.dtype.kind == "u" else None)
+            s = bed_surface(
+                picture.astype(float) ** image.gamma,  # light, up to a factor
+                floor_row=image.floor_row, method=p.method,
+                saturation=None if limit is None else limit**image.gamma,
+            )  # fmt: skip
             pixels.append(s)
             lost = ~np.isfinite(s.row)
             row = np.where(lost, np.nanmedian(s.row) if not lost.all() else 0.0, s.row)
             height = np.where(lost, np.nan, view.height(s.column, row) - floor)
-            surfaces.append(Surface(view.across(s.column, row), -height, s.sigma * view.scale, s.flag))
+            surfaces.append(
+                Surface(
+                    view.across(s.column, row), -height, s.sigma * view.scale, s.flag, s.common * view.scale, s.clipped
+                )
+            )
         return pixels, surfaces, np.asarray(frames.time, float), view.scale
 
 

@@ -18,7 +18,7 @@ from ..logs import read_log
 from ..params import FitParams
 from ..physics.oscillator import foot_frequency, foot_ripple
 from ..pipeline import stage
-from ..records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion
+from ..records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion, SpringTest
 from ..sections import Actuation, Bed, ContactLog, MotorLog, NotApplicable, Robot
 from .actuator import actuator_fits
 from .bed import packing
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 NAN = math.nan
 
 
-@stage(version=3, any_of=("rod", "contact", "column", "flow", "intrusion", "log"))
+@stage(version=5, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
 def fit(
     experiment: Experiment,
     rod: RodMotion | None,
@@ -39,6 +39,7 @@ def fit(
     flow: Flow | None,
     column: Column | None,
     intrusion: Intrusion | None,
+    spring: SpringTest | None,
     robot: Robot | None,
     law: Actuation | None,
     log: MotorLog | None,
@@ -71,10 +72,12 @@ def fit(
         out |= grown_cone(column, flow, out, robot.foot_radius if robot else None, phi, section)
     if column is not None and phi is not None:
         out |= theory(phi, p)
-    if not (out or rod or contact or column or flow or intrusion):
+    if not (out or rod or contact or column or flow or intrusion or spring):
         raise NotApplicable(["fit needs [actuation] beside [motor_log], or another recording"])
     entries = {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()}
-    return Fits(entries | (intrusion.values["fits"] if intrusion else {}))
+    for made in (intrusion, spring):
+        entries |= made.values["fits"] if made else {}
+    return Fits(entries)
 
 
 def find_flights(

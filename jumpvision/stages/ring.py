@@ -12,7 +12,7 @@ from ..fit.decay import LAWS, decay_law
 from ..fit.estimate import Estimate
 from ..fit.flight import Flights
 from ..fit.peaks import peaks_damping
-from ..fit.ringdown import ring_down
+from ..fit.ringdown import ring_down, swings_until
 from ..params import FitParams
 from ..physics.oscillator import lift_off_amplitude
 from ..pipeline import StageWarning
@@ -46,6 +46,8 @@ def ring_fits(
     limit = lift_off_amplitude(k, mass, robot.gravity) if robot and k and mass else None
     for _ in range(HOPPING):
         ringing = t >= start
+        if ringing.any():
+            ringing &= t <= t[ringing][swings_until(h[ringing], sigma[ringing]) - 1]
         if ringing.sum() < 20:
             return {}
         ring = ring_down(t[ringing], h[ringing], sigma[ringing])

@@ -101,7 +101,7 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
     start = actuation.start if actuation else None
     good = motion.height_m.notna().to_numpy()
     rest = good & (motion.time_s.to_numpy() < start) if start is not None else np.zeros_like(good)
-    if start is not None and not rest.any():
+    if actuation is not None and actuation.kind != "none" and not rest.any():
         warnings.warn(
             f"no good frame before the motor starts at {start:g} s: the first good frame is taken as rest",
             StageWarning,

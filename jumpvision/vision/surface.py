@@ -11,6 +11,7 @@ from scipy.ndimage import binary_closing, binary_opening, label
 from scipy.special import ndtr, stdtrit
 
 from jumpvision.vision.chain import strongest_chain
+from jumpvision.vision.clipped import clipped_columns, clipped_shift
 from jumpvision.vision.glow import glow_shift
 
 Array = NDArray[np.float64]
@@ -27,13 +28,16 @@ NAN = float("nan")
 class Surface:
     """Row of the surface in each image column, pixel centres at integers, rows down; shape (n,) [px].
 
-    flag: "" where good, else why row and sigma are NaN.
+    flag: "" where good, else why row and sigma are NaN. common: standard uncertainty that all rows share. clipped:
+    number of columns in which the light is saturated.
     """
 
     column: Array
     row: Array
     sigma: Array
     flag: NDArray[np.str_]
+    common: float = 0.0
+    clipped: int = 0
 
 
 @dataclass(frozen=True)
@@ -54,10 +58,12 @@ class BedHeightPx:
     block: int
 
 
-def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Surface:
+def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str, saturation: float | None = None) -> Surface:
     """Surface row of every column of a grey image, shape (ny, nx), light above and dark grains below.
 
     floor_row [px]: row of the bed's floor; nothing below it is looked at (None: the whole image).
+    saturation: grey level at and above which a pixel is clipped (None: none is). The grey values are taken as
+    proportional to the light: a camera's response curve is to be undone before.
     method "edge": a smooth chain of columns through the strongest bright-above-dark step, then in each column the row
     and width of an error function fitted to the grey values, less what light through the grains adds (`glow`).
     method "threshold": as published, Otsu's threshold, a few erosions and dilations, and the first dark
@@ -74,7 +80,7 @@ def bed_surface(image: ArrayLike, *, floor_row: float | None, method: str) -> Su
         grey = grey[: math.floor(floor_row) + 1]
     grey = np.where(np.isfinite(grey), grey, np.nanmedian(grey))
     if method == "edge":
-        return _edge(grey)
+        return _edge(grey, saturation)
     if method == "threshold":
         return _threshold(grey)
     raise ValueError(f"bed_surface: method = {method!r} must be 'edge' or 'threshold'")
@@ -85,7 +91,8 @@ def bed_height(surface: Surface, floor_row: float) -> BedHeightPx:
 
     A straight line (tilt) is fitted through the good columns and taken at the middle of all columns, so that columns
     lost on one side do not shift the height. The surface is made of grains several px wide, hence neighbouring columns
-    scatter together: sigma comes from the scatter of block means (`_blocked_sigma`). NaN below 8 good columns.
+    scatter together: sigma comes from the scatter of block means (`_blocked_sigma`) and from what all columns
+    share. NaN below 8 good columns.
     """
     good = surface.flag == ""
     n = int(good.sum())
@@ -101,7 +108,9 @@ def bed_height(surface: Surface, floor_row: float) -> BedHeightPx:
     lean = float(d[good].mean())  # the line is taken at d = 0, off the middle of the good columns by this much
     tilt_sigma = sigma / spread if spread > 0.0 else NAN
     sigma = math.hypot(sigma, lean * tilt_sigma) if lean else sigma
-    return BedHeightPx(float(middle), sigma, math.atan(slope), tilt_sigma, roughness, n, block)
+    return BedHeightPx(
+        float(middle), math.hypot(sigma, surface.common), math.atan(slope), tilt_sigma, roughness, n, block
+    )
 
 
 def volume_fraction(
@@ -121,7 +130,7 @@ def volume_fraction(
     return phi, phi * math.hypot(sigma_height / height, sigma_solid / solid_volume)
 
 
-def _edge(grey: Array) -> Surface:
+def _edge(grey: Array, saturation: float | None) -> Surface:
     ny, nx = grey.shape
     total = np.concatenate((np.zeros((1, nx)), np.cumsum(grey, axis=0)))
     at = np.arange(REACH, ny - REACH + 1)  # a step at the boundary above row r
@@ -137,9 +146,18 @@ def _edge(grey: Array) -> Surface:
     flag = np.full(nx, "", dtype="<U32")
     flag[~fitted] = "edge fit failed"
     flag[contrast < LOW_CONTRAST * typical] = "no contrast"
+    clipped = np.zeros(nx, bool)
+    if saturation is not None:
+        clipped = clipped_columns(grey, np.where(flag == "", row, NAN), saturation)
+    shift, shift_sigma = glow_shift(grey, np.where((flag != "") | clipped, NAN, row))
+    moved, spread = np.full(nx, shift), np.full(nx, shift_sigma)
+    if saturation is not None and clipped.any():
+        moved[clipped], spread[clipped] = clipped_shift(grey, np.where(clipped, row, NAN), saturation)
+        flag[~np.isfinite(moved)] = "light saturated"
     bad = flag != ""
-    shift, shift_sigma = glow_shift(grey, np.where(bad, NAN, row))
-    return Surface(column, np.where(bad, NAN, row + shift), np.where(bad, NAN, np.hypot(sigma, shift_sigma)), flag)
+    common = float(spread[~bad].mean()) if not bad.all() else 0.0
+    row, sigma = np.where(bad, NAN, row + moved), np.where(bad, NAN, np.hypot(sigma, spread))
+    return Surface(column, row, sigma, flag, common, int(clipped.sum()))
 
 
 def _edge_fit(grey: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
