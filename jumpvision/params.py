@@ -77,6 +77,8 @@ class PivParams:
     outlier: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
     smooth: str = param("none", "", "adaptive: draw vectors together where they differ only by their noise; errors are "
                         "then alike over more vectors than a window covers", choices=("none", "adaptive"))  # fmt: skip
+    backend: str = param("numpy", "", "where the correlation passes are computed; a GPU needs CuPy or PyTorch",
+                         choices=("numpy", "cupy", "torch"))  # fmt: skip
     foot_rows: int = param(16, "px", "rows of the foot's body used to follow its lower face", lo=4, hi=500)
 
     def check(self) -> list[str]:

@@ -5,11 +5,13 @@ to the material at mid-time and the grain there is asked for its grey.
 """
 
 import functools
+import importlib.util
 import weakref
 
 import numpy as np
 import pytest
 
+from jumpvision.vision.piv.backend import Backend
 from jumpvision.vision.piv.correlate import correlate, peaks
 from jumpvision.vision.piv.engine import error_correlation, piv_film, piv_pair
 from jumpvision.vision.piv.field import INTERPOLATED, MASKED, NO_TEXTURE, REASONS, VALID
@@ -439,6 +441,25 @@ def test_correlation_is_the_masked_one():
             (f[here] ** 2 * wb[there]).sum() * (wa[here] * g[there] ** 2).sum()
         )
         assert r[dy + s // 2, dx + s // 2] == pytest.approx(expected, abs=1e-4)  # float32 sums of 144 products
+
+
+def test_correlation_uses_nothing_beyond_the_array_api():
+    """What a GPU's arrays can do, by the strict namespace; its FFTs are NumPy's, in single precision."""
+    xp = pytest.importorskip("array_api_strict")
+    rng = np.random.default_rng(10)
+    a, b = rng.uniform(0, 255, (2, 5, 16, 16)).astype(np.float32)
+    wa, wb = (rng.uniform(size=(2, 5, 16, 16)) > 0.3).astype(np.float32)
+    strict = Backend(xp, xp.asarray, lambda x: np.asarray(x))
+    assert correlate(a, wa, b, wb, strict) == pytest.approx(correlate(a, wa, b, wb), abs=1e-5)
+
+
+@pytest.mark.parametrize(("name", "said"), [("cuda", "must be one of numpy, cupy, torch"), ("cupy", "cupy")])
+def test_a_backend_that_is_not_there_is_one_clear_error(name, said):
+    if name == "cupy" and importlib.util.find_spec("cupy"):
+        pytest.skip("cupy is installed")
+    a, b = bed_of("uniform")
+    with pytest.raises(ValueError, match=said):
+        piv_pair(a, b, **(SETTINGS | {"backend": name}))
 
 
 def test_peak_of_a_gaussian_is_exact():

@@ -99,7 +99,7 @@ def _fields(
     return piv_film(
         images, mask=usable and (lambda k: usable(first + k)), gap=p.gap, baseline=p.baseline, ensemble=p.ensemble,
         preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
-        min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier,
+        min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier, backend=p.backend,
     )  # fmt: skip
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
+
+from jumpvision.vision.piv.backend import NUMPY, Backend
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -24,40 +26,46 @@ class Peaks(NamedTuple):
     at_edge: NDArray[np.bool_]  # (n,) the best shift lies on the edge of the search
 
 
-def correlate(a: Float32, wa: Float32, b: Float32, wb: Float32) -> Float32:
+def correlate(a: Float32, wa: Float32, b: Float32, wb: Float32, on: Backend = NUMPY) -> Float32:
     """Normalised correlation of window pairs for all shifts up to half a window.
 
     a, b: (n, s, s) grey; wa, wb: (n, s, s) weights 0..1. Returns (n, 2 r + 1, 2 r + 1), r = s // 2, axes (shift down,
-    shift right), zero shift in the middle; -1 where too little texture overlaps.
+    shift right), zero shift in the middle; -1 where too little texture overlaps. on: where it is computed.
     """
     n, size, _ = a.shape
     r = size // 2
     pad = scipy.fft.next_fast_len(size + r, real=True)
     out = np.empty((n, 2 * r + 1, 2 * r + 1), dtype=np.float32)
-    shifts = np.arange(-r, r + 1) % pad
+    shifts = on.put(np.arange(-r, r + 1) % pad)
+    xp = on.xp
+    # scipy's transforms use all cores
+    fft, options = (scipy.fft, {"workers": -1}) if xp is np else (xp.fft, {})
 
-    def spectrum(w: Float32) -> NDArray[np.complex64]:
-        return scipy.fft.rfft2(w, (pad, pad), workers=-1)
+    def spectrum(w: Any) -> Any:
+        return fft.rfftn(w, s=(pad, pad), axes=(1, 2), **options)
+
+    def shifted(p: Any, q: Any) -> Any:
+        plane = fft.irfftn(xp.conj(spectrum(p)) * spectrum(q), s=(pad, pad), axes=(1, 2), **options)
+        return xp.take(xp.take(plane, shifts, axis=1), shifts, axis=2)
 
     for first in range(0, n, CHUNK):
         part = slice(first, first + CHUNK)
-        f, g = _centred(a[part], wa[part]), _centred(b[part], wb[part])
-        products = [
-            scipy.fft.irfft2(np.conj(spectrum(p)) * spectrum(q), (pad, pad), workers=-1)[:, shifts][:, :, shifts]
-            for p, q in ((f, g), (f * f, wb[part]), (wa[part], g * g))
-        ]
-        power_f, power_g = (f * f).sum((1, 2))[:, None, None], (g * g).sum((1, 2))[:, None, None]
-        enough = (products[1] > MIN_OVERLAP * power_f) & (products[2] > MIN_OVERLAP * power_g)
-        scale = np.sqrt(np.where(enough, products[1] * products[2], 1))
-        out[part] = np.where(enough, products[0] / scale, -1)
+        p, v, q, w = (on.put(x[part]) for x in (a, wa, b, wb))
+        f, g = _centred(xp, p, v), _centred(xp, q, w)
+        ff, gg = f * f, g * g
+        power_f, power_g = (xp.sum(x, axis=(1, 2), keepdims=True) for x in (ff, gg))
+        under_b, under_a = shifted(ff, w), shifted(v, gg)
+        enough = (under_b > MIN_OVERLAP * power_f) & (under_a > MIN_OVERLAP * power_g)
+        power = xp.where(enough, under_b * under_a, xp.ones_like(under_b))
+        out[part] = on.get(xp.where(enough, shifted(f, g) / xp.sqrt(power), -xp.ones_like(power)))
     return out
 
 
-def _centred(window: Float32, weight: Float32) -> Float32:
+def _centred(xp: Any, window: Any, weight: Any) -> Any:
     """Window minus its weighted mean, times its weight."""
-    total = np.maximum(weight.sum((1, 2)), 1)
-    mean = (window * weight).sum((1, 2)) / total
-    return (window - mean[:, None, None]) * weight
+    total = xp.sum(weight, axis=(1, 2), keepdims=True)
+    mean = xp.sum(window * weight, axis=(1, 2), keepdims=True) / xp.where(total > 1, total, xp.ones_like(total))
+    return (window - mean) * weight
 
 
 def peaks(r: Float32) -> Peaks:

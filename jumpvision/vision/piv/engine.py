@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from jumpvision.vision.piv import field as code
+from jumpvision.vision.piv.backend import backend
 from jumpvision.vision.piv.field import VectorField
 from jumpvision.vision.piv.frame import Frame, prepare
 from jumpvision.vision.piv.multiframe import combined
@@ -49,6 +50,7 @@ class Settings:
     outlier: float  # limit of the normalised median test, about 2
     smooth: str = "none"  # or "adaptive": see `smooth`
     preset: str = "default"  # or "fast": spline on whole pixels, two steps
+    backend: str = "numpy"  # or "cupy", "torch": where the correlations are computed
 
     def __post_init__(self) -> None:
         for name, value, low in (("window", self.window, 7), ("step", self.step, 1)):
@@ -62,6 +64,7 @@ class Settings:
             raise ValueError(f"smooth = {self.smooth!r}: must be one of {', '.join(SMOOTHING)}")
         if self.preset not in TIMES:
             raise ValueError(f"preset = {self.preset!r}: must be one of {', '.join(TIMES)}")
+        backend(self.backend)
 
 
 def piv_pair(
@@ -212,7 +215,7 @@ def _second_try(
 
     Returns the match, its reasons and where the correlation's peak lies on the edge of its search.
     """
-    coarse = predict(pairs, passes=s.passes, outlier=s.outlier)
+    coarse = predict(pairs, passes=s.passes, outlier=s.outlier, on=backend(s.backend))
     for peak in ((coarse.u, coarse.v), (coarse.u2, coarse.v2)):
         again = _to_try(reason)
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)

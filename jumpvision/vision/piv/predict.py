@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from jumpvision.vision.piv.backend import NUMPY, Backend
 from jumpvision.vision.piv.correlate import correlate, peaks
 from jumpvision.vision.piv.frame import Frame
 from jumpvision.vision.piv.validate import local_median, normalised_median
@@ -33,11 +34,14 @@ class Coarse(NamedTuple):
     at_edge: NDArray[np.bool_]  # (ny, nx)
 
 
-def predict(pairs: list[tuple[Frame, Frame]], *, passes: tuple[int, ...], outlier: float) -> Coarse:
+def predict(
+    pairs: list[tuple[Frame, Frame]], *, passes: tuple[int, ...], outlier: float, on: Backend = NUMPY
+) -> Coarse:
     """Correlation passes with window sizes `passes` [px]; the correlations of several pairs are averaged (ensemble).
 
     Windows overlap by half. Each pass shifts the two windows by whole pixels, half each, and searches up to half a
     window around. `outlier`: limit of the normalised median test; outliers try their second peak, then the median.
+    on: where the correlations are computed.
     """
     height, width = pairs[0][0].grey.shape
     coarse: Coarse | None = None
@@ -54,7 +58,7 @@ def predict(pairs: list[tuple[Frame, Frame]], *, passes: tuple[int, ...], outlie
         for a, b in pairs:
             first = _windows(a.grey, a.usable, x, y, -ua, -va, size)
             second = _windows(b.grey, b.usable, x, y, u - ua, v - va, size)
-            planes.append(correlate(*first, *second))
+            planes.append(correlate(*first, *second, on))
             light = np.minimum(light, np.minimum(first[1].mean((1, 2)), second[1].mean((1, 2))))
         found = peaks(np.asarray(sum(planes[1:], planes[0]) / np.float32(len(planes)), np.float32))
         shape = u.shape
