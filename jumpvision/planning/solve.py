@@ -24,6 +24,7 @@ HIT = 1e-3  # of a limit, within which it is called active
 OPTIONS: dict[str, Any] = {
     "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": TOLERANCE,
     "ipopt.max_iter": MAX_ITERATIONS, "ipopt.mu_strategy": "adaptive",
+    "ipopt.mumps_pivot_order": 6,  # QAMD: 10 % less time an iteration than the automatic choice, and fewer iterations
     "ipopt.acceptable_tol": 1e-5, "ipopt.acceptable_iter": 8,
 }  # fmt: skip
 WARM = {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-5, "ipopt.mu_strategy": "monotone",
