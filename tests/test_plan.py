@@ -37,7 +37,8 @@ from jumpvision.planning.spread import apexes, drawn  # noqa: E402
 from jumpvision.planning.transcription import Limits  # noqa: E402
 
 P = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, theta=math.pi / 3, b=17.2, alpha=73.0, k=2000.0,
-                    sigma_cone=3e5, s=200.0, s_p=200.0, lam=0.01, c_v=0.5, k_3=2e6, factor=1.3, F_c=1.0, tau=0.01)  # fmt: skip
+                    sigma_cone=3e5, s=200.0, s_p=200.0, lam=0.01, c_v=0.5, k_3=2e6, factor=1.3, F_c=1.0,
+                    tau=0.01)  # fmt: skip
 CONE = Model("granular", ("two_resistance", "depth_drag", "added_mass"), P, **SAND)
 RFT = Model("granular", ("rft_cone", "depth_drag", "added_mass", "viscous_friction", "spring_hardening"), P, **SAND)
 PLAIN = Model("granular", ("linear_penetration", "inertial_drag"), P, **SAND)
