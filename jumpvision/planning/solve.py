@@ -29,7 +29,7 @@ OPTIONS: dict[str, Any] = {
 }  # fmt: skip
 WARM = {"ipopt.warm_start_init_point": "yes", "ipopt.warm_start_bound_push": 1e-7,
         "ipopt.warm_start_mult_bound_push": 1e-7, "ipopt.warm_start_slack_bound_push": 1e-7}  # fmt: skip
-# least effort is smooth and keeps its active set: a small barrier at once; adaptive took 118 iterations at worst, this 25
+# least effort: a small barrier at once; the adaptive one took 118 iterations at worst, this 25
 SMALL = {"ipopt.mu_init": 1e-5, "ipopt.mu_strategy": "monotone"}
 
 
