@@ -20,21 +20,24 @@ END = {
     STUCK: {AIR: "lift_off", INTRUDE: "intrude"}, INTRUDE: {STUCK: "stop"}, AIR: {STUCK: "landing", INTRUDE: "landing"},
 }  # fmt: skip
 STEP = 5e-4  # s
+ONE_THRUST = ((1, 1.0, (0.8, 1.2, 0.6, 1.6)), (1, 1.6, (0.8, 1.2, 1.6)))  # cycles, size, paces (of the spring's)
+PUMPED = ((2, 0.3, (0.8, 1.0, 1.2)), (3, 0.3, (0.8, 1.0)))
 PUSH, PULL = 1.5 * math.pi, 0.5 * math.pi  # start phases [rad]: a single thrust, and a pull before it
 
 
 def starts(jumper: Jumper, apex: float, stroke: float) -> Iterator[Segments]:
-    """Commands to start from, the likeliest first: thrusts with or without a pull, slow and fast, of three sizes.
+    """Commands to start from, 24, the likeliest first: one thrust with or without a pull, then two or three in a row.
 
-    X_c = A [sin(2 pi f t + phase) - sin(phase)] for one cycle; the first amplitude gives about the apex [m].
+    X_c = A [sin(2 pi f t + phase) - sin(phase)]; the first amplitude gives about the apex [m]. On hard ground, and
+    under a power limit, the highest jumps pump the spring over some cycles, which no start from one thrust finds.
     """
     m = jumper.model
     rate = math.sqrt(m.k_s / m.M)
     usual = min(0.7 * math.sqrt(2.0 * m.g * apex) / rate, 0.45 * stroke)
-    for size in (1.0, 0.5, 1.6):
-        for pace in (0.8, 1.2, 0.6, 1.6):
+    for cycles, size, paces in ONE_THRUST[:1] + PUMPED + ONE_THRUST[1:]:
+        for pace in paces:
             for phase in (PUSH, PULL):
-                yield sinusoid(pace * rate / (2 * math.pi), min(size * usual, 0.5 * stroke), phase)
+                yield sinusoid(pace * rate / (2 * math.pi), min(size * usual, 0.5 * stroke), phase, cycles)
 
 
 def guessed(jumper: Jumper, sequence: tuple[str, ...], command: Forcing) -> Guess:

@@ -15,6 +15,7 @@ from jumpvision.physics.model import Model
 from jumpvision.physics.terms import STATIC, TERMS, spring
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
+SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,16 @@ class Jumper:
         names = list(inspect.signature(TERMS[term]).parameters)[1:]
         return TERMS[term](self.xp, **{n: symbols[n] if n in symbols else self.model.symbol(n) for n in names})
 
+    def rail(self, v_m: Any) -> Any:
+        """Friction of the rail on the carriage [N]: -c_v v_m - F_c v_m / sqrt(v_m^2 + SLIP^2).
+
+        The second part stands in for the set-valued `terms.coulomb_friction`, which the re-simulation has.
+        """
+        force = self.law("viscous_friction", v_m=v_m)
+        if "coulomb_friction" in self.model:
+            force -= self.model.parameters.F_c * v_m / (v_m * v_m + SLIP * SLIP) ** 0.5
+        return force
+
     def static_force(self, z: Any, memory: Memory) -> Any:
         """F_p(z) [N] with its overshoots, also the yield threshold."""
         stiffer: dict[str, Any] = {}
@@ -103,7 +114,7 @@ class Jumper:
         force = (
             0.0 if free else spring(stretch, v_r - v_f, m.k_s, m.c_s) + self.law("spring_hardening", stretch=stretch)
         )
-        rail = self.law("viscous_friction", v_m=v_m)
+        rail = self.rail(v_m)
         w_rate = -m.g + (force + rail) / m.M
         if d.kp > 0:
             effort = d.kp * (x_c - X) + d.kd * (v_c - V) + m.m_m * m.g

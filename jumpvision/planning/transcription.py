@@ -268,10 +268,11 @@ class Programme:
             y, w = (m.M * y + m.m_f * state["x_f"]) / total, (m.M * w + m.m_f * state["v_f"]) / total
         self.row(w, 0.0, math.inf, 0.5)
         drag = m.parameters.c_v / total if "viscous_friction" in m and m.parameters.c_v else 0.0
+        g = m.g + (m.parameters.F_c / total if "coulomb_friction" in m and m.parameters.F_c else 0.0)
         if drag:
-            left = ca.log(1.0 + drag * w / m.g) / drag
-            rise = w / drag - m.g / drag * left
+            left = ca.log(1.0 + drag * w / g) / drag
+            rise = w / drag - g / drag * left
         else:
-            left, rise = w / m.g, w * w / (2.0 * m.g)
+            left, rise = w / g, w * w / (2.0 * g)
         X = self.command[0] + self.jumper.sag()
         return y + rise - m.m_m / total * X - self.rest[0], time + left
