@@ -42,6 +42,9 @@ def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs:
     Raises InputError for a bad protocol, or where `out` holds anything else.
     """
     parts = read_parts(file)
+    for p in parts:
+        if discs is None and getattr(p.records.get("grain_film"), "source", "") == "discs":
+            raise InputError([f"{p.file}: [record.grain_film] source = 'discs': needs what simulates them (discs=...)"])
     text = f"# seed {seed}\n" + Path(file).read_text(encoding="utf-8-sig")
     for p in parts if len(parts) > 1 or parts[0].part else ():
         text += f"\n# {p.part}\n" + p.file.read_text(encoding="utf-8-sig")

@@ -41,6 +41,7 @@ def write_crater(
     _, per_metre = crater_profile(np.zeros(1), rim_height=1.0, **shape)
     rim = (volume - bowl) / (per_metre - bowl)  # the volume is linear in the rim's height
     h, _ = crater_profile(np.abs(x), rim_height=rim, **shape)
+    true = {"volume_m3": volume, "depth_m": -h.min(), "rim_height_m": h.max(), "axis_column_px": axis}
     if picture.uneven:
         h = h * np.where(x < 0, *(1.0 + rng.normal(0.0, picture.uneven, 2)))
     h = h + picture.roughness * texture((3, columns), sigma=0.5 * grain_diameter / picture.scale + 0.3, rng=rng)[1]
@@ -54,5 +55,4 @@ def write_crater(
     )  # fmt: skip
     write.picture(folder / "crater.png", record(mean, electrons_per_grey=60.0, read_noise=1.5, rng=rng))
     section = {"file": "crater.png", "scale": picture.scale, "laser_angle": picture.laser_angle}
-    true = {"volume_m3": volume, "depth_m": depth, "rim_height_m": rim, "axis_column_px": axis, "surface_row_px": above}
     return {"crater_image": section}, true

@@ -73,7 +73,7 @@ def of_jump(
         }
         if grains.source == "discs":
             if discs is None:
-                raise ValueError("source = 'discs': nothing was given that simulates them (`discs`)")
+                raise ValueError("source = 'discs': needs what simulates them (discs=...)")
             made = write_disc_film(folder, motion, density, rng, discs, film=grains, **given)
         else:
             cone: dict[str, Any] = {name: parameters.get(name, value) for name, value in CONE.items()}
