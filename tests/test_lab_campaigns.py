@@ -15,6 +15,7 @@ from jumpvision.dem.under_foot import discs_under_foot
 from jumpvision.experiment import open_campaign
 from jumpvision.frames.opening import open_frames
 from jumpvision.lab.campaign import write_campaign
+from jumpvision.lab.intrusion_record import scaled
 from jumpvision.lab.lens import Lens, distorted, lens_of, margin, reflection, shade
 from jumpvision.lab.protocol import protocol_of
 from jumpvision.schema import InputError
@@ -31,7 +32,6 @@ s = 300.0
 s_p = 200.0
 lam = 0.004
 saw = [[0.57, 0.0], [0.605, 0.0], [0.63, 4.0]]
-crater_volume = [[0.57, -3.5e-6], [0.63, 2.5e-6]]
 [[intrusions]]
 volume_fraction = "0.57:0.63:7"
 [[intrusions]]
@@ -43,6 +43,12 @@ kind = "stop_go"
 stops = 5
 [record.intrusion_log]
 fluctuation = 0.03
+"""
+CRATERS = """
+[truth]
+crater_volume = [[0.57, -3.5e-6], [0.63, 2.5e-6]]
+[[intrusions]]
+volume_fraction = "0.57:0.63:7"
 [record.crater_image]
 roughness = 3e-5
 """
@@ -76,13 +82,12 @@ def slow(tmp_path_factory) -> Path:
     root = tmp_path_factory.mktemp("slow")
     (root / "slow.toml").write_text(SLOW)
     assert write_campaign(root / "slow.toml", root / "slow", seed=5) == 11
-    for command in ("intrusion", "crater"):
-        assert main([command, str(root / "slow"), "--no-pictures", "--workers", "1"]) == 0
+    assert main(["intrusion", str(root / "slow"), "--no-pictures", "--workers", "1"]) == 0
     return root
 
 
 def test_intrusions_of_a_protocol_give_back_its_truth(slow):
-    """Slopes, bend, overshoots of 11 logs: 58 pulls. The stated sigmas have heavier tails than a normal distribution's
+    """Slopes, bend, overshoots of 11 logs: 37 pulls. The stated sigmas have heavier tails than a normal distribution's
     where the grains' force is correlated over 1/60 of the log: 90 % of the pulls within 3, all within 8."""
     pulls = []
     for folder in sorted(f for f in (slow / "slow").iterdir() if f.is_dir()):
@@ -104,13 +109,21 @@ def test_laws_over_feet_and_packings_are_those_of_the_protocol(slow):
         assert laws[name]["value"] == pytest.approx(true, abs=3 * laws[name]["sigma"] + floor), name
 
 
-def test_craters_of_a_protocol_give_back_its_critical_packing(slow):
-    true = told(slow / "slow")
-    assert true["phi_c"] == pytest.approx(0.605)
-    found = json.loads((slow / "results" / "slow" / "fits.json").read_text())["phi_c"]
-    assert found["value"] == pytest.approx(0.605, abs=3 * found["sigma"]) and found["sigma"] < 0.006
-    small = told(slow / "slow" / "intrusion-R19.1mm-phi0.57-1")["crater"]["volume_m3"]
-    assert small == pytest.approx(-3.5e-6 * (0.0191 / 0.0381) ** 3)  # similar craters
+def test_craters_of_a_protocol_give_back_its_critical_packing(tmp_path):
+    """Seven pictures with an error of 3e-7 m^3 each on 1e-4 m^3 per unit of phi: 0.0013; the line's width over the
+    curved bowl adds 2e-7 m^3 to all of them, 0.002."""
+    (tmp_path / "c.toml").write_text(CRATERS)
+    assert write_campaign(tmp_path / "c.toml", tmp_path / "c", seed=5) == 7
+    assert told(tmp_path / "c")["phi_c"] == pytest.approx(0.605)
+    assert main(["crater", str(tmp_path / "c"), "--no-pictures", "--workers", "1"]) == 0
+    found = json.loads((tmp_path / "results" / "c" / "fits.json").read_text())["phi_c"]
+    assert found["value"] == pytest.approx(0.605, abs=3 * found["sigma"] + 0.002) and found["sigma"] < 0.004
+
+
+def test_smaller_feet_leave_similar_craters():
+    assert scaled({"k1": 8.0, "delta": 2.0, "lam": 1.0, "crater_volume": 16.0}, 0.5) == {
+        "k1": 2.0, "delta": 1.0, "lam": 1.0, "crater_volume": 2.0,
+    }  # fmt: skip
 
 
 def test_what_cannot_be_recorded_is_named():
@@ -119,7 +132,8 @@ def test_what_cannot_be_recorded_is_named():
         ({"record": {}}, r"nothing is recorded of \[\[intrusions\]\]"),
         ({"record": {"rod_track": {}, "intrusion_log": {}}}, r"rod_track\]: needs \[\[jumps\]\]"),
         ({"ground": "hard"}, "need ground = 'granular'"),
-        ({"truth": table["truth"] | {"crater_volume": -1e-3}}, "the bowl's own"),
+        ({"truth": table["truth"] | {"crater_volume": -1e-3}, "record": {"crater_image": {}}}, "the bowl's own"),
+        ({"record": {"crater_image": {}}}, "crater_volume: missing"),
         ({"truth": table["truth"] | {"saw": -1.0}}, "must be >= 0 N"),
         ({"intrusions": [{"kind": "drop"}]}, r"\[\[intrusions\]\] number 1: kind"),
         ({"intrusions": [{}, {}]}, "made twice"),
