@@ -10,8 +10,9 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
+from jumpvision.dem.under_foot import discs_under_foot
 from jumpvision.lab import blind
-from jumpvision.lab.campaign import jump_of
+from jumpvision.lab.campaign import jump_of, write_campaign
 from jumpvision.lab.grain_film import GrainCamera, View
 from jumpvision.lab.grain_flow import Flow
 from jumpvision.lab.grain_quick import QuickGrainCamera
@@ -59,6 +60,41 @@ def film_seconds() -> float:
     return seconds
 
 
+PROTOCOL = """
+duration = 1.2
+[robot]
+motor_mass = 1.125
+rod_mass = 0.175
+foot_mass = 0.04
+spring_stiffness = 3300.0
+spring_damping = 1.2
+[truth]
+terms = ["two_resistance", "inertial_drag"]
+k1 = 2100.0
+k2 = 2100.0
+delta = 0.012
+alpha = 73.0
+[[jumps]]
+kind = "stutter"
+frequency = [6.0, 7.0]
+[record]
+rod_film = {}
+motor_log = {}
+contact_log = {}
+bed_image = {}
+"""
+
+
+def protocol_seconds(grain_film: str) -> float:
+    """Seconds of processor time for an experiment of a protocol with all its films, the mean of two, on one core."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "two.toml"
+        file.write_text(PROTOCOL + f"grain_film = {{ {grain_film} }}\n")
+        began = time.process_time()
+        write_campaign(file, Path(folder) / "out", seed=1, discs=discs_under_foot)
+        return (time.process_time() - began) / 2.0
+
+
 def main() -> None:
     """Print a markdown table."""
     cv2.setNumThreads(1)
@@ -68,6 +104,11 @@ def main() -> None:
     for ground in ("granular", "hard"):
         print(f"| blind campaign, {ground}, 24 jumps as tracks and motor logs | {campaign_seconds(ground):.2f} s |")
     seconds = film_seconds()
+    for source in ("flow", "discs"):
+        size = 'source = "discs", frames = 20, scale = 2.5e-4' if source == "discs" else "frames = 58"
+        each = protocol_seconds(size)
+        what = f"a jump with rod film, bed image and {size.split('frames = ')[1][:2]} frames of grains ({source})"
+        print(f"| {what}, written | {each:.1f} s (60 jumps: {each:.0f} min on one core) |")
     print(f"| one jump with its rod film | {seconds:.2f} s (60 jumps: {seconds:.1f} min) |")
 
 

@@ -12,22 +12,22 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from scipy.spatial import cKDTree
 
 from jumpvision.cli import main
-from jumpvision.dem.discs import Box, Discs, Law, Plate
+from jumpvision.dem.discs import Discs
 from jumpvision.dem.field import as_piv
-from jumpvision.dem.motion import Motion, simulate, time_step
-from jumpvision.dem.packing import pack
+from jumpvision.dem.motion import Motion
+from jumpvision.dem.under_foot import discs_under_foot
 from jumpvision.lab import write
 from jumpvision.lab.dem_film import DiscCamera
+from jumpvision.lab.disc_record import disc_momentum
+from jumpvision.lab.grain_film import View
 from jumpvision.lab.jumper import simulate as jump
 from jumpvision.lab.mechanisms import Law as Drive
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
 DENSITY, PHI = 1000.0, 0.57  # kg/m^3 of the grains and volume fraction that the analysis is told
-ENTRY = 0.08  # m/s, mean; discs thrown ahead of the foot slide on by v^2/(2 coulomb) = 0.7 mm
 KINDS = {"single": (7.5, 0.0), "stutter": (7.0, 0.0), "delayed_stutter": (7.0, 0.1)}  # Hz, s
 
 
@@ -67,22 +67,11 @@ def frame_times(n: int) -> np.ndarray:
 
 def run_discs(scene: Scene, t: np.ndarray, foot_y: np.ndarray, n: int, seed: int) -> tuple[Discs, Motion]:
     """Discs in a bed that the foot has entered, at the instants of n exposures of the foot's path (t, foot_y)."""
-    half, depth = scene.bed
-    rng = np.random.default_rng(seed)
-    box = Box(-half, half, -depth, 0.0)
-    d = pack(box, scene.fraction, diameter=scene.grain, density=1.0, rng=rng)
-    law = Law.bouncing(0.5, 1e-4, 0.5 * float(d.mass.min()), coulomb=scene.coulomb)
-    box, plate, h = Box(-half, half, -depth), Plate(scene.foot, 0.02), time_step(d, law)
-    entry = max(-foot_y[0] / ENTRY, 1e-3)
-    s = np.linspace(0.0, 1.0, 50)
-    m = simulate(d, law, box, times=[-entry - 0.01, -0.01], dt=h, foot=plate, foot_t=-0.01 - entry * (1.0 - s),
-                 foot_y=foot_y[0] * s**2 * (3.0 - 2.0 * s))  # fmt: skip
-    m = simulate(m.last(d), law, box, times=[-0.01, 0.0], dt=h, foot=plate, foot_t=[-0.01, 0.0],
-                 foot_y=[foot_y[0], foot_y[0]])  # fmt: skip
     times = np.concatenate([[0.0], frame_times(n).ravel()])
-    fine = np.linspace(0.0, times[-1], 4 * n)
-    path = np.interp(fine, t, foot_y)
-    return d, simulate(m.last(d), law, box, times=times, dt=h, foot=plate, foot_t=fine, foot_y=path)
+    return discs_under_foot(
+        t, foot_y, times, half_width=scene.foot, bed=scene.bed, diameter=scene.grain, fraction=scene.fraction,
+        coulomb=scene.coulomb, rng=np.random.default_rng(seed),
+    )  # fmt: skip
 
 
 def mid_exposure(m: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -129,25 +118,19 @@ def true_momentum(scene: Scene, d: Discs, m: Motion) -> dict[str, np.ndarray]:
     """Momentum over the frames' pairs [kg m/s]: `field` at constant density, as the integral of PHYSICS.md defines it,
     and `grains` with the density the discs really have."""
     t, x, y, face = mid_exposure(m)
+    view = View(scene.shape, scene.scale, scene.surface_row, scene.axis)
+    field = disc_momentum(view, t, x, y, face, diameter=scene.grain, bed_density=DENSITY * PHI)
     left, right = (-0.5 - scene.axis) * scene.scale, (scene.shape[1] - 0.5 - scene.axis) * scene.scale
     bottom = -(scene.shape[0] - 0.5 - scene.surface_row) * scene.scale
-    step = 0.25 * scene.grain
-    gx = np.arange(left + 0.5 * step, right, step)
-    field, grains = [], []
+    grains = []
     for k in range(len(t) - 1):
         at = np.stack([0.5 * (x[k] + x[k + 1]), 0.5 * (y[k] + y[k + 1])], axis=1)
         speed = -(y[k + 1] - y[k]) / (t[k + 1] - t[k])
         top = 0.5 * (face[k] + face[k + 1])
-        n = math.ceil((top - bottom) / step)
-        gy = bottom + (np.arange(n) + 0.5) * (top - bottom) / n
-        places = np.stack(np.meshgrid(gx, gy), axis=-1).reshape(-1, 2)
-        near = cKDTree(at).query(places)[1]
-        cell = step * (top - bottom) / n
-        field.append(0.5 * math.pi * DENSITY * PHI * np.sum(speed[near] * np.abs(places[:, 0])) * cell)
         inside = (at[:, 0] > left) & (at[:, 0] < right) & (at[:, 1] > bottom) & (at[:, 1] < top)
         area = math.pi * d.radius**2 / scene.fraction
         grains.append(0.5 * math.pi * DENSITY * PHI * np.sum((speed * np.abs(at[:, 0]) * area)[inside]))
-    return {"field": np.array(field), "grains": np.array(grains)}
+    return {"field": field, "grains": np.array(grains)}
 
 
 def disc_field(scene: Scene, d: Discs, m: Motion, step: float, width: float) -> xr.Dataset:

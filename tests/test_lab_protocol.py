@@ -17,8 +17,9 @@ from jumpvision.experiment import open_campaign, open_experiment
 from jumpvision.frames.opening import open_frames
 from jumpvision.lab import write
 from jumpvision.lab.campaign import carry_out, write_campaign
+from jumpvision.lab.lens import Lens, seen_places
 from jumpvision.lab.protocol import protocol_of, read_protocol
-from jumpvision.lab.rod_film import Lens, balls, rod_film, seen_places
+from jumpvision.lab.rod_film import balls, rod_film
 from jumpvision.schema import InputError
 
 SMALL = """
@@ -285,9 +286,7 @@ def test_a_lens_shows_the_ball_where_its_formula_says():
 def test_a_calibrated_lens_is_declared(tmp_path):
     folder, _ = filmed(tmp_path, "k1 = 1e-6\nk2 = 1e-12\ncalibrated = true")
     section = open_experiment(folder).sections["calibration"]
-    images, _ = stack(folder)
-    assert (section.k1, section.k2) == (1e-6, 1e-12)
-    assert section.centre == ((images.shape[2] - 1) / 2, (images.shape[1] - 1) / 2)
+    assert (section.k1, section.k2, section.centre) == (1e-6, 1e-12, ())  # by default the middle of each picture
 
 
 def test_shading_and_reflections():
@@ -323,7 +322,7 @@ def test_the_example_of_the_documentation(tmp_path):
     (tmp_path / "example.toml").write_text(text)
     protocol = read_protocol(tmp_path / "example.toml")
     assert len(protocol.jumps) == 5
-    carry_out(protocol, protocol.jumps[::4], tmp_path, seed=1, workers=1)
+    carry_out([(protocol, j) for j in protocol.jumps[::4]], tmp_path, seed=1, workers=1)
     for jump in protocol.jumps[::4]:
         e = open_experiment(tmp_path / jump.name)
         assert {"rod_video", "rod_track", "motor_log", "contact_log", "bed_image"} <= set(e.sections)

@@ -49,9 +49,10 @@ def synth(
 
                     write_blind(out, seed=seed, ground=ground, workers=workers or cores())
                 else:
+                    from ..dem.under_foot import discs_under_foot
                     from ..lab.campaign import write_campaign
 
-                    write_campaign(Path(kind), out, seed=seed, workers=workers or cores())
+                    write_campaign(Path(kind), out, seed=seed, workers=workers or cores(), discs=discs_under_foot)
             finally:
                 HOOK.reset(token)
         show.line(f"wrote {out}")

@@ -53,16 +53,23 @@ def scatter_factor(chi2: float, dof: int) -> float:
 
 
 def least_squares_fit(
-    residual: Callable[[Array], Array], start: ArrayLike, *, scale: ArrayLike | float = 1.0
+    residual: Callable[[Array], Array],
+    start: ArrayLike,
+    *,
+    scale: ArrayLike | float = 1.0,
+    jacobian: Callable[[Array], Array] | None = None,
 ) -> tuple[Array, Array, float] | None:
     """(parameters, covariance, chi2) of the least squares of residual(p) = (y - model)/sigma, or None.
 
-    start: first guess, shape (p,). scale: size of a change of each parameter that matters. The covariance is inv(J'J)
+    start: first guess, shape (p,). scale: size of a change of each parameter that matters. jacobian(p): d(residual)/dp,
+    shape (n, p); default: by differences. The covariance is inv(J'J)
     for unit-variance residuals, without scatter_factor. None when the solver fails or a parameter is undetermined.
     """
     start = np.asarray(start, dtype=float)
     try:
-        fit = least_squares(residual, start, method="trf", x_scale=np.broadcast_to(scale, start.shape))
+        fit = least_squares(
+            residual, start, jacobian or "2-point", method="trf", x_scale=np.broadcast_to(scale, start.shape)
+        )
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
     jac = fit.jac * np.broadcast_to(scale, start.shape)  # scaled, so that the rank below has a meaning

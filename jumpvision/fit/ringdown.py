@@ -13,6 +13,8 @@ from jumpvision.fit.estimate import Estimate, checked, checked_sigma, least_squa
 Array = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
+DECAYS = np.array([0.0, 0.5, 1.5, 5.0, 15.0])  # over the record's length, first tries of the rate of decay
+TRIED = 2  # of them, the best by chi2, are fitted
 STILL = 0.01  # of the largest swing, below which a body counts as at rest
 NAN = float("nan")
 
@@ -75,12 +77,17 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
     def residual(q: Array) -> Array:
         return np.asarray((x - _model(t, q)) / sigma)
 
+    def jacobian(q: Array) -> Array:
+        return -_slopes(t, q) / sigma[:, None]
+
+    # the periodogram peak has no decay of its own
+    w = 2.0 * math.pi * frequency
+    tries = [(*_linear(t, x, sigma, w, decay), decay) for decay in DECAYS / span]
     best = None
-    for decay in (0.0, 0.5 / span, 1.5 / span, 5.0 / span, 15.0 / span):  # the periodogram peak has no decay of its own
-        p, _ = _linear(t, x, sigma, 2.0 * math.pi * frequency, decay)
-        start = np.array([*p, 2.0 * math.pi * frequency, decay])
+    for p, _, decay in sorted(tries, key=lambda a: a[1])[:TRIED]:
         size = max(math.hypot(p[0], p[1]), float(sigma.mean()))
-        fit = least_squares_fit(residual, start, scale=[size, size, size, 1.0 / span, 1.0 / span])
+        scale = [size, size, size, 1.0 / span, 1.0 / span]
+        fit = least_squares_fit(residual, [*p, w, decay], scale=scale, jacobian=jacobian)
         if fit is not None and (best is None or fit[2] < best[2]):
             best = fit
     if best is None:
@@ -127,6 +134,14 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
 
 def _model(t: Array, p: Array) -> Array:
     return np.asarray(p[2] + np.exp(-p[4] * t) * (p[0] * np.cos(p[3] * t) + p[1] * np.sin(p[3] * t)))
+
+
+def _slopes(t: Array, p: Array) -> Array:
+    """d(model)/dp, shape (n, 5)."""
+    e = np.exp(-p[4] * t)
+    c, s = e * np.cos(p[3] * t), e * np.sin(p[3] * t)
+    swing = p[0] * c + p[1] * s
+    return np.stack([c, s, np.ones_like(t), t * (p[1] * c - p[0] * s), -t * swing], axis=1)
 
 
 def _linear(t: Array, x: Array, sigma: Array, w: float, decay: float) -> tuple[Array, float]:

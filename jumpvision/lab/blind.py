@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from . import logs
 from .campaign import jump_of
 from .mechanisms import OUTSIDE, STATIC
-from .protocol import Jump, Protocol, protocol_of
+from .protocol import Protocol, protocol_of
+from .protocol_sweeps import Jump
 
 Array = NDArray[np.float64]
 

@@ -20,27 +20,34 @@ import numpy as np
 from jumpvision.progress import watch
 from jumpvision.schema import InputError
 
-from . import logs, write
-from .bed_picture import bed_height, bed_picture
-from .grain_record import film_brief, write_grain_film
+from . import write
+from .disc_record import Runner
+from .grain_record import film_brief
 from .jumper import Motion, simulate
 from .mechanisms import Law
-from .protocol import Jump, Protocol, read_protocol
-from .rod_record import write_rod_film
-from .sensor import record
+from .protocol import Protocol, critical_fraction, read_parts
+from .protocol_keys import FILMED_BY
+from .protocol_sweeps import Intrusion, Jump
+from .recordings import of_intrusion, of_jump
 
 PROTOCOL, TRUTH = "protocol.toml", "truth.json"
-CONE = {"mu": 2.0, "theta": np.pi / 3, "C": 2.7}  # of the grain film, where the truth has no cone
+LONG = ("film", "bed", "grain_film", "crater", "fits")  # truth of recordings that the campaign's truth.json leaves out
 
 
-def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1) -> int:
+def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs: Runner | None = None) -> int:
     """Carries out the protocol `file` below `out`; returns how many experiments were made now.
 
-    `out` may hold the unfinished campaign of the same protocol and seed: what is missing is made. Raises InputError
-    for a bad protocol, or where `out` holds anything else.
+    `out` may hold the unfinished campaign of the same protocol and seed: what is missing is made. discs: simulates the
+    grains of films with source = "discs" (`jumpvision.dem.under_foot.discs_under_foot`), a function of a module.
+    Raises InputError for a bad protocol, or where `out` holds anything else.
     """
-    protocol = read_protocol(file)
+    parts = read_parts(file)
+    for p in parts:
+        if discs is None and getattr(p.records.get("grain_film"), "source", "") == "discs":
+            raise InputError([f"{p.file}: [record.grain_film] source = 'discs': needs what simulates them (discs=...)"])
     text = f"# seed {seed}\n" + Path(file).read_text(encoding="utf-8-sig")
+    for p in parts if len(parts) > 1 or parts[0].part else ():
+        text += f"\n# {p.part}\n" + p.file.read_text(encoding="utf-8-sig")
     if out.exists():
         copy = out / PROTOCOL
         if not copy.exists() or copy.read_text(encoding="utf-8") != text:
@@ -49,30 +56,47 @@ def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1) -> int
             raise InputError([f"synth: {out} is finished already; give another folder or remove it"])
     out.mkdir(parents=True, exist_ok=True)
     (out / PROTOCOL).write_text(text, encoding="utf-8", newline="\n")
-    missing = [j for j in protocol.jumps if not (out / j.name).exists()]
-    carry_out(protocol, missing, out, seed=seed, workers=workers)
-    write.toml(out / "campaign.toml", defaults(protocol), comment=f"{protocol.header.name}; the truth is in {TRUTH}.")
-    true = {j.name: json.loads((out / j.name / TRUTH).read_text(encoding="utf-8")) for j in protocol.jumps}
-    hidden = {"terms": protocol.terms, "parameters": protocol.parameters}
-    long = ("film", "bed", "grain_film")
-    brief = {name: {k: v for k, v in t.items() if k not in long} for name, t in true.items()}
-    write.truth(out / TRUTH, {**hidden, "experiments": brief})
-    return len(missing)
+    work = [(p, e) for p in parts for e in p.experiments if not (out / e.name).exists()]
+    carry_out(work, out, seed=seed, workers=workers, discs=discs)
+    whole = not parts[0].part
+    comment = f"{parts[0].header.name if whole else file.stem}; the truth is in {TRUTH}."
+    write.toml(out / "campaign.toml", defaults(parts[0]) if whole else {}, comment=comment)
+    told = [hidden(p) for p in parts]
+    named = told[0] if whole else {"parts": {p.part.removesuffix("-"): t for p, t in zip(parts, told)}}
+    true = {
+        e.name: json.loads((out / e.name / TRUTH).read_text(encoding="utf-8")) for p in parts for e in p.experiments
+    }
+    brief = {name: {k: v for k, v in t.items() if k not in LONG} for name, t in true.items()}
+    write.truth(out / TRUTH, {**named, "experiments": brief})
+    return len(work)
+
+
+def hidden(protocol: Protocol) -> dict[str, Any]:
+    """Terms and parameters of a protocol's truth."""
+    out: dict[str, Any] = {"terms": protocol.terms, "parameters": protocol.parameters}
+    phi_c = critical_fraction(protocol.parameters.get("crater_volume"))
+    return out if phi_c is None else out | {"phi_c": phi_c}
 
 
 def carry_out(
-    protocol: Protocol, jumps: Iterable[Jump], out: Path, *, seed: int, workers: int, sealed: bool = False
+    work: Iterable[tuple[Protocol, Jump | Intrusion]],
+    out: Path,
+    *,
+    seed: int,
+    workers: int,
+    sealed: bool = False,
+    discs: Runner | None = None,
 ) -> None:
-    """The experiment folders of `jumps` below `out`; sealed: without their truth."""
-    jumps = list(jumps)
-    one = partial(write_experiment, protocol, out=out, seed=seed, sealed=sealed)
-    if workers <= 1 or len(jumps) <= 1:
-        for jump in watch(jumps, "experiments"):
-            one(jump)
+    """The folders of the experiments below `out`; sealed: without their truth."""
+    work = list(work)
+    one = partial(write_experiment, out=out, seed=seed, sealed=sealed, discs=discs)
+    if workers <= 1 or len(work) <= 1:
+        for protocol, experiment in watch(work, "experiments"):
+            one(protocol, experiment)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(jumps)), mp_context=context, initializer=_worker) as pool:
-        futures = [pool.submit(one, jump) for jump in jumps]
+    with ProcessPoolExecutor(min(workers, len(work)), mp_context=context, initializer=_worker) as pool:
+        futures = [pool.submit(one, protocol, experiment) for protocol, experiment in work]
         try:
             for future in watch(as_completed(futures), "experiments", len(futures)):
                 future.result()
@@ -108,98 +132,71 @@ def jump_of(
     return motion, phi, parameters
 
 
-def write_experiment(protocol: Protocol, jump: Jump, *, out: Path, seed: int, sealed: bool = False) -> None:
+def write_experiment(
+    protocol: Protocol,
+    experiment: Jump | Intrusion,
+    *,
+    out: Path,
+    seed: int,
+    sealed: bool = False,
+    discs: Runner | None = None,
+) -> None:
     """One experiment folder, written aside first; sealed: without truth.json."""
-    rng = np.random.default_rng([seed, jump.number])
-    motion, phi, parameters = jump_of(protocol, jump, rng)
-    aside = out / f".{jump.name}.part"
+    rng = np.random.default_rng([seed, experiment.number])
+    aside = out / f".{experiment.name}.part"
     shutil.rmtree(aside, ignore_errors=True)
     aside.mkdir()
-    content: dict[str, Any] = {"group": jump.group, "actuation": actuation(jump.kind, jump.law)}
-    if protocol.header.ground == "granular" and "bed_image" not in protocol.records:
-        content["bed"] = {"volume_fraction": round(phi, 6)}
-    sections, seen = _recordings(aside, protocol, motion, phi, parameters, rng)
-    write.toml(aside / "experiment.toml", content | sections)
-    if sealed:
-        aside.rename(out / jump.name)
-        return
-    summary = {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
+    content: dict[str, Any] = defaults(protocol) if protocol.part else {}
+    content["group"] = experiment.group
+    if isinstance(experiment, Jump):
+        motion, phi, parameters = jump_of(protocol, experiment, rng)
+        content["actuation"] = actuation(experiment.kind, experiment.law)
+        sections, seen = of_jump(aside, protocol, motion, phi, parameters, rng, discs)
+        true = jump_truth(motion, seen)
+    else:
+        phi, parameters = protocol.truth(experiment.volume_fraction, rng)
+        content["robot"] = content.get("robot", {}) | {"foot_radius": experiment.foot_radius}
+        sections, seen = of_intrusion(aside, protocol, experiment, phi, parameters, rng)
+        true = {"summary": {}, "foot_radius_m": experiment.foot_radius}
     if protocol.header.ground == "granular":
-        summary["volume_fraction"] = phi
+        true["summary"]["volume_fraction"] = phi
+        if "bed_image" not in protocol.records:
+            content["bed"] = content.get("bed", {}) | {"volume_fraction": round(phi, 6)}
+    write.toml(aside / "experiment.toml", content | sections | calibration(protocol))
+    if not sealed:
+        write.truth(aside / TRUTH, {**true, "volume_fraction": phi, "parameters": parameters, **seen})
+    aside.rename(out / experiment.name)
+
+
+def jump_truth(motion: Motion, seen: dict[str, Any]) -> dict[str, Any]:
+    """The true numbers of a jump; `summary`: those that summary.json should say."""
+    summary: dict[str, Any] = {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
     if isinstance(seen.get("grain_film"), dict):
         summary |= film_brief(seen["grain_film"])
-    true = {
-        "volume_fraction": phi,
-        "parameters": parameters,
+    return {
+        "summary": summary,
         "z_0_m": -motion.foot[0],
         "rest_rod_m": motion.rest,
         "jump_height_m": motion.jump_height,
         "lift_offs_s": motion.lift_offs,
         "flight_times_s": motion.flights,
     }
-    write.truth(aside / TRUTH, {"summary": summary, **true, **seen})
-    aside.rename(out / jump.name)
 
 
-def _recordings(
-    folder: Path,
-    protocol: Protocol,
-    motion: Motion,
-    phi: float,
-    parameters: dict[str, float],
-    rng: np.random.Generator,
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What [record] asks for: sections and truth."""
-    sections: dict[str, Any] = {}
-    true: dict[str, Any] = {}
-    records, bed = protocol.records, protocol.bed
-    at_camera = {"scale": parameters.get("scale", 1.0), "dt": parameters.get("dt", 0.0)}
-    if track := records.get("rod_track"):
-        true["camera_zero_m"] = rng.uniform(-0.05, 0.05)
-        columns = logs.rod_track(
-            motion, rate=track.rate, noise=track.noise, zero=true["camera_zero_m"], rng=rng,
-            rho=track.rho, step=track.step, **at_camera,
-        )  # fmt: skip
-        write.table(folder / "rod_track.csv", columns)
-        sections["rod_track"] = {"file": "rod_track.csv"}
-    if film := records.get("rod_film"):
-        more, true["film"] = write_rod_film(folder, motion, film, protocol.camera, rng, **at_camera)
-        sections |= more
-    if log := records.get("motor_log"):
-        columns = logs.motor_log(motion, rate=log.rate, force_noise=log.force_noise, step=log.step, rng=rng)
-        write.table(folder / "motor.csv", columns)
-        sections["motor_log"] = {"file": "motor.csv"}
-    if log := records.get("contact_log"):
-        write.table(folder / "contact.csv", logs.contact_log(motion, rate=log.rate))
-        sections["contact_log"] = {"file": "contact.csv"}
-    if picture := records.get("bed_image"):
-        height = bed_height(phi, solid_volume=bed.solid_volume, length=bed.length, width=bed.width)
-        floor = float(round(height / picture.scale) + 66)
-        mean, _ = bed_picture(
-            height, scale=picture.scale, floor_row=floor, shape=(int(floor) + 36, 420),
-            grain_diameter=bed.grain_diameter, rng=rng,
-        )  # fmt: skip
-        write.picture(folder / "bed.png", record(mean, electrons_per_grey=40.0, read_noise=1.5, rng=rng))
-        sections["bed_image"] = {"file": "bed.png", "scale": picture.scale, "floor_row": floor}
-        true["bed"] = {"height_m": height}
-    if grains := records.get("grain_film"):
-        length = grains.frames / 500 + 0.01
-        if not len(motion.lift_offs) or motion.lift_offs[0] + motion.flights[0] > motion.t[-1] - length:
-            true["grain_film"] = "none: no landing within the recording"
-            return sections, true
-        cone = {name: parameters.get(name, value) for name, value in CONE.items()}
-        sections["grain_video"], depth, true["grain_film"] = write_grain_film(
-            folder, motion, phi * bed.grain_density, rng, radius=protocol.robot.foot_radius,
-            diameter=bed.grain_diameter, n=grains.frames, shape=(grains.rows, grains.columns), quick=True, **cone,
-        )  # fmt: skip
-        sections["params.flow"] = {"initial_depth": round(depth, 6)}
-    return sections, true
+def calibration(protocol: Protocol) -> dict[str, Any]:
+    """[calibration], where a camera whose recording there is declares its lens (all such have the same)."""
+    for record, name in FILMED_BY.items():
+        camera = protocol.cameras[name]
+        if record in protocol.records and camera.calibrated:
+            return {"calibration": {"k1": camera.k1, "k2": camera.k2}}
+    return {}
 
 
 def defaults(protocol: Protocol) -> dict[str, Any]:
     """campaign.toml: what the campaign declares; the model is the protocol's [model], not its truth."""
     tables = protocol.tables
-    out: dict[str, Any] = {"ground": protocol.header.ground, "robot": _values(protocol.robot)}
+    robot = _values(protocol.robot) if protocol.jumps else {"foot_radius": protocol.robot.foot_radius}
+    out: dict[str, Any] = {"ground": protocol.header.ground, "robot": robot}
     if "robot.sigma" in tables:
         out["robot.sigma"] = tables["robot.sigma"]
     if protocol.motor:

@@ -10,23 +10,70 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import write
-from .grain_film import GrainCamera, View
+from . import grain_film, write
+from .grain_film import View
 from .grain_flow import Flow
 from .grain_quick import QuickGrainCamera
 from .jumper import Motion
+from .lens import distorted, lens_of, margin, reflection, seen_places, shade
+from .protocol_keys import GrainCamera, chip_of
 from .sensor import record, record_bright
 
 Array = NDArray[np.float64]
 
 GRAIN_RATE = 500.0  # 1/s
+GOOD = GrainCamera()
 
 
 def film_brief(grains: Mapping[str, Any]) -> dict[str, float]:
     """What summary.json should say of a grain film; the added mass is the one in view when the momentum is largest."""
     peak = int(np.argmax(grains["pairs"]["momentum_in_view_kg_m_s"]))
-    mass = float(grains["pairs"]["added_mass_in_view_kg"][peak])
-    return {"mu": grains["mu"], "beta_deg": grains["beta_deg"], "added_mass_kg": mass}
+    mass = {"added_mass_kg": float(grains["pairs"]["added_mass_in_view_kg"][peak])}
+    return mass if "mu" not in grains else {"mu": grains["mu"], "beta_deg": grains["beta_deg"]} | mass
+
+
+class Clock:
+    """Which frames of a film were kept and when they were taken: number (n,), the stamp of their exposure's begin and
+    the time it shows (n,) [s]."""
+
+    def __init__(self, start: float, n: int, camera: GrainCamera, rng: np.random.Generator):
+        lost = rng.random(n) < camera.dropped if camera.dropped else np.zeros(n, bool)
+        lost[0] = False
+        self.number = np.flatnonzero(~lost)
+        self.stamp: Array = start + self.number / GRAIN_RATE
+        self.shown: Array = self.stamp + camera.clock_offset + camera.clock_drift * self.stamp
+        faulty = bool(camera.clock_offset or camera.clock_drift)
+        self.extra = ({"frame": self.number} if camera.dropped else {}) | ({"shown_s": self.shown} if faulty else {})
+
+
+class Glass:
+    """Lens, darker corners and reflection between the grains and the chip."""
+
+    def __init__(self, view: View, camera: GrainCamera):
+        self.view, self.lens = view, lens_of(camera.k1, camera.k2, view.shape)
+        m = margin(view.shape, self.lens)
+        self.wide = View((view.shape[0] + 2 * m, view.shape[1] + 2 * m), view.scale, view.surface_row + m,
+                         view.axis_column + m)  # fmt: skip
+        self.light = shade(view.shape, camera.shading) if camera.shading else None
+        self.glare = reflection(view.shape, camera.glare) if camera.glare else None
+
+    def __call__(self, wide: NDArray[Any]) -> NDArray[Any]:
+        """What the chip sees of a picture drawn in the view `wide`."""
+        image = distorted(wide, self.lens, self.view.shape)
+        if self.light is not None:
+            image = image * self.light
+        return image if self.glare is None else image + self.glare
+
+    def section(self, y: float, scale_error: float) -> dict[str, float]:
+        """scale, foot_row and axis_column of [grain_video], as read off the picture, for a face at the height y [m]."""
+        row, column = seen_places(np.array([float(self.view.row(y))]), self.view.axis_column, self.lens)
+        return {"scale": self.view.scale * (1 + scale_error), "foot_row": round(float(row[0]), 3),
+                "axis_column": round(float(column[0]), 3)}  # fmt: skip
+
+
+def start_of(motion: Motion) -> float:
+    """Begin of a grain film [s]: just before the first landing, on a whole millisecond."""
+    return round(float(motion.lift_offs[0] + motion.flights[0]) - 0.004, 3)
 
 
 def write_grain_film(
@@ -42,17 +89,19 @@ def write_grain_film(
     diameter: float,
     n: int = 58,
     shape: tuple[int, int] = (464, 396),
+    scale: float = 3e-4,
     quick: bool = False,
+    camera: GrainCamera = GOOD,
 ) -> tuple[dict[str, Any], float, dict[str, Any]]:
     """grains.mkv around the first landing and the push-off: its section, the foot's depth in frame 0 [m], its truth.
 
     bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; mu, theta, C of the cone; n frames;
-    quick: by `grain_quick`.
+    quick: by `grain_quick`; camera: its faults.
     """
     exposure, subs = 0.0005, 4
-    landing = motion.lift_offs[0] + motion.flights[0]
-    start = round(float(landing) - 0.004, 3)
-    view = View(shape=shape, scale=3e-4, surface_row=47.0, axis_column=0.5 * shape[1] - 2.5)
+    start = start_of(motion)
+    view = View(shape=shape, scale=scale, surface_row=47.0, axis_column=0.5 * shape[1] - 2.5)
+    glass = Glass(view, camera)
     before = motion.t <= start
     z_start = float(-motion.foot[before].min())
     z_end = float(-motion.foot.min())
@@ -65,21 +114,20 @@ def write_grain_film(
         layer=0.008,
         z_range=(z_start, z_end),
     )
-    camera = (QuickGrainCamera if quick else GrainCamera)(view, flow, z_start, diameter=diameter, spread=0.15, rng=rng)
-    first = start + np.arange(n)[:, None] / GRAIN_RATE
-    depths = -motion.at("foot", first + (np.arange(subs) + 0.5) / subs * exposure)
+    draw = QuickGrainCamera if quick else grain_film.GrainCamera
+    scene = draw(glass.wide, flow, z_start, diameter=diameter, spread=0.15, rng=rng)
+    clock = Clock(start, n, camera, rng)
+    depths = -motion.at("foot", clock.shown[:, None] + (np.arange(subs) + 0.5) / subs * exposure)
     expose = record_bright if quick else record
-    frames = np.stack([expose(camera.frame(z), electrons_per_grey=60.0, read_noise=1.0, rng=rng) for z in depths])
-    write.film(folder / "grains.mkv", frames, rate=GRAIN_RATE)
+    frames = np.stack([expose(glass(scene.frame(z)), rng=rng, **chip_of(camera)) for z in depths])
+    write.movie(folder / "grains.mkv", frames, rate=GRAIN_RATE, numbers=clock.number, bits=camera.bits)
 
-    time = first[:, 0] + 0.5 * exposure
-    depth_0 = -float(motion.at("foot", time[:1])[0])
+    time, shown = clock.stamp + 0.5 * exposure, clock.shown + 0.5 * exposure
+    depth_0 = -float(motion.at("foot", shown[:1])[0])
     section = {
         "file": "grains.mkv",
         "frame_rate": GRAIN_RATE,
-        "scale": view.scale,
-        "foot_row": round(float(view.row(-depth_0)), 3),
-        "axis_column": view.axis_column,
+        **glass.section(-depth_0, camera.scale_error),
         "foot": "half",
         "start": start,
     }
@@ -94,10 +142,15 @@ def write_grain_film(
         "C": flow.C,
         "surface_row_px": view.surface_row,
         "exposure_s": exposure,
-        "frames": flow_truth(flow, view, motion, time, bed_density),
-        "pairs": flow_truth(flow, view, motion, time[:-1] + 0.5 / GRAIN_RATE, bed_density),
+        "frames": flow_truth(flow, view, motion, shown, bed_density) | {"time_s": time} | clock.extra,
+        "pairs": flow_truth(flow, view, motion, middle(shown), bed_density) | {"time_s": middle(time)},
     }
     return section, depth_0, true
+
+
+def middle(t: Array) -> Array:
+    """Middle of each pair."""
+    return np.asarray(0.5 * (t[1:] + t[:-1]))
 
 
 def flow_truth(flow: Flow, view: View, motion: Motion, time: Array, bed_density: float) -> dict[str, Array]:

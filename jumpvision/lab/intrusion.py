@@ -7,6 +7,7 @@ planes). The load cell adds white noise, the grains add fluctuations that are co
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,10 @@ Move = tuple[str, float]  # ("to", depth [m]) | ("pause", time [s])
 
 @dataclass(frozen=True)
 class Grains:
-    """What the foot feels. k1, k2 [N/m], delta, lam, saw_length, grain_length, build_up [m], saw, fluctuation [N]."""
+    """What the foot feels. k1, k2 [N/m], delta, lam, saw_length, grain_length, build_up [m], saw, fluctuation [N].
+
+    static: another force against depth [m -> N] in place of the two resistances.
+    """
 
     k1: float = 2000.0
     k2: float = 1200.0
@@ -33,6 +37,7 @@ class Grains:
     fluctuation: float = 0.0
     grain_length: float = 0.001
     build_up: float = 2e-4
+    static: Callable[[float], float] | None = None
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ class Arm:
     step: float = 1e-5  # m, resolution of the depth
 
 
-def path(moves: list[Move], arm: Arm, start: float) -> tuple[Array, Array]:
+def path(moves: Sequence[Move], arm: Arm, start: float) -> tuple[Array, Array]:
     """time [s], depth [m] of the protocol, from depth `start`."""
     depth, z = [start], start
     for kind, value in moves:
@@ -60,7 +65,7 @@ def path(moves: list[Move], arm: Arm, start: float) -> tuple[Array, Array]:
     return np.arange(len(depth)) / arm.rate, np.array(depth)
 
 
-def log(moves: list[Move], grains: Grains, arm: Arm, *, start: float, rng: np.random.Generator) -> dict[str, Array]:
+def log(moves: Sequence[Move], grains: Grains, arm: Arm, *, start: float, rng: np.random.Generator) -> dict[str, Array]:
     """Columns time_s, depth_m, force_N (positive against the intrusion) of a protocol."""
     t, depth = path(moves, arm, start)
     force = np.zeros(t.size)
@@ -92,6 +97,8 @@ def log(moves: list[Move], grains: Grains, arm: Arm, *, start: float, rng: np.ra
 def virgin(z: Array | float, g: Grains) -> Array:
     """Static force of a first slow intrusion to depth z [m] below the surface [N]."""
     z = np.asarray(z, dtype=float)
+    if g.static is not None:
+        return np.vectorize(g.static, otypes=[float])(z)
     return np.where(z < 0, 0.0, np.where(z < g.delta, g.k1 * z, g.k1 * g.delta + g.k2 * (z - g.delta)))
 
 

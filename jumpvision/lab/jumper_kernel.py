@@ -55,7 +55,7 @@ def _cone(z, q):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _penetration(z, stiffer, q):  # type: ignore[no-untyped-def]
+def penetration(z, stiffer, q):  # type: ignore[no-untyped-def]
     """Static force F_p(z) [N]; stiffer: k1 / that of the undisturbed bed."""
     if z <= 0.0:
         return 0.0
@@ -76,7 +76,7 @@ def _resistance(z, over, q):  # type: ignore[no-untyped-def]
         extra += over[0] * math.exp(-(z - over[1]) / q.lam)
     if over[2] > 0.0:
         extra += over[2] * math.exp(-(z - over[3]) / q.lam)
-    return _penetration(z, over[4], q) + extra
+    return penetration(z, over[4], q) + extra
 
 
 @nb.njit(cache=True)
@@ -174,7 +174,7 @@ def _settled(q):  # type: ignore[no-untyped-def]
     lo, hi = 0.0, 1.0
     for _ in range(80):
         mid = 0.5 * (lo + hi)
-        if _penetration(mid, 1.0, q) < (q.M + q.m_f) * q.g:
+        if penetration(mid, 1.0, q) < (q.M + q.m_f) * q.g:
             lo = mid
         else:
             hi = mid

@@ -10,29 +10,32 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from jumpvision.schema import InputError, closest, read
 
-from .mechanisms import AT_THE_CAMERA, KNOWN, Law, Motor, Robot, truth_of
-from .protocol_keys import PHASES, RECORDS, BedValues, Camera, Header, JumpSweep, MotorValues, RobotValues
+from .mechanisms import AT_THE_CAMERA, KNOWN, Motor, Robot, truth_of
+from .protocol_keys import (
+    BED_RECORDS,
+    CAMERAS,
+    FILMED_BY,
+    JUMP_RECORDS,
+    RECORDS,
+    BedValues,
+    Header,
+    IntrusionSweep,
+    JumpSweep,
+    MotorValues,
+    RobotValues,
+)
+from .protocol_sweeps import Intrusion, Jump, intrusions_of, jumps_of, lists
 
 CAMERA_PARAMETERS = {"camera_scale": "scale", "time_offset": "dt"}
 PARAMETERS = {name for names in KNOWN.values() for name in names} | set(CAMERA_PARAMETERS.values())
-_SWEPT = ("volume_fraction", "frequency", "amplitude", "phase", "delay")
-
-
-class Jump(NamedTuple):
-    """One experiment of a protocol."""
-
-    number: int
-    name: str
-    group: str
-    kind: str
-    law: Law
-    volume_fraction: float
+BED_PROPERTIES = ("saw", "crater_volume")  # of [truth] besides the parameters of mechanisms: N, m^3
+MADE_BY_AN_ARM = {"motor_mass": 1.0, "rod_mass": 1.0, "spring_stiffness": 1.0, "foot_mass": 1.0}  # without [[jumps]]
 
 
 @dataclass(frozen=True)
@@ -48,9 +51,17 @@ class Protocol:
     parameters: Mapping[str, Any]
     scatter: Mapping[str, float]
     jumps: tuple[Jump, ...]
+    intrusions: tuple[Intrusion, ...]
     records: Mapping[str, Any]
-    camera: Camera
+    cameras: Mapping[str, Any]
     tables: Mapping[str, Any] = field(default_factory=dict)
+    file: Path = Path()
+    part: str = ""  # what the names of its experiments begin with, where the protocol is part of another
+
+    @property
+    def experiments(self) -> tuple[Jump | Intrusion, ...]:
+        """All of them, in the order of their numbers."""
+        return self.jumps + self.intrusions
 
     def truth(self, phi: float, rng: Any) -> tuple[float, dict[str, float]]:
         """Volume fraction and parameters of one jump asked for at `phi`, with their scatter."""
@@ -72,75 +83,123 @@ def _at(points: Sequence[tuple[float, float]], phi: float) -> float:
     return points[0][1]
 
 
+def critical_fraction(volume: Any) -> float | None:
+    """Volume fraction at which a crater_volume of [truth] is zero, if it crosses zero once."""
+    if volume is None or isinstance(volume, float):
+        return None
+    found = [a + (b - a) * x / (x - y) for (a, x), (b, y) in pairwise(volume) if x * y < 0 or (y == 0 and x != 0)]
+    return found[0] if len(found) == 1 else None
+
+
 def read_protocol(path: Path) -> Protocol:
     """The protocol file at `path`. Raises InputError with every problem found."""
+    return protocol_of(_table(path), str(path))
+
+
+def read_parts(path: Path) -> list[Protocol]:
+    """The protocol at `path`, or those that it names in `parts`, whose experiments carry the names of their files."""
+    table = _table(path)
+    if "parts" not in table:
+        return [protocol_of(table, str(path))]
+    names = table["parts"]
+    others = [f"{path}: {k}: stands in the parts, not beside them" for k in table if k not in ("parts", "name")]
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
+        others.append(f"{path}: parts = {names!r}: must be a list of protocols, e.g. ['hard.toml', 'sand.toml']")
+    elif len({Path(n).stem for n in names}) < len(names):
+        others.append(f"{path}: parts = {names!r}: two files of one name; rename one")
+    if others:
+        raise InputError(others)
+    out: list[Protocol] = []
+    for name in names:
+        file = Path(path).parent / name
+        first = sum(len(p.experiments) for p in out)
+        out.append(protocol_of(_table(file), str(file), part=f"{file.stem}-", first=first))
+    return out
+
+
+def _table(path: Path) -> dict[str, Any]:
     try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as e:
         raise InputError([f"{path}: not valid TOML: {e}"]) from e
     except (OSError, UnicodeDecodeError) as e:
         raise InputError([f"{path}: cannot be read: {e}"]) from e
-    return protocol_of(table, str(path))
 
 
-def protocol_of(table: Mapping[str, Any], where: str) -> Protocol:
-    """The protocol that a table describes; `where` names it in messages."""
-    known = {"robot", "motor", "bed", "truth", "jumps", "record", "camera", "model"}
+def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: int = 0) -> Protocol:
+    """The protocol that a table describes; `where` names it in messages, part and first as in `jumps_of`."""
+    known = {"robot", "motor", "bed", "truth", "jumps", "intrusions", "record", "model", *CAMERAS}
     plain = {k: v for k, v in table.items() if k not in known}
     header, problems = read(Header, plain, f"{where}:")
 
-    def part(cls: type, name: str, value: Any, extra: tuple[str, ...] = ()) -> Any:
+    def section(cls: type, name: str, value: Any, extra: tuple[str, ...] = ()) -> Any:
         out, more = read(cls, value, f"{where}: [{name}]", extra=extra)
         problems.extend(more)
         return out
 
-    robot = part(RobotValues, "robot", table.get("robot", {}), ("sigma",))
-    motor = part(MotorValues, "motor", table["motor"]) if "motor" in table else None
-    bed = part(BedValues, "bed", table.get("bed", {}))
-    camera = part(Camera, "camera", table.get("camera", {}))
+    def sweeps(cls: type, name: str) -> list[Any]:
+        given = table.get(name, [])
+        if not isinstance(given, list):
+            problems.append(f"{where}: {name} = {given!r}: must be written [[{name}]]")
+            return []
+        out = []
+        for i, sweep in enumerate(given, 1):
+            one, more = read(cls, lists(sweep), f"{where}: [[{name}]] number {i}:")
+            out.append(one)
+            problems.extend(more)
+        return out
+
+    declared = table.get("robot", {})
+    if "jumps" not in table and isinstance(declared, Mapping):
+        declared = MADE_BY_AN_ARM | dict(declared)
+    robot = section(RobotValues, "robot", declared, ("sigma",))
+    motor = section(MotorValues, "motor", table["motor"]) if "motor" in table else None
+    bed = section(BedValues, "bed", table.get("bed", {}))
+    cameras = {name: section(cls, name, table.get(name, {})) for name, cls in CAMERAS.items()}
     record = table.get("record", {})
     records = {}
     for name, value in record.items() if isinstance(record, Mapping) else ():
         if name in RECORDS:
-            records[name] = part(RECORDS[name], f"record.{name}", value)
+            records[name] = section(RECORDS[name], f"record.{name}", value)
         else:
             problems.append(f"{where}: [record.{name}]: cannot be recorded{closest(name, RECORDS)}")
-    if not records:
-        problems.append(
-            f"{where}: [record]: nothing is recorded; give one of {', '.join(RECORDS)}, e.g. rod_track = {{}}"
-        )
     terms, parameters, scatter, more = _truth(table.get("truth", {}), f"{where}: [truth]")
     problems += more
-    sweeps = table.get("jumps", [])
-    if not isinstance(sweeps, list) or not sweeps:
-        problems.append(f"{where}: [[jumps]]: missing; give at least one with kind = ...")
-        sweeps = []
-    read_sweeps = []
-    for i, sweep in enumerate(sweeps, 1):
-        out, more = read(JumpSweep, _lists(sweep), f"{where}: [[jumps]] number {i}:")
-        read_sweeps.append(out)
-        problems += more
+    jump_sweeps, intrusion_sweeps = sweeps(JumpSweep, "jumps"), sweeps(IntrusionSweep, "intrusions")
+    if not jump_sweeps and not intrusion_sweeps:
+        problems.append(f"{where}: [[jumps]]: missing; give at least one with kind = ..., or one [[intrusions]]")
+    problems += _recorded(records, bool(jump_sweeps), bool(intrusion_sweeps), where)
     if problems:
         raise InputError(problems)
-    jumps = _expand(read_sweeps, header.start, header.ground)
-    problems = _check(header, jumps, records, where)
+    jumps = jumps_of(jump_sweeps, start=header.start, ground=header.ground, part=part, first=first)
+    intrusions = intrusions_of(intrusion_sweeps, foot_radius=robot.foot_radius, part=part, first=first + len(jumps))
     values = {f.name: getattr(robot, f.name) for f in fields(robot)}
-    for phi in dict.fromkeys(j.volume_fraction for j in jumps):
-        try:
-            density = phi * bed.grain_density
-            truth_of(Robot(**values), terms, values_at(parameters, phi), ground=header.ground, bed_density=density)
-        except ValueError as e:
-            problems.append(f"{where}: [truth] at volume fraction {phi:g}: {e}")
-    if motor and "motor_lag" in terms:
-        problems.append(f"{where}: [truth] terms: 'motor_lag' beside [motor]; leave one of them out")
-    if problems:
-        raise InputError(problems)
-    tables = {"model": table.get("model", {}), "robot.sigma": table["robot"].get("sigma", {})}
     loop = Motor(**{f.name: getattr(motor, f.name) for f in fields(motor)}) if motor else None
-    return Protocol(
-        header, Robot(**values), loop, bed, terms, parameters, scatter, jumps, records, camera,
-        {k: v for k, v in tables.items() if v},
+    tables = {"model": table.get("model", {}), "robot.sigma": declared.get("sigma", {})}
+    protocol = Protocol(
+        header, Robot(**values), loop, bed, terms, parameters, scatter, jumps, intrusions, records, cameras,
+        {k: v for k, v in tables.items() if v}, Path(where), part,
     )  # fmt: skip
+    if problems := _check(protocol, where):
+        raise InputError(problems)
+    return protocol
+
+
+def _recorded(records: Mapping[str, Any], jumps: bool, intrusions: bool, where: str) -> list[str]:
+    """Whether every experiment leaves something, and every record has its experiment."""
+    out = []
+    can = {"jumps": (*JUMP_RECORDS, *BED_RECORDS), "intrusions": ("intrusion_log", *BED_RECORDS)}
+    for name, there in (("jumps", jumps), ("intrusions", intrusions)):
+        if there and not set(records) & set(can[name]):
+            out.append(
+                f"{where}: [record]: nothing is recorded of [[{name}]]; give one of {', '.join(can[name])}, "
+                f"e.g. {can[name][0]} = {{}}"
+            )
+    if "intrusion_log" in records and not intrusions:
+        out.append(f"{where}: [record.intrusion_log]: needs [[intrusions]]")
+    if not jumps and intrusions:
+        out += [f"{where}: [record.{n}]: needs [[jumps]]" for n in records if n in JUMP_RECORDS]
+    return out
 
 
 def _truth(table: Any, where: str) -> tuple[tuple[str, ...], dict[str, Any], dict[str, float], list[str]]:
@@ -156,8 +215,8 @@ def _truth(table: Any, where: str) -> tuple[tuple[str, ...], dict[str, Any], dic
     for name, value in table.items():
         if name in ("terms", "scatter"):
             continue
-        if name not in PARAMETERS:
-            problems.append(f"{where} {name}: unknown parameter{closest(name, PARAMETERS)}")
+        if name not in PARAMETERS and name not in BED_PROPERTIES:
+            problems.append(f"{where} {name}: unknown parameter{closest(name, {*PARAMETERS, *BED_PROPERTIES})}")
         elif isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value):
             parameters[name] = float(value)
         elif _is_points(value):
@@ -185,54 +244,47 @@ def _is_points(value: Any) -> bool:
     return good and all(a[0] < b[0] for a, b in pairwise(value))
 
 
-def _lists(sweep: Any) -> Any:
-    """Numbers and "LO:HI:N" as lists, for the keys that may be swept."""
-    if not isinstance(sweep, Mapping):
-        return sweep
-    out = dict(sweep)
-    for key in _SWEPT:
-        value = out.get(key)
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            out[key] = [value]
-        elif isinstance(value, str) and value.count(":") == 2:
-            try:
-                lo, hi, n = float(value.split(":")[0]), float(value.split(":")[1]), int(value.split(":")[2])
-            except ValueError:
-                continue
-            out[key] = [round(lo + (hi - lo) * i / max(n - 1, 1), 9) for i in range(n)]
-    return out
-
-
-def _expand(sweeps: Sequence[JumpSweep], start: float, ground: str) -> tuple[Jump, ...]:
-    out: list[Jump] = []
-    for s in sweeps:
-        axes = {"volume_fraction": s.volume_fraction if ground == "granular" else s.volume_fraction[:1]}
-        axes |= {"frequency": s.frequency, "amplitude": s.amplitude, "delay": s.delay}
-        axes["phase"] = s.phase or (PHASES[s.kind],)
-        told = [n for n, a in axes.items() if len(a) > 1 and n != "frequency"]
-        for values in product(*axes.values()):
-            v = dict(zip(axes, values))
-            cycles, amplitude = (0.0, 0.0) if s.kind == "none" else (s.cycles, v["amplitude"])
-            law = Law(v["frequency"], amplitude, v["phase"], start, cycles, v["delay"], s.dwell_gain)
-            unit = {"volume_fraction": "phi", "amplitude": "A", "delay": "delay", "phase": "phase"}
-            group = "-".join([s.kind, f"{v['frequency']:.6g}Hz", *(f"{unit[n]}{v[n]:.6g}" for n in told)])
-            for trial in range(1, s.trials + 1):
-                out.append(Jump(len(out), f"{group}-{trial}", group, s.kind, law, v["volume_fraction"]))
-    return tuple(out)
-
-
-def _check(header: Header, jumps: Sequence[Jump], records: Mapping[str, Any], where: str) -> list[str]:
-    problems = []
-    names = [j.name for j in jumps]
+def _check(protocol: Protocol, where: str) -> list[str]:
+    """What the parts of a protocol must be to each other."""
+    header, records, names = protocol.header, protocol.records, [e.name for e in protocol.experiments]
     twice = sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
-    problems += [f"{where}: [[jumps]]: '{n}' is made twice; put its trials into one entry" for n in twice]
-    late = [j for j in jumps if j.law.stop >= header.duration]
+    problems = [
+        f"{where}: {'[[intrusions]]' if n in {i.name for i in protocol.intrusions} else '[[jumps]]'}: '{n}' is made "
+        "twice; put its trials into one entry" for n in twice
+    ]  # fmt: skip
     problems += [
         f"{where}: duration = {header.duration:g}: the motor of '{j.name}' stops at {j.law.stop:.4g} s; record longer"
-        for j in late[:1]
+        for j in [j for j in protocol.jumps if j.law.stop >= header.duration][:1]
     ]
     if header.ground == "hard":
-        problems += [
-            f"{where}: [record.{n}]: needs ground = 'granular'" for n in ("bed_image", "grain_film") if n in records
-        ]
+        sandy = ("bed_image", "grain_film", "crater_image", "intrusion_log")
+        problems += [f"{where}: [record.{n}]: needs ground = 'granular'" for n in sandy if n in records]
+        problems += [f"{where}: [[intrusions]]: need ground = 'granular'"] if protocol.intrusions else []
+    for phi in dict.fromkeys(e.volume_fraction for e in protocol.experiments):
+        at, values = f"{where}: [truth] at volume fraction {phi:g}:", values_at(protocol.parameters, phi)
+        density = phi * protocol.bed.grain_density
+        try:
+            if protocol.jumps or "intrusion_log" in records:  # craters alone need no force
+                truth_of(protocol.robot, protocol.terms, values, ground=header.ground, bed_density=density)
+        except ValueError as e:
+            problems.append(f"{at} {e}")
+        if values.get("saw", 0.0) < 0:
+            problems.append(f"{at} saw = {values['saw']:.4g}: must be >= 0 N")
+        if crater := records.get("crater_image"):
+            bowl = math.pi * crater.depth * protocol.robot.foot_radius**2
+            if "crater_volume" not in values:
+                problems.append(f"{at} crater_volume: missing; [record.crater_image] needs it (m^3)")
+            elif values["crater_volume"] < -bowl:
+                problems.append(
+                    f"{at} crater_volume = {values['crater_volume']:.3g}: must be >= {-bowl:.3g} m^3, the bowl's own; "
+                    "give [record.crater_image] a greater depth"
+                )
+    if protocol.motor and "motor_lag" in protocol.terms:
+        problems.append(f"{where}: [truth] terms: 'motor_lag' beside [motor]; leave one of them out")
+    used = {n: protocol.cameras[n] for record, n in FILMED_BY.items() if record in records}
+    if any(c.calibrated for c in used.values()) and len({(c.k1, c.k2) for c in used.values()}) > 1:
+        problems.append(
+            f"{where}: [{'], ['.join(used)}]: calibrated, but k1, k2 differ; a folder's one [calibration] holds for "
+            "all its films and pictures"
+        )
     return problems

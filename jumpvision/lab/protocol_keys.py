@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from jumpvision.schema import REQUIRED, param
 
 PHASES = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi, "delayed_stutter": 0.5 * math.pi, "sine": 0.0, "none": 0.0}
+
+INTRUSIONS = ("intrusion", "reintrusion", "stop_go")
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,19 @@ class JumpSweep:
 
 
 @dataclass(frozen=True)
+class IntrusionSweep:
+    """One [[intrusions]]: an arm pushes a foot slowly into the bed; every combination of its lists, `trials` times."""
+
+    kind: str = param("intrusion", "", "straight down, with withdrawals, or with pauses", choices=tuple(INTRUSIONS))
+    volume_fraction: tuple[float, ...] = param((0.57,), "", "of the bed", lo=0.3, hi=0.8)
+    foot_radius: tuple[float, ...] = param((), "m", "of the foot; default: the robot's", lo=0, open_lo=True)
+    depth: float = param(0.06, "m", "how deep in the end", lo=0, open_lo=True)
+    stops: int = param(4, "", "withdrawals or pauses on the way, evenly spaced", lo=1, hi=100)
+    pause: tuple[float, ...] = param((0.3, 3.0), "s", "lengths of the pauses, in turn", lo=0, open_lo=True)
+    trials: int = param(1, "", "repetitions of each", lo=1, hi=10000)
+
+
+@dataclass(frozen=True)
 class RodTrack:
     """rod_track.csv: a tracked rod with noise e_n = rho e_(n-1) + white, of the standard deviation asked for."""
 
@@ -125,31 +141,60 @@ class BedImage:
 
 @dataclass(frozen=True)
 class GrainFilm:
-    """grains.mkv around the first landing and the push-off, with a prescribed flow; 500 frames/s."""
+    """grains.mkv around the first landing and the push-off; 500 frames/s."""
 
+    source: str = param(
+        "flow", "", "grains carried by a prescribed flow, or simulated discs", choices=("flow", "discs")
+    )
     frames: int = param(58, "", "number of frames", lo=2, hi=10000)
     rows: int = param(464, "px", "height of the frames", lo=64, hi=4096)
     columns: int = param(396, "px", "width of the frames", lo=64, hi=4096)
-
-
-RECORDS: dict[str, type] = {
-    "rod_track": RodTrack, "rod_film": RodFilm, "motor_log": MotorLog, "contact_log": ContactLog,
-    "bed_image": BedImage, "grain_film": GrainFilm,
-}  # fmt: skip
+    scale: float = param(3e-4, "m/px", "true metres per pixel", lo=0, open_lo=True)
+    area_fraction: float = param(0.72, "", "of the discs in the plane", lo=0.3, hi=0.84)
 
 
 @dataclass(frozen=True)
-class Camera:
-    """What is wrong with the rod film's camera; the defaults are the good camera of the samples."""
+class IntrusionLog:
+    """intrusion.csv of the [[intrusions]]: the arm's depth and its load cell."""
 
-    electrons_per_grey: float = param(45.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
-    read_noise: float = param(0.8, "", "8-bit grey levels", lo=0)
+    rate: float = param(500.0, "1/s", "samples a second", lo=0, open_lo=True)
+    speed: float = param(0.01, "m/s", "of the arm", lo=0, open_lo=True)
+    start: float = param(0.006, "m", "height above the arm's zero at which the log begins", lo=-1, hi=1)
+    noise: float = param(0.05, "N", "standard deviation of the load cell", lo=0)
+    fluctuation: float = param(0.1, "N", "standard deviation of the grains' force, at the robot's foot_radius", lo=0)
+    grain_length: float = param(0.001, "m", "depth over which that force is correlated", lo=0, open_lo=True)
+    weight: float = param(0.8, "N", "what the load cell carries in the air", lo=-1e4, hi=1e4)
+    surface: float = param(5e-4, "m", "standard deviation of the grains' surface about the arm's zero", lo=0)
+    step: float = param(1e-5, "m", "resolution of the depth", lo=0, open_lo=True)
+
+
+@dataclass(frozen=True)
+class CraterImage:
+    """crater.png: a laser line over the crater that the foot has left; its volume is crater_volume of [truth]."""
+
+    scale: float = param(4e-4, "m/px", "metres per pixel", lo=0, open_lo=True)
+    laser_angle: float = param(0.9, "rad", "between line of sight and laser sheet", lo=0.05, hi=0.5 * math.pi)
+    depth: float = param(0.01, "m", "of the bowl, at the robot's foot_radius", lo=0, open_lo=True)
+    line_width: float = param(1.8, "px", "standard deviation of the line across itself", lo=0.3, hi=20)
+    speckle: float = param(0.05, "", "contrast of the laser's speckle", lo=0, hi=1)
+    roughness: float = param(1e-4, "m", "standard deviation of the surface's relief, a grain wide", lo=0)
+    uneven: float = param(0.0, "", "relative standard deviation of the relief of each half", lo=0, hi=0.5)
+
+
+JUMP_RECORDS: dict[str, type] = {
+    "rod_track": RodTrack, "rod_film": RodFilm, "motor_log": MotorLog, "contact_log": ContactLog,
+    "grain_film": GrainFilm,
+}  # fmt: skip
+BED_RECORDS: dict[str, type] = {"bed_image": BedImage, "crater_image": CraterImage}  # of jumps and intrusions alike
+RECORDS: dict[str, type] = JUMP_RECORDS | BED_RECORDS | {"intrusion_log": IntrusionLog}
+
+
+@dataclass(frozen=True)
+class Chip:
+    """What may be wrong with any camera."""
+
     bits: int = param(8, "", "depth of a pixel; 8, 12 or 16", lo=8, hi=16)
     shading: float = param(0.0, "", "how much darker the corners are than the middle", lo=0, hi=1)
-    reflection: float = param(0.0, "", "8-bit grey of highlights that move with the rod", lo=0, hi=255)
-    dropped: float = param(0.0, "", "share of frames lost at random", lo=0, hi=0.5)
-    clock_offset: float = param(0.0, "s", "a frame stamped t shows t + clock_offset + clock_drift t", lo=-1, hi=1)
-    clock_drift: float = param(0.0, "s/s", "see clock_offset", lo=-0.1, hi=0.1)
     k1: float = param(0.0, "1/px^2", "lens: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1e-5, hi=1e-5)
     k2: float = param(0.0, "1/px^4", "lens, fourth order", lo=-1e-10, hi=1e-10)
     calibrated: bool = param(False, "", "whether the lens is declared in [calibration]")
@@ -158,3 +203,48 @@ class Camera:
     def check(self) -> list[str]:
         """Depths that cameras have."""
         return [] if self.bits in (8, 12, 16) else [f"bits = {self.bits}: must be 8, 12 or 16"]
+
+
+@dataclass(frozen=True)
+class FilmChip(Chip):
+    """What may be wrong with a film camera besides."""
+
+    dropped: float = param(0.0, "", "share of frames lost at random", lo=0, hi=0.5)
+    clock_offset: float = param(0.0, "s", "a frame stamped t shows t + clock_offset + clock_drift t", lo=-1, hi=1)
+    clock_drift: float = param(0.0, "s/s", "see clock_offset", lo=-0.1, hi=0.1)
+
+
+@dataclass(frozen=True)
+class Camera(FilmChip):
+    """[camera], of the rod film; the defaults are the good camera of the samples."""
+
+    electrons_per_grey: float = param(45.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
+    read_noise: float = param(0.8, "", "8-bit grey levels", lo=0)
+    reflection: float = param(0.0, "", "8-bit grey of highlights that move with the rod", lo=0, hi=255)
+
+
+@dataclass(frozen=True)
+class GrainCamera(FilmChip):
+    """[grain_camera], of the grain film."""
+
+    electrons_per_grey: float = param(60.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
+    read_noise: float = param(1.0, "", "8-bit grey levels", lo=0)
+    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
+
+
+@dataclass(frozen=True)
+class BedCamera(Chip):
+    """[bed_camera], of the bed image."""
+
+    electrons_per_grey: float = param(40.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
+    read_noise: float = param(1.5, "", "8-bit grey levels", lo=0)
+    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
+
+
+def chip_of(camera: Camera | GrainCamera | BedCamera) -> dict[str, Any]:
+    """Its numbers as `sensor.record` takes them."""
+    return {"electrons_per_grey": camera.electrons_per_grey, "read_noise": camera.read_noise, "bits": camera.bits}
+
+
+CAMERAS = {"camera": Camera, "grain_camera": GrainCamera, "bed_camera": BedCamera}
+FILMED_BY = {"rod_film": "camera", "grain_film": "grain_camera", "bed_image": "bed_camera"}

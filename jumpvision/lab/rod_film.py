@@ -6,12 +6,13 @@ Pixel coordinates: column x, row y downwards, centres at integers. Compile time 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from .lens import NO_LENS, Lens, seen_place, shade, true_place
 from .sensor import blur, texture
 
 Array = NDArray[np.float64]
@@ -19,18 +20,6 @@ Array = NDArray[np.float64]
 _STEP = 1 / 256  # px, spacing of the tabulated profile
 _EXPOSURE_POINTS = 9
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)  # over a pixel: exact to 1e-6 for a lens blur >= 0.5 px
-
-
-class Lens(NamedTuple):
-    """Distortion: true offset from (row, column) = seen offset x (1 + k1 r^2 + k2 r^4), r the seen offset [px]."""
-
-    k1: float
-    k2: float
-    row: float
-    column: float
-
-
-NO_LENS = Lens(0.0, 0.0, 0.0, 0.0)
 
 
 def balls(
@@ -75,30 +64,6 @@ def _disc_profile(radius, sigma, n):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _true(row, column, lens):  # type: ignore[no-untyped-def]
-    y, x = row - lens.row, column - lens.column
-    r2 = x * x + y * y
-    more = 1.0 + lens.k1 * r2 + lens.k2 * r2 * r2
-    return lens.row + y * more, lens.column + x * more
-
-
-@nb.njit(cache=True)
-def _seen(row, column, lens):  # type: ignore[no-untyped-def]
-    """Inverse of `_true`, by fixed-point steps; to 1e-9 px for distortions of some per cent."""
-    y, x = row, column
-    for _ in range(60):
-        true_row, true_column = _true(y, x, lens)
-        y, x = y + row - true_row, x + column - true_column
-    return y, x
-
-
-def seen_places(rows: Array, column: float, lens: Lens) -> tuple[Array, Array]:
-    """Rows and columns, each like `rows`, at which the lens shows points of an undistorted picture."""
-    places = np.array([_seen(r, column, lens) for r in np.ravel(rows)]).reshape(*np.shape(rows), 2)
-    return places[..., 0], places[..., 1]
-
-
-@nb.njit(cache=True)
 def _draw(rows, column, height, width, table, reach, radius, limb, side_light, lens):  # type: ignore[no-untyped-def]
     n, subs = rows.shape
     out = np.zeros((n, height, width))
@@ -107,7 +72,7 @@ def _draw(rows, column, height, width, table, reach, radius, limb, side_light, l
         for s in range(subs):
             seen_row, seen_column, more = rows[f, s], column, reach
             if lens.k1 != 0.0 or lens.k2 != 0.0:
-                seen_row, seen_column = _seen(rows[f, s], column, lens)
+                seen_row, seen_column = seen_place(rows[f, s], column, lens)
                 more = 1.2 * reach + 1.0
             for i in range(max(int(seen_row - more), 0), min(int(seen_row + more) + 2, height)):
                 for j in range(max(int(seen_column - more), 0), min(int(seen_column + more) + 2, width)):
@@ -117,7 +82,7 @@ def _draw(rows, column, height, width, table, reach, radius, limb, side_light, l
                         for b in range(k):
                             dx = j + 0.5 * _NODES[b] - column
                             if lens.k1 != 0.0 or lens.k2 != 0.0:
-                                y, x = _true(i + 0.5 * _NODES[a], j + 0.5 * _NODES[b], lens)
+                                y, x = true_place(i + 0.5 * _NODES[a], j + 0.5 * _NODES[b], lens)
                                 dy, dx = y - rows[f, s], x - column
                             rho = math.sqrt(dx * dx + dy * dy)
                             if rho < reach:
@@ -171,8 +136,7 @@ def rod_film(
     cover = balls(rows, column, limb=0.0, side_light=0.0, **disc)
     film = film * (1.0 - cover) + brightness * shaded
     if shading:
-        down, across = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
-        film *= 1.0 - 0.5 * shading * (across**2 + down**2)
+        film *= shade(shape, shading)
     return np.asarray(film)
 
 

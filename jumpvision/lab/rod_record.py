@@ -9,8 +9,9 @@ import numpy as np
 
 from . import write
 from .jumper import Motion
-from .protocol_keys import Camera, RodFilm
-from .rod_film import Lens, exposure_times, rod_film, seen_places
+from .lens import lens_of, seen_places
+from .protocol_keys import Camera, RodFilm, chip_of
+from .rod_film import exposure_times, rod_film
 from .sensor import record
 
 MARGIN = 1.8  # ball radii between the ball's centre and the picture's edges
@@ -39,19 +40,13 @@ def write_rod_film(
     top = float(up.max()) + MARGIN * radius
     shape = (2 * int(0.5 * (top - float(up.min()) + MARGIN * radius)) + 2, film.columns)
     rows, column = top - up, 0.42 * shape[1] + 0.17
-    lens = Lens(camera.k1, camera.k2, 0.5 * (shape[0] - 1), 0.5 * (shape[1] - 1))
+    lens = lens_of(camera.k1, camera.k2, shape)
     mean = rod_film(
         rows, column, radius=radius, shape=shape, brightness=205.0, rng=rng,
         lens=lens, reflection=camera.reflection, shading=camera.shading,
     )  # fmt: skip
     kept = np.flatnonzero((rng.random(n) >= camera.dropped) | (np.arange(n) == 0))
-    pixels = record(
-        mean[kept],
-        electrons_per_grey=camera.electrons_per_grey,
-        read_noise=camera.read_noise,
-        rng=rng,
-        bits=camera.bits,
-    )
+    pixels = record(mean[kept], rng=rng, **chip_of(camera))
     write.movie(folder / film.file, pixels, rate=film.rate, numbers=kept, bits=camera.bits)
     section = {
         "file": film.file,
@@ -61,9 +56,6 @@ def write_rod_film(
         "exposure": film.exposure,
         "start": 0.0,
     }
-    sections: dict[str, Any] = {"rod_video": section}
-    if camera.calibrated:
-        sections["calibration"] = {"k1": camera.k1, "k2": camera.k2, "centre": [lens.column, lens.row]}
     y, x = seen_places(rows[kept].mean(axis=1), column, lens)
     true = {
         "frame": kept,
@@ -74,4 +66,4 @@ def write_rod_film(
         "y_px": y,
         "scale_m_px": film.scale,
     }
-    return sections, true
+    return {"rod_video": section}, true

@@ -41,7 +41,8 @@ def write_blind(out: Path, *, seed: int, ground: str = "granular", workers: int 
         raise InputError(taken)
     setting = draw(np.random.default_rng([seed, 1]), ground=ground)
     out.mkdir(parents=True)
-    carry_out(setting.protocol, setting.protocol.jumps, out, seed=seed, workers=workers, sealed=True)
+    work = [(setting.protocol, jump) for jump in setting.protocol.jumps]
+    carry_out(work, out, seed=seed, workers=workers, sealed=True)
     write.toml(out / "campaign.toml", defaults(setting.protocol), comment="Is the model below adequate? If not, why?")
     sealed_file(out).write_text(json.dumps(seal(answer_of(setting)), indent=1) + "\n", encoding="utf-8")
 
