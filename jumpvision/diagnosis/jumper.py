@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from jumpvision.physics.forcing import Forcing, Segments, Spline
 from jumpvision.physics.jump import Motion, simulate
 from jumpvision.physics.loop import Loop
-from jumpvision.physics.model import Model
+from jumpvision.physics.model import BED, ROBOT, Model
 from jumpvision.schema import InputError
 
 from .noise import (
@@ -40,7 +40,6 @@ LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than o
 PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")
 SCATTER = ("start", "bed")  # what may differ from trial to trial
 STIFFNESS = ("k", "k1", "k2", "sigma_cone")
-ROBOT = ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping", "foot_radius", "gravity")
 
 
 @dataclass(frozen=True)
@@ -175,13 +174,13 @@ def content(forcing: Forcing | Loop) -> bytes:
 
 
 def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
-    own = tuple(getattr(jump.model, n) for n in (*ROBOT, "volume_fraction", "grain_density"))
+    own = tuple(getattr(jump.model, n) for n in (*ROBOT, *BED))
     return (content(jump.forcing), jump.stop, own, t.tobytes())
 
 
 def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
     """The model with a jump's own bed and robot where they are not fitted; both were checked, so it is not again."""
-    names = [n for n in (*ROBOT, "volume_fraction", "grain_density") if n not in values]
+    names = [n for n in (*ROBOT, *BED) if n not in values]
     differ = [n for n in names if getattr(model, n) != getattr(own, n)]
     stiffer = 1.0 + values.get("bed", 0.0)
     if not differ and stiffer == 1.0:

@@ -16,13 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.physics import compiled, events
 from jumpvision.physics.jump import pack
-from jumpvision.physics.model import Model
+from jumpvision.physics.model import BED, ROBOT, Model
 from jumpvision.physics.parameters import ModelParameters
 from jumpvision.schema import InputError
 
 Array = NDArray[np.float64]
 
-ROBOT = tuple(f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters"))
 PARAMETERS = tuple(f.name for f in dataclasses.fields(ModelParameters))
 FAILURE = {
     events.TOO_MANY_EVENTS: "more events than a jump can have",
@@ -37,8 +36,8 @@ def jump_batch(
     """The results of one jump for every law and set of values, in parallel.
 
     laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycles.half_cycle_rows`);
-    varied: values in place of the model's, by the names of its robot (ROBOT) and parameters (PARAMETERS); they
-    broadcast against (...). tail [s]: simulated after the motor stops, doubled until a flight has landed.
+    varied: values in place of the model's, by the names of its robot (ROBOT), bed (BED) and parameters (PARAMETERS);
+    they broadcast against (...). tail [s]: simulated after the motor stops, doubled until a flight has landed.
     Returns arrays of the broadcast shape, NaN where a motion cannot be followed (`failure` says why, else ""):
     the heights of `jump.Motion` com_height_m, flight_height_m (0 without a flight), jump_height_m, driven_height_m;
     n_jumps, the flights up to the first that ends after the motor; lift_off_s, the first after the start (NaN:
@@ -72,15 +71,16 @@ def jump_batch(
 
 def _with_arrays(model: Model, flat: dict[str, Array]) -> Model:
     """The model with arrays (n,) for numbers, checked all at once. InputError: the first that is no model."""
-    unknown = [name for name in flat if name not in ROBOT and name not in PARAMETERS]
+    unknown = [name for name in flat if name not in (*ROBOT, *BED, *PARAMETERS)]
     if unknown:
-        raise ValueError(f"jump_batch {unknown[0]}: no value of a model; give one of {', '.join(ROBOT + PARAMETERS)}")
+        known = ", ".join(ROBOT + BED + PARAMETERS)
+        raise ValueError(f"jump_batch {unknown[0]}: no value of a model; give one of {known}")
     out, parameters = copy.copy(model), copy.copy(model.parameters)
     object.__setattr__(out, "parameters", parameters)
     n = next(iter(flat.values())).size if flat else 1
     bad = np.zeros(n, bool)
     for name, x in flat.items():
-        owner = out if name in ROBOT else parameters
+        owner = out if name in ROBOT + BED else parameters
         object.__setattr__(owner, name, x)
         about = type(owner).__dataclass_fields__[name].metadata
         bad |= ~np.isfinite(x)
@@ -99,7 +99,7 @@ def _with_arrays(model: Model, flat: dict[str, Array]) -> Model:
 
 def _build(model: Model, values: dict[str, float], i: int) -> None:
     parameters = {n: x for n, x in values.items() if n in PARAMETERS}
-    robot: dict[str, Any] = {n: x for n, x in values.items() if n in ROBOT}
+    robot: dict[str, Any] = {n: x for n, x in values.items() if n in ROBOT + BED}
     try:
         dataclasses.replace(model, parameters=dataclasses.replace(model.parameters, **parameters), **robot)
     except InputError as e:

@@ -102,7 +102,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
         if late > 0 or math.isnan(up) or tail > LONGEST_TAIL:
             break
         tail *= 2.0
-    out[COM] = top - (p.M * height - p.m_f * deep) / (p.M + p.m_f)
+    out[COM] = top
     out[FLIGHT] = p.g * longest * longest / 8.0 if late > 0 or math.isnan(up) else math.nan
     out[JUMP], out[DRIVEN] = after - height, before - height
     out[N_JUMPS], out[FIRST] = late if late > 0 else flights, first

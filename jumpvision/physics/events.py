@@ -101,7 +101,7 @@ def run(
     peaks: Array,
     space: Any,
 ) -> tuple[int, int, float, float, float, float]:
-    """Status, number of events, greatest depth, rod height until `stop` and after it, and height of the mass centre.
+    """Status, number of events, greatest depth, rod height until `stop` and after it, and rise of the mass centre.
 
     constants: (1,) CONSTANTS. rows: (n, 6) pieces of the forcing (`granular.drive`), valid between edges (n + 1,).
     s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT), modes (n,) and log
@@ -116,7 +116,7 @@ def run(
     mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0)
-    rod_before, rod_after, com = -np.inf, -np.inf, -np.inf
+    rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
     held = -np.inf
     for piece in range(rows.shape[0]):
         t, end, row = edges[piece], edges[piece + 1], rows[piece]
@@ -133,7 +133,7 @@ def run(
         while True:
             if fresh:
                 if n_log >= log.shape[0] - 4:
-                    return TOO_MANY_EVENTS, n_log, memory[0], rod_before, rod_after, com
+                    return TOO_MANY_EVENTS, n_log, memory[0], rod_before, rod_after, com - low
                 if new_mode != mode and mode == STUCK:  # else logged where it happened
                     log[n_log, 0], log[n_log, 1] = t, LIFT_OFF if new_mode == AIR else YIELD
                     n_log += 1
@@ -154,6 +154,8 @@ def run(
                     if mode == INTRUDE:
                         h = min(h, first_step(s, slopes[0, VF], p))
                 here = heights(t, s, kind, row, p)
+                if piece == 0 and steps == 0:
+                    low = here[2]
                 now = guards(t, s, mode, slip, memory, kind, row, p)
                 armed[0], armed[1], armed[2] = now[0] > 0.0, now[1] > 0.0, now[2] > 0.0
                 fresh = False
@@ -162,7 +164,7 @@ def run(
                 break
             steps += 1
             if steps > MAX_STEPS:
-                return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com
+                return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
             h, clear = min(h, longest), False
             if exact and armed[0]:
                 best = rod_after if t >= stop else rod_before
@@ -179,7 +181,7 @@ def run(
             if not error <= 1.0:
                 h = trial * (max(0.2, 0.9 * error ** (-1.0 / ORDER)) if error < 1e12 else 0.1)
                 if h < 1e-13:
-                    return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com
+                    return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
                 continue
             # Which guard falls first? Looked at in the middle and at the end of the step.
             final = guards(t + trial, s1, mode, slip, memory, kind, row, p)
@@ -246,7 +248,7 @@ def run(
             if not known and (effort or rod_turns or com_turns or (n_out < t_out.size and t_out[n_out] <= reached)):
                 dense(slopes, taken, q)
             if rod_turns:
-                top = max(top, peak(0, t, s, taken, exact, arc, q, work, mode, kind, row, p))
+                top = max(top, peak(0, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
             if t >= stop:
                 rod_after = max(rod_after, top)
             else:
@@ -255,9 +257,9 @@ def run(
             if com_turns and exact and mode == AIR:
                 com = max(com, arc[Z] + 0.5 * arc[U] * arc[U] / p.g)
             elif com_turns:
-                com = max(com, peak(2, t, s, taken, exact, arc, q, work, mode, kind, row, p))
+                com = max(com, peak(2, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
             if effort:
-                efforts(t, s, taken, exact, arc, q, work, mode, slip, memory, kind, row, p, spare, peaks)
+                efforts(t, s, taken, s1, exact, arc, q, work, mode, slip, kind, row, p, peaks)
             while n_out < t_out.size and t_out[n_out] <= reached:
                 share = (t_out[n_out] - t) / taken if taken > 0.0 else 0.0
                 inside(share, t, s, taken, exact, arc, q, mode, kind, row, p, work)
@@ -322,4 +324,4 @@ def run(
                     slip = grip(t, s, new_mode, kind, row, p, STILL)
     if mode == INTRUDE:
         memory[0] = max(memory[0], -s[XF])
-    return OK, n_log, memory[0], rod_before, rod_after, com
+    return OK, n_log, memory[0], rod_before, rod_after, com - low

@@ -160,6 +160,15 @@ def residual_force(q: float, rate: float, p: Any) -> float:
 
 
 @kernel
+def rail_friction(x_r: float, v_m: float, slip: int, p: Any) -> float:
+    """Force of the rail on the sliding carriage [N]."""
+    rail = viscous_friction(scalar, v_m, p.c_v) + coulomb_friction(scalar, float(slip), p.F_c)
+    if p.r != 0.0 and p.r_on == CARRIAGE:
+        rail += residual_force(x_r, v_m, p)
+    return rail
+
+
+@kernel
 def rhs(
     t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, i: int
 ) -> float:
@@ -170,10 +179,7 @@ def rhs(
     if slip == 0:
         k[i, W] = -p.m_r / p.M * acceleration
     else:
-        rail = viscous_friction(scalar, v_m, p.c_v) + coulomb_friction(scalar, float(slip), p.F_c)
-        if p.r != 0.0 and p.r_on == CARRIAGE:
-            rail += residual_force(x_r, v_m, p)
-        k[i, W] = -p.g + (force + rail) / p.M
+        k[i, W] = -p.g + (force + rail_friction(x_r, v_m, slip, p)) / p.M
     k[i, XF] = s[VF]
     if mode == STUCK or p.massless == 1:
         k[i, XF] = 0.0
@@ -247,15 +253,19 @@ def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
 
 
 @kernel
-def motor_force(
-    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array
-) -> tuple[float, float]:
+def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float]:
     """F_m [N] and its power F_m X_m' [W], from m_m a_m = -m_m g + F_m + rail."""
-    force = rhs(t, s, mode, slip, memory, kind, row, p, k, 0)
-    _, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
-    total = k[0, W] + p.m_r / p.M * (k[0, V] if p.kp > 0.0 else acceleration)
-    rail = p.M * (k[0, W] + p.g) - force
-    effort = p.m_m * (total + p.g) - rail
+    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    if p.kp > 0.0:
+        effort = loop_force(t, s, kind, row, p)
+        return effort, effort * (v_m - v_r)
+    force = spring_force(x_r, v_r, s, mode, p)
+    if slip == 0:
+        rail = p.M * p.g - force - p.m_r * acceleration
+    else:
+        rail = rail_friction(x_r, v_m, slip, p)
+    # M a_m = -M g + F_s + rail + m_r X_m''
+    effort = p.m_m / p.M * (force + rail + p.m_r * acceleration) - rail
     return effort, effort * (v_m - v_r)
 
 
@@ -271,8 +281,12 @@ def guards(
     t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any
 ) -> tuple[float, float, float]:
     """Three functions that are positive while mode and slip last: leave the ground or air, yield or stop, rail."""
-    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
     first, second, third = 1.0, 1.0, 1.0
+    if p.massless == 0 and p.F_c == 0.0 and mode != STUCK:  # the forcing is not needed
+        if mode == AIR:
+            return s[XF] + memory[0], second, third
+        return first, -s[VF], third
+    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
     if p.massless == 1:
         first = x_r if mode == AIR else -x_r
     elif mode == AIR:

@@ -109,7 +109,6 @@ def follow(
     tolerance[[granular.W, granular.VF]] *= rate
     tolerance[granular.V : granular.N_MOTION] *= rate
     tolerance[granular.N_MOTION :] *= model.M * model.g
-    com = (model.M * state[0] + model.m_f * foot) / (model.M + model.m_f)
     status, count, depth, before, after, top = compiled.solver()(
         constants, kind, rows, edges, state, -foot, stop, t[driven:], out[driven:], modes[driven:], log, rtol,
         tolerance, 2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
@@ -131,7 +130,7 @@ def follow(
         depth_max=depth,
         jump_height=after - rest if math.isfinite(after) else math.nan,
         driven_height=before - rest if math.isfinite(before) else math.nan,
-        com_height=top - com,
+        com_height=top,
         flight_height=model.g * float(landed.max()) ** 2 / 8 if landed.size else math.nan,
     )
     return motion, state, start

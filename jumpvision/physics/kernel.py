@@ -12,7 +12,7 @@ from typing import Any
 from numba import njit
 
 # `_nrt` is numba's name for its reference counting, an option that its documentation does not list
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract", "arcp"}}
 
 
 def kernel(f: Callable[..., Any]) -> Any:

@@ -226,6 +226,13 @@ class Model:
         return "\n".join(lines)
 
 
+BED = ("volume_fraction", "grain_density")
+ROBOT = tuple(
+    f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters", "residual", *BED)
+)
+"""The numbers of a Model beside its parameters, by whose they are."""
+
+
 def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:
     for n in names:
         value, f = getattr(record, n), type(record).__dataclass_fields__[n]

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 ROOT = 1e-14  # s, width of the bracket at which an event is found
 SAMPLES = 60  # of the motor force in a period of the forcing
+TURN = 1e-8  # of the greatest rate in a step: the height is the greatest to the square of it
 MARGIN = 0.05  # of a guard's range over a step: how near to zero its parabola may come
 
 N_OUT = 7
@@ -56,7 +57,9 @@ def locate(
     for n in range(100):
         if (hi - lo) * h <= ROOT or g_hi == 0.0:
             break
-        theta = (lo * g_hi - hi * g_lo) / (g_hi - g_lo) if n % 8 != 7 and g_hi < 0.0 else 0.5 * (lo + hi)
+        theta = 0.5 * (lo + hi)
+        if n % 8 != 7 and g_hi < 0.0:  # not nearer to an end than the width asked for, so that the bracket closes
+            theta = min(max((lo * g_hi - hi * g_lo) / (g_hi - g_lo), lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
         inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
         g = guards(t + theta * h, work, mode, slip, memory, kind, row, p)[i]
         if g > 0.0:
@@ -82,21 +85,25 @@ def heights(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, f
 
 @kernel
 def peak(
-    which: int, t: float, s: Array, h: float, exact: bool, arc: Array, q: Array, work: Array, mode: int, kind: int,
-    row: Array, p: Any,
+    which: int, t: float, s: Array, h: float, end: tuple[float, float, float, float], exact: bool, arc: Array, q: Array,
+    work: Array, mode: int, kind: int, row: Array, p: Any,
 ) -> float:  # fmt: skip
-    """Greatest height within a step over which its rate turns from up to down. which: 0 rod, 2 centre of mass."""
-    lo, hi = 0.0, 1.0
+    """Greatest height within a step over which its rate turns from up to down. which: 0 rod, 2 centre of mass;
+    end: `heights` at its end."""
+    lo, hi, side = 0.0, 1.0, 0
+    up, down = heights(t, s, kind, row, p)[which + 1], end[which + 1]
     best = -np.inf
-    for _ in range(25):  # height is of second order in the remaining 1e-8 of the step
-        theta = 0.5 * (lo + hi)
+    for _ in range(25):  # Illinois method on the rate; height is of second order in what remains
+        theta = (lo * down - hi * up) / (down - up)
         inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
         now = heights(t + theta * h, work, kind, row, p)
-        best = max(best, now[which])
-        if now[which + 1] > 0.0:
-            lo = theta
+        best, rate = max(best, now[which]), now[which + 1]
+        if abs(rate) <= TURN * max(up, -down) or hi - lo <= TURN:
+            break
+        if rate > 0.0:
+            lo, up, down, side = theta, rate, 0.5 * down if side == 1 else down, 1
         else:
-            hi = theta
+            hi, down, up, side = theta, rate, 0.5 * up if side == -1 else up, -1
     return best
 
 
@@ -120,25 +127,47 @@ def sample(
 
 @kernel
 def efforts(
-    t: float, s: Array, h: float, exact: bool, arc: Array, q: Array, work: Array, mode: int, slip: int, memory: Array,
-    kind: int, row: Array, p: Any, k: Array, peaks: Array,
+    t: float, s: Array, h: float, s1: Array, exact: bool, arc: Array, q: Array, work: Array, mode: int, slip: int,
+    kind: int, row: Array, p: Any, peaks: Array,
 ) -> None:  # fmt: skip
-    """Raises peaks, the greatest motor force [N] and power [W], to those within a step.
+    """Raises peaks, the greatest motor force [N] and power [W], to those within a step to s1.
 
-    Sampled SAMPLES times a period of the forcing or the spring, the faster, with a parabola through the highest: right
-    to about (2 pi / SAMPLES)^4 of the peak.
+    A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: by the
+    parabola through begin, middle and end. Where that turns above the peak so far (or nearly does), the piece is
+    sampled SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
     """
     rate = math.sqrt(p.k_s * (1.0 / p.M + (1.0 / p.m_f if mode == AIR and p.massless == 0 else 0.0)))
     if kind == SINE:
         rate = max(rate, row[4])
-    n = 2 + int(SAMPLES * rate * h / (2.0 * math.pi))
-    for which in range(2):
-        a, b = -np.inf, -np.inf
-        for i in range(n + 1):
-            inside(i / n, t, s, h, exact, arc, q, mode, kind, row, p, work)
-            c = motor_force(t + i / n * h, work, mode, slip, memory, kind, row, p, k)[which]
-            best = c
-            if b > a and b >= c:  # a turn at b
-                best = b - 0.125 * (c - a) * (c - a) / (a - 2.0 * b + c) if a > -np.inf else b
-            peaks[which] = max(peaks[which], best)
-            a, b = b, c
+    pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
+    n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
+    f0 = motor_force(t, s, mode, slip, kind, row, p)
+    for i in range(pieces):
+        inside((i + 0.5) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
+        f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, kind, row, p)
+        if i + 1 < pieces:
+            inside((i + 1) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
+            f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, kind, row, p)
+        else:
+            f2 = motor_force(t + h, s1, mode, slip, kind, row, p)
+        for which in range(2):
+            a, b, c = f0[which], f1[which], f2[which]
+            peaks[which] = max(peaks[which], a, c)
+            bend = a - 2.0 * b + c
+            if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # turns (0.1 of the piece or more) outside it
+                continue
+            if b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) <= peaks[which]:
+                continue
+            before, now = -np.inf, a
+            for j in range(1, n + 1):
+                theta = (i + j / n) / pieces
+                inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+                after = motor_force(t + theta * h, work, mode, slip, kind, row, p)[which]
+                top = after
+                if now > before and now >= after:  # a turn
+                    top = now
+                    if before > -np.inf:
+                        top -= 0.125 * (after - before) * (after - before) / (before - 2.0 * now + after)
+                peaks[which] = max(peaks[which], top)
+                before, now = now, after
+        f0 = f2

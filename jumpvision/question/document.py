@@ -12,8 +12,9 @@ import numpy as np
 from ..diagnosis.diagnose import Diagnosis
 from ..diagnosis.fitting import Fit
 from ..diagnosis.gain import Gain
-from ..diagnosis.jumper import ROBOT, Jumper
+from ..diagnosis.jumper import Jumper
 from ..diagnosis.naming import Explanation, Naming, likely
+from ..physics.model import ROBOT
 from ..physics.parameters import MECHANISMS, ModelParameters
 
 Z90 = 1.645  # half width of a 90 % interval, in sigmas
