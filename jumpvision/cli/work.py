@@ -9,7 +9,7 @@ from typing import Any
 
 from .app import DONE, FAILED, Options, cores
 
-FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "overlay", "overlays")
+FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "overlay", "overlays", "cone_film")
 PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
 
 
