@@ -41,7 +41,7 @@ class OverlayParams:
     """Film of the track to check by eye."""
 
     every: int | None = param(
-        None, "frames", "track.webm shows every n-th frame with the ball found; 0: no film; default: at most 300 frames",
+        None, "frames", "track.webm shows every n-th frame with the ball found; 0: no film; default: at most 300",
         lo=0, hi=10000,
     )  # fmt: skip
 

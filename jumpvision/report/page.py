@@ -22,13 +22,14 @@ from ..records import plain
 from ..sections import Actuation
 from ..show import details, measured, overview
 from ..storage import write_aside
-from .actuator import actuator_picture
+from .actuator import actuator
 from .campaign_charts import diagnosis_charts, heights_chart, parameters
 from .charts import fits_of, json_of
-from .craters import critical_picture
+from .craters import critical
 from .experiment_charts import experiment_charts
-from .intrusions import campaign_picture
+from .intrusions import resistances
 from .media import film, inline, poster, preview
+from .pictures import drawn
 from .words import campaign_words, experiment_words
 
 NAME = "report.html"
@@ -81,7 +82,7 @@ def write_campaign(
     """The page of a campaign."""
     craters = craters_table({o.name: o.results for o in outcomes})
     crossing = zero_crossing(craters) if craters else None
-    critical = critical_picture(craters, crossing) if crossing else None
+    packed = crossing is not None and any(r["volume_fraction"] is not None for r in craters)
     intruded = intrusion_rows(campaign, outcomes)
     driven = actuator_rows(campaign, outcomes)
     swept = len({r["frequency_hz"] for r in driven}) > 2
@@ -105,9 +106,9 @@ def write_campaign(
         else None,
         causes=[c | {"said": parameters(c)} for c in diagnosis["causes"]] if diagnosis else [],
         model=diagnosis,
-        critical=inline(critical) if critical else None,
-        intrusions=inline(campaign_picture(intruded, intrusion_laws(intruded))) if intruded else None,
-        actuator=inline(actuator_picture(driven, actuator_bandwidth(driven))) if swept else None,
+        critical=inline(drawn(critical, craters, crossing)) if packed else None,
+        intrusions=inline(drawn(resistances, intruded, intrusion_laws(intruded))) if intruded else None,
+        actuator=inline(drawn(actuator, driven, actuator_bandwidth(driven))) if swept else None,
         table=linked(overview(campaign, outcomes), outcomes),
         details=details(campaign, outcomes),
         shown=shown,

@@ -10,8 +10,8 @@ import xarray as xr
 
 from . import granular, lift_off, motion, scaling
 from .comparison import comparison
-from .pictures import png
-from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from .pictures import drawn
+from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET
 
 # name: title, factor, unit on the figure
 SHOWN = {
@@ -47,13 +47,15 @@ NAMED = {
 
 def picture(data: xr.Dataset) -> bytes:
     """The figure as PNG."""
+    return drawn(sweep_figure, data)
+
+
+def sweep_figure(data: xr.Dataset, Figure: Any) -> Any:
+    """The figure of a sweep's data set."""
     if "com_height_m" in data:
         steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
         data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
-    with styled() as Figure:
-        draw = NAMED.get(data.attrs["analysis"])
-        figure = draw(data, Figure) if draw else grid(data, Figure)
-        return png(figure)
+    return NAMED.get(data.attrs["analysis"], grid)(data, Figure)
 
 
 def grid(data: xr.Dataset, Figure: Any) -> Any:
