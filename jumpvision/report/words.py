@@ -71,7 +71,7 @@ def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Mapping[str, A
         facts.append((height, "mm", "jump height above rest, measured"))
         if model is not None:
             off = 1e3 * (model - h)
-            text += f"; the model says {1e3 * model:.4g} mm, {abs(off):.2g} mm too {'high' if off > 0 else 'low'}"
+            text += f"; the model says {1e3 * model:.4g} mm, {abs(off):.3g} mm too {'high' if off > 0 else 'low'}"
             facts.append((f"{off:+.3g}".replace("-", "−"), "mm", "model − measured"))
         text += "."
     for name, label, unit, factor in OTHERS:

@@ -94,8 +94,8 @@ class Panel {
     const x = (this.x = scale(x0, x1, left, w - right, spec.x.log)), top = PAD.top, bottom = h - (slant ? 84 : PAD.bottom);
     const y = (this.y = spec.y.names ? scale(-0.5, this.categories - 0.5, top, bottom) : scale(y0, y1, bottom, top, spec.y.log));
     Object.assign(this, { w, h, left, right: w - right, top, bottom });
-    const xt = spec.x.names ? spec.x.names.map((n, i) => [i, n]) : x.ticks(Math.max(2, (w - left) / 90)).map((v) => [v, said(v)]);
-    const yt = spec.y.names ? spec.y.names.map((n, i) => [i, n]) : y.ticks((bottom - top) / 48).map((v) => [v, said(v)]);
+    const xt = spec.x.names ? spec.x.names.map((n, i) => [i, n]) : x.ticks(Math.max(2, (w - left) / 75)).map((v) => [v, said(v)]);
+    const yt = spec.y.names ? spec.y.names.map((n, i) => [i, n]) : y.ticks((bottom - top) / 40).map((v) => [v, said(v)]);
     const most = Math.floor(left / 6.6), out = [];
     for (const [v] of spec.x.names ? [] : xt) out.push(`<path class="grid" d="M${x(v)} ${top}V${bottom}"/>`);
     for (const [v] of spec.y.names ? [] : yt) out.push(`<path class="grid" d="M${left} ${y(v)}H${w - right}"/>`);
