@@ -38,11 +38,15 @@ def sweep(tmp_path_factory):
     return out
 
 
-def drawn(source, name):
-    with printed() as Figure:
-        figure = available(source)[name][1](Figure)
-        figure.canvas.draw()
-    return figure
+@pytest.fixture(scope="module")
+def drawn(results, tmp_path_factory):
+    """All figures of the results by name, as saved, and the files."""
+    folder, figures = tmp_path_factory.mktemp("pdf"), {}
+    for name, (_, draw) in available(results).items():
+        with printed() as Figure:
+            figures[name] = draw(Figure)
+            save(figures[name], folder / f"{name}.pdf")
+    return figures, folder
 
 
 def test_a_campaign_an_experiment_and_a_sweep_list_what_they_have(results, sweep, capsys):
@@ -57,11 +61,10 @@ def test_a_campaign_an_experiment_and_a_sweep_list_what_they_have(results, sweep
     assert listed(sweep) == listed(sweep / "sweep.nc") == ["sweep-map"]
 
 
-def test_every_figure_is_as_wide_as_a_column_or_a_page(results, tmp_path, capsys):
-    assert main(["figures", str(results), "--out", str(tmp_path), "--json"]) == 0
-    files = json.loads(capsys.readouterr().out)["figures"]
-    assert sorted(files) == sorted(str(f) for f in tmp_path.iterdir()) and len(files) == 8
-    for f in tmp_path.iterdir():
+def test_every_figure_is_as_wide_as_a_column_or_a_page(drawn):
+    figures, folder = drawn
+    assert sorted(f.stem for f in folder.iterdir()) == sorted(figures) and len(figures) == 8
+    for f in folder.iterdir():
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", f.read_bytes())
         width, height = (float(v) * POINT for v in box.groups())
         assert min(abs(width - COLUMN), abs(width - PAGE)) < 0.1 and height < 170.0, f.name
@@ -71,53 +74,53 @@ def test_the_same_results_give_the_same_files(results, sweep, tmp_path):
     for out in ("a", "b"):
         given = ["--only", "grain-momentum", "--format", "pdf,svg", "--format", "png", "--out", str(tmp_path / out)]
         assert main(["figures", str(results), *given]) == 0
-        assert main(["figures", str(sweep), "--out", str(tmp_path / out)]) == 0
+    assert main(["figures", str(sweep)]) == 0
+    assert [f.name for f in (sweep / "figures").iterdir()] == ["sweep-map.pdf"]
     made = sorted(f.name for f in (tmp_path / "a").iterdir())
-    assert made == ["grain-momentum.pdf", "grain-momentum.png", "grain-momentum.svg", "sweep-map.pdf"]
+    assert made == ["grain-momentum.pdf", "grain-momentum.png", "grain-momentum.svg"]
     for name in made:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_heights_and_tracks_hold_the_tables(results):
-    left, right = drawn(results, "heights").axes
+def test_heights_and_tracks_hold_the_tables(results, drawn):
+    figures, _ = drawn
+    left, right = figures["heights"].axes
     places = sorted((float(x), float(y)) for line in left.lines for x, y in zip(*line.get_data()) if np.isfinite(y))
     expected = [(f, 1e3 * h) for f in (6.0, 6.5) for kind in KINDS.values() for h in kind]
     np.testing.assert_allclose(sorted({tuple(p) for p in np.round(places, 6).tolist()}), sorted(expected))
     assert {tuple(np.round(line.get_data()[0], 6)) for line in right.lines[:-1]} == {(42.0, 42.0), (34.0, 34.0)}
-    figure = drawn(results, "tracks")
+    figure = figures["tracks"]
     lower = figure.axes[2:]
     assert [a.get_title(loc="left") for a in figure.axes[:2]] == ["single-2", "stutter-3"]
     t = pd.read_csv(results / "stutter-3" / "rod.csv").time_s
     np.testing.assert_allclose(lower[1].lines[1].get_ydata(), -14.0 * np.sin(6 * t), atol=1e-9)
 
 
-def test_the_grains_hold_the_fields(results):
-    axis = drawn(results, "grain-momentum").axes[0]
+def test_the_grains_hold_the_fields(drawn):
+    figures, _ = drawn
+    axis = figures["grain-momentum"].axes[0]
     np.testing.assert_allclose(axis.lines[0].get_ydata(), 0.4 * 5.0 * np.arange(12))  # g m/s
-    meshes = [m for a in drawn(results, "grain-speed").axes for m in a.collections if m.get_array() is not None]
+    meshes = [m for a in figures["grain-speed"].axes for m in a.collections if m.get_array() is not None]
     np.testing.assert_allclose(meshes[0].get_array(), 0.3 / 0.4)  # of the foot's speed, downwards
-    axis = drawn(results, "added-mass").axes[0]
+    axis = figures["added-mass"].axes[0]
     z = np.array(axis.lines[-1].get_xdata()) * 1e-3
     assert axis.lines[-1].get_ydata()[0] == 0.0
     # eq. (33) as the fit states it: dm/dz at the surface is the slope, 2 kg/m
     assert axis.lines[-1].get_ydata()[1] * 1e-3 / z[1] == pytest.approx(2.0, rel=0.02)
 
 
-def test_no_letter_is_larger_than_seven_points_and_no_label_is_cut_off(results, tmp_path):
+def test_no_letter_is_larger_than_seven_points_and_no_label_is_cut_off(drawn):
     from matplotlib.text import Text
 
-    for name, (_, draw) in available(results).items():
-        with printed() as Figure:
-            figure = draw(Figure)
-            save(figure, tmp_path / f"{name}.svg")
-            assert max(t.get_fontsize() for t in figure.findobj(Text)) <= 7.0
-            for axis in figure.axes:
-                for text in (axis.title, axis._left_title, axis.xaxis.label, axis.yaxis.label):
-                    if text.get_text():
-                        seen, box = text.get_window_extent(), figure.bbox
-                        # a pixel of 1/72 inch for the letters' own overhang
-                        assert seen.x0 > -1 and seen.y0 > -1, (name, text.get_text())
-                        assert seen.x1 < box.x1 + 1 and seen.y1 < box.y1 + 1, (name, text.get_text())
+    for name, figure in drawn[0].items():
+        assert max(t.get_fontsize() for t in figure.findobj(Text)) <= 7.0
+        for axis in figure.axes:
+            for text in (axis.title, axis._left_title, axis.xaxis.label, axis.yaxis.label):
+                if text.get_text():
+                    seen, box = text.get_window_extent(), figure.bbox
+                    # a pixel for the letters' own overhang
+                    assert seen.x0 > -1 and seen.y0 > -1, (name, text.get_text())
+                    assert seen.x1 < box.x1 + 1 and seen.y1 < box.y1 + 1, (name, text.get_text())
 
 
 def lab(colours):

@@ -17,6 +17,7 @@ import pytest
 import xarray as xr
 
 from jumpvision.campaign import Outcome, jumps_table
+from jumpvision.cli import main
 from jumpvision.experiment import open_campaign
 from jumpvision.report.cone_film import ConeDrawing
 from jumpvision.report.overlays import STRIP, webm
@@ -395,6 +396,27 @@ def test_the_table_behind_a_figure_has_its_numbers(pages, open_page):
 
     table = pd.read_csv(io.StringIO(unquote(link.partition(",")[2])))
     assert len(table) == 200 and table.iloc[50, 0] == 0.25 and table.columns[0] == "time [s]"
+
+
+def test_a_sweeps_map_reads_its_values(tmp_path, open_page, capsys):
+    axes = ["--frequency", "6:10:5", "--phase", "0:6:4"]
+    assert main(["sweep", "hard", *axes, "--no-pictures", "--results", str(tmp_path)]) == 0
+    assert main(["report", str(tmp_path / "sweep.nc")]) == 0
+    with xr.open_dataset(tmp_path / "sweep.nc") as data:
+        height = data.com_height_m.transpose("frequency", "phase").values * 1e3
+    page = open_page(tmp_path / NAME)
+    best = f"{height.max():.4g}"
+    assert best in page.inner_text("h1")
+    box = page.locator(".plot image").first.bounding_box()  # 5 cells up, 4 to the right, frequency upwards
+    for j, i in ((0, 0), (4, 1), (2, 3)):
+        page.mouse.move(box["x"] + (i + 0.5) * box["width"] / 4, box["y"] + (4 - j + 0.5) * box["height"] / 5)
+        tip = page.locator(".tip").first.inner_text()
+        assert f"frequency {6 + j} Hz" in tip, tip
+        assert float(re.search(r": ([\d.e−-]+) mm", tip)[1].replace("−", "-")) == pytest.approx(
+            height[j, i], rel=5e-4
+        )  # 4 figures
+    (tmp_path / "sweep.nc").write_bytes(b"no field")
+    assert main(["report", str(tmp_path / "sweep.nc")]) == 2
 
 
 def test_the_films_play_and_print_shows_a_frame(pages, open_page):

@@ -20,7 +20,7 @@ from .diagnosis import gains
 from .heights import heights
 from .intrusions import resistances, single
 from .paper import FORMATS, printed, save
-from .sweeps import sweep_figure
+from .sweeps import read_sweep, sweep_figure
 
 Draw = Callable[[Any], Any]  # what makes a figure -> the figure
 SWEEPS = ("sweep.nc", "comparison.nc")
@@ -64,15 +64,7 @@ def available(source: Path) -> dict[str, tuple[str, Draw]]:
 
 def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
     """The figure of a sweep or a comparison."""
-    import xarray as xr
-
-    try:
-        with xr.open_dataset(file, engine="netcdf4") as data:
-            data = data.load()
-    except (OSError, ValueError) as e:
-        raise InputError([f"{file}: not a NetCDF file that can be read ({e})"]) from None
-    if "analysis" not in data.attrs:
-        raise InputError([f"{file}: no attribute `analysis`; give the sweep.nc or comparison.nc of `jumpvision sweep`"])
+    data = read_sweep(file)
     name = data.attrs["analysis"]
     return f"sweep-{name}", (f"{data.attrs.get('ground', '')} ground: {name}".strip(), lambda F: sweep_figure(data, F))
 

@@ -1,6 +1,6 @@
 """Figures of what the films show: tracks beside simulation, grain speeds and shear with the cone, momentum.
 
-They redraw thesis Figs 46 (tracks), 52 (grains), 57 and 59a (column and cone), from result files.
+They redraw thesis Figs 52 (grains), 57 and 59a (column and cone) from result files.
 """
 
 from __future__ import annotations

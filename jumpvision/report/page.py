@@ -62,11 +62,14 @@ def write_report(
 ) -> Path:
     """Write the pages and return the path of the one to open: of the campaign, or of the only experiment."""
     laws = {e.name: e.section(Actuation) for e in campaign.experiments}
-    keys = [
-        write_experiment(o, laws.get(o.name), back="" if single else f"../{NAME}")
-        for o in outcomes
-        if o.results.is_dir()
-    ]
+    keys = []
+    for o in outcomes:
+        if not o.results.is_dir():
+            continue
+        try:
+            keys.append(write_experiment(o, laws.get(o.name), back="" if single else f"../{NAME}"))
+        except OSError as e:
+            o.errors.append(f"{o.results / NAME}: {e.strerror or e}; free or change it and run again")
     if single:
         return outcomes[0].results / NAME
     key = digest_of([*keys, json.dumps(plain([rows, diagnosis, dict(campaign.excluded)]))])

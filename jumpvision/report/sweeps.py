@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from ..schema import InputError
 from . import granular, lift_off, motion, scaling
 from .comparison import comparison
 from .pictures import drawn
@@ -43,6 +45,18 @@ NAMED = {
     "alpha-fit": granular.alpha_fit, "force-models": granular.force_models, "drag-scale": granular.drag_scale,
     "foot-radius": granular.foot_radius,
 }  # fmt: skip
+
+
+def read_sweep(file: Path) -> xr.Dataset:
+    """The data set of a sweep.nc or comparison.nc; InputError where it is something else."""
+    try:
+        with xr.open_dataset(file, engine="netcdf4") as data:
+            data = data.load()
+    except (OSError, ValueError) as e:
+        raise InputError([f"{file}: not a NetCDF file that can be read ({e})"]) from None
+    if "analysis" not in data.attrs:
+        raise InputError([f"{file}: no attribute `analysis`; give the sweep.nc or comparison.nc of `jumpvision sweep`"])
+    return data
 
 
 def picture(data: xr.Dataset) -> bytes:
