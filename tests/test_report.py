@@ -196,6 +196,8 @@ def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
     said, facts = experiment_words(None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.0345}, {})
     assert said == "A jump rose 20.000 ± 0.020 mm; the model says 34.5 mm, 14.5 mm too high."
     assert [f[0] for f in facts] == ["20.000 ± 0.020", "+14.5"]
+    said, facts = experiment_words(None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.01999}, {})
+    assert said.endswith("the model says 19.99 mm, the same within 2σ.") and facts[1][0] == "−0.010 ± 0.020"
 
 
 def test_every_page_stands_alone(pages):

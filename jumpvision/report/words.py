@@ -70,9 +70,12 @@ def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Mapping[str, A
         text = f"A {what}{at} rose {height} mm"
         facts.append((height, "mm", "jump height above rest, measured"))
         if model is not None:
-            off = 1e3 * (model - h)
-            text += f"; the model says {1e3 * model:.4g} mm, {abs(off):.3g} mm too {'high' if off > 0 else 'low'}"
-            facts.append((f"{off:+.3g}".replace("-", "−"), "mm", "model − measured"))
+            off, sigma = 1e3 * (model - h), summary.get("sigma_m")
+            same = sigma is not None and abs(model - h) <= 2.0 * sigma
+            far = f"{abs(off):.3g} mm too {'high' if off > 0 else 'low'}"
+            text += f"; the model says {1e3 * model:.4g} mm, {'the same within 2σ' if same else far}"
+            gap = measured(model - h, sigma, 1e3) if same else f"{off:+.3g}"
+            facts.append((gap.replace("-", "−"), "mm", "model − measured"))
         text += "."
     for name, label, unit, factor in OTHERS:
         fit = fits.get(name) or {}
