@@ -40,7 +40,10 @@ class TrackParams:
 class OverlayParams:
     """Film of the track to check by eye."""
 
-    every: int = param(0, "frames", "track.webm shows every n-th frame with the ball found; 0: no film", lo=0, hi=10000)
+    every: int | None = param(
+        None, "frames", "track.webm shows every n-th frame with the ball found; 0: no film; default: at most 300",
+        lo=0, hi=10000,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -138,11 +138,11 @@ def test_overlay_film_shows_the_cross_where_the_ball_is(tmp_path):
     assert green[:, 0].max() < (rod_y.max() + 0.5) * factor + 9
 
 
-def test_no_overlay_film_unless_asked_for(tmp_path):
+def test_no_overlay_film_where_none_is_wanted(tmp_path):
     film_file(tmp_path / "rod.avi", two_balls(np.random.default_rng(6), crossing=False)[0][:3])
     (tmp_path / "experiment.toml").write_text(
         'schema = 1\n[rod_video]\nfile = "rod.avi"\nscale = 1e-3\nball_diameter = 0.014\n'
-        "[params.track]\nseed = [38, 30]\n"
+        "[params.track]\nseed = [38, 30]\n[params.overlay]\nevery = 0\n"
     )
     space = Workspace(open_experiment(tmp_path), tmp_path / "out", tmp_path / "cache")
     with pytest.raises(NotApplicable, match=r"overlay\.every = 0"):

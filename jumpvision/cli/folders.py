@@ -107,8 +107,15 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
 
 @app.command
 def report(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """One self-contained HTML page with the figures, from the results (computing what is missing).
+    """One self-contained HTML page with the figures, from the results (computing what is missing); or of a sweep.nc.
 
     Example: jumpvision report data_samples/hard_ground
     """
+    if path.suffix == ".nc":
+        from .. import show
+        from ..report.sweep_page import write_sweep
+
+        page = write_sweep(path)
+        show.result({"results": str(path.parent), "files": [str(page)]}, [{"file": str(page)}], as_json=options.json)
+        return DONE
     return work(path, None, options, page=True)

@@ -9,7 +9,9 @@ from typing import Any
 
 from .app import DONE, FAILED, Options, cores
 
-FIGURES = ("pictures", "grains", "craters", "air", "intrusions", "spring", "actuator", "overlay", "overlays")
+FIGURES = (
+    "pictures", "grains", "craters", "air", "intrusions", "spring", "actuator", "overlay", "overlays", "cone_film",
+)  # fmt: skip
 PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
 
 

@@ -77,24 +77,21 @@ def draw_profile(axis: Any, v: dict[str, Any]) -> None:
     axis.legend()
 
 
-def critical_picture(rows: list[dict[str, Any]], found: ZeroCrossing) -> bytes | None:
-    """Volume change against volume fraction with the line through phi_c; None without volume fractions."""
+def critical(rows: list[dict[str, Any]], found: ZeroCrossing, Figure: Any) -> Any:
+    """Volume change against volume fraction, where that is known, with the line through phi_c."""
     known = [r for r in rows if r["volume_fraction"] is not None]
-    if not known:
-        return None
     phi, v = (np.array([r[k] for r in known], float) for k in ("volume_fraction", "volume_m3"))
     dphi, dv = (np.array([r[k] for r in known], float) for k in ("sigma_volume_fraction", "sigma_m3"))
-    with styled() as Figure:
-        figure = Figure(figsize=(6.0, 3.6), layout="constrained")
-        axis = figure.subplots()
-        axis.axhline(0.0, color=QUIET, lw=0.8)
-        axis.errorbar(phi, v * 1e6, dv * 1e6, dphi, fmt="o", ms=4, lw=0.8, color=MEASURED)
-        title = f"no critical packing: {found.reason}"
-        if not found.reason:
-            ends = np.array([phi.min(), phi.max()])
-            axis.plot(ends, found.slope * (ends - found.value) * 1e6, color=MODEL)
-            axis.axvspan(max(found.low95, axis.get_xlim()[0]), min(found.high95, axis.get_xlim()[1]), color=MODEL,
-                         alpha=0.15, lw=0)  # fmt: skip
-            title = f"φ_c = {measured(found.value, found.sigma)}"
-        axis.set(title=title, xlabel="volume fraction φ", ylabel="volume change [cm³]\n(below zero: compacted)")
-        return png(figure)
+    figure = Figure(figsize=(6.0, 3.6), layout="constrained")
+    axis = figure.subplots()
+    axis.axhline(0.0, color=QUIET, lw=0.8)
+    axis.errorbar(phi, v * 1e6, dv * 1e6, dphi, fmt="o", ms=4, lw=0.8, color=MEASURED)
+    title = f"no critical packing: {found.reason}"
+    if not found.reason:
+        ends = np.array([phi.min(), phi.max()])
+        axis.plot(ends, found.slope * (ends - found.value) * 1e6, color=MODEL)
+        axis.axvspan(max(found.low95, axis.get_xlim()[0]), min(found.high95, axis.get_xlim()[1]), color=MODEL,
+                     alpha=0.15, lw=0)  # fmt: skip
+        title = f"φ_c = {measured(found.value, found.sigma)}"
+    axis.set(title=title, xlabel="volume fraction φ", ylabel="volume change [cm³]\n(below zero: compacted)")
+    return figure

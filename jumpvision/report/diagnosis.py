@@ -36,6 +36,16 @@ def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> 
         return png(figure)
 
 
+def gains(data: Mapping[str, Any], Figure: Any) -> Any:
+    """The part that diagnosis.json alone tells: heights, where, and the gain."""
+    figure = Figure(figsize=(12.6, 3.8), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    _heights(left, data)
+    _where(figure, middle, data)
+    _gain(right, data)
+    return figure
+
+
 def _heights(ax: Any, data: Mapping[str, Any]) -> None:
     rows = [h for h in data["heights"] if h["measured_m"] is not None]
     top = 0.0
@@ -121,7 +131,7 @@ def _gain(ax: Any, data: Mapping[str, Any]) -> None:
     ax.set_xticks([0, 1], [p[0] for p in pairs])
     ax.set_yscale("log")
     low, high = g["ratio_ci95"]
-    ax.set(title=f"held out: {g['ratio']:.1f}x better ({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
+    ax.set(title=f"held out: {g['ratio']:.1f}x better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
     ax.margins(y=0.25)
     ax.legend(loc="upper center", ncols=2)
 

@@ -1,4 +1,4 @@
-"""The film of the ball with its track drawn in, to check by eye: `[params.overlay] every = 1` makes track.webm."""
+"""The film of the ball with its track drawn in, to check by eye; `[params.overlay] every = 1` shows every frame."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from ..stages.films import open_film
 from .pictures import Picture
 
 SHORT_SIDE = 360  # px at least, by whole factors: small films are enlarged
+MOST = 300  # frames shown where nothing else is asked for
 RATE = 25  # frames a second when played
 TAIL = 100  # frames of path behind the ball
 COLOURS = ((60, 220, 60), (60, 160, 255), (255, 120, 200))  # of the balls in turn; BGR
@@ -32,13 +33,13 @@ class TrackFilm(Picture):
     file = "track.webm"
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def overlay(track: Track, film: RodVideo, *, p: OverlayParams) -> TrackFilm:
-    """Every p.every-th frame with a cross and path for each ball, or the reason why it was lost."""
-    if not p.every:
+    """Every p.every-th frame, or MOST evenly, with a cross and path for each ball, or the reason why it was lost."""
+    if p.every == 0:
         raise NotApplicable(["overlay.every = 0: no film of the track is asked for"])
     with open_film(film) as frames:
-        shown = range(0, len(frames), p.every)
+        shown = range(0, len(frames), p.every or -(-len(frames) // MOST))
         white = brightness(frames[len(frames) // 2])
         factor = max(1, round(SHORT_SIDE / min(frames.shape)))
         pictures = (drawn(frames[i], (track.table, *track.others), i, white, factor) for i in shown)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -53,6 +54,12 @@ def png(figure: Any) -> bytes:
     out = io.BytesIO()
     figure.savefig(out, format="png", metadata={"Software": None})
     return out.getvalue()
+
+
+def drawn(draw: Callable[..., Any], *data: Any) -> bytes:
+    """PNG of a drawing function's figure in the house style."""
+    with styled() as Figure:
+        return png(draw(*data, Figure))
 
 
 @stage(version=1, picture=True)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from ..schema import InputError
 from . import granular, lift_off, motion, scaling
 from .comparison import comparison
-from .pictures import png
-from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from .pictures import drawn
+from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET
 
 # name: title, factor, unit on the figure
 SHOWN = {
@@ -45,15 +47,29 @@ NAMED = {
 }  # fmt: skip
 
 
+def read_sweep(file: Path) -> xr.Dataset:
+    """The data set of a sweep.nc or comparison.nc; InputError where it is something else."""
+    try:
+        with xr.open_dataset(file, engine="netcdf4") as data:
+            data = data.load()
+    except (OSError, ValueError) as e:
+        raise InputError([f"{file}: not a NetCDF file that can be read ({e})"]) from None
+    if "analysis" not in data.attrs:
+        raise InputError([f"{file}: no attribute `analysis`; give the sweep.nc or comparison.nc of `jumpvision sweep`"])
+    return data
+
+
 def picture(data: xr.Dataset) -> bytes:
     """The figure as PNG."""
+    return drawn(sweep_figure, data)
+
+
+def sweep_figure(data: xr.Dataset, Figure: Any) -> Any:
+    """The figure of a sweep's data set."""
     if "com_height_m" in data:
         steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
         data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
-    with styled() as Figure:
-        draw = NAMED.get(data.attrs["analysis"])
-        figure = draw(data, Figure) if draw else grid(data, Figure)
-        return png(figure)
+    return NAMED.get(data.attrs["analysis"], grid)(data, Figure)
 
 
 def grid(data: xr.Dataset, Figure: Any) -> Any:

@@ -1,0 +1,176 @@
+"""jumpvision figures: what is drawn is what the files hold; sizes, colours and files fit for print."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from test_report import KINDS, campaign_of, diagnosis_of, grains_into
+
+from jumpvision.campaign import jumps_table, write_jumps
+from jumpvision.cli import main
+from jumpvision.report.figures import available
+from jumpvision.report.paper import COLUMN, PAGE, printed, save
+from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL
+
+POINT = 25.4 / 72  # mm
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("figures")
+    campaign, outcomes, results = campaign_of(folder)
+    grains_into(outcomes[1].results)
+    rows = jumps_table(campaign, outcomes)
+    write_jumps(rows, results)
+    (results / "diagnosis.json").write_text(json.dumps(diagnosis_of(rows)))
+    return results
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    out = tmp_path_factory.mktemp("sweep")
+    axes = ["--frequency", "6:10:5", "--phase", "0:6:4"]
+    assert main(["sweep", "hard", *axes, "--no-pictures", "--results", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def drawn(results, tmp_path_factory):
+    """All figures of the results by name, as saved, and the files."""
+    folder, figures = tmp_path_factory.mktemp("pdf"), {}
+    for name, (_, draw) in available(results).items():
+        with printed() as Figure:
+            figures[name] = draw(Figure)
+            save(figures[name], folder / f"{name}.pdf")
+    return figures, folder
+
+
+def test_a_campaign_an_experiment_and_a_sweep_list_what_they_have(results, sweep, capsys):
+    def listed(path):
+        assert main(["figures", str(path), "--list", "--json"]) == 0
+        return [r["figure"] for r in json.loads(capsys.readouterr().out)]
+
+    grains = ["grain-speed", "shear-rate", "column", "added-mass", "grain-momentum"]
+    assert listed(results) == ["heights", "tracks", "diagnosis", *grains]
+    assert listed(results / "stutter-1") == ["tracks", *grains]
+    assert listed(results / "single-0") == ["tracks"]
+    assert listed(sweep) == listed(sweep / "sweep.nc") == ["sweep-map"]
+
+
+def test_every_figure_is_as_wide_as_a_column_or_a_page(drawn):
+    figures, folder = drawn
+    assert sorted(f.stem for f in folder.iterdir()) == sorted(figures) and len(figures) == 8
+    for f in folder.iterdir():
+        box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", f.read_bytes())
+        width, height = (float(v) * POINT for v in box.groups())
+        assert min(abs(width - COLUMN), abs(width - PAGE)) < 0.1 and height < 170.0, f.name
+
+
+def test_the_same_results_give_the_same_files(results, sweep, tmp_path):
+    for out in ("a", "b"):
+        given = ["--only", "grain-momentum", "--format", "pdf,svg", "--format", "png", "--out", str(tmp_path / out)]
+        assert main(["figures", str(results), *given]) == 0
+    assert main(["figures", str(sweep)]) == 0
+    assert [f.name for f in (sweep / "figures").iterdir()] == ["sweep-map.pdf"]
+    made = sorted(f.name for f in (tmp_path / "a").iterdir())
+    assert made == ["grain-momentum.pdf", "grain-momentum.png", "grain-momentum.svg"]
+    for name in made:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_heights_and_tracks_hold_the_tables(results, drawn):
+    figures, _ = drawn
+    left, right = figures["heights"].axes
+    places = sorted((float(x), float(y)) for line in left.lines for x, y in zip(*line.get_data()) if np.isfinite(y))
+    expected = [(f, 1e3 * h) for f in (6.0, 6.5) for kind in KINDS.values() for h in kind]
+    np.testing.assert_allclose(sorted({tuple(p) for p in np.round(places, 6).tolist()}), sorted(expected))
+    assert {tuple(np.round(line.get_data()[0], 6)) for line in right.lines[:-1]} == {(42.0, 42.0), (34.0, 34.0)}
+    figure = figures["tracks"]
+    lower = figure.axes[2:]
+    assert [a.get_title(loc="left") for a in figure.axes[:2]] == ["single-2", "stutter-3"]
+    t = pd.read_csv(results / "stutter-3" / "rod.csv").time_s
+    np.testing.assert_allclose(lower[1].lines[1].get_ydata(), -14.0 * np.sin(6 * t), atol=1e-9)
+
+
+def test_the_grains_hold_the_fields(drawn):
+    figures, _ = drawn
+    axis = figures["grain-momentum"].axes[0]
+    np.testing.assert_allclose(axis.lines[0].get_ydata(), 0.4 * 5.0 * np.arange(12))  # g m/s
+    meshes = [m for a in figures["grain-speed"].axes for m in a.collections if m.get_array() is not None]
+    np.testing.assert_allclose(meshes[0].get_array(), 0.3 / 0.4)  # of the foot's speed, downwards
+    axis = figures["added-mass"].axes[0]
+    z = np.array(axis.lines[-1].get_xdata()) * 1e-3
+    assert axis.lines[-1].get_ydata()[0] == 0.0
+    # eq. (33) as the fit states it: dm/dz at the surface is the slope, 2 kg/m
+    assert axis.lines[-1].get_ydata()[1] * 1e-3 / z[1] == pytest.approx(2.0, rel=0.02)
+
+
+def test_no_letter_is_larger_than_seven_points_and_no_label_is_cut_off(drawn):
+    from matplotlib.text import Text
+
+    for name, figure in drawn[0].items():
+        assert max(t.get_fontsize() for t in figure.findobj(Text)) <= 7.0
+        for axis in figure.axes:
+            for text in (axis.title, axis._left_title, axis.xaxis.label, axis.yaxis.label):
+                if text.get_text():
+                    seen, box = text.get_window_extent(), figure.bbox
+                    # a pixel for the letters' own overhang
+                    assert seen.x0 > -1 and seen.y0 > -1, (name, text.get_text())
+                    assert seen.x1 < box.x1 + 1 and seen.y1 < box.y1 + 1, (name, text.get_text())
+
+
+def lab(colours):
+    from matplotlib.colors import to_rgb
+    from skimage.color import rgb2lab
+
+    return rgb2lab(np.array([to_rgb(c) for c in colours])[None])[0]
+
+
+# Machado, Oliveira, Fernandes 2009, severity 1, on linear RGB
+DEUTAN = np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]])
+PROTAN = np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]])
+
+
+@pytest.mark.parametrize("sight", [np.eye(3), DEUTAN, PROTAN], ids=["usual", "deutan", "protan"])
+def test_colours_are_told_apart_by_every_sight(sight):
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgb
+
+    def seen(colours):
+        linear = np.array([to_rgb(c) for c in colours])
+        linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
+        out = np.clip(linear @ sight.T, 0, 1)
+        return np.where(out <= 0.0031308, 12.92 * out, 1.055 * out ** (1 / 2.4) - 0.055)
+
+    found = lab(seen([MEASURED, MODEL, GREEN, ACCENT]))
+    apart = [float(np.linalg.norm(a - b)) for i, a in enumerate(found) for b in found[:i]]
+    assert min(apart) > 10.0  # CIELAB: 2.3 is just noticed, 10 is seen at a glance; marks and lines differ besides
+    for name in (MAP, "inferno"):
+        light = lab(seen(colormaps[name](np.linspace(0, 1, 64))[:, :3]))[:, 0]
+        assert np.diff(light).min() > -0.3 and np.ptp(light) > 60  # lighter is more, in grey too
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--only", "hights"], "did you mean"),
+        (["--format", "jpg"], "--format jpg: not one of pdf, svg, png"),
+    ],
+)
+def test_a_wrong_call_is_refused_with_the_remedy(results, tmp_path, given, said, capsys):
+    assert main(["figures", str(results), *given, "--out", str(tmp_path / "out")]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_to_draw_is_said(tmp_path, capsys):
+    assert main(["figures", str(tmp_path)]) == 2
+    assert "jumpvision run" in capsys.readouterr().err
+    assert main(["figures", str(tmp_path / "none")]) == 2
+    (tmp_path / "sweep.nc").write_bytes(b"not a field")
+    assert main(["figures", str(tmp_path / "sweep.nc")]) == 2
+    assert "not a NetCDF file" in capsys.readouterr().err

@@ -1,0 +1,432 @@
+"""The pages people read: numbers as in the files, one self-contained page each, alive in a real browser."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import shutil
+import time
+import tracemalloc
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from jumpvision.campaign import Outcome, jumps_table
+from jumpvision.cli import main
+from jumpvision.experiment import open_campaign
+from jumpvision.report.cone_film import ConeDrawing
+from jumpvision.report.overlays import STRIP, webm
+from jumpvision.report.page import NAME, write_report
+from jumpvision.report.words import experiment_words
+from jumpvision.storage import write_aside
+
+KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
+SENTENCE = "The simulation over-predicts stutter jumps by 14.0 ± 0.1 mm because it lacks: added mass."
+
+
+def png(shape=(90, 120), seed=0) -> bytes:
+    import cv2
+
+    noise = np.random.default_rng(seed).integers(0, 255, (*shape, 3), np.uint8)
+    return cv2.imencode(".png", noise)[1].tobytes()
+
+
+def film() -> bytes:
+    """Ten frames of a bright square that moves right."""
+    frames = np.zeros((10, 64, 96, 3), np.uint8)
+    for k, f in enumerate(frames):
+        f[20:40, 8 * k : 8 * k + 20] = (40, 120, 250)
+    return webm(frames, rate=5.0)
+
+
+def campaign_of(folder, n=4, picture=None):
+    """A campaign of n jumps with the results of its stages as files; (campaign, outcomes, results)."""
+    (folder / "bed").mkdir(parents=True)
+    outcomes, results = [], folder / "results"
+    for k in range(n):
+        kind = list(KINDS)[k % 2]
+        name, f = f"{kind}-{k}", 6.0 + 0.5 * (k // 2)
+        home = folder / "bed" / name
+        home.mkdir()
+        (home / "experiment.toml").write_text(
+            'schema = 1\nground = "hard"\n[actuation]\n'
+            f'kind = "{kind}"\nfrequency = {f}\namplitude = 0.01\nstart = 0.1\ncycles = 1\n'
+        )
+        out = results / name
+        out.mkdir(parents=True)
+        t = np.arange(200) * 5e-3
+        measured, model = KINDS[kind]
+        rod = pd.DataFrame({"time_s": t, "height_m": measured * np.sin(6 * t), "sigma_m": 2e-5})
+        rod.to_csv(out / "rod.csv", index=False)
+        columns = {
+            "time_s": t,
+            "rod_m": 0.5 + model * np.sin(6 * t),
+            "foot_m": 0.0,
+            "motor_m": 0.6,
+            "ground_N": 0.0,
+            "spring_N": 0.0,
+        }
+        pd.DataFrame(columns).to_csv(out / "simulation.csv", index=False)
+        summary = {
+            "experiment": name,
+            "kind": kind,
+            "jump_height_m": measured,
+            "sigma_m": 2e-5,
+            "simulated_height_m": model,
+        }
+        (out / "summary.json").write_text(json.dumps(summary))
+        write_aside(out / "provenance.json", json.dumps({"command": "jumpvision run", "outputs": {"rod.csv": name}}))
+        if picture:
+            (out / "track.png").write_bytes(picture)
+        outcomes.append(Outcome(name, out, summary=summary))
+    return open_campaign(folder / "bed"), outcomes, results
+
+
+def grains_into(out):
+    """Grain results of a cone of slope 2 under a foot of 38.1 mm, as the stages write them."""
+    t = np.arange(12) * 2e-3
+    x, y = np.arange(-30, 31, 4) * 1e-3, np.arange(-70, 1, 4) * 1e-3
+    depth, mass = 2.5e-3 * np.arange(12), 0.005 * np.arange(12)
+    shape = ("y", "x", "t")
+    blank = np.zeros((y.size, x.size, t.size))
+    zero = 0.0 * mass
+    sigma = zero + 1e-3
+    over_t = {"momentum": 0.4 * mass, "momentum_sigma": sigma, "added_mass": mass, "added_mass_sigma": sigma,
+              "foot_depth": depth, "foot_speed": zero + 0.4}  # fmt: skip
+    flow = xr.Dataset({k: ("t", v) for k, v in over_t.items()} | {"shear_rate": (shape, blank + 5.0)},
+                      coords={"x": x, "y": y, "t": t})  # fmt: skip
+    flow.to_netcdf(out / "flow.nc")
+    piv = xr.Dataset({"u": (shape, blank), "v": (shape, blank - 0.3), "chc": (shape, blank + 1.0)}, coords=flow.coords)
+    piv.to_netcdf(out / "piv.nc")
+    places = {
+        f"{n}_{w}": (("y", "t"), np.full((y.size, t.size), np.nan))
+        for n in ("ridge", "outline")
+        for w in ("left", "right")
+    }
+    named = ("max_speed", "log_a", "b", "beta_deg", "beta_deg_sigma", "theta_deg_sigma", "theta_bands_deg_sigma")
+    fronts = {"jammed_thickness": 2.0 * depth, "jammed_thickness_sigma": zero + 5e-4, "theta_deg": zero + 60.0,
+              "theta_bands_deg": zero + 62.0, "cone_radius": zero + 0.0381}  # fmt: skip
+    below = -y[:, None] - depth
+    xr.Dataset(
+        {**places, **{k: ("t", v) for k, v in (fronts | {k: np.ones(12) for k in named}).items()},
+         "depth": (("y", "t"), below), "speed": (("y", "t"), np.exp(-np.abs(below))),
+         "speed_sigma": (("y", "t"), np.full_like(below, 0.01)), "foot_depth": ("t", depth)},
+        coords={"y": y, "t": t}, attrs={"foot_radius_m": 0.0381, "front": 0.9},
+    ).to_netcdf(out / "column.nc")  # fmt: skip
+    fit = {"sigma": 0.01, "unit": "", "n": 12, "chi2": 1.0}
+    fits = {"mu": 2.0, "mu_intercept_m": 0.0, "cone_slope_kg_m": 2.0, "mu_over_tan_theta": 0.5, "C": 2.7}
+    (out / "fits.json").write_text(json.dumps({k: {"value": v, **fit} for k, v in fits.items()}))
+    for name in ("piv.webm", "cone.webm"):
+        (out / name).write_bytes(film())
+
+
+def diagnosis_of(rows):
+    """As diagnosis.json has it."""
+    heights = [
+        {"experiment": r["experiment"], "kind": r["kind"], "measured_m": r["jump_height_m"],
+         "simulated_m": r["simulated_height_m"], "extended_m": r["jump_height_m"] + 1e-4}
+        for r in rows
+    ]  # fmt: skip
+    cell = {"z_score": 9.0, "samples": 40}
+    return {
+        "verdict": "discrepant", "p_value": 0.0, "sentence": SENTENCE, "heights": heights, "noise": {"sigma_m": 5e-5},
+        "baseline": {"rmse_height_m": 0.0099},
+        "where": [
+            {"kind": "stutter", "phase_of_jump": "landing", "mean_residual_m": -0.006, "p_value": 1e-5, **cell},
+            {"kind": "single", "phase_of_jump": "flight", "mean_residual_m": 0.001, "p_value": 0.3, **cell},
+        ],
+        "causes": [{"mechanism": "added_mass", "with": [], "probability": 0.97, "delta_score": 812.3,
+                    "parameters": {"C": {"value": 2.7, "low": 2.4, "high": 3.0, "unit": "1"}}}],
+        "gain": {"ratio": 43.0, "ratio_ci95": [34.0, 53.0], "rmse_track_before_m": 0.008, "rmse_track_after_m": 0.0002,
+                 "rmse_height_before_m": 0.0099, "rmse_height_after_m": 0.0003},
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pages")
+    campaign, outcomes, results = campaign_of(folder, picture=png())
+    grains_into(outcomes[1].results)
+    rows = jumps_table(campaign, outcomes)
+    outcomes[0].steps.append(SimpleNamespace(stage="track", state="computed", warnings=["<script>alert(1)</script>"]))
+    write_report(campaign, outcomes, rows, results, single=False, diagnosis=diagnosis_of(rows))
+    return results
+
+
+def charts(page):
+    """The JSON of every figure of a page, by title."""
+    found = re.findall(r'<script type="application/json">(.*?)</script>', page.read_text(encoding="utf-8"), re.S)
+    return {c["title"]: c for c in map(json.loads, found)}
+
+
+# --- what is in the pages --------------------------------------------------------------------------------------------
+
+
+def test_the_figures_hold_the_numbers_of_the_files(pages):
+    shown = charts(pages / "stutter-1" / NAME)["The jump"]
+    rod = pd.read_csv(pages / "stutter-1" / "rod.csv")
+    model, measured = shown["panels"][0]["series"]
+    # five significant figures: half of the last digit is 5e-6 of 20 mm and of 34 mm
+    np.testing.assert_allclose(measured["y"], rod.height_m * 1e3, rtol=5e-5, atol=1e-12)
+    np.testing.assert_allclose(model["y"], 34.0 * np.sin(6 * rod.time_s), rtol=5e-5, atol=1e-4)
+    np.testing.assert_allclose(
+        shown["panels"][1]["series"][0]["y"], -14.0 * np.sin(6 * rod.time_s), rtol=5e-5, atol=2e-3
+    )
+    ((start, stop, _),) = shown["panels"][0]["spans"]
+    assert start == 0.1 and stop == pytest.approx(0.1 + 1 / 6.0)
+    grains = charts(pages / "stutter-1" / NAME)["The grains"]["panels"]
+    np.testing.assert_allclose(grains[1]["series"][0]["y"], 5.0 * np.arange(12))  # g
+    np.testing.assert_allclose(np.array(grains[2]["series"][1]["y"]), 2.0 * np.array(grains[2]["series"][1]["x"]))  # mu
+    heights = charts(pages / NAME)["Jump heights"]["panels"][0]["series"]
+    assert {s["name"]: s["y"] for s in heights} == {
+        "single, measured": [40.0, 40.0], "single, model": [42.0, 42.0],
+        "stutter, measured": [20.0, 20.0], "stutter, model": [34.0, 34.0],
+    }  # fmt: skip
+
+
+def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
+    text = (pages / NAME).read_text(encoding="utf-8")
+    assert re.search(r"<h1[^>]*>" + re.escape(SENTENCE) + "</h1>", text)
+    assert re.findall(r"<dd>([^<]*)", text) == ["9.9 ", "43×", "4 "]
+    said, facts = experiment_words(None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.0345}, {})
+    assert said == "A jump rose 20.000 ± 0.020 mm; the model says 34.5 mm, 14.5 mm too high."
+    assert [f[0] for f in facts] == ["20.000 ± 0.020", "+14.5"]
+    said, facts = experiment_words(None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.01999}, {})
+    assert said.endswith("the model says 19.99 mm, the same within 2σ.") and facts[1][0] == "−0.010 ± 0.020"
+
+
+def test_every_page_stands_alone(pages):
+    found = sorted(pages.rglob(NAME))
+    assert len(found) == 5
+    for page in found:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r'(src|href|url)\s*[=(]\s*["\']?(https?:)?//', text)
+        local = set(re.findall(r'(?:src|href)="(?!data:)([^"$]*)"', text))
+        assert all((page.parent / link).exists() for link in local), local
+        assert "<script>alert" not in text
+
+
+def test_the_campaigns_page_does_not_hold_the_experiments_pictures(tmp_path):
+    """Page and memory with 16 experiments and with 4: a row and its height more, not a picture of 300 kB."""
+    picture, size, peak = png((330, 310)), {}, {}
+    for n in (4, 16):
+        campaign, outcomes, results = campaign_of(tmp_path / str(n), n, picture)
+        rows = jumps_table(campaign, outcomes)
+        write_report(
+            campaign, outcomes[:1], rows, results / "warm", single=False
+        )  # imports and templates are not counted
+        tracemalloc.start()
+        write_report(campaign, outcomes, rows, results, single=False)
+        peak[n] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        size[n] = (results / NAME).stat().st_size
+    assert len(picture) > 300_000
+    assert size[16] - size[4] < 12 * 1000
+    assert peak[16] - peak[4] < len(picture)
+
+
+def test_pages_are_written_again_only_where_results_changed(tmp_path):
+    campaign, outcomes, results = campaign_of(tmp_path)
+    rows = jumps_table(campaign, outcomes)
+
+    def written():
+        write_report(campaign, outcomes, rows, results, single=False)
+        return {p.parent.name: p.stat().st_mtime_ns for p in results.rglob(NAME)}
+
+    first, again = written(), written()
+    assert first == again
+    write_aside(outcomes[2].results / "provenance.json", json.dumps({"outputs": {"rod.csv": "other"}}))
+    changed = written()
+    assert {n for n in first if first[n] != changed[n]} == {"single-2", "results"}
+    outcomes[3].errors.append("rod.avi: truncated")
+    assert written()["stutter-3"] != first["stutter-3"]
+    assert "rod.avi: truncated" in (results / NAME).read_text()
+
+
+def test_the_cone_film_shows_shear_where_it_is_below_the_foot():
+    scale, n = 1e-3, 3
+    x, y = np.arange(-40, 41, 4) * 1e-3, np.arange(-76, 1, 4) * 1e-3
+    shear = np.zeros((y.size, x.size, n))
+    strong = np.abs(x + 0.020) < 0.003  # a band 20 mm left of the axis
+    shear[:, strong] = 10.0
+    coords = {"x": x, "y": y, "t": np.arange(n) * 0.01}
+    field = xr.Dataset({"foot_y": ("t", np.full(n, -0.030))}, coords=coords,
+                       attrs={"origin_column_px": 45.0, "origin_row_px": 2.0})  # fmt: skip
+    rate = xr.DataArray(shear, dims=("y", "x", "t"), coords=coords)
+    draw = ConeDrawing(field, rate, None, np.tile(np.uint8([0, 200]), (80, 46)), scale)
+    picture = draw(np.zeros((80, 92), np.uint8), 1)[:-STRIP].astype(int)
+    row, column = np.nonzero(picture[..., 2] > 120)  # red: nothing else has it
+    # grid of 4 mm with linear interpolation: half of the band's weight lies within 2 mm of its middle
+    assert (column.mean() + 0.5) / draw.zoom - 0.5 == pytest.approx(45 - 20, abs=0.5)
+    assert np.ptp(column) / draw.zoom < 8.0
+    assert (row.min() + 0.5) / draw.zoom - 0.5 >= 2 + 30 - 0.6  # nothing above the foot's face
+
+
+# --- in a browser ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install playwright"
+    )
+    names = ("chromium", "chromium-browser", "google-chrome")
+    path = os.environ.get("JUMPVISION_CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
+    if path is None:
+        pytest.skip("no chromium, chromium-browser or google-chrome in PATH; JUMPVISION_CHROMIUM may name one")
+    with playwright.sync_playwright() as p:
+        b = p.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+        yield b
+        b.close()
+
+
+@pytest.fixture
+def open_page(browser):
+    """Opens a page; at the end nothing may have been said on the console and nothing asked from elsewhere."""
+    contexts, said = [], []
+
+    def go(file, width=1280, height=800, **options):
+        contexts.append(browser.new_context(viewport={"width": width, "height": height}, **options))
+        page = contexts[-1].new_page()
+        page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
+        page.on("pageerror", lambda e: said.append(str(e)))
+        page.on("request", lambda r: said.append(r.url) if not r.url.startswith(("file:", "data:")) else None)
+        page.goto(file.as_uri())
+        until(page, "document.querySelectorAll('figure.chart').length === document.querySelectorAll('.panels').length")
+        until(page, "[...document.querySelectorAll('.plot')].every(p => p.querySelector('svg'))")
+        return page
+
+    yield go
+    for c in contexts:
+        c.close()
+    assert said == []
+
+
+def until(page, condition):
+    deadline = time.monotonic() + 15.0
+    while not page.evaluate(condition):
+        assert time.monotonic() < deadline, f"never came true: {condition}"
+        page.wait_for_timeout(30)
+
+
+INK = """() => [...document.querySelectorAll('.plot')].map(p => [...p.querySelectorAll('.line, .dots, g > rect, image')]
+  .filter(e => e.getBBox().width > 0 || e.getBBox().height > 0).length)"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize("which", [NAME, f"stutter-1/{NAME}"])
+def test_every_figure_is_drawn_at_every_width_and_in_both_schemes(pages, open_page, which, width, scheme):
+    page = open_page(pages / which, width, color_scheme=scheme)
+    drawn = page.evaluate(INK)
+    assert len(drawn) == 5 and min(drawn) >= 1
+    assert page.evaluate("document.documentElement.scrollWidth") <= width  # nothing to scroll sideways
+    boxes = page.evaluate("[...document.querySelectorAll('.plot svg')].map(s => s.getBoundingClientRect().right)")
+    assert max(boxes) <= width
+    paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert (sum(map(int, re.findall(r"\d+", paper))) > 384) == (scheme == "light")
+
+
+def test_pointing_reads_the_value_and_dragging_zooms_both_panels(pages, open_page):
+    page = open_page(pages / "stutter-1" / NAME)
+    plots = page.locator(".stacked .plot")
+    box = plots.nth(0).bounding_box()
+    page.mouse.move(box["x"] + 400, box["y"] + 100)
+    tip = page.locator(".stacked .tip").nth(0).inner_text()
+    t = float(re.search(r"time ([\d.]+) s", tip)[1])
+    said = float(re.search(r"measured (−?[\d.]+)", tip)[1].replace("−", "-"))
+    assert said == pytest.approx(20.0 * np.sin(6 * t), rel=1e-3, abs=1e-3)
+    assert f"time {t:g} s" in page.locator(".stacked .tip").nth(1).inner_text()  # the panel below reads the same x
+    before = page.evaluate("document.querySelectorAll('.stacked .plot text')[0].textContent")
+    page.mouse.down()
+    page.mouse.move(box["x"] + 600, box["y"] + 110, steps=4)
+    page.mouse.up()
+    page.locator(".reset").first.wait_for(state="visible")
+    first = "p => p.querySelector('svg > text').textContent"
+    ticks = page.evaluate(f"[...document.querySelectorAll('.stacked .plot')].map({first})")
+    assert ticks[0] == ticks[1] != before
+    page.locator(".reset").first.click()
+    assert page.evaluate("document.querySelectorAll('.stacked .plot text')[0].textContent") == before
+
+
+def test_the_keyboard_reaches_reads_zooms_and_hides(pages, open_page):
+    page = open_page(pages / NAME)
+    for _ in range(30):
+        page.keyboard.press("Tab")
+        if page.evaluate("document.activeElement.className") == "plot":
+            break
+    else:
+        pytest.fail("Tab does not reach a figure")
+    assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"
+    assert "Arrow keys" in page.evaluate("document.activeElement.getAttribute('aria-label')")
+    page.keyboard.press("ArrowRight")
+    tip = page.locator(".tip").first
+    first = tip.inner_text()
+    assert re.match(r"\w+-\d: frequency 6 Hz, .* (20|34|40|42)( ± 0.02)? mm", first), first
+    page.keyboard.press("ArrowRight")
+    assert tip.inner_text() != first
+    page.keyboard.press("+")
+    assert page.locator(".reset").first.is_visible()
+    page.keyboard.press("0")
+    assert not page.locator(".reset").first.is_visible()
+    dots = "document.querySelectorAll('.panel')[0].querySelectorAll('.dots').length"
+    assert page.evaluate(dots) == 4
+    page.get_by_role("button", name="stutter", exact=True).focus()
+    page.keyboard.press("Space")
+    assert page.evaluate(dots) == 2
+    assert page.get_by_role("button", name="stutter", exact=True).get_attribute("aria-pressed") == "false"
+    page.keyboard.press("Space")
+    assert page.evaluate(dots) == 4
+
+
+def test_the_table_behind_a_figure_has_its_numbers(pages, open_page):
+    page = open_page(pages / "stutter-1" / NAME)
+    details = page.locator("figure.chart details.data").first
+    details.locator("summary").click()
+    until(page, "document.querySelectorAll('figure.chart details.data')[0].querySelectorAll('table').length === 2")
+    rows = details.locator("table").first.locator("tbody tr")
+    assert rows.count() == 200
+    cells = rows.nth(50).locator("td").all_inner_texts()
+    assert cells[0] == "0.25" and float(cells[1]) == pytest.approx(34 * np.sin(1.5), rel=1e-4)
+    link = details.locator("a[download]").first.get_attribute("href")
+    from urllib.parse import unquote
+
+    table = pd.read_csv(io.StringIO(unquote(link.partition(",")[2])))
+    assert len(table) == 200 and table.iloc[50, 0] == 0.25 and table.columns[0] == "time [s]"
+
+
+def test_a_sweeps_map_reads_its_values(tmp_path, open_page, capsys):
+    axes = ["--frequency", "6:10:5", "--phase", "0:6:4"]
+    assert main(["sweep", "hard", *axes, "--no-pictures", "--results", str(tmp_path)]) == 0
+    assert main(["report", str(tmp_path / "sweep.nc")]) == 0
+    with xr.open_dataset(tmp_path / "sweep.nc") as data:
+        height = data.com_height_m.transpose("frequency", "phase").values * 1e3
+    page = open_page(tmp_path / NAME)
+    best = f"{height.max():.4g}"
+    assert best in page.inner_text("h1")
+    box = page.locator(".plot image").first.bounding_box()  # 5 cells up, 4 to the right, frequency upwards
+    for j, i in ((0, 0), (4, 1), (2, 3)):
+        page.mouse.move(box["x"] + (i + 0.5) * box["width"] / 4, box["y"] + (4 - j + 0.5) * box["height"] / 5)
+        tip = page.locator(".tip").first.inner_text()
+        assert f"frequency {6 + j} Hz" in tip, tip
+        assert float(re.search(r": ([\d.e−-]+) mm", tip)[1].replace("−", "-")) == pytest.approx(
+            height[j, i], rel=5e-4
+        )  # 4 figures
+    (tmp_path / "sweep.nc").write_bytes(b"no field")
+    assert main(["report", str(tmp_path / "sweep.nc")]) == 2
+
+
+def test_the_films_play_and_print_shows_a_frame(pages, open_page):
+    page = open_page(pages / "stutter-1" / NAME)
+    assert page.locator("video").count() == 2
+    page.evaluate("document.querySelectorAll('video').forEach(v => v.play())")
+    until(page, "[...document.querySelectorAll('video')].every(v => v.videoWidth === 96 && v.currentTime > 0)")
+    page.emulate_media(media="print", color_scheme="dark")
+    assert page.locator("video").first.is_hidden() and page.locator(".still").first.is_visible()
+    paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert sum(map(int, re.findall(r"\d+", paper))) == 3 * 255
