@@ -14,7 +14,7 @@ import jumpvision
 
 ROOT = Path(jumpvision.__file__).parent
 FLOORS = [  # from the ground up; a module may import its own floor's package and what lies below
-    {"schema", "progress", "storage"},
+    {"schema", "progress", "storage", "reprs"},
     {"frames", "vision", "field", "fit", "physics", "dem"},  # core: rooms beside each other
     {"diagnosis", "planning"},
     {"sections", "params", "logs"},
@@ -26,6 +26,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"plans"},
     {"show"},
     {"report", "demo"},
+    {"api"},
     {"cli"},
 ]
 LEVEL = {name: i for i, floor in enumerate(FLOORS) for name in floor}
