@@ -26,7 +26,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"plans"},
     {"show"},
     {"report", "demo"},
-    {"api"},
+    {"api", "init"},
     {"cli"},
 ]
 LEVEL = {name: i for i, floor in enumerate(FLOORS) for name in floor}

@@ -6,7 +6,7 @@ import sys
 
 from cyclopts import CycloptsError
 
-from . import folders, house, plan, sweep, synth  # noqa: F401  (each adds its commands, in the order of --help)
+from . import folders, house, init, plan, sweep, synth  # noqa: F401  (each adds its commands, in the order of --help)
 from .app import BAD_CALL, DONE, FAILED, app
 
 
