@@ -24,7 +24,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"campaign", "craters", "checks", "cache"},
     {"sweep", "question", "across", "cluster"},
     {"plans"},
-    {"show"},
+    {"show", "doctor"},
     {"report", "demo"},
     {"api", "init"},
     {"cli"},
