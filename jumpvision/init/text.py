@@ -20,7 +20,7 @@ OPEN = {  # keys that a stage will ask for, or that most people want, by section
     "crater_depth": ("scale", "height_scale"),
     "piv_field": ("length", "speed", "up", "scale", "frame_rate", "foot_row", "axis_column"),
 }
-ROBOT = ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping", "foot_radius")
+ROBOT = ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping", "foot_radius", "gravity")
 BED = ("solid_volume", "length", "width", "grain_density", "grain_diameter")
 ACTUATION = ("kind", "frequency", "amplitude", "start")
 NEEDED = (
