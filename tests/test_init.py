@@ -89,11 +89,12 @@ def test_nameless_films_are_told_apart_by_what_they_show(film, tmp_path):
 
 def test_marks_foot_and_floor_become_scale_and_positions(film, capsys):
     marks = ["--marks", "50,100,350,500", "--distance-mm", "250", "--marks-in", "bed"]
-    assert main(["init", str(film), "--foot", "195.5,53.2", "--floor", "620", *marks]) == 0
+    assert main(["init", str(film), "--foot", "195.5,53.2", "--roi", "340,250,60,12", "--floor", "620", *marks]) == 0
     written = toml(film)
     assert written["bed_image"]["scale"] == pytest.approx(0.250 / 500)  # a 3-4-5 triangle
     assert written["bed_image"]["floor_row"] == 620.0
     assert (written["grain_video"]["axis_column"], written["grain_video"]["foot_row"]) == (195.5, 53.2)
+    assert written["grain_video"]["roi"] == [60, 12, 340, 250]  # corners in any order
     assert main(["check", str(film)]) == 0
     assert main(["bed", str(film), "--no-pictures", "--set", "bed.solid_volume=0.045", "--set", "bed.length=0.56",
                  "--set", "bed.width=0.56"]) == 0  # fmt: skip
@@ -241,6 +242,9 @@ def test_clicks_become_picks(server, browser):  # noqa: F811
     click("rod_video", 25, 54)
     page.locator("#rod_video-ball_diameter-0").fill("9.5")
     click("grain_video", 195, 53)
+    page.locator("#grain_video-roi-0").focus()
+    click("grain_video", 60, 12)
+    click("grain_video", 340, 250)
     page.locator("#bed_image-marks-0").focus()
     click("bed_image", 20, 600)
     click("bed_image", 20, 100)
@@ -252,11 +256,12 @@ def test_clicks_become_picks(server, browser):  # noqa: F811
     page.wait_for_selector("text=Written.")
     assert server.answered.wait(5)
     expected = {
-        "rod_video": Picks(ball=(25, 54), ball_diameter=9.5), "grain_video": Picks(foot=(195, 53)),
+        "rod_video": Picks(ball=(25, 54), ball_diameter=9.5),
+        "grain_video": Picks(foot=(195, 53), roi=(60, 12, 340, 250)),
         "bed_image": Picks(floor=620, marks=(20, 600, 20, 100), distance=250),
     }  # fmt: skip
     for section, wanted in expected.items():
-        for key in ("ball", "ball_diameter", "foot", "floor", "marks", "distance"):
+        for key in ("ball", "ball_diameter", "foot", "roi", "floor", "marks", "distance"):
             # a click has whole screen pixels: 1/0.76 of the picture's at its coarsest magnification
             assert getattr(server.picks[section], key) == pytest.approx(getattr(wanted, key), abs=1.32), (section, key)
     assert [s for s in said if "400" not in s] == []

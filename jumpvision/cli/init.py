@@ -46,6 +46,7 @@ class Eye:
     foot: Annotated[str | None, _eye("COLUMN,ROW of the foot's lower face on its axis, grain film's first frame.")] = (
         None
     )
+    roi: Annotated[str | None, _eye("X0,Y0,X1,Y1: corners of the part of the grain film to match.")] = None
     floor: Annotated[float | None, _eye("ROW of the bed's floor in the bed picture.")] = None
     rod_rate: Annotated[float | None, _eye("Frame rate that the rod film was recorded at [Hz].")] = None
     grain_rate: Annotated[float | None, _eye("Frame rate that the grain film was recorded at [Hz].")] = None
@@ -119,7 +120,7 @@ def _picks(eye: Eye) -> dict[str, Picks]:
     if eye.marks_in not in SECTIONS:
         raise InputError([f"--marks-in {eye.marks_in}: unknown{closest(eye.marks_in, SECTIONS)}"])
     points, problems = {}, []
-    for name, n in (("ball", 2), ("marks", 4), ("foot", 2)):
+    for name, n in (("ball", 2), ("marks", 4), ("foot", 2), ("roi", 4)):
         if (text := getattr(eye, name)) is None:
             continue
         try:
@@ -133,7 +134,7 @@ def _picks(eye: Eye) -> dict[str, Picks]:
         raise InputError(problems)
     given: dict[str, dict[str, object]] = {s: {} for s in SECTIONS.values()}
     given["rod_video"] |= {"ball": points.get("ball"), "ball_diameter": eye.ball_diameter_mm, "rate": eye.rod_rate}
-    given["grain_video"] |= {"foot": points.get("foot"), "rate": eye.grain_rate}
+    given["grain_video"] |= {"foot": points.get("foot"), "roi": points.get("roi"), "rate": eye.grain_rate}
     given["bed_image"] |= {"floor": eye.floor}
     given[SECTIONS[eye.marks_in]] |= {"marks": points.get("marks"), "distance": eye.distance_mm}
     return {s: Picks(**values) for s, values in given.items()}  # type: ignore[arg-type]

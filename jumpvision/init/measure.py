@@ -24,7 +24,7 @@ class Picks:
 
     ball: centre of the ball on the rod in the first frame. ball_diameter: its true diameter. marks: two points as
     x, y, x, y; distance: between them. foot: its lower face on its axis in the first frame. floor: row of the bed's.
-    rate: frames per second that the film was recorded at.
+    roi: two corners of the part of the grain film to match. rate: frames per second that the film was recorded at.
     """
 
     ball: tuple[float, ...] | None = None
@@ -32,12 +32,13 @@ class Picks:
     marks: tuple[float, ...] | None = None
     distance: float | None = None
     foot: tuple[float, ...] | None = None
+    roi: tuple[float, ...] | None = None
     floor: float | None = None
     rate: float | None = None
 
     def check(self, where: str) -> list[str]:
         """What is wrong with them, in words."""
-        sizes = (("ball", self.ball, 2), ("marks", self.marks, 4), ("foot", self.foot, 2))
+        sizes = (("ball", self.ball, 2), ("marks", self.marks, 4), ("foot", self.foot, 2), ("roi", self.roi, 4))
         out = [f"{where}: {k} = {list(v)}: must be {n} numbers" for k, v, n in sizes if v is not None and len(v) != n]
         lengths = (("ball diameter", self.ball_diameter), ("distance", self.distance), ("frame rate", self.rate))
         out += [f"{where}: {k} = {v:g}: must be > 0" for k, v in lengths if v is not None and not 0 < v < math.inf]
@@ -68,6 +69,9 @@ def with_picks(folder: Path, recording: Recording, picks: Picks) -> tuple[Record
         values["scale"] = (_digits(1e-3 * picks.distance / length), f"{picks.distance:g} mm over {length:.1f} px")
     if recording.section == "grain_video" and picks.foot:
         values["axis_column"], values["foot_row"] = ((round(v, 2), "as picked") for v in picks.foot)
+    if recording.section == "grain_video" and picks.roi:
+        x, y = sorted(picks.roi[::2]), sorted(picks.roi[1::2])
+        values["roi"] = ([round(v) for v in (x[0], y[0], x[1], y[1])], "as picked")
     if recording.section == "bed_image" and picks.floor is not None:
         values["floor_row"] = (round(picks.floor, 2), "as picked")
     return replace(recording, values=values, notes=tuple(notes)), track

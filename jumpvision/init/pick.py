@@ -25,7 +25,11 @@ POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' d
 MARKS = [("marks", 4, "Two marks (or the ends of a known length)"), ("distance", 1, "their distance [mm]")]
 TOOLS: dict[str, list[tuple[str, int, str]]] = {  # section: (pick, how many numbers, its words)
     "rod_video": [("ball", 2, "Ball on the rod"), ("ball_diameter", 1, "its diameter [mm]"), *MARKS],
-    "grain_video": [("foot", 2, "Foot: its lower face, on its axis"), *MARKS],
+    "grain_video": [
+        ("foot", 2, "Foot: its lower face, on its axis"),
+        *MARKS,
+        ("roi", 4, "Part to match (two corners; empty: all)"),
+    ],
     "bed_image": [("floor", 1, "Floor of the bed (row)"), *MARKS],
     "crater_image": MARKS,
 }

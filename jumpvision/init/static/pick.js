@@ -82,7 +82,10 @@ function show(picture) {
         c.moveTo(v[i] - 9, v[i + 1]); c.lineTo(v[i] + 9, v[i + 1]);
         c.moveTo(v[i], v[i + 1] - 9); c.lineTo(v[i], v[i + 1] + 9);
       }
-      if (t.numbers === 4 && !v.some(Number.isNaN)) { c.moveTo(v[0], v[1]); c.lineTo(v[2], v[3]); }
+      if (t.numbers === 4 && !v.some(Number.isNaN)) {
+        if (t.key === "roi") c.rect(v[0], v[1], v[2] - v[0], v[3] - v[1]);
+        else { c.moveTo(v[0], v[1]); c.lineTo(v[2], v[3]); }
+      }
       c.stroke();
     }
   }
