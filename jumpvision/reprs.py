@@ -40,7 +40,9 @@ def campaign(campaign: Any) -> str:
 
 def given(section: Any) -> dict[str, Any]:
     """What a section holds besides its defaults."""
-    return {f.name: v for f in fields(section) if (v := getattr(section, f.name)) != f.default and f.name != "path"}
+    values = {f.name: getattr(section, f.name) for f in fields(section) if f.name != "path"}
+    defaults = {f.name: f.default for f in fields(section)}
+    return {k: v for k, v in values.items() if v != defaults[k] and v not in ((), {})}
 
 
 def page(title: str, body: str, pictures: Iterable[bytes] = ()) -> str:

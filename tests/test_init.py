@@ -147,6 +147,8 @@ def test_numbered_pictures_of_a_dark_ball(tmp_path, capsys):
         cv2.imwrite(str(tmp_path / f"shot_{i:03d}.png"), drawn_ball(40.0 + i, dark=True))
     (tmp_path / "encoder.csv").write_text("Zeit;Weg\n0;0\n")
     (tmp_path / "notes.docx").write_bytes(b"x")
+    (tmp_path / "force.lvm").write_text("LabVIEW Measurement")
+    (tmp_path / "readme.txt").write_text("the second lamp was off")
     options = ["--ball", "30,40", "--ball-diameter-mm", "10", "--rod-rate", "500"]
     assert main(["init", str(tmp_path), *options]) == 0
     text, written = (tmp_path / "experiment.toml").read_text(encoding="utf-8"), toml(tmp_path)
@@ -155,6 +157,8 @@ def test_numbered_pictures_of_a_dark_ball(tmp_path, capsys):
     assert written["params"]["track"]["polarity"] == "dark"
     assert np.allclose(written["params"]["track"]["seed"], [30, 40], atol=0.2)
     assert "encoder.csv: not used: its first line is 'Zeit;Weg'" in text and "time_s,position_m" in text
+    assert "force.lvm: not used: a table? Save it as CSV" in text and "readme.txt: not used: no rows" in text
+    assert "guessed from what it shows" in text and "notes.docx" not in text
     assert main(["track", str(tmp_path), "--results", str(tmp_path / "results"), "--no-pictures"]) == 0
 
 

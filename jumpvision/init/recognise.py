@@ -29,7 +29,9 @@ WORDS = {  # section: words in the name of a film or picture
 FILMS = ("rod_video", "grain_video")
 PICTURES = ("bed_image", "crater_image")
 FIELDS = (".nc", ".mat")
-IGNORED = (".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".xlsx", ".docx")
+TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".tdms", ".dat")
+IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
+GUESSED = "guessed from what it shows: write another section if it is something else"
 DARK_SHARE = 0.1  # of bright pixels, below which a picture is a laser line in the dark
 SERIES = 3  # numbered pictures that make a film
 ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
@@ -62,7 +64,7 @@ def recordings(folder: Path, given: Mapping[str, str]) -> tuple[list[Recording],
         try:
             recording = recognised(folder, name, roles.get(name))
         except (FrameError, InputError) as e:
-            notes.append(f"{name}: not used: {str(e).replace(str(folder) + '/', '')}")
+            notes.append(f"{name}: not used: {str(e).removeprefix(f'{folder / name}: ')}")
             continue
         if recording.section not in found:
             found[recording.section] = recording
@@ -97,6 +99,8 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
         return _field(path, name)
     if suffix == ".npz" or _is_map(path, suffix):
         return Recording("crater_depth", name, "depth map")
+    if suffix in TABLES:
+        raise InputError([f"a table? Save it as CSV: {_headers()} (docs/bring_your_own_data.md)"])
     if path.is_file() and suffix not in READERS:
         raise InputError([f"'{suffix}' is no known recording"])
     return _film(path, name, section)
@@ -109,8 +113,11 @@ def _table(path: Path, name: str) -> Recording:
     for section, columns in LOGS.items():
         if set(columns) <= set(header):
             return Recording(section, name, f"columns {', '.join(header)}")
-    allowed = "; ".join(f"[{s}] {','.join(c)}" for s, c in LOGS.items())
-    raise InputError([f"its first line is '{first[:60]}'; known headers: {allowed} (SI units, comma separated)"])
+    raise InputError([f"its first line is '{first[:60]}'; known headers: {_headers()} (SI units, comma separated)"])
+
+
+def _headers() -> str:
+    return "; ".join(f"[{s}] {','.join(c)}" for s, c in LOGS.items())
 
 
 def _field(path: Path, name: str) -> Recording:
@@ -144,7 +151,8 @@ def _film(path: Path, name: str, section: str | None) -> Recording:
     film, timed = opened(path)
     with film:
         first, n, shape, bits = film[0], len(film), film.shape, film.meta.get("bit_depth")
-        section = section or _by_name(name, n) or by_picture(first, n)
+        known_as = section or _by_name(name, n)
+        section = known_as or by_picture(first, n)
         known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
         rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None
         facts = f"{n} frames of " if n > 1 else "picture of "
@@ -156,7 +164,7 @@ def _film(path: Path, name: str, section: str | None) -> Recording:
             values["frame_rate"] = (float(f"{rate:.6g}"), "by the file's own time stamps")
         if section == "rod_video" and "exposure_s" in known:
             values["exposure"] = (float(known["exposure_s"]), "by the file")
-        notes = tuple(film.warnings)
+        notes = tuple(w.removeprefix(f"{path}: ") for w in film.warnings) + (() if known_as else (GUESSED,))
     if rate and rate <= 60 and section in FILMS:
         notes += ('a playback rate? If the film was recorded faster, give its rate and clock = "declared"',)
     return Recording(section, name, facts, values, notes)
