@@ -90,6 +90,7 @@ def test_nameless_films_are_told_apart_by_what_they_show(film, tmp_path):
 def test_marks_foot_and_floor_become_scale_and_positions(film, capsys):
     marks = ["--marks", "50,100,350,500", "--distance-mm", "250", "--marks-in", "bed"]
     assert main(["init", str(film), "--foot", "195.5,53.2", "--roi", "340,250,60,12", "--floor", "620", *marks]) == 0
+    assert "to be filled in: [rod_video] scale, ball_diameter\n" in capsys.readouterr().err
     written = toml(film)
     assert written["bed_image"]["scale"] == pytest.approx(0.250 / 500)  # a 3-4-5 triangle
     assert written["bed_image"]["floor_row"] == 620.0

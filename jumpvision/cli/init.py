@@ -90,7 +90,7 @@ def init(
         Machine-readable result on stdout.
     """
     from .. import show
-    from ..init.write import NEW, Choices, init
+    from ..init.write import NEW, Choices, init, still_open
     from ..schema import InputError
 
     if ground not in ("", "hard", "granular"):
@@ -108,6 +108,9 @@ def init(
             show.line(
                 f"{f.with_name('experiment.toml')} exists and was left alone: take over what you need from {f.name}"
             )
+    for f in written:
+        if lacking := still_open(f):
+            show.line(f"{f}: to be filled in: {'; '.join(lacking)}")
     show.line(f"fill in the open lines, then: jumpvision check {folder}")
     return DONE
 

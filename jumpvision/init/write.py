@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +28,10 @@ class Choices:
     ground: str = ""
 
 
+STOPPED = {  # keys without which the section's stage stops
+    "rod_video": ("frame_rate", "scale", "ball_diameter"), "grain_video": ("frame_rate",),
+    "bed_image": ("scale", "floor_row"), "crater_image": ("scale",),
+}  # fmt: skip
 Ask = Callable[[Path, list[Recording]], Mapping[str, Picks]]
 
 
@@ -56,6 +61,13 @@ def init(folder: Path, choices: Choices, ask: Ask | None = None) -> list[Path]:
         write_aside(folder / CAMPAIGN, campaign_toml(ground, reason))
         written.append(folder / CAMPAIGN)
     return written
+
+
+def still_open(file: Path) -> list[str]:
+    """What has to be filled in before the stages of a written file can run: "[section] key, key"."""
+    given = tomllib.loads(file.read_text(encoding="utf-8"))
+    lacking = {s: [k for k in keys if k not in given[s]] for s, keys in STOPPED.items() if s in given}
+    return [f"[{s}] {', '.join(keys)}" for s, keys in lacking.items() if keys]
 
 
 def _experiment(
