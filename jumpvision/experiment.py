@@ -9,11 +9,12 @@ from __future__ import annotations
 import glob
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+from . import reprs
 from .schema import InputError, check_value, closest, read
 from .sections import SECTIONS, Header, Section
 
@@ -54,6 +55,8 @@ class Experiment:
         """The section of this type, or None."""
         return self.sections.get(cls.name)
 
+    _repr_html_ = reprs.experiment
+
 
 @dataclass(frozen=True)
 class Campaign:
@@ -62,6 +65,18 @@ class Campaign:
     path: Path
     experiments: tuple[Experiment, ...]
     excluded: Mapping[str, str] = field(default_factory=dict)  # experiment name -> reason
+
+    def __getitem__(self, name: str) -> Experiment:
+        """The experiment of this name."""
+        for e in self.experiments:
+            if e.name == name:
+                return e
+        raise InputError([f"{self.path}: no experiment '{name}'{closest(name, [e.name for e in self.experiments])}"])
+
+    def __iter__(self) -> Iterator[Experiment]:
+        return iter(self.experiments)
+
+    _repr_html_ = reprs.campaign
 
 
 def is_campaign(path: Path) -> bool:

@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+from . import reprs
+
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
@@ -30,6 +32,7 @@ class Record(ABC):
     """A result with a file name; `save` writes the file into a folder, `load` reads it back unchanged."""
 
     file: ClassVar[str]
+    _repr_html_ = reprs.record
 
     @abstractmethod
     def save(self, folder: Path) -> None:
@@ -39,6 +42,14 @@ class Record(ABC):
     @abstractmethod
     def load(cls, folder: Path) -> Self:
         """Read it back from `folder`."""
+
+
+def _read_csv(file: Path) -> pd.DataFrame:
+    """The table of a file, bit for bit: by default from pandas 3.1 on, which warns of the word that older ones need."""
+    import pandas as pd
+
+    exact = tuple(int(n) for n in pd.__version__.split(".")[:2]) >= (3, 1)
+    return pd.read_csv(file) if exact else pd.read_csv(file, float_precision="round_trip")
 
 
 @dataclass(frozen=True)
@@ -58,9 +69,7 @@ class Table(Record):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        import pandas as pd
-
-        return cls(pd.read_csv(folder / cls.file, float_precision="round_trip", keep_default_na=True))
+        return cls(_read_csv(folder / cls.file))
 
 
 @dataclass(frozen=True)
@@ -116,11 +125,9 @@ class Track(Table):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        import pandas as pd
-
         first = super().load(folder).table
         files = sorted(folder.glob("track_[0-9]*.csv"), key=lambda f: int(f.stem[6:]))
-        return cls(first, tuple(pd.read_csv(f, float_precision="round_trip") for f in files))
+        return cls(first, tuple(_read_csv(f) for f in files))
 
     @property
     def good(self) -> pd.DataFrame:
@@ -257,6 +264,13 @@ class Fits(Values):
     """Every fit: {name: {value, sigma, unit, n, chi2}}."""
 
     file = "fits.json"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a fit: value, sigma, unit, n, chi2."""
+        import pandas as pd
+
+        return pd.DataFrame.from_dict(self.values, orient="index")
 
 
 class Simulation(Table):

@@ -261,6 +261,10 @@ class GrainVideo(FileSection):
     scale: float | None = param(None, "m/px", "metres per pixel; without it the field is in px", **SCALE)
     foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
     axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
+    roi: tuple[float, ...] = param(
+        (), "px", "[first column, first row, last column, last row] of the part to match; default: the whole picture",
+        lo=0, hi=1e5,
+    )  # fmt: skip
     clock: str = param(
         "file", "", "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
         choices=("file", "declared"),
@@ -269,6 +273,15 @@ class GrainVideo(FileSection):
                            choices=("refuse", "accept"))  # fmt: skip
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
+
+    def check(self) -> list[str]:
+        """A region has two corners, in order."""
+        corners = self.roi
+        if corners and (len(corners) != 4 or corners[0] >= corners[2] or corners[1] >= corners[3]):
+            return [
+                f"roi = {list(corners)}: must be [first column, first row, last column, last row], first below last"
+            ]
+        return []
 
 
 class RodTrack(FileSection):

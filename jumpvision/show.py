@@ -282,29 +282,3 @@ def geometry(found: dict[str, Any]) -> None:
     if rows:
         print()
         table(rows)
-
-
-def doctor() -> dict[str, str]:
-    """Versions, codecs and cores."""
-    import os
-    import platform
-    from importlib.metadata import PackageNotFoundError, version
-
-    from . import __version__
-
-    facts = {"jumpvision": __version__, "python": platform.python_version(), "system": platform.platform()}
-    for p in ("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba", "opencv-python-headless", "scikit-image", "av",
-              "h5py", "matplotlib"):  # fmt: skip
-        try:
-            facts[p] = version(p)
-        except PackageNotFoundError:
-            facts[p] = "not installed"
-    try:
-        import av
-
-        codecs = {"ffv1", "h264", "hevc", "mjpeg", "rawvideo", "vp8", "vp9", "png"}
-        facts["video codecs"] = ", ".join(sorted(c for c in codecs if c in av.codecs_available))
-    except ImportError as e:
-        facts["video codecs"] = f"PyAV cannot be loaded: {e}"
-    facts["cores"] = str(os.cpu_count())
-    return facts

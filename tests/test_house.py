@@ -14,7 +14,7 @@ import jumpvision
 
 ROOT = Path(jumpvision.__file__).parent
 FLOORS = [  # from the ground up; a module may import its own floor's package and what lies below
-    {"schema", "progress", "storage", "parts"},
+    {"schema", "progress", "storage", "parts", "reprs"},
     {"frames", "vision", "field", "fit", "physics", "dem"},  # core: rooms beside each other
     {"diagnosis", "planning"},
     {"sections", "params", "logs"},
@@ -24,8 +24,9 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"campaign", "craters", "checks", "cache"},
     {"sweep", "question", "across", "cluster"},
     {"plans"},
-    {"show"},
+    {"show", "doctor"},
     {"report", "demo"},
+    {"api", "init"},
     {"cli"},
 ]
 LEVEL = {name: i for i, floor in enumerate(FLOORS) for name in floor}

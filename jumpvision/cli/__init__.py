@@ -6,7 +6,7 @@ import sys
 
 from cyclopts import CycloptsError
 
-from . import figures, folders, house, plan, sweep, synth  # noqa: F401  (each adds its commands to --help)
+from . import figures, folders, house, init, plan, sweep, synth  # noqa: F401  (each adds its commands to --help)
 from .app import BAD_CALL, DONE, FAILED, app
 
 

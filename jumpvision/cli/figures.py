@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ..api import results_of
 from .app import DONE, app
-from .work import results_of
 
 
 @app.command

@@ -1,8 +1,9 @@
-"""Commands about jumpvision itself: demo, params, cache, doctor."""
+"""Commands about jumpvision itself: demo, params, cache, doctor, completion."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from .app import DONE, app
 
@@ -103,13 +104,51 @@ def cache(
 
 
 @app.command
-def doctor(*, json: bool = False) -> int:
-    """Versions, codecs and cores, for a report of a problem.
+def doctor(path: Path = Path("."), /, *, json: bool = False) -> int:
+    """Versions, codecs, cores, GPU and free disk, with what to do about what lacks; for a report of a problem.
 
     Example: jumpvision doctor
+
+    Parameters
+    ----------
+    path
+        Where results are to lie.
+    json
+        Machine-readable result on stdout.
     """
     from .. import show
+    from ..doctor import findings
 
-    facts = show.doctor()
-    show.result(facts, [{"what": k, "found": v} for k, v in facts.items()], as_json=json)
+    found = findings(path)
+    data = {**{what: text for what, text, _ in found}, "remedies": {w: remedy for w, _, remedy in found if remedy}}
+    show.result(data, [{"what": w, "found": text, "remedy": remedy} for w, text, remedy in found], as_json=json)
+    return DONE
+
+
+@app.command
+def completion(shell: Literal["bash", "zsh", "fish", "powershell"] | None = None, /, *, install: bool = False) -> int:
+    """Completion of commands and options by the shell's TAB key: prints its script, or installs it.
+
+    Example: jumpvision completion bash --install
+
+    Parameters
+    ----------
+    shell
+        Default: the shell that runs this.
+    install
+        Write the script where the shell looks for it, and load it when it starts.
+    """
+    from cyclopts.completion import ShellDetectionError
+
+    from .. import show
+    from ..schema import InputError
+
+    try:
+        if not install:
+            print(app.generate_completion(shell=shell))
+            return DONE
+        written = app.install_completion(shell=shell)
+    except ShellDetectionError:
+        raise InputError(["completion: the shell is not known; name it: bash, zsh, fish or powershell"]) from None
+    show.line(f"written: {written}; open a new terminal to use it")
     return DONE

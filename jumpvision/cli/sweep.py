@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ..api import results_of
 from .app import DONE, app, cores
-from .work import results_of
 
 
 def _axis(text: str) -> Parameter:

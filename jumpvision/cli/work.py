@@ -7,35 +7,20 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from .. import api
 from .app import DONE, FAILED, Options, cores
-
-FIGURES = (
-    "pictures", "grains", "craters", "air", "intrusions", "spring", "actuator", "overlay", "overlays", "cone_film",
-)  # fmt: skip
-PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
 
 
 def open_folder(path: Path, options: Options, pipeline: dict[str, Any] | None = None) -> Any:
     """The campaign at `path`; a single experiment is a campaign of one."""
-    from ..experiment import Campaign, folder_of, is_campaign, merged, model_tables, open_campaign, open_experiment
-    from ..overrides import parse
+    from ..experiment import Campaign
 
-    path = folder_of(path)
-    overrides = parse(options.set)
-    if options.model:
-        overrides = merged(model_tables(options.model), overrides)
-    given: dict[str, Any] = {"overrides": overrides, "pipeline": pipeline}
-    if path.is_dir() and is_campaign(path):
-        return open_campaign(path, **given)
-    experiment = open_experiment(path, **given)
+    experiment = api.open(path, set=options.set, model=options.model, pipeline=pipeline)
+    if isinstance(experiment, Campaign):
+        return experiment
     if experiment.header.exclude:
-        return Campaign(path, (), {experiment.name: experiment.header.exclude})
-    return Campaign(path, (experiment,))
-
-
-def results_of(path: Path) -> Path:
-    """Where results lie by default: results/NAME beside the folder."""
-    return path.absolute().parent / "results" / path.absolute().name
+        return Campaign(experiment.path, (), {experiment.name: experiment.header.exclude})
+    return Campaign(experiment.path, (experiment,))
 
 
 def work(
@@ -97,12 +82,12 @@ def outcomes_of(
     path = folder_of(path)
     definition = read_pipeline(pipeline) if pipeline else {}
     campaign = open_folder(path, options, definition.get("params"))
-    results = options.results or results_of(path)
+    results = options.results or api.results_of(path)
     plan = Plan(
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", *(PICTURES if options.pictures else ())),
+        modules=("jumpvision.stages", *(api.PICTURES if options.pictures else ())),
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),

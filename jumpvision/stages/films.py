@@ -67,8 +67,47 @@ class StraightFilm(Film):
         self._film.close()
 
 
+class Region(Film):
+    """The rows and columns of a film between two corners, which belong to it."""
+
+    def __init__(self, film: Film, corners: tuple[int, int, int, int]):
+        self.__dict__.update(film.__dict__)  # its clock and meta are those of the film
+        left, top, right, bottom = corners
+        self._film, self._part = film, (slice(top, bottom + 1), slice(left, right + 1))
+        self.shape = (bottom + 1 - top, right + 1 - left)
+
+    def _read(self, i: int) -> NDArray[Any]:
+        return self._film[i][self._part].copy()
+
+    def close(self) -> None:
+        self._film.close()
+
+
 def open_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
-    """The grain film, and its section in the pixels of its frames: both straightened where lens or marks are given."""
+    """The grain film, and its section in the pixels of its frames: straightened where lens or marks are given, then
+    cut to `roi`."""
+    film, section = straight_grains(section, calibration)
+    if not section.roi:
+        return film, section
+    left, top, right, bottom = (round(v) for v in section.roi)
+    if right >= film.shape[1] or bottom >= film.shape[0]:
+        film.close()
+        raise ValueError(
+            f"[grain_video] roi = {list(section.roi)}: must lie in columns 0 to {film.shape[1] - 1}, rows 0 to "
+            f"{film.shape[0] - 1} of the film"
+        )
+    row, column = section.foot_row, section.axis_column
+    moved = replace(
+        section,
+        roi=(),
+        foot_row=None if row is None else row - top,
+        axis_column=None if column is None else column - left,
+    )
+    return Region(film, (left, top, right, bottom)), moved
+
+
+def straight_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+    """The whole film and its section, both straightened where lens or marks are given."""
     film = open_film(section)
     if not calibration or not (calibration.k1 or calibration.k2 or calibration.marks):
         return film, section

@@ -1,0 +1,83 @@
+"""Write docs/api.md, the public functions and classes with their docstrings: `python docs/reference.py`."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+
+import jumpvision
+
+TARGET = Path(__file__).with_name("api.md")
+ROOT = Path(jumpvision.__file__).parent
+ROOMS = {  # what a heading covers, in the order of the page
+    "For notebooks": ["api.py"],
+    "Folders": ["experiment.py", "records.py", "schema.py"],
+    "Films (`jumpvision.frames`)": ["frames"],
+    "Pictures to pixels (`jumpvision.vision`)": ["vision"],
+    "Velocity fields (`jumpvision.field`)": ["field"],
+    "Fits (`jumpvision.fit`)": ["fit"],
+    "The jumper (`jumpvision.physics`)": ["physics"],
+    "Grains as discs (`jumpvision.dem`)": ["dem"],
+    "Diagnosis (`jumpvision.diagnosis`)": ["diagnosis"],
+    "Planning (`jumpvision.planning`)": ["planning"],
+}
+HEAD = """# API reference
+
+Made by `python docs/reference.py` from the docstrings. The functions for notebooks are introduced in
+[notebook.md](notebook.md). The rooms below them are core code: arrays in, arrays out, nothing read, written or drawn;
+import them from their module, e.g. `from jumpvision.fit.decay import ...`. Pixels and frames in `vision`, SI units from
+`field` on."""
+
+
+def files(name: str) -> list[Path]:
+    """A module, or the modules of a folder."""
+    path = ROOT / name
+    return [path] if path.suffix else sorted(f for f in path.rglob("*.py") if not f.name.startswith("_"))
+
+
+def signature(node: ast.FunctionDef) -> str:
+    """name(arguments) -> type, as written."""
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
+    return f"{node.name}({ast.unparse(node.args)}){returns}"
+
+
+def public(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.ClassDef]:
+    """Functions and classes with a docstring and without a leading underscore."""
+    for node in body:
+        if (
+            isinstance(node, ast.FunctionDef | ast.ClassDef)
+            and not node.name.startswith("_")
+            and ast.get_docstring(node)
+        ):
+            yield node
+
+
+def entry(node: ast.FunctionDef | ast.ClassDef, inside: str = "") -> str:
+    """One function, or a class with its public methods."""
+    doc = inspect.cleandoc(ast.get_docstring(node) or "")
+    if isinstance(node, ast.FunctionDef):
+        property_ = any(isinstance(d, ast.Name) and d.id == "property" for d in node.decorator_list)
+        return f"`{inside}{node.name if property_ else signature(node)}`\n\n{doc}"
+    return "\n\n".join([f"**`class {node.name}`**\n\n{doc}", *(entry(n, f"{node.name}.") for n in public(node.body))])
+
+
+def module(file: Path) -> str:
+    """A module with what it offers, "" where that is nothing."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    entries = [entry(node) for node in public(tree.body)]
+    name = ".".join(["jumpvision", *file.relative_to(ROOT).with_suffix("").parts])
+    return "\n\n".join([f"### {name}", ast.get_docstring(tree) or "", *entries]) if entries else ""
+
+
+def text() -> str:
+    """The whole page."""
+    parts = [HEAD]
+    for heading, names in ROOMS.items():
+        parts += [f"## {heading}", *(m for name in names for f in files(name) if (m := module(f)))]
+    return "\n\n".join(parts) + "\n"
+
+
+if __name__ == "__main__":
+    TARGET.write_text(text(), encoding="utf-8")

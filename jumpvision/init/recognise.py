@@ -1,0 +1,198 @@
+"""Which recording is what: by the section it was given to, its name, its columns, or its first picture."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..frames import Film, FrameError, open_frames
+from ..frames.imagefile import SUFFIXES
+from ..frames.opening import READERS
+from ..schema import InputError
+
+LOGS = {  # section: the columns of its table
+    "motor_log": ("time_s", "position_m"),
+    "contact_log": ("time_s", "contact"),
+    "intrusion_log": ("time_s", "depth_m", "force_N"),
+    "rod_track": ("time_s", "height_m"),
+}
+WORDS = {  # section: words in the name of a film or picture
+    "bed_image": r"bed|pack|surface|backlit|back-lit",
+    "crater_image": r"crater|laser",
+    "grain_video": r"grain|piv|sand|seed|wall",
+    "rod_video": r"rod|ball|marker",
+}
+FILMS = ("rod_video", "grain_video")
+PICTURES = ("bed_image", "crater_image")
+FIELDS = (".nc", ".mat")
+TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".tdms", ".dat")
+IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
+GUESSED = "guessed from what it shows: write another section if it is something else"
+DARK_SHARE = 0.1  # of bright pixels, below which a picture is a laser line in the dark
+SERIES = 3  # numbered pictures that make a film
+ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording and what it says itself. values: key -> (value, where it comes from)."""
+
+    section: str
+    file: str
+    facts: str
+    values: Mapping[str, tuple[Any, str]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def recordings(folder: Path, given: Mapping[str, str]) -> tuple[list[Recording], list[str]]:
+    """The recordings of a folder, one a section, and notes on what was left out.
+
+    given: section -> file, over what names and contents say. Raises InputError for a given file that is not there.
+    """
+    if absent := [f"{folder}: --{s.split('_')[0]} {f}: no such file here" for s, f in given.items()
+                  if not (folder / f).exists() and not list(folder.glob(f))]:  # fmt: skip
+        raise InputError(absent)
+    roles = {f: s for s, f in given.items()}
+    found: dict[str, Recording] = {}
+    notes: list[str] = []
+    names = [*roles, *(n for n in candidates(folder) if n not in roles)]
+    for name in names:
+        try:
+            recording = recognised(folder, name, roles.get(name))
+        except (FrameError, InputError) as e:
+            notes.append(f"{name}: not used: {str(e).removeprefix(f'{folder / name}: ')}")
+            continue
+        if recording.section not in found:
+            found[recording.section] = recording
+        else:
+            notes.append(f"{name}: also looks like a [{recording.section}]; {found[recording.section].file} was taken")
+    return list(found.values()), notes
+
+
+def candidates(folder: Path) -> Iterator[str]:
+    """Films, series of pictures (folders, patterns), tables and fields, named as an experiment.toml names them."""
+    files = sorted(f for f in folder.iterdir() if not f.name.startswith("."))
+    series: dict[str, list[Path]] = {}
+    for f in files:
+        if f.is_dir():
+            kinds = {g.suffix.lower() for g in f.iterdir() if g.is_file() and not g.name.startswith(".")}
+            if (kinds and kinds <= {*SUFFIXES}) or kinds == {".txt"}:
+                yield f.name
+        elif m := re.fullmatch(r"(.*?)[0-9]+", f.stem):
+            series.setdefault(f"{m[1]}*{f.suffix}", []).append(f)
+    numbered = {f for p, s in series.items() if len(s) >= SERIES and set(folder.glob(p)) == set(s)
+                and s[0].suffix.lower() in (*SUFFIXES, ".txt") for f in s}  # fmt: skip
+    yield from (pattern for pattern, s in series.items() if s[0] in numbered)
+    yield from (f.name for f in files if f.is_file() and f not in numbered and f.suffix.lower() not in IGNORED)
+
+
+def recognised(folder: Path, name: str, section: str | None) -> Recording:
+    """What one of the candidates is. InputError or FrameError where it cannot be used."""
+    path, suffix = folder / name, Path(name).suffix.lower()
+    if suffix == ".csv":
+        return _table(path, name)
+    if suffix in FIELDS or suffix == ".txt" or (path.is_dir() and any(path.glob("*.txt"))):
+        return _field(path, name)
+    if suffix == ".npz" or _is_map(path, suffix):
+        return Recording("crater_depth", name, "depth map")
+    if suffix in TABLES:
+        raise InputError([f"a table? Save it as CSV: {_headers()} (docs/bring_your_own_data.md)"])
+    if path.is_file() and suffix not in READERS:
+        raise InputError([f"'{suffix}' is no known recording"])
+    return _film(path, name, section)
+
+
+def _table(path: Path, name: str) -> Recording:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as f:
+        first = f.readline().strip()
+    header = [c.strip() for c in next(csv.reader([first]), [])]
+    for section, columns in LOGS.items():
+        if set(columns) <= set(header):
+            return Recording(section, name, f"columns {', '.join(header)}")
+    raise InputError([f"its first line is '{first[:60]}'; known headers: {_headers()} (SI units, comma separated)"])
+
+
+def _headers() -> str:
+    return "; ".join(f"[{s}] {','.join(c)}" for s, c in LOGS.items())
+
+
+def _field(path: Path, name: str) -> Recording:
+    from ..frames.vectors import read_vectors
+
+    v = read_vectors(path)
+    units = f"lengths in {v.length or 'an unnamed unit'}, speeds in {v.speed or 'an unnamed unit'}"
+    return Recording("piv_field", name, f"{v.u.shape[2]} fields of {v.u.shape[1]} x {v.u.shape[0]} vectors, {units}")
+
+
+def _is_map(path: Path, suffix: str) -> bool:
+    """A .npy with one plane: a film has three dimensions."""
+    if suffix != ".npy":
+        return False
+    import numpy as np
+
+    return np.load(path, mmap_mode="r").ndim == 2
+
+
+def opened(path: Path) -> tuple[Film, bool]:
+    """(the film, whether the file knows its times)."""
+    try:
+        return open_frames(path), True
+    except FrameError:
+        return open_frames(path, frame_rate=ANY_RATE), False
+
+
+def _film(path: Path, name: str, section: str | None) -> Recording:
+    import numpy as np
+
+    film, timed = opened(path)
+    with film:
+        first, n, shape, bits = film[0], len(film), film.shape, film.meta.get("bit_depth")
+        known_as = section or _by_name(name, n)
+        section = known_as or by_picture(first, n)
+        known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
+        rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None
+        facts = f"{n} frames of " if n > 1 else "picture of "
+        facts += f"{shape[1]} x {shape[0]} px (columns x rows)" + (f", {bits} bit" if bits else "")
+        facts += f", {rate:.6g} Hz by the file" if rate else ""
+        facts += f", {known['camera']}" if "camera" in known else ""
+        values: dict[str, tuple[Any, str]] = {}
+        if rate and section in FILMS:
+            values["frame_rate"] = (float(f"{rate:.6g}"), "by the file's own time stamps")
+        if section == "rod_video" and "exposure_s" in known:
+            values["exposure"] = (float(known["exposure_s"]), "by the file")
+        notes = tuple(w.removeprefix(f"{path}: ") for w in film.warnings) + (() if known_as else (GUESSED,))
+    if rate and rate <= 60 and section in FILMS:
+        notes += ('a playback rate? If the film was recorded faster, give its rate and clock = "declared"',)
+    return Recording(section, name, facts, values, notes)
+
+
+def _by_name(name: str, n: int) -> str | None:
+    allowed = (*FILMS, *PICTURES) if n > 1 else PICTURES
+    return next((s for s in allowed if re.search(WORDS[s], name.lower())), None)
+
+
+def by_picture(first: Any, n: int) -> str:
+    """What a nameless film or picture shows: a ball or grains; a laser line or a bed."""
+    import numpy as np
+
+    if n > 1:
+        return "rod_video" if ball(first) else "grain_video"
+    image = np.asarray(first, float)
+    low, high = np.nanpercentile(image, 1), np.nanmax(image)
+    return "crater_image" if (image > (low + high) / 2).mean() < DARK_SHARE else "bed_image"
+
+
+def ball(first: Any, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
+    """(polarity, column, row, diameter [px]) of the one ball in a picture, or None."""
+    from ..vision.ball import track_ball
+
+    for polarity in ("bright", "dark"):
+        t = track_ball([first], diameter=None, polarity=polarity, method="disc", search=1.5, seed=seed, streak=False,
+                       exposure_fraction=0.0)  # fmt: skip
+        if not t.flag[0]:
+            return polarity, float(t.x[0]), float(t.y[0]), float(t.diameter[0])
+    return None

@@ -1,0 +1,134 @@
+"""The notebook's functions: what the page says runs, agrees with the command line, and shows itself."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, SAMPLES
+
+import jumpvision as jv
+from jumpvision import api
+from jumpvision.cli import main
+from jumpvision.schema import InputError
+
+PAGE = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory):
+    """Copies of the samples, without the campaign's films, which take minutes."""
+    root = tmp_path_factory.mktemp("notebook")
+    shutil.copytree(SAMPLES / "hard_ground", root / "data_samples" / "hard_ground")
+    leave = shutil.ignore_patterns("*film", "stutter-*", "delayed*")
+    shutil.copytree(SAMPLES / "loose_sand", root / "data_samples" / "loose_sand", ignore=leave)
+    return root
+
+
+@pytest.fixture(scope="module")
+def cells(samples):
+    """The names that the quick cells of docs/notebook.md define."""
+    blocks = re.findall(r"(<!-- .*? -->\n)?```python\n(.*?)```", PAGE, flags=re.S)
+    names: dict = {}
+    with pytest.MonkeyPatch.context() as m:
+        m.chdir(samples)
+        for mark, code in blocks:
+            compile(code, "notebook.md", "exec")
+            if not mark:
+                exec(code.replace("print(error)", "caught = error"), names)  # Python forgets `error` after the block
+    return names
+
+
+def test_the_page_says_what_happens(cells):
+    truth = json.loads((SAMPLES / "hard_ground" / "truth.json").read_text())["summary"]
+    fit = cells["fits"].table.loc["jump_height_m"]
+    assert abs(fit.value - truth["jump_height_m"]) < 4 * fit.sigma
+    assert cells["caught"].problems[0].endswith("piv needs [grain_video] or [piv_field]")
+    assert len(cells["height"]) == len(cells["track"].table) and 0 < cells["sigma"].max() < 1e-4
+    assert all(0.04 < apex < 0.06 for apex in cells["apexes"])  # README's table: 45.6 mm, the model's 48.1 mm
+    assert cells["best"].dims == ("frequency",) and float(cells["best"].max()) > 0.005
+
+
+def test_the_command_line_finds_what_the_notebook_has_computed(cells, samples, capsys):
+    assert main(["fit", str(samples / "data_samples" / "hard_ground"), "--json", "--no-pictures"]) == 0
+    done = json.loads(capsys.readouterr().out)["experiments"][0]
+    assert {s["state"] for s in done["stages"]} == {"cached"}
+    assert (samples / "data_samples" / "results" / "hard_ground" / "provenance.json").exists()
+
+
+def test_folders_and_records_show_themselves(cells, samples):
+    shown = cells["track"]._repr_html_()
+    assert "track.csv" in shown and "height_m" in shown and "data:image/png;base64," in shown
+    assert "jump_height_m" in cells["fits"]._repr_html_()
+    assert "[rod_video]" in cells["experiment"]._repr_html_() and "ball_diameter" in cells["experiment"]._repr_html_()
+    assert "single-10.0Hz-1" in cells["campaign"]._repr_html_()
+
+
+def test_names_are_escaped():
+    from jumpvision.reprs import page, table
+
+    assert "<script>" not in page("<script>", table([{"a": "<script>"}]))
+
+
+def test_run_gives_a_row_an_experiment(samples, tmp_path):
+    folder = tmp_path / "two"
+    for name in ("single-6.5Hz-1", "single-4.5Hz-1"):
+        shutil.copytree(samples / "data_samples" / "loose_sand" / name, folder / name)
+    shutil.copy(samples / "data_samples" / "loose_sand" / "campaign.toml", folder)
+    (folder / "single-4.5Hz-1" / "rod_track.csv").write_text("time_s,height_m\n0,0\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        table = jv.run(jv.open(folder), pictures=False)
+    assert list(table.experiment) == ["single-4.5Hz-1", "single-6.5Hz-1"]
+    assert "rod_track.csv" in table.problem[0] and table.problem.isna()[1]
+    assert abs(table.jump_height_m[1] - 45.6e-3) < 1e-3  # README's table
+    assert (tmp_path / "results" / "two" / "jumps.csv").exists()
+
+
+def test_bad_calls_name_the_remedy(samples):
+    campaign = jv.open(samples / "data_samples" / "loose_sand")
+    with pytest.raises(InputError, match=r"campaign\[name\]"):
+        jv.track(campaign)
+    with pytest.raises(InputError, match=r"did you mean 'single-6.5Hz-1'"):
+        campaign["single-6.5Hz-11"]
+    with pytest.raises(AttributeError, match="no attribute 'tracks'"):
+        jv.tracks  # noqa: B018
+
+
+def test_folders_with_the_name_of_a_stage_are_that_stage_too():
+    """`jumpvision.fit` is a folder of the package; once something of it is imported, Python puts it in place."""
+    code = "import jumpvision as jv\n{}\nassert callable(jv.fit) and callable(jv.sweep) and jv.fit.__path__"
+    for before in ("", "import jumpvision.fit.peaks, jumpvision.sweep.axes"):
+        subprocess.run([sys.executable, "-c", code.format(before)], check=True)
+
+
+def test_every_stage_that_can_be_asked_for_alone_is_a_function():
+    from jumpvision.pipeline import STAGES
+    from jumpvision.stages import __all__ as stages
+
+    assert {s.name for s in STAGES.values() if not s.picture} >= set(stages)
+    for name in (*stages, "open", "run", "diagnose", "sweep", "plan"):
+        assert name in jv.__all__ and getattr(api, name).__doc__
+
+
+def test_the_import_is_light():
+    """Nothing heavy until a stage is asked for (0.05 s alone; the aim is 0.5 s)."""
+    code = "import sys, jumpvision; print(sorted({'numpy','numba','pandas','cv2','xarray','scipy'} & set(sys.modules)))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"
+
+
+def test_type_checkers_see_what_python_finds():
+    """The lazy names are imported where TYPE_CHECKING is true, so that editors and mypy know their types."""
+    tree = ast.parse(Path(jv.__file__).read_text(encoding="utf-8"))
+    seen = {a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module == "api" for a in n.names}
+    assert seen == set(jv.__all__) - {"__version__"}
+    assert (Path(jv.__file__).parent / "py.typed").exists()
+    assert all(getattr(api, name).__annotations__["return"] for name in seen)

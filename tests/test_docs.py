@@ -1,0 +1,217 @@
+"""The pages of docs/ do what they say: the tutorial from end to end, data of other programs, every other command."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, SAMPLES
+from test_readme import PAGES, commands
+from test_vectors import CASES
+
+from jumpvision.cli import main
+from jumpvision.experiment import open_experiment
+from jumpvision.logs import read_log
+
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)
+ELSEWHERE = {  # commands that take long or wait for somebody: the test that does the same
+    "run data_samples/loose_sand --results results/loose_sand":
+        "test_samples.test_jump_heights_of_the_campaign_lie_within_their_sigma",
+    "diagnose data_samples/loose_sand":
+        "test_question.test_the_hidden_cone_of_the_samples_is_named",
+    "simulate data_samples/loose_sand --model results/loose_sand/model.toml":
+        "test_question.test_the_extended_model_is_taken_by_simulate",
+    "plan --apex 0.04 --ground granular --model results/loose_sand/model.toml":
+        "test_plan.test_the_command_writes_its_files",
+    "init my_jumps/stutter-8.2Hz-1 --pick":
+        "test_init.test_pick_writes_what_was_answered",
+    "init my_jumps/stutter-8.2Hz-1 --marks 12,40,12,540 --distance-mm 250 --ball 25,101":
+        "test_init.test_marks_foot_and_floor_become_scale_and_positions",
+    "completion bash --install":
+        "test_doctor.test_installing_writes_into_the_home_folder_alone",
+    "demo":
+        "test_demo.test_the_command_prints_the_address_serves_and_stops_on_interrupt",
+    "sweep hard --analysis comparison --campaign my_campaign":
+        "test_hard_compare.test_the_command_writes_a_file_a_figure_and_a_table",
+    "synth samples my_samples":
+        "test_lab.test_samples_are_never_written_over",
+    "synth protocol.toml my_campaign":
+        "test_lab_protocol.test_command",
+    "synth blind game --seed 7":
+        "test_lab_blind.test_the_game_on_disk",
+    "synth reveal game":
+        "test_lab_blind.test_the_game_on_disk",
+}  # fmt: skip
+ANALYSES = (  # of sweep hard
+    "minimum-amplitude", "lift-off-time", "map", "scatter", "traces", "traces --frequency 5:12:8 --phase 1.5708",
+    "alpha", "estimates", "animals", "two-frequency", "bifurcation",
+)  # fmt: skip
+EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
+ELSEWHERE |= {f"sweep hard --analysis {name}": EACH for name in ANALYSES}
+
+
+def environment(folder: Path) -> dict[str, str]:
+    """With this package, and the command of this Python first."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_the_tutorial_from_end_to_end(tmp_path):
+    page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+    shutil.copytree(SAMPLES / "hard_ground", tmp_path / "data_samples" / "hard_ground")
+    said = ""
+    for mark, kind, code, *_ in BLOCK.findall(page):
+        if mark.startswith("append to "):
+            with (tmp_path / mark.removeprefix("append to ")).open("a", encoding="utf-8") as f:
+                f.write("\n" + code)
+        elif mark == "run":
+            assert kind == "bash"
+            command = ["bash", "-e", "-c", code]
+            done = subprocess.run(command, cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True)
+            assert done.returncode == 0, code + done.stderr
+            said += done.stdout
+    assert re.search(r"stutter-8.2Hz-1 +33\.\d+ ± 0\.000\d+ +33\.1", said)  # as the page prints it
+    truth = json.loads((SAMPLES / "hard_ground" / "truth.json").read_text())["summary"]["jump_height_m"]
+    found = json.loads((tmp_path / "results" / "my_jumps" / "stutter-8.2Hz-1" / "summary.json").read_text())
+    assert 0.005 < found["jump_height_m"] / truth - 1 < 0.012  # the page: 0.9 % by the ball's diameter
+    assert (tmp_path / "results" / "my_jumps" / "report.html").exists()
+
+
+def tracker(folder: Path) -> None:
+    """Tracker's copied table: the name of the mass, then t x y with tabs; a row without a position."""
+    t = np.arange(40) / 200
+    rows = [f"{a:.4E}\t{0.01:.4E}\t{0.5 - 4.905 * (a - 0.1) ** 2:.6E}" for a in t]
+    rows[7] = f"{t[7]:.4E}\t\t"
+    (folder / "tracker.txt").write_text("mass A\t\t\nt\tx\ty\n" + "\n".join(rows) + "\n")
+
+
+def labview(folder: Path) -> None:
+    """A .lvm file as a German LabVIEW writes it: two headers, tabs, decimal commas, an empty comment column."""
+    rows = [
+        f"{i * 1e-3:.6f}\t{9.4 * np.sin(0.04 * i):.6f}\t{11.4 + 0.1 * i:.3f}\t".replace(".", ",") for i in range(60)
+    ]
+    head = "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\nChannels\t2\n"
+    text = head + "***End_of_Header***\t\t\nX_Value\tWeg\tKraft\tComment\n" + "\n".join(rows)
+    (folder / "motor.lvm").write_text(text, encoding="latin-1")
+
+
+def semicolon(folder: Path) -> None:
+    """A spreadsheet of a switch's voltage."""
+    rows = [f"{i * 1e-3:.3f};{4.9 if i < 30 else 0.1}".replace(".", ",") for i in range(60)]
+    (folder / "contact.csv").write_text("Zeit [s];Kontakt [V]\n" + "\n".join(rows) + "\n")
+
+
+def playback(folder: Path) -> None:
+    import cv2
+
+    from jumpvision.frames import open_frames
+
+    with open_frames(SAMPLES / "hard_ground" / "rod.avi") as film:
+        out = cv2.VideoWriter(str(folder / "rod.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, film.shape[::-1], False)
+        for i in range(12):
+            out.write(film[i])
+        out.release()
+
+
+def depth(folder: Path) -> None:
+    """A crater 20 mm wide in a 120 x 100 mm map."""
+    y, x = np.mgrid[:100, :120]
+    np.save(folder / "crater.npy", -8.0 * np.exp(-((x - 60.0) ** 2 + (y - 50.0) ** 2) / 200.0))
+
+
+EXAMPLES = {  # example: what writes the files of the other program, the stage that reads the result, and its file
+    "tracker": (tracker, "fit", "rod.csv"), "labview": (labview, None, "motor_log"),
+    "semicolon": (semicolon, None, "contact_log"), "playback": (playback, "track", "track.csv"),
+    "depth": (depth, "crater", "crater.json"),
+    "openpiv": (CASES["openpiv"][0], "flow", "flow.nc"), "pivlab-mat": (CASES["pivlab-mat"][0], "flow", "flow.nc"),
+    "pivlab-text": (CASES["pivlab-text"][0], "piv", "piv.nc"), "pivpy-mm": (CASES["pivpy-mm"][0], "piv", "piv.nc"),
+}  # fmt: skip
+BROUGHT = {
+    mark.removeprefix("example: "): {kind: code, **({second: more} if second else {})}
+    for mark, kind, code, second, more in BLOCK.findall((DOCS / "bring_your_own_data.md").read_text(encoding="utf-8"))
+}
+
+
+def test_every_example_of_other_programs_is_tried():
+    assert set(BROUGHT) == set(EXAMPLES)
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_data_of_other_programs(example, tmp_path, monkeypatch):
+    write, stage, made = EXAMPLES[example]
+    folder = tmp_path / "experiment"
+    folder.mkdir()
+    write(folder)
+    if code := BROUGHT[example].get("python"):
+        monkeypatch.chdir(folder)
+        exec(code, {})
+    (folder / "experiment.toml").write_text(BROUGHT[example]["toml"], encoding="utf-8")
+    assert main(["check", str(folder)]) == 0
+    if stage is None:  # a log that other stages read
+        table = read_log(open_experiment(folder).sections[made].path, *columns(made))
+        assert len(table) == 60 and np.allclose(np.diff(table.time_s), 1e-3)
+        assert made != "motor_log" or abs(table.position_m.max() - 9.4e-3) < 1e-5
+        assert made != "contact_log" or table.contact.sum() == 30
+        return
+    results = tmp_path / "results"
+    assert main([stage, str(folder), "--results", str(results), "--no-pictures"]) == 0
+    assert (results / made).exists()
+    if example == "tracker":
+        assert len((results / made).read_text().splitlines()) == 40  # a header and 39 rows: one had no position
+    if example == "playback":
+        time = np.loadtxt(results / made, delimiter=",", skiprows=1, usecols=1)
+        assert np.allclose(np.diff(time), 1 / 200, rtol=1e-3)  # s: the declared rate, not the file's 25 Hz
+
+
+def columns(section: str) -> tuple[str, ...]:
+    from jumpvision.init.recognise import LOGS
+
+    return LOGS[section]
+
+
+def test_every_command_of_the_docs_is_run_by_a_test():
+    tutorial = {c for mark, _, code, *_ in BLOCK.findall((DOCS / "tutorial.md").read_text(encoding="utf-8"))
+                if mark == "run" for c in code.splitlines()}  # fmt: skip
+    for page in PAGES:
+        for line in commands(page):
+            words = shlex.split(line.split("&&")[-1], comments=True)
+            command = " ".join(words[[Path(w).name for w in words].index("jumpvision") + 1 :])
+            assert line in tutorial or command in ELSEWHERE, f"{page.name}: no test runs: {command}"
+    for test in ELSEWHERE.values():
+        file, name = test.split(".")
+        assert f"\ndef {name}(" in (ROOT / "tests" / f"{file}.py").read_text(encoding="utf-8"), test
+
+
+def test_the_reference_is_that_of_the_docstrings():
+    sys.path.insert(0, str(DOCS))
+    try:
+        import reference
+    finally:
+        sys.path.pop(0)
+    assert (DOCS / "api.md").read_text(encoding="utf-8") == reference.text(), "run: python docs/reference.py"
+
+
+def test_the_index_lists_every_page():
+    index = (DOCS / "README.md").read_text(encoding="utf-8")
+    assert all(f"({p.name})" in index for p in DOCS.glob("*.md") if p.name != "README.md")
+
+
+def test_the_citation_is_this_package():
+    yaml = pytest.importorskip("yaml")
+    cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(cff)  # what the format requires
+    assert (cff["title"], cff["version"], cff["license"]) == (project["name"], project["version"], project["license"])
+    assert [a["name"] for a in cff["authors"]] == [a["name"] for a in project["authors"]]
+    assert {r["type"] for r in cff["references"]} == {"thesis", "article"}

@@ -1,0 +1,288 @@
+"""`init`: what it writes from recordings alone is what the samples' own files say, passes check, and runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import threading
+import tomllib
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import SAMPLES
+from test_demo import browser  # noqa: F401  a fixture
+
+from jumpvision.cli import main
+from jumpvision.experiment import open_experiment
+from jumpvision.frames import open_frames
+from jumpvision.init.measure import Picks, law
+from jumpvision.init.pick import TOOLS, Server
+from jumpvision.init.recognise import recordings
+
+FILM = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
+
+
+def stripped(source: Path, target: Path) -> Path:
+    """The recordings of a sample without its experiment.toml and truth."""
+    shutil.copytree(source, target, ignore=shutil.ignore_patterns("*.toml", "truth.json"))
+    return target
+
+
+def toml(folder: Path, name: str = "experiment.toml") -> dict:
+    return tomllib.loads((folder / name).read_text(encoding="utf-8"))
+
+
+def digests(folder: Path) -> dict[str, str]:
+    files = (f for f in folder.rglob("*") if f.is_file() and f.suffix != ".toml")
+    return {str(f): hashlib.sha256(f.read_bytes()).hexdigest() for f in files}
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory) -> Path:
+    return stripped(FILM, tmp_path_factory.mktemp("films") / FILM.name)
+
+
+def test_a_stripped_sample_runs_and_finds_the_height(tmp_path):
+    folder = stripped(SAMPLES / "hard_ground", tmp_path / "hard-stutter-8.2Hz")
+    before = digests(folder)
+    assert main(["init", str(folder), "--ball-diameter-mm", "9.5"]) == 0
+    assert main(["check", str(folder)]) == 0
+    assert digests(folder) == before
+    written, own = toml(folder), toml(SAMPLES / "hard_ground")
+    assert written["ground"] == "hard"
+    assert {s: written[s]["file"] for s in ("rod_video", "motor_log", "contact_log")} == {
+        s: own[s]["file"] for s in ("rod_video", "motor_log", "contact_log")
+    }
+    assert written["rod_video"]["frame_rate"] == own["rod_video"]["frame_rate"]
+    # the fit of one blurred, shaded frame is 0.9 % narrow; the message says 1 %
+    assert abs(written["rod_video"]["scale"] / own["rod_video"]["scale"] - 1) < 0.012
+    assert main(["fit", str(folder), "--no-pictures"]) == 0
+    fits = json.loads((tmp_path / "results" / folder.name / "fits.json").read_text())
+    truth = json.loads((SAMPLES / "hard_ground" / "truth.json").read_text())["summary"]["jump_height_m"]
+    assert abs(fits["jump_height_m"]["value"] / truth - 1) < 0.012  # the scale's error
+
+
+def test_films_pictures_and_logs_are_recognised(film):
+    found = {r.section: r for r in recordings(film, {})[0]}
+    own = toml(FILM)
+    assert {s: r.file for s, r in found.items()} == {s: own[s]["file"] for s in own if "file" in own[s]}
+    assert found["grain_video"].values["frame_rate"][0] == own["grain_video"]["frame_rate"]
+    assert "58 frames of 396 x 464 px" in found["grain_video"].facts and "8 bit" in found["grain_video"].facts
+
+
+def test_nameless_films_are_told_apart_by_what_they_show(film, tmp_path):
+    for name, source in (("C001.avi", "rod.avi"), ("C002.mkv", "grains.mkv"), ("IMG.png", "bed.png")):
+        shutil.copy(film / source, tmp_path / name)
+    found, notes = recordings(tmp_path, {})
+    assert {r.section: r.file for r in found} == {
+        "rod_video": "C001.avi", "grain_video": "C002.mkv", "bed_image": "IMG.png",
+    }  # fmt: skip
+    assert notes == []
+    found, notes = recordings(tmp_path, {"grain_video": "C001.avi"})
+    assert {r.section: r.file for r in found}["grain_video"] == "C001.avi" and "C002.mkv: also looks like" in notes[0]
+
+
+def test_marks_foot_and_floor_become_scale_and_positions(film, capsys):
+    marks = ["--marks", "50,100,350,500", "--distance-mm", "250", "--marks-in", "bed"]
+    assert main(["init", str(film), "--foot", "195.5,53.2", "--roi", "340,250,60,12", "--floor", "620", *marks]) == 0
+    assert "to be filled in: [rod_video] scale, ball_diameter\n" in capsys.readouterr().err
+    written = toml(film)
+    assert written["bed_image"]["scale"] == pytest.approx(0.250 / 500)  # a 3-4-5 triangle
+    assert written["bed_image"]["floor_row"] == 620.0
+    assert (written["grain_video"]["axis_column"], written["grain_video"]["foot_row"]) == (195.5, 53.2)
+    assert written["grain_video"]["roi"] == [60, 12, 340, 250]  # corners in any order
+    assert main(["check", str(film)]) == 0
+    assert main(["bed", str(film), "--no-pictures", "--set", "bed.solid_volume=0.045", "--set", "bed.length=0.56",
+                 "--set", "bed.width=0.56"]) == 0  # fmt: skip
+    bed = json.loads((film.parent / "results" / film.name / "bed.json").read_text())
+    assert abs(bed["volume_fraction"] - 0.5710) < 4 * bed["sigma_volume_fraction"]
+    own = (film / "experiment.toml").read_bytes()
+    assert main(["init", str(film)]) == 0  # again: what is there stays
+    assert "experiment.toml exists and was left alone" in capsys.readouterr().err
+    assert (film / "experiment.toml").read_bytes() == own and (film / "experiment.new.toml").exists()
+    assert main(["init", str(film)]) == 2
+    assert "delete it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["single-6.5Hz-1", "stutter-5.0Hz-2", "delayed_stutter-7.0Hz-1", "stutter-7.0Hz-film"])
+def test_the_motors_law_is_read_from_name_and_log(name):
+    folder = SAMPLES / "loose_sand" / name
+    own, found = toml(folder)["actuation"], law(name, folder / "motor.csv")
+    assert (found["kind"][0], found["frequency"][0]) == (own["kind"], own["frequency"])
+    assert abs(found["amplitude"][0] / own["amplitude"] - 1) < 1e-3
+    assert abs(found["start"][0] - own["start"]) < 2e-3  # the log has a sample a millisecond
+
+
+def test_a_campaign_gets_one_file_each_and_what_they_share(tmp_path):
+    root = tmp_path / "campaign"
+    for name in ("single-6.5Hz-1", "stutter-5.0Hz-2"):
+        stripped(SAMPLES / "loose_sand" / name, root / name)
+    (root / "results").mkdir()
+    assert main(["init", str(root), "--ground", "granular"]) == 0
+    assert sorted(f.relative_to(root).as_posix() for f in root.rglob("*.toml")) == [
+        "campaign.toml", "single-6.5Hz-1/experiment.toml", "stutter-5.0Hz-2/experiment.toml",
+    ]  # fmt: skip
+    assert main(["check", str(root)]) == 0
+    assert open_experiment(root / "single-6.5Hz-1").campaign == root
+    kept = (root / "campaign.toml").read_bytes()
+    main(["init", str(root)])
+    assert (root / "campaign.toml").read_bytes() == kept
+
+
+def drawn_ball(row: float, *, dark: bool) -> np.ndarray:
+    """A disc of 20 px at column 30, drawn by sampling each pixel 16 x 16 times."""
+    y, x = (np.arange(16 * n).reshape(1, -1) / 16 - 0.5 + 1 / 32 for n in (90, 60))
+    inside = ((x - 30.0) ** 2 + (y.T - row) ** 2 < 100.0).reshape(90, 16, 60, 16).mean((1, 3))
+    rng = np.random.default_rng(3)
+    grey = 200 - 150 * inside if dark else 40 + 150 * inside
+    return np.clip(cv2.GaussianBlur(grey, (0, 0), 0.8) + rng.normal(0, 2, grey.shape), 0, 255).round().astype(np.uint8)
+
+
+def test_numbered_pictures_of_a_dark_ball(tmp_path, capsys):
+    for i in range(6):
+        cv2.imwrite(str(tmp_path / f"shot_{i:03d}.png"), drawn_ball(40.0 + i, dark=True))
+    (tmp_path / "encoder.csv").write_text("Zeit;Weg\n0;0\n")
+    (tmp_path / "notes.docx").write_bytes(b"x")
+    (tmp_path / "force.lvm").write_text("LabVIEW Measurement")
+    (tmp_path / "readme.txt").write_text("the second lamp was off")
+    options = ["--ball", "30,40", "--ball-diameter-mm", "10", "--rod-rate", "500"]
+    assert main(["init", str(tmp_path), *options]) == 0
+    text, written = (tmp_path / "experiment.toml").read_text(encoding="utf-8"), toml(tmp_path)
+    assert written["rod_video"]["file"] == "shot_*.png" and written["rod_video"]["frame_rate"] == 500.0
+    assert abs(written["rod_video"]["scale"] / 0.5e-3 - 1) < 0.01
+    assert written["params"]["track"]["polarity"] == "dark"
+    assert np.allclose(written["params"]["track"]["seed"], [30, 40], atol=0.2)
+    assert "encoder.csv: not used: its first line is 'Zeit;Weg'" in text and "time_s,position_m" in text
+    assert "force.lvm: not used: a table? Save it as CSV" in text and "readme.txt: not used: no rows" in text
+    assert "guessed from what it shows" in text and "notes.docx" not in text
+    assert main(["track", str(tmp_path), "--results", str(tmp_path / "results"), "--no-pictures"]) == 0
+
+
+def test_a_playback_rate_is_asked_about_and_replaced(film, tmp_path):
+    with open_frames(film / "rod.avi") as frames:
+        size = frames.shape[::-1]
+        out = cv2.VideoWriter(str(tmp_path / "rod.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, size, isColor=False)
+        for i in range(8):
+            out.write(frames[i])
+        out.release()
+    assert main(["init", str(tmp_path)]) == 0
+    assert "a playback rate?" in (tmp_path / "experiment.toml").read_text()
+    (tmp_path / "experiment.toml").unlink()
+    assert main(["init", str(tmp_path), "--rod-rate", "200"]) == 0
+    assert toml(tmp_path)["rod_video"]["clock"] == "declared" and toml(tmp_path)["rod_video"]["frame_rate"] == 200.0
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--ball", "12"], "--ball 12: must be COLUMN,ROW"),
+        (["--marks", "1,2,3,4"], "two marks and their distance in mm belong together"),
+        (["--marks", "1,2,1,2", "--distance-mm", "5"], "the two points are the same"),
+        (["--ball-diameter-mm=-3"], "must be > 0"),
+        (["--ground", "ice"], "must be hard or granular"),
+        (["--rod", "nothing.avi"], "nothing.avi: no such file"),
+        (["--marks-in", "rods"], "did you mean 'rod'"),
+    ],
+)
+def test_bad_options_write_nothing(film, tmp_path, capsys, options, words):
+    shutil.copy(film / "rod.avi", tmp_path)
+    assert main(["init", str(tmp_path), *options]) == 2
+    assert words in capsys.readouterr().err
+    assert not list(tmp_path.glob("*.toml"))
+
+
+def test_a_folder_without_recordings_says_what_it_needs(tmp_path, capsys):
+    assert main(["init", str(tmp_path)]) == 2
+    assert "needs a film, a picture or a table" in capsys.readouterr().err
+    assert main(["init", str(tmp_path / "none")]) == 2
+
+
+# --- the page ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def server(film):
+    found = [r for r in recordings(film, {})[0] if r.section in TOOLS]
+    with Server(0, film, found) as s:
+        threading.Thread(target=s.serve_forever, daemon=True).start()
+        yield s
+        s.shutdown()
+
+
+def test_the_page_serves_what_it_lists_and_refuses_the_rest(server):
+    page = json.loads(urllib.request.urlopen(server.address + "api/pictures").read())
+    shapes = {p["section"]: p["shape"] for p in page["pictures"]}
+    for section, shape in shapes.items():
+        png = urllib.request.urlopen(f"{server.address}picture/{section}.png").read()
+        assert list(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE).shape) == shape
+    wrong = (b"[]", b"{", b'{"rod_video": {"ball": ["a", 1]}}', b'{"rod_video": {"ball": [1]}}')
+    for path, body in (("picture/../pick.py", None), *(("api/picks", w) for w in wrong)):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(server.address + path, data=body)
+        assert refused.value.code in (400, 404) and json.loads(refused.value.read())["problems"]
+    other = urllib.request.Request(server.address, headers={"Host": "elsewhere.example:80"})
+    with pytest.raises(urllib.error.HTTPError):
+        urllib.request.urlopen(other)
+    assert not server.answered.is_set()
+
+
+def test_clicks_become_picks(server, browser):  # noqa: F811
+    page = browser.new_page(viewport={"width": 1000, "height": 900})
+    said = []
+    page.on("console", lambda m: said.append(m.text))
+    page.on("pageerror", lambda e: said.append(str(e)))
+    page.goto(server.address)
+    page.wait_for_selector("#rod_video canvas")
+
+    def click(section: str, column: float, row: float) -> None:
+        zoom = float(page.locator(f"#{section}-zoom").input_value())
+        at = {"x": (column + 0.5) * zoom, "y": (row + 0.5) * zoom}
+        page.locator(f"#{section} canvas").click(position=at)
+
+    click("rod_video", 25, 54)
+    page.locator("#rod_video-ball_diameter-0").fill("9.5")
+    click("grain_video", 195, 53)
+    page.locator("#grain_video-roi-0").focus()
+    click("grain_video", 60, 12)
+    click("grain_video", 340, 250)
+    page.locator("#bed_image-marks-0").focus()
+    click("bed_image", 20, 600)
+    click("bed_image", 20, 100)
+    page.locator("#bed_image-floor-0").fill("620")  # by the keyboard alone
+    page.locator("#save").click()
+    page.wait_for_selector("text=two marks and their distance")  # refused, with the remedy, nothing lost
+    page.locator("#bed_image-distance-0").fill("250")
+    page.locator("#save").click()
+    page.wait_for_selector("text=Written.")
+    assert server.answered.wait(5)
+    expected = {
+        "rod_video": Picks(ball=(25, 54), ball_diameter=9.5),
+        "grain_video": Picks(foot=(195, 53), roi=(60, 12, 340, 250)),
+        "bed_image": Picks(floor=620, marks=(20, 600, 20, 100), distance=250),
+    }  # fmt: skip
+    for section, wanted in expected.items():
+        for key in ("ball", "ball_diameter", "foot", "roi", "floor", "marks", "distance"):
+            # a click has whole screen pixels: 1/0.76 of the picture's at its coarsest magnification
+            assert getattr(server.picks[section], key) == pytest.approx(getattr(wanted, key), abs=1.32), (section, key)
+    assert [s for s in said if "400" not in s] == []
+    page.close()
+
+
+def test_pick_writes_what_was_answered(film, tmp_path, monkeypatch):
+    from jumpvision.init import pick
+
+    shutil.copy(film / "rod.avi", tmp_path)
+
+    def answer(address: str) -> None:
+        urllib.request.urlopen(address + "api/picks", data=b'{"rod_video": {"ball": [25, 54], "ball_diameter": 9.5}}')
+
+    monkeypatch.setattr("webbrowser.open", lambda a: threading.Thread(target=answer, args=(a,)).start())
+    assert main(["init", str(tmp_path), "--pick"]) == 0
+    assert toml(tmp_path)["rod_video"]["ball_diameter"] == 0.0095
+    assert np.allclose(toml(tmp_path)["params"]["track"]["seed"], [25.4, 53.9], atol=0.1)
+    assert pick.HOST == "127.0.0.1"
