@@ -51,8 +51,8 @@ def camera(image, noise, rng):
     return np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255).astype(np.uint8)
 
 
-def errors(texture, carry, noise):
-    rng = np.random.default_rng(1)
+def errors(texture, carry, noise, seed=1):
+    rng = np.random.default_rng(seed)
     frames = (camera(i, noise, rng) for i in film(texture, carry))
     track = track_foot(frames, row=float(round(TRUTH[0])) + 1, **SETTINGS)
     assert (track.flag == "").all()

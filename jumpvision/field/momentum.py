@@ -88,8 +88,11 @@ def grain_momentum(
     half = 0.5 * max(1.0, correlation_length)  # of a window, in grid steps
     factor = density * volume_fraction * ANGLE[disc]
 
+    def heights(reach: float) -> Array:
+        return np.clip(_edges("y", y, v.shape[0], reach), bottom, top)
+
     def weights(reach: float) -> Array:
-        height = np.abs(np.diff(np.clip(_edges("y", y, v.shape[0], reach), bottom, top)))
+        height = np.abs(np.diff(heights(reach)))
         edges = np.clip(_edges("x", x, v.shape[1], reach), left, right) - axis_x
         return np.asarray(factor * height[:, None] * _ring(edges)[None, :])
 
@@ -113,13 +116,15 @@ def grain_momentum(
             hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
     held, drift = float(weight[filled].sum()), _border_drift(border, v, ok, 0.5 * half + 0.75)
     base = math.ceil(half)
+    inside = heights(half + 1.0)
+    middle = 0.5 * (inside[1:] + inside[:-1])  # of the part of a cell below the face
     for i, j in zip(*np.nonzero(~filled & (weight > 0.0))):
         at = np.flatnonzero(ok[:, j])
         near = int(at[np.argmin(np.abs(at - i))]) if at.size else -1
-        if near < 0 or abs(near - i) > max(1.0, half):
+        if near < 0 or abs(near - i) > max(1, base):
             continue
         far = near + base * (1 if near > i else -1)
-        reach = (y[i] - y[near]) / (y[near] - y[far]) if 0 <= far < y.size and ok[far, j] else 0.0
+        reach = (middle[i] - y[near]) / (y[near] - y[far]) if 0 <= far < y.size and ok[far, j] else 0.0
         shares[near, j] += weight[i, j] * (1.0 + reach)
         if reach:
             shares[far, j] -= weight[i, j] * reach
