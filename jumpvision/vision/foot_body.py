@@ -28,8 +28,6 @@ MATCH = 0.5  # correlation coefficient below which a texture is not that of fram
 ALIKE, APART = 4, 0.15  # rows within which one match has high coefficients; lead over those farther off
 
 
-
-
 class Found(NamedTuple):
     """row, sigma [px] of the face, "" or why there is none; by_texture: the texture says more of it than the edge."""
 

@@ -14,7 +14,6 @@ ABOVE, BELOW = 12, 8  # rows about the expected face that are laid over each oth
 BLOCK = 16  # columns that share a grain
 LEAST, LEAST_BLOCKS = 6, 4  # frames, blocks of columns
 SHARP = 2.5  # rows
-APART = 0.3  # px, standard uncertainty from grains that do not reach right up to the face: rms of 11 films (docs/stages.md)
 CONTRAST = 3.0  # change of grey from frame to frame below the face over that above it: less is no end of a body
 
 
@@ -55,7 +54,7 @@ class Stack:
             return 0.0, math.inf
         centre = float(np.median(found))
         width = 1.4826 * float(np.median(np.abs(found - centre)))
-        return centre, math.hypot(APART, 1.2533 * width / math.sqrt(found.size))
+        return centre, 1.2533 * width / math.sqrt(found.size)
 
 
 def _rise(u: Array, spread: Array) -> float:
