@@ -70,8 +70,8 @@ def test_face(texture, rms, carry):
 
 
 def test_claimed_sigma_is_true_sigma():
-    """A textured body against frame 0, whose noise its film shares: 18 films, 0.683 +- 0.05 for that (a share of 0.65 to
-    0.84 inside, as frame 0 errs) and +- 0.03 for 270 frames, three of both."""
+    """A textured body against frame 0, whose noise its film shares: of 18 films with each its own share inside (sd 0.2)
+    0.683 +- 0.05, of 270 frames +- 0.03; three of both."""
     z = []
     for seed in range(3):
         for carry in (1, 0.5, 0):

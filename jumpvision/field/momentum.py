@@ -176,7 +176,7 @@ def added_mass(
 def _pushed(
     v: Array, ok: NDArray[np.bool_], r: Array, y: Array, foot: tuple[float, float] | None
 ) -> tuple[NDArray[np.bool_], float]:
-    """Columns (nx,) under a foot that pushes grains, and its velocity; none where their uppermost vectors lag behind."""
+    """Columns (nx,) under a foot that pushes grains, and its velocity; none where the uppermost vectors lag behind."""
     none = np.zeros(r.size, bool)
     if foot is None or not (math.isfinite(foot[1]) and foot[1] < 0.0):
         return none, 0.0

@@ -138,7 +138,8 @@ def momentum_of(
 ) -> tuple[float, float, float]:  # fmt: skip
     """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost.
 
-    radius [m] of the foot, where known. axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn in.
+    radius [m] of the foot, where known. axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn
+    in.
     """
     top = float(frame.foot_y)
     if not np.isfinite(top):

@@ -4,7 +4,7 @@ The foot is a rigid body seen above the face; the grains below are another pictu
 that do not ask the grains to stay the same:
 
 - the motion, from the body's texture registered on its picture in frame 0 (`foot_body`);
-- the motion from the edge, each column free to have whatever grey it likes below the face: all there is for a plain body;
+- the motion from the edge, each column free to have whatever grey it likes below the face: all that a plain body has;
 - the place of the face on a textured body, from all frames laid over each other along the body: where the grey stops
   being the same in every frame, the body ends (`foot_face`). One frame alone may show a dark foot over its dark hole.
 

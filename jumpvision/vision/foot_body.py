@@ -125,7 +125,7 @@ class Body:
         Greatest correlation coefficient over whole rows; a wrong match of a rigid body shows as a second place that is
         nearly as good.
         """
-        shifts = np.arange(math.floor(guess - reach - self.row), math.ceil(guess + reach - self.row) + 1)
+        shifts = list(range(math.floor(guess - reach - self.row), math.ceil(guess + reach - self.row) + 1))
         score = np.full(len(shifts), -1.0)
         for k, n in enumerate(shifts):
             top, bottom = max(self.first + n, 0), min(self.first + n + len(self.texture), len(smooth))
@@ -135,7 +135,7 @@ class Body:
             b = straightened(self.texture[top - n - self.first : bottom - n - self.first])
             score[k] = float((a * b).sum()) / math.sqrt(max(float((a * a).sum() * (b * b).sum()), 1e-12))
         best = int(np.argmax(score))
-        others = score[np.abs(shifts - shifts[best]) > ALIKE]
+        others = score[np.abs(np.arange(len(shifts)) - best) > ALIKE]
         if score[best] < MATCH or (others.size and float(others.max()) > score[best] - APART):
             return math.nan
         return self.row + float(shifts[best])
