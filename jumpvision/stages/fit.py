@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 NAN = math.nan
 
 
-@stage(version=3, any_of=("rod", "contact", "column", "flow", "intrusion", "log"))
+@stage(version=4, any_of=("rod", "contact", "column", "flow", "intrusion", "log"))
 def fit(
     experiment: Experiment,
     rod: RodMotion | None,
