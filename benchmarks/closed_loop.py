@@ -80,7 +80,7 @@ def one(kind: str, scene: loop.Scene, folder: Path) -> dict[str, float]:
     own_flow, own_column = own(scene, d, m)
     got, sigma = seen["flow"].momentum.values, seen["flow"].momentum_sigma.values
     large = np.abs(truth["field"]) > 0.1 * truth["field"].max()
-    ratio, pull = got / truth["field"] - 1.0, (got - truth["field"]) / sigma
+    ratio, pull = got / np.where(large, truth["field"], np.nan) - 1.0, (got - truth["field"]) / sigma
     own_fit, piv_fit = cone_fits(own_column), cone_fits(Column(seen["column"]))
     pushing = np.flatnonzero((seen["flow"].foot_speed.values > 0.2) & large)
     foot = seen["piv"].foot_y.values

@@ -24,13 +24,14 @@ def loop(tmp_path_factory):
 
 
 def test_the_foot_is_found_where_it_was(loop):
-    """Grains that touch the face hide its edge by up to half a pixel, alike in all frames; then 0.15 px of motion."""
+    """Grains that touch the face hide its edge by up to half a pixel, alike in all frames. Of the motion, known
+    to 0.01 px, the range over 11 pairs is 3 sigma of it: 0.03 px, twice that allowed."""
     _, m, found = loop
     face = mid_exposure(m)[3]
     depth = -0.5 * (face[1:] + face[:-1])
     assert found["flow"].foot_depth.values == pytest.approx(depth, abs=0.5 * SCENE.scale)
     error = found["flow"].foot_depth.values - depth
-    assert np.ptp(error) < 0.15 * SCENE.scale
+    assert np.ptp(error) < 0.06 * SCENE.scale
 
 
 def test_momentum_of_the_grains_is_that_of_the_discs(loop):

@@ -183,6 +183,37 @@ def test_the_gap_below_the_face_is_bridged_and_a_lost_corner_is_reported():
     assert 0.6 < lost.covered < 0.8  # a quarter of the view, and the rows too far below the face
 
 
+@pytest.mark.parametrize("below", np.arange(0.05, 1.0, 0.1))
+def test_a_plug_counts_in_full_wherever_the_face_lies_between_two_rows(below):
+    """Windows of 3 steps leave no vectors within 1.5 steps of the face; the cells up to it are part of the plug."""
+    x, y, v, box, _ = plume(41, 40)
+    top = y[5] + below * DX
+    valid = np.repeat((y < top - 1.5 * DX)[:, None], x.size, axis=1)
+    whole = grain_momentum(np.full(v.shape, -V), x, y, 0.0 * v, valid, **(box | {"top": top}), **M,
+                           correlation_length=3.0)  # fmt: skip
+    assert whole.covered == pytest.approx(1.0)
+    assert whole.value == pytest.approx(570.0 * math.pi * V * box["right"] ** 2 * (top - box["bottom"]))
+
+
+def test_grains_at_the_face_of_a_pushing_foot_are_not_slower_than_it():
+    """v = -V exp(-depth/4 mm) under the foot, at rest beside it, first vectors at 2.5 mm: a straight line to the foot's
+    speed there is d^3/(12 B^3) of 3/4 of the momentum too much, 1.5 %; a slope from below falls short by more."""
+    x, y, _, box, _ = plume(41, 40)
+    under = np.abs(x) < 15.2 * DX
+    v = -V * np.exp(y / 4e-3)[:, None] * under
+    valid = np.repeat((y < -2e-3)[:, None], x.size, axis=1)
+    how = {**box, **M, "correlation_length": 3.0}
+    fine = np.linspace(0.0, -box["bottom"], 4000)
+    true = 570.0 * math.pi * (15.5 * DX) ** 2 * V * np.trapezoid(np.exp(-fine / 4e-3), fine)
+    without = grain_momentum(v, x, y, 0.0 * v, valid, **how)
+    held = grain_momentum(v, x, y, 0.0 * v, valid, **how, foot=(15.2e-3, -V))
+    assert 0.0 < held.value - true < 0.02 * true < true - without.value
+    assert abs(held.value - true) < 2.0 * held.sigma
+    # a foot in the air over grains at rest, and one that lifts off moving grains, push nothing
+    assert grain_momentum(0.0 * v, x, y, 0.0 * v, valid, **how, foot=(15.2e-3, -V)).value == 0.0
+    assert grain_momentum(v, x, y, 0.0 * v, valid, **how, foot=(15.2e-3, V)).value == without.value
+
+
 def test_grains_above_the_face_do_not_count():
     x, y, v, box, _ = plume(41, 40)
     deep = box | {"top": -10.0 * DX}

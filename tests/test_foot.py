@@ -1,4 +1,4 @@
-"""The foot's face against drawn films. About 10 s on two cores.
+"""The foot's face against drawn films. About 15 s on two cores.
 
 The foot is drawn over discs that are new in part in every frame, by supersampling: no row is known to the tracker but
 the first, to a pixel.
@@ -51,8 +51,8 @@ def camera(image, noise, rng):
     return np.clip(np.rint(image + rng.normal(0, noise, image.shape)), 0, 255).astype(np.uint8)
 
 
-def errors(texture, carry, noise):
-    rng = np.random.default_rng(1)
+def errors(texture, carry, noise, seed=1):
+    rng = np.random.default_rng(seed)
     frames = (camera(i, noise, rng) for i in film(texture, carry))
     track = track_foot(frames, row=float(round(TRUTH[0])) + 1, **SETTINGS)
     assert (track.flag == "").all()
@@ -66,18 +66,85 @@ def errors(texture, carry, noise):
 def test_face(texture, rms, carry):
     track, e = errors(texture, carry, noise=2)
     assert np.std(e) < rms
-    assert abs(np.median(e)) < 3 * track.offset_sigma < 0.6
+    assert abs(np.median(e)) < track.offset_sigma  # 0.3 px: half of the smallest grain's rise towards the face
 
 
 def test_claimed_sigma_is_true_sigma():
-    """12 films of 16 frames, errors about the median of each film: about 180 independent values, 0.683 +- 3 x 0.035."""
+    """A textured body against frame 0, whose noise its film shares: of 18 films with each its own share inside (sd 0.2)
+    0.683 +- 0.05, of 270 frames +- 0.03; three of both."""
     z = []
-    for texture in (0, 12):
+    for seed in range(3):
         for carry in (1, 0.5, 0):
             for noise in (2, 6):
-                track, e = errors(texture, carry, noise)
-                z.append(((e - np.median(e)) / np.where(track.sigma > 0, track.sigma, np.nan))[1:])
-    assert 0.58 < np.mean(np.abs(np.concatenate(z)) < 1) < 0.79
+                track, e = errors(12, carry, noise, seed)
+                z.append(((e - e[0]) / track.sigma)[1:])
+    assert 0.51 < np.mean(np.abs(np.concatenate(z)) < 1) < 0.85
+
+
+def test_claimed_sigma_of_a_plain_body():
+    """Errors about the median of each film, 90 values: 0.683 - 3 x 0.05. Above: grains carried along err alike in all
+    frames, which the scatter over the columns counts and the median takes off."""
+    z = []
+    for carry in (1, 0.5, 0):
+        for noise in (2, 6):
+            track, e = errors(0, carry, noise)
+            z.append(((e - np.median(e)) / track.sigma)[1:])
+    assert np.mean(np.abs(np.concatenate(z)) < 1) > 0.53
+
+
+def rows_of(pattern, at):
+    """The pattern on fractional rows, between two of them linearly."""
+    i = np.clip(at.astype(int), 0, len(pattern) - 2)
+    part = np.clip(at - i, 0, 1)[:, None]
+    return pattern[i] * (1 - part) + pattern[i + 1] * part
+
+
+def impact(seed, path=(40.0, 50.0, 60.0, 64.0, 64.5, 65.5, 67.0, 69.5, 73.0, 77.0, 81.0, 84.0, 86.0, 86.5)):
+    """Film [grey] of a dark body that comes down on the dark floor of its hole at row 62 and pushes on, and its true
+    rows: exposure a quarter of the frame's time, still glare on the glass, uneven light, photon noise.
+
+    The body is a random pattern on a grid five times as fine, sampled linearly; grains are carried rigidly.
+    """
+    rng, sub, floor = np.random.default_rng(seed), 5, 62.0
+    h, w = SHAPE
+
+    def pattern(mean, spread, width):
+        f = ndimage.gaussian_filter(rng.normal(size=(h * sub, w * sub)), width * sub)
+        return mean + spread * f / f.std()
+
+    body, bed = pattern(54.0, 12.0, 1.2), pattern(90.0, 35.0, 1.5)
+    y, x = (np.arange(h * sub) + 0.5) / sub - 0.5, np.arange(w)
+    rate = np.gradient(path)
+    glare = 25 * np.exp(-(((x - 120) / 40) ** 2) - ((y[::sub, None] - 70) / 25) ** 2)
+    light = 1 - 0.06 * x / w - 0.05 * (np.arange(h)[:, None] / h) ** 2
+    frames, truth = [], []
+    for face, v in zip(path, rate):
+        total, rows = 0.0, face + v * np.array([-3, -1, 1, 3]) / 32
+        for f in rows:
+            deepest = max(f, floor)
+            at = (y - f + 60) * sub  # the pattern's row 60 at the face
+            moved = [rows_of(p, r) for p, r in ((body, at), (bed, (y - deepest + floor) * sub))]
+            on, under = (np.clip((e - y) * sub + 0.5, 0, 1)[:, None] for e in (f, deepest))
+            total = total + moved[0] * on + (1 - on) * (46.0 * under + moved[1] * (1 - under))
+        image = ndimage.gaussian_filter(total.reshape(h, sub, w, sub).mean((1, 3)) / 4, 0.55) * light + glare
+        frames.append(camera(image, 1.5, rng))
+        truth.append(rows.mean())
+    return frames, np.array(truth)
+
+
+def test_an_impact_from_the_air_under_a_glare():
+    """10 px a frame that stop within two, dark on dark in the first frames: no slip, and the motion to 0.03 px.
+
+    12 grey levels over 100 columns and 9 rows at noise 1.5 fix a shift to 0.01 px (information sum); the glare moves
+    a smooth body's edge by its slope over the contrast, 0.3 px, if nothing takes it off.
+    """
+    for seed in range(2):
+        frames, truth = impact(seed)
+        track = track_foot(frames, row=truth[0], **SETTINGS)
+        assert (track.flag == "").all()
+        e = track.row - truth
+        assert np.abs(e - e[0]).max() < 0.1 and np.std(e) < 0.03
+        assert abs(e[0]) < 2 * track.offset_sigma
 
 
 def test_lost_and_found_again():

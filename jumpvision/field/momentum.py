@@ -14,6 +14,7 @@ from jumpvision.field.correlation import correlated_variance
 Array = NDArray[np.float64]
 
 ANGLE = {"full": 2.0 * math.pi, "half": math.pi}  # rad of the disc that pushes grains: whole, or half at the wall
+PUSHING = 0.5  # of the foot's speed: slower grains under it are not pushed by it (it is in the air, or has a gap below)
 MIN_RATIO = 5.0  # foot speed / its sigma below which P / v is left out: it has no symmetric uncertainty there
 
 
@@ -45,6 +46,7 @@ def grain_momentum(
     disc: str,
     correlation_length: float,
     error_length: float | None = None,
+    foot: tuple[float, float] | None = None,
 ) -> Momentum:
     """P = -rho phi c int int v r dr dh over left..right, bottom..top; c = 2 pi for a full disc, pi for a half foot.
 
@@ -52,7 +54,8 @@ def grain_momentum(
     x (nx,), y (ny,) [m] strictly monotonic cell centres, y up. Domain [m]: top is the foot's face (vectors above it do
     not count), bottom, left and right the edges of the picture or of the bed. axis_x [m]: the foot's axis. density
     rho [kg/m^3] of the grains' material. correlation_length: window width / grid step (`field.correlation`);
-    error_length: the same for the errors, where smoothing has made them alike over more than a window.
+    error_length: the same for the errors, where smoothing has made them alike over more than a window. foot: its radius
+    [m] and velocity [m/s, up], where known.
 
     Both half planes are measured and azimuthal symmetry is assumed: radii seen on both sides are averaged, radii seen
     on one side only count in full. Every cell is weighted with its exact int r dr inside the domain, and the outermost
@@ -64,6 +67,8 @@ def grain_momentum(
     - cells within half a window of the next vector in their column (the gap below the foot's face) are extrapolated
       with the slope over the half window beyond it, where that is measured, else take its value; what the slope adds
       counts as uncertain by 1/sqrt(3) of itself, common to all such cells;
+    - a foot that pushes (PUSHING) cannot pass through grains: where the slope would leave them slower than it at its
+      face, they are interpolated linearly to its velocity there; the difference over sqrt(12), common to all;
     - the border of the picture beyond the outermost cells (half a window, and what the grid leaves over, less than a
       step) takes the value of the nearest vector; what the slope beside it would change there counts as uncertain by
       1/sqrt(3), common to all of the border;
@@ -88,8 +93,11 @@ def grain_momentum(
     half = 0.5 * max(1.0, correlation_length)  # of a window, in grid steps
     factor = density * volume_fraction * ANGLE[disc]
 
+    def heights(reach: float) -> Array:
+        return np.clip(_edges("y", y, v.shape[0], reach), bottom, top)
+
     def weights(reach: float) -> Array:
-        height = np.abs(np.diff(np.clip(_edges("y", y, v.shape[0], reach), bottom, top)))
+        height = np.abs(np.diff(heights(reach)))
         edges = np.clip(_edges("x", x, v.shape[1], reach), left, right) - axis_x
         return np.asarray(factor * height[:, None] * _ring(edges)[None, :])
 
@@ -113,23 +121,36 @@ def grain_momentum(
             hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
     held, drift = float(weight[filled].sum()), _border_drift(border, v, ok, 0.5 * half + 0.75)
     base = math.ceil(half)
+    inside = heights(half + 1.0)
+    middle = 0.5 * (inside[1:] + inside[:-1])  # of the part of a cell below the face
+    under, rising = _pushed(v, ok, x - axis_x, y, foot)
+    at_face = bridged = 0.0
     for i, j in zip(*np.nonzero(~filled & (weight > 0.0))):
         at = np.flatnonzero(ok[:, j])
         near = int(at[np.argmin(np.abs(at - i))]) if at.size else -1
-        if near < 0 or abs(near - i) > max(1.0, half):
+        if near < 0 or abs(near - i) > max(1, base):
             continue
         far = near + base * (1 if near > i else -1)
-        reach = (y[i] - y[near]) / (y[near] - y[far]) if 0 <= far < y.size and ok[far, j] else 0.0
+        there = 0 <= far < y.size and ok[far, j]
+        slope = (v[near, j] - v[far, j]) / (y[near] - y[far]) if there else 0.0
+        held += float(weight[i, j])
+        if under[j] and y[i] > y[near] and v[near, j] + slope * (top - y[near]) > rising:
+            part = weight[i, j] * (middle[i] - y[near]) / (top - y[near])
+            shares[near, j] += weight[i, j] - part
+            at_face += float(part * rising)
+            bridged += float(weight[i, j] * (rising - v[near, j]))
+            continue
+        reach = (middle[i] - y[near]) / (y[near] - y[far]) if there else 0.0
         shares[near, j] += weight[i, j] * (1.0 + reach)
         if reach:
             shares[far, j] -= weight[i, j] * reach
             drift += float(weight[i, j] * reach * (v[near, j] - v[far, j]))
-        held += float(weight[i, j])
     noise = correlated_variance(
         np.where(ok, shares * np.where(ok, sigma, 0.0), 0.0), error_length or correlation_length
     )
-    value = -float(np.sum(shares[ok] * v[ok]))
-    return Momentum(value, math.sqrt(noise + hole_variance + drift**2 / 3.0), held / total)
+    value = -float(np.sum(shares[ok] * v[ok])) - at_face
+    variance = noise + hole_variance + drift**2 / 3.0 + bridged**2 / 12.0
+    return Momentum(value, math.sqrt(variance), held / total)
 
 
 def added_mass(
@@ -150,6 +171,18 @@ def added_mass(
     v = np.where(use, v, np.nan)
     mass = p / v
     return mass, np.hypot(ps, mass * vs) / np.abs(v)
+
+
+def _pushed(
+    v: Array, ok: NDArray[np.bool_], r: Array, y: Array, foot: tuple[float, float] | None
+) -> tuple[NDArray[np.bool_], float]:
+    """Columns (nx,) under a foot that pushes grains, and its velocity; none where the uppermost vectors lag behind."""
+    none = np.zeros(r.size, bool)
+    if foot is None or not (math.isfinite(foot[1]) and foot[1] < 0.0):
+        return none, 0.0
+    under = (np.abs(r) < foot[0]) & ok.any(0)
+    uppermost = v[np.argmax(np.where(ok, y[:, None], -np.inf), axis=0), np.arange(r.size)][under]
+    return (under, foot[1]) if uppermost.size and np.median(uppermost) < PUSHING * foot[1] else (none, 0.0)
 
 
 def _edges(name: str, x: Array, size: int, half: float) -> Array:

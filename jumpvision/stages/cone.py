@@ -75,7 +75,9 @@ def mass_fits(flow: Flow) -> dict[str, Estimate]:
     t, m, s = (a[near] for a in (f.t.values - f.t.values[peak], f.added_mass.values, f.added_mass_sigma.values))
     ok = np.isfinite(m) & (s > 0)
     line = fit_line(t[ok], m[ok], s[ok])
-    out["added_mass_kg"] = Estimate(line.intercept, line.intercept_sigma, "kg", line.n, line.chi2, line.reason)
+    # border and gap below the face are filled alike in neighbouring frames: their mean is no better than one of them
+    sigma = max(line.intercept_sigma, float(np.median(s[ok]))) if ok.any() else NAN
+    out["added_mass_kg"] = Estimate(line.intercept, sigma, "kg", line.n, line.chi2, line.reason)
     share = f.jammed_share.values[near][ok]
     spread = float(np.std(share, ddof=1) / math.sqrt(share.size)) if share.size > 1 else NAN
     out["jammed_share"] = Estimate(float(np.mean(share)), spread, "", share.size, 0.0)

@@ -14,7 +14,7 @@ from ..field.momentum import added_mass, grain_momentum
 from ..params import FlowParams
 from ..pipeline import StageWarning, stage
 from ..records import BedHeight, Flow, Piv
-from ..sections import Bed, GrainVideo, PivField
+from ..sections import Bed, GrainVideo, PivField, Robot
 from .bed import packing
 
 Array = NDArray[np.float64]
@@ -22,9 +22,10 @@ JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=3)
+@stage(version=4)
 def flow(
-    piv: Piv, film: GrainVideo | None, section: Bed | None, bed: BedHeight | None, given: PivField | None = None, *,
+    piv: Piv, film: GrainVideo | None, section: Bed | None, bed: BedHeight | None, given: PivField | None = None,
+    robot: Robot | None = None, *,
     p: FlowParams,
 ) -> Flow:  # fmt: skip
     """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
@@ -56,7 +57,7 @@ def flow(
         },
     )
     data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
-    for name, (values, unit) in under_the_foot(field, source, section, bed, p, overlap).items():
+    for name, (values, unit) in under_the_foot(field, source, section, bed, robot, p, overlap).items():
         data[name] = ("t", values, {"units": unit})
     if np.isfinite(data.added_mass).any():
         phi = packing(section, bed)[0]
@@ -67,8 +68,8 @@ def flow(
 
 
 def under_the_foot(
-    field: xr.Dataset, source: GrainVideo | PivField, section: Bed | None, bed: BedHeight | None, p: FlowParams,
-    overlap: float,
+    field: xr.Dataset, source: GrainVideo | PivField, section: Bed | None, bed: BedHeight | None, robot: Robot | None,
+    p: FlowParams, overlap: float,
 ) -> dict[str, tuple[Array, str]]:  # fmt: skip
     """Momentum, added mass and the foot's motion over t."""
     n = field.sizes["t"]
@@ -88,7 +89,8 @@ def under_the_foot(
             "no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3
         )
         return out
-    rows = [momentum_of(field.isel(t=i), source.foot, section, phi, overlap) for i in range(n)]
+    radius = robot.foot_radius if robot else None
+    rows = [momentum_of(field.isel(t=i), source.foot, section, phi, overlap, radius=radius) for i in range(n)]
     momentum, sigma, covered = (np.array(a) for a in zip(*rows, strict=True))
     jammed = jammed_share(field, source.foot, section, phi, overlap, speed, momentum, p.min_speed)
     mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
@@ -131,12 +133,13 @@ def sensitivities(
 
 
 def momentum_of(
-    frame: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float, *, axis: float = 0.0,
-    inwards: float = 0.0,
+    frame: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float, *, radius: float | None = None,
+    axis: float = 0.0, inwards: float = 0.0,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost.
 
-    axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn in.
+    radius [m] of the foot, where known. axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn
+    in.
     """
     top = float(frame.foot_y)
     if not np.isfinite(top):
@@ -155,5 +158,6 @@ def momentum_of(
         disc=disc,
         correlation_length=overlap,
         error_length=a.get("error_px", a["window_px"]) / a["step_px"],
+        foot=(radius, float(frame.foot_v)) if radius and "foot_v" in frame else None,
     )  # fmt: skip
     return found.value, found.sigma, found.covered

@@ -30,7 +30,7 @@ PART, LONG = 16, 64  # pairs a process matches at a time; from so many on severa
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=4, any_of=("film", "field"))
+@stage(version=5, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
     p: PivParams,
@@ -231,3 +231,4 @@ def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p
         ("foot_v_sigma", spread * scale / dt, f"{unit}/s"),  # of one pair: that of a mean is no larger
     ):
         data[name] = ("t", of_fields(values, p), {"units": dimension})
+    data.foot_y_sigma.attrs["shared_by_all_times"] = foot.offset_sigma * scale  # where on the body its face is

@@ -1,14 +1,15 @@
 """Row of the foot's lower face in a side-wall film, to a fraction of a pixel.
 
-The foot is a rigid body seen above the face; the grains below are another picture in every frame. Two measurements
-that do not ask the grains to stay the same are combined by their variances:
+The foot is a rigid body seen above the face; the grains below are another picture in every frame. Three measurements
+that do not ask the grains to stay the same:
 
-- the body's texture, registered on its picture in frame 0;
-- the edge, fitted with each column free to have whatever grey it likes below the face:
-  I(x, y) = T(x, y - (f - f0)) (1 - Phi) + G(x) Phi, Phi the normal distribution at (y - f) / s, with T the body in
-  frame 0, f the face and s the blur of the edge.
+- the motion, from the body's texture registered on its picture in frame 0 (`foot_body`);
+- the motion from the edge, each column free to have whatever grey it likes below the face: all that a plain body has;
+- the place of the face on a textured body, from all frames laid over each other along the body: where the grey stops
+  being the same in every frame, the body ends (`foot_face`). One frame alone may show a dark foot over its dark hole.
 
-A plain body is followed by its edge alone, to about a tenth of a pixel; a textured one to a few hundredths.
+Every frame is compared with frame 0: errors do not add up, and a frame that is lost costs no later one. A plain body
+is followed to about a tenth of a pixel; a textured one to a few hundredths.
 """
 
 from __future__ import annotations
@@ -19,17 +20,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, special
+
+from .foot_body import Body
+from .foot_face import Stack
 
 Array = NDArray[np.float64]
 
-BELOW = 3  # rows under the face that take part in the fit of the edge
-BLURS = (0.3, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, widths tried for the edge in frame 0
-SMOOTH = 1.0  # px, standard deviation of the Gaussian that both pictures of the body are smoothed with
-BLOCK = 16  # columns that share a grain: the errors of blocks are independent, those of columns are not
-CLIP = 9.0  # squared residual, in variances, above which a pixel of the body says no more than that it is hidden
-GIVEN = 1.0  # px, uncertainty of a row read off the screen
-MAX_SIGMA = 0.5  # px, a worse face is no face
+APART = 0.3  # px, standard uncertainty from grains that do not reach right up to the face: rms of 11 drawn films
 
 
 @dataclass(frozen=True)
@@ -37,9 +34,9 @@ class FootTrack:
     """Lower face of the foot in each frame; NaN where lost."""
 
     row: Array  # (n,) [px], down, pixel centres at integers: the face is the edge between body and grains
-    sigma: Array  # (n,) [px], standard uncertainty without the error of frame 0 that all rows may share (below)
+    sigma: Array  # (n,) [px], standard uncertainty without the error of the face's place on the body (below)
     flag: NDArray[np.str_]  # (n,) empty when good, else the reason
-    offset_sigma: float  # [px], standard uncertainty of the row found in frame 0, shared by all rows of a textured body
+    offset_sigma: float  # [px], standard uncertainty of that place, shared by all rows of a textured body
 
 
 def track_foot(
@@ -53,218 +50,35 @@ def track_foot(
     Raises ValueError if the body leaves the image in frame 0 or frames differ in size.
     """
     rows, sigmas, flags = [], [], []
-    body: _Body | None = None
+    body: Body | None = None
+    stack = Stack()
     shape: tuple[int, ...] = ()
     last, speed, lost = row, 0.0, 0
     for k, image in enumerate(images):
         if body is None:
             shape = image.shape
-            body = _Body(image, row, column, half_width, depth)
+            body = Body(image, row, column, half_width, depth)
         if image.shape != shape:
             raise ValueError(
                 f"frame {k} is {image.shape} px (rows, columns), frame 0 is {shape}: crop them to one size"
             )
         reach = min(search * (1 + lost), max(shape)) if k else 3.0
-        f, sigma, flag = body.find(image, last + speed * (1 + lost), reach)
-        rows.append(f)
-        sigmas.append(sigma)
-        flags.append(flag)
-        if flag:
+        found = body.find(image, last + speed * (1 + lost), reach)
+        rows.append(found.row)
+        sigmas.append(found.sigma)
+        flags.append(found.flag)
+        if found.flag:
             lost += 1
             continue
-        speed = (f - last) / (1 + lost) if k else 0.0
-        last, lost = f, 0
+        if found.by_texture:
+            stack.add(image[:, body.columns], found.row)
+        speed = (found.row - last) / (1 + lost) if k else 0.0
+        last, lost = found.row, 0
+    if body is None:
+        return FootTrack(np.array([]), np.array([]), np.array([], dtype=np.str_), math.nan)
+    shift, offset_sigma = stack.face() if 2 * stack.n > len(rows) else (0.0, math.inf)
+    if math.isinf(offset_sigma):
+        shift, offset_sigma = 0.0, body.offset_sigma
     return FootTrack(
-        np.array(rows, float),
-        np.array(sigmas, float),
-        np.array(flags, dtype=np.str_),
-        body.offset_sigma if body else math.nan,
+        np.array(rows) + shift, np.array(sigmas), np.array(flags, dtype=np.str_), math.hypot(APART, offset_sigma)
     )
-
-
-class _Body:
-    """The foot in frame 0: its columns, its picture, its noise, the blur of its edge."""
-
-    def __init__(self, image: NDArray[np.generic], row: float, column: float, half_width: float, depth: int):
-        height, width = image.shape
-        left, right = math.ceil(column - half_width + 2), math.floor(column + half_width - 2)
-        left, right = max(left, 0), min(right, width - 1)
-        if right - left + 1 < 2 * BLOCK:
-            raise ValueError(
-                f"half_width = {half_width} px about column = {column}: the body must have {2 * BLOCK} columns or more"
-            )
-        if not depth >= 6 or row - depth < 0 or row > height - 2 - BELOW:
-            raise ValueError(
-                f"row = {row}, depth = {depth} px: at least 6 rows of the body above the face and {BELOW + 1} rows "
-                f"below it must lie in the image of {height} rows"
-            )
-        self.columns = slice(left, right + 1)
-        self.depth = depth
-        first = np.asarray(image[:, self.columns], np.float64)
-        # first with the body cut off well above the guessed face, then just above the face that was found
-        self.row, self.blur, self.offset_sigma = row, BLURS[-1], 0.0
-        for cut in (4.5, None):
-            found = []
-            self._picture(first, cut)
-            start = self._coarse(first, self.row, 3.0)
-            for self.blur in BLURS:
-                f, sigma, misfit = self._edge(first, start)
-                if sigma < MAX_SIGMA and abs(f - row) <= 4.0:
-                    found.append((misfit, f, self.blur, sigma))
-            if (
-                not found
-            ):  # a foot above its hole, dark on dark: its place is the one given, its motion is in its texture
-                self.row, self.blur, self.offset_sigma = row, BLURS[-1], GIVEN
-                break
-            _, self.row, self.blur, self.offset_sigma = min(found)
-        self._picture(first, None)
-
-    def _picture(self, image: Array, cut: float | None) -> None:
-        """Spline of the body above the face; nearer to it than the blur reaches, its last clean row goes on."""
-        self.top = max(0, math.floor(self.row) - self.depth - 2)
-        clean = math.floor(self.row - (cut or max(2.5 * self.blur, 1.0)))
-        self.rows = np.arange(self.top, math.ceil(self.row) + 40)
-        t = image[np.minimum(self.rows, clean)]
-        self.spline = ndimage.spline_filter1d(ndimage.gaussian_filter(t, SMOOTH), order=3, axis=0, mode="nearest")
-        inside = t[: clean - self.top + 1]
-        # noise from second differences along the columns, robust against the texture of the body
-        self.noise = max(1.4826 * float(np.median(np.abs(np.diff(inside, 2, axis=0)))) / math.sqrt(6), 0.5)
-
-    def template(self, y: Array, f: float) -> Array:
-        """The body with its face at f, on the rows y: (len(y), columns)."""
-        j = np.clip(y - (f - self.row) - self.top, 0, len(self.rows) - 1)
-        grid = np.broadcast_to(j[:, None], (len(y), self.spline.shape[1]))
-        i = np.broadcast_to(np.arange(self.spline.shape[1]), grid.shape)
-        return ndimage.map_coordinates(self.spline, [grid, i], order=3, prefilter=False, mode="nearest")
-
-    def find(self, image: NDArray[np.generic], guess: float, reach: float) -> tuple[float, float, str]:
-        """Face, its standard uncertainty, and "" or why there is none."""
-        strip = np.asarray(image[:, self.columns], np.float64)
-        if not np.isfinite(strip).all():
-            return math.nan, math.nan, "pixels without value on the foot"
-        start = self._coarse(strip, guess, reach)
-        if not math.isfinite(start):
-            return math.nan, math.nan, "foot out of the image"
-        f, sigma, _ = self._edge(strip, start)
-        if not math.isfinite(f) or abs(f - start) > 2.5:
-            f, sigma = start, math.inf
-        by_texture, texture_sigma = self._texture(strip, f)
-        if math.isfinite(texture_sigma):
-            share = sigma**2 / (sigma**2 + texture_sigma**2) if math.isfinite(sigma) else 1.0
-            f, sigma = f + share * (by_texture - f), math.sqrt(share) * texture_sigma
-        if not sigma < MAX_SIGMA:
-            return math.nan, math.nan, "neither edge nor texture to hold on to"
-        if self._hidden(strip, f) > 0.5:
-            return math.nan, math.nan, "body does not match frame 0"
-        return f, sigma, ""
-
-    def _variance(self) -> float:
-        return 2 * self.noise**2 + 1.0  # noise of both frames, and one grey level for the rounding and the lamp
-
-    def _residual(self, strip: Array, y: NDArray[np.integer], f: float) -> Array:
-        r = strip[y] - self.template(y.astype(np.float64), f)
-        return r - np.median(r)  # the lamp may change
-
-    def _hidden(self, strip: Array, f: float) -> float:
-        """Share of the body's pixels that do not look as in frame 0."""
-        y = np.arange(max(0, math.ceil(f) - self.depth), max(1, math.floor(f - 2.5 * self.blur)))
-        return float(np.mean(self._residual(strip, y, f) ** 2 > CLIP * self._variance()))
-
-    def _coarse(self, strip: Array, guess: float, reach: float) -> float:
-        """Best face on whole and half rows: the rows above explained by the body, those below by any other grey."""
-        height = len(strip)
-        lowest, highest = max(guess - reach, 6.0), min(guess + reach, height - 2.0 - BELOW)
-        if lowest > highest:
-            return math.nan
-        candidates = np.arange(lowest, highest + 0.25, 0.5)
-        top = max(0, math.ceil(lowest) - self.depth)
-        y = np.arange(top, min(height, math.ceil(highest) + BELOW))
-        # what the grains look like: the rows under the last candidate, or as far as the picture goes
-        under = strip[min(math.ceil(highest), height - 4) :][: 4 * BLOCK]
-        level, spread = float(under.mean()), max(float(under.std()), 3.0)
-        variance = self._variance()
-        grains = np.minimum(((strip[y] - level) / spread) ** 2, CLIP) + math.log(spread**2 / variance)
-        best = score = math.inf
-        for f in candidates:
-            n = int(np.searchsorted(y, f))
-            body = np.minimum(self._residual(strip, y[:n], f) ** 2 / variance, CLIP) if n else np.zeros((0, 1))
-            total = float(body.sum() + grains[n:].sum())
-            if total < score:
-                best, score = float(f), total
-        return best
-
-    def _texture(self, strip: Array, f: float) -> tuple[float, float]:
-        """Face from the body's texture alone, and its standard uncertainty; infinite without texture.
-
-        Gauss-Newton with the gradient of the mean of both pictures and the information sum T' I', so that noise is
-        not taken for texture.
-        """
-        smooth = ndimage.gaussian_filter(strip, SMOOTH)
-        sigma = math.inf
-        start = f
-        for _ in range(12):
-            clear = max(2.5 * self.blur, 1.0) + 2.5 * SMOOTH + 1  # what the grains reach by blur and smoothing
-            y = np.arange(max(2, math.ceil(start) - self.depth), math.floor(start - clear))
-            if len(y) < 4:
-                return f, math.inf
-            t = self.template(np.arange(y[0] - 1.0, y[-1] + 2), f)
-            i = smooth[y[0] - 1 : y[-1] + 2]
-            slope_t, slope_i = 0.5 * (t[2:] - t[:-2]), 0.5 * (i[2:] - i[:-2])
-            r = i[1:-1] - t[1:-1]
-            r -= np.median(r)  # the lamp may change
-            keep = r * r < CLIP * max(self._variance(), 2 * float(np.median(r * r)))
-            j = -0.5 * (slope_t + slope_i) * keep
-            j -= j.mean()
-            products = slope_t * slope_i * keep
-            hessian = float(products.sum())
-            # 4 standard deviations of what noise alone makes of the sum: the variance of a smoothed slope is
-            # noise^2 / (8 pi SMOOTH^4), and 4 pi SMOOTH^2 pixels share one value
-            noise = max(0.5 * float(np.mean((slope_t - slope_i) ** 2)), self.noise**2 / (8 * math.pi * SMOOTH**4))
-            if hessian < 4 * noise * SMOOTH * math.sqrt(4 * math.pi * products.size):
-                return start, math.inf
-            step = float((j * r).sum()) / hessian
-            f += min(max(step, -1.0), 1.0)
-            parts = _blocks(j * (r - step * j))
-            sigma = math.sqrt(float((parts**2).sum()) * len(parts) / (len(parts) - 1)) / hessian
-            if abs(step) < 0.002:
-                break
-        return (f, sigma) if abs(f - start) < 2.5 else (start, math.inf)
-
-    def _edge(self, strip: Array, f: float) -> tuple[float, float, float]:
-        """Gauss-Newton for the face with the grey of the grains eliminated in each column.
-
-        Returns the face, its standard uncertainty from the scatter of blocks of columns, and the mean squared residual
-        at the edge [grey^2].
-        """
-        height = len(strip)
-        sigma = misfit = math.inf
-        for _ in range(20):
-            reach = max(2.5 * self.blur, 1.0) + 0.5
-            y = np.arange(math.ceil(f - reach), min(height, math.floor(f) + BELOW + 1))
-            if y[0] < 0 or y[-1] < f + 1:
-                return math.nan, math.inf, math.inf
-            z = ((y - f) / self.blur)[:, None]
-            phi = special.ndtr(z)
-            t = self.template(y.astype(np.float64), f)
-            rest = strip[y] - t * (1 - phi)
-            grey = (rest * phi).sum(0) / (phi * phi).sum(0)
-            r = rest - grey * phi
-            j = (t - grey) * np.exp(-0.5 * z * z) / (math.sqrt(2 * math.pi) * self.blur)  # dI/df
-            j = j - phi * (j * phi).sum(0) / (phi * phi).sum(0)
-            misfit = float(np.mean(r**2))
-            hessian = float((j * j).sum())
-            if hessian <= 0:
-                return math.nan, math.inf, math.inf
-            step = float((j * r).sum()) / hessian
-            f += min(max(step, -1.0), 1.0)
-            parts = _blocks(j * (r - step * j))
-            sigma = math.sqrt(float((parts**2).sum()) * len(parts) / (len(parts) - 1)) / hessian
-            if abs(step) < 0.002:
-                break
-        return f, sigma, misfit
-
-
-def _blocks(f: Array) -> Array:
-    """Sums over blocks of columns of a strip (rows, columns)."""
-    n = f.shape[1] // BLOCK * BLOCK
-    return f[:, :n].reshape(len(f), -1, BLOCK).sum((0, 2))
