@@ -161,14 +161,33 @@ def plain_number(value: float | None, factor: float = 1.0) -> str:
     return "" if value is None else f"{value * factor:#.4g}"
 
 
+CERTAIN = 99.0  # log10 of odds: more says nothing
+
+
+def said(diagnosis: dict[str, Any]) -> list[str]:
+    """The verdict, and what confirms it."""
+    return [text for text in (diagnosis["sentence"], diagnosis.get("confirmed")) if text]
+
+
+def models(causes: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Causes without those that name a model again by another of its mechanisms."""
+    first: dict[frozenset[str], dict[str, Any]] = {}
+    for c in causes:
+        first.setdefault(frozenset([c["mechanism"], *c["with"]]), c)
+    for key, c in first.items():
+        first[key] = c | {"parameters": {k: v for d in causes if {d["mechanism"], *d["with"]} == key
+                                         for k, v in d["parameters"].items()}}  # fmt: skip
+    return list(first.values())
+
+
 def diagnosis(data: dict[str, Any], made: list[Path], *, as_json: bool) -> None:
     """What `diagnose` found: the sentence, the causes, the gain."""
     if as_json:
         print(json.dumps(plain(data), indent=1))
         return
-    print(data["sentence"] + "\n")
+    print("\n".join(said(data)) + "\n")
     rows = []
-    for c in data["causes"]:
+    for c in models(data["causes"]):
         values = ", ".join(
             f"{n} = {p['value']:.4g} ({p['low']:.4g} to {p['high']:.4g}) {p['unit']}"
             for n, p in c["parameters"].items()
@@ -191,7 +210,7 @@ def diagnosis(data: dict[str, Any], made: list[Path], *, as_json: bool) -> None:
         )
     if n := data["next_experiment"]:
         what = f"{n['kind']} at {n['frequency']} Hz" + (f", delay {n['delay']} s" if n["delay"] else "")
-        odds = f"10^{n['expected_log10_odds']:.1f} odds"
+        odds = f"10^{min(n['expected_log10_odds'], CERTAIN):.1f} odds expected"
         line(f"next experiment: {what} separates {' from '.join(n['separates'])} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))
 
@@ -235,7 +254,7 @@ def outcome(
             print()
             table(rows_of_details)
     if diagnosis and not as_json:
-        print(f"\n{diagnosis['sentence']}")
+        print("\n" + "\n".join(said(diagnosis)))
     for o in outcomes:
         for text in o.warnings:
             line(f"warning: {o.name}: {text}")

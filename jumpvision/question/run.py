@@ -30,12 +30,12 @@ from .document import document, model_toml
 from .energy import ledgers
 from .films import Film, confirmation, films
 from .jumps import load_jumps, questioned, spec_of
-from .sentence import sentence
+from .sentence import confirmed, sentence
 
 Array = NDArray[np.float64]
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 3  # of the method: another one asks again
+VERSION = 4  # of the method: another one asks again
 FILE, MODEL, PICTURE = "diagnosis.json", "model.toml", "diagnosis.png"
 
 
@@ -88,7 +88,7 @@ def question(
         left = leftover(found, Problem(system, noise, scatter), system, say)
         data = document(found, system, heights_of(found, system), left)
         data |= {"energy": ledgers(found, system), "confirmation": confirmation(found, system, seen)}
-        data["sentence"] = sentence(data)
+        data |= {"sentence": sentence(data), "confirmed": confirmed(data)}
         best = found.naming.best.fit if found.naming and found.naming.named else found.baseline
         write_aside(entry / MODEL, model_toml(best, system, data["sentence"] + " Made by jumpvision diagnose."))
         if draw:

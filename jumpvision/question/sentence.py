@@ -8,7 +8,29 @@ from typing import Any
 
 import numpy as np
 
-from ..physics.parameters import MECHANISMS
+PLAIN = {  # what a model lacks, by mechanism
+    "linear_penetration": "a resistance in proportion to depth",
+    "two_resistance": "a resistance that bends with depth",
+    "rft_cone": "the resistance of a growing cone",
+    "inertial_drag": "the drag of the grains that are pushed aside",
+    "depth_drag": "the drag of grains that join the cone",
+    "added_mass": "the added mass of the jammed cone",
+    "foot_mass": "the right mass of the foot",
+    "reintrusion_overshoot": "the extra force on landing in an old hole",
+    "stop_go_overshoot": "the extra force after a pause in the sand",
+    "compaction": "sand compacted by an earlier footprint",
+    "viscous_friction": "viscous friction on the rail",
+    "coulomb_friction": "dry friction on the rail",
+    "spring_hardening": "the stiffening of the spring",
+    "spring_damping": "the right damping of the spring",
+    "spring_stiffness": "the right stiffness of the spring",
+    "payload": "the right mass on the motor",
+    "tilt": "the right gravity along the rail (a tilt)",
+    "landing_loss": "the loss at touchdown",
+    "motor_lag": "the lag of the motor",
+    "camera_scale": "the right scale of the camera",
+    "time_offset": "the right clock of the camera",
+}
 
 
 def sentence(data: Mapping[str, Any]) -> str:
@@ -32,19 +54,33 @@ def sentence(data: Mapping[str, Any]) -> str:
         if data["unexplained"] and data["unexplained"]["terms"]:
             text += f"; a force like {' + '.join(data['unexplained']['terms'])} would ({data['unexplained']['where']})"
         return text + "."
-    causes = " and ".join(f"{words([m])} ({MECHANISMS[m].meaning})" for m in data["named"])
-    text += f" because it lacks: {causes}"
+    causes = " and ".join(PLAIN[m] for m in data["named"])
+    text += f" because it lacks {causes}"
     if data["indistinguishable"]:
         twins = "; ".join(" or ".join(words([m]) for m in t) for t in data["indistinguishable"])
         text += f" (the data cannot tell apart: {twins})"
     if data["gain"]:
-        text += f"; with it the held-out track error falls {data['gain']['ratio']:.1f}x"
-    if "added_mass" in data["named"] and (rows := data["confirmation"]):
-        row = max(rows, key=lambda r: r["film_kg"])
-        film, jumps = (f"{1e3 * row[f'{k}_kg']:.1f} ± {1e3 * row[f'{k}_sigma_kg']:.1f} g" for k in ("film", "jumps"))
-        text += f". The jumps imply {jumps} of sand moving with the foot {1e3 * row['depth_m']:.0f} mm deep; "
-        text += f"the grain film shows {film}"
+        it = "it" if len(data["named"]) == 1 else "them"
+        text += f"; with {it} the held-out track error falls {data['gain']['ratio']:.3g}x"
     return text + "."
+
+
+def confirmed(data: Mapping[str, Any]) -> str | None:
+    """The cone's mass by two measurements in plain words; None where there is no film or no cone was named."""
+    if "added_mass" not in data["named"] or not data["confirmation"]:
+        return None
+    row = max(data["confirmation"], key=lambda r: r["film_kg"])
+    film, jumps = (measured(1e3 * row[f"{k}_kg"], 1e3 * row[f"{k}_sigma_kg"]) for k in ("film", "jumps"))
+    return (
+        f"The jumps imply {jumps} g of sand moving with the foot {1e3 * row['depth_m']:.0f} mm deep; "
+        f"the grain film {row['experiment']} shows {film} g."
+    )
+
+
+def measured(value: float, sigma: float) -> str:
+    """With as many digits as sigma has worth."""
+    digits = max(0, -math.floor(math.log10(sigma))) if sigma > 0 else 1
+    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
 
 
 def words(mechanisms: Sequence[str]) -> str:

@@ -203,6 +203,6 @@ def _films(ax: Any, data: Mapping[str, Any]) -> None:
         ax.errorbar(x + shift, mass, 1.96 * sigma, fmt="o", ms=5, capsize=3, color=color, label=label)
     ax.set_xticks(x, [f"{r['experiment']}\n{1e3 * r['depth_m']:.0f} mm deep" for r in rows])
     ax.set_xlim(-0.6, len(rows) - 0.4)
-    ax.set_ylim(0, None)
+    ax.set_ylim(0, 1.25e3 * max(max(r["film_kg"], r["jumps_kg"]) for r in rows))
     ax.set(title="mass moving with the foot", ylabel="added mass, 95 % [g]")
     ax.legend()

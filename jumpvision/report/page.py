@@ -20,7 +20,7 @@ from ..craters import craters_table, zero_crossing
 from ..experiment import Campaign
 from ..records import plain
 from ..sections import Actuation
-from ..show import details, measured, overview
+from ..show import details, measured, models, overview
 from ..storage import write_aside
 from .actuator import actuator
 from .campaign_charts import diagnosis_charts, heights_chart, parameters
@@ -109,7 +109,8 @@ def write_campaign(
         diagnosis=inline((results / "diagnosis.png").read_bytes())
         if diagnosis and (results / "diagnosis.png").exists()
         else None,
-        causes=[c | {"said": parameters(c)} for c in diagnosis["causes"]] if diagnosis else [],
+        causes=[c | {"said": parameters(c)} for c in models(diagnosis["causes"])] if diagnosis else [],
+        confirmed=diagnosis.get("confirmed") if diagnosis else None,
         model=diagnosis,
         critical=inline(drawn(critical, craters, crossing)) if packed else None,
         intrusions=inline(drawn(resistances, intruded, intrusion_laws(intruded))) if intruded else None,
