@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         rod,
         run,
         simulate,
+        spring,
         summary,
         sweep,
         track,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 __all__ = [
     "__version__", "bed", "column", "crater", "diagnose", "fit", "flow", "geometry", "intrusion", "open", "piv", "plan",
-    "rod", "run", "simulate", "summary", "sweep", "track",
+    "rod", "run", "simulate", "spring", "summary", "sweep", "track",
 ]  # fmt: skip
 
 

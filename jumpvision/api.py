@@ -112,6 +112,11 @@ def intrusion(experiment: Folder, *, results: PathLike | None = None) -> records
     return _make(experiment, records.Intrusion, results)
 
 
+def spring(experiment: Folder, *, results: PathLike | None = None) -> records.SpringTest:
+    """Force against displacement of [spring_log]: stiffness and hysteresis."""
+    return _make(experiment, records.SpringTest, results)
+
+
 def fit(experiment: Folder, *, results: PathLike | None = None) -> records.Fits:
     """Every fit: jump height, flights, ring-down, mu, beta, added mass; `.table` has one row a fit."""
     return _make(experiment, records.Fits, results)

@@ -33,6 +33,12 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_question.test_the_extended_model_is_taken_by_simulate",
     "plan --apex 0.04 --ground granular --model results/loose_sand/model.toml":
         "test_plan.test_the_command_writes_its_files",
+    "figures results/loose_sand --list":
+        "test_figures.test_a_campaign_an_experiment_and_a_sweep_list_what_they_have",
+    "figures results/loose_sand --only heights,tracks --format pdf,png":
+        "test_figures.test_the_same_results_give_the_same_files",
+    "figures results/sweep/sweep.nc --format svg":
+        "test_figures.test_the_same_results_give_the_same_files",
     "init my_jumps/stutter-8.2Hz-1 --pick":
         "test_init.test_pick_writes_what_was_answered",
     "init my_jumps/stutter-8.2Hz-1 --marks 12,40,12,540 --distance-mm 250 --ball 25,101":
