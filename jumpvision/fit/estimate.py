@@ -62,14 +62,16 @@ def least_squares_fit(
     """(parameters, covariance, chi2) of the least squares of residual(p) = (y - model)/sigma, or None.
 
     start: first guess, shape (p,). scale: size of a change of each parameter that matters. jacobian(p): d(residual)/dp,
-    shape (n, p); default: by differences. The covariance is inv(J'J)
+    shape (n, p); default: by differences,
+    and a slower solver. The covariance is inv(J'J)
     for unit-variance residuals, without scatter_factor. None when the solver fails or a parameter is undetermined.
     """
     start = np.asarray(start, dtype=float)
     try:
         fit = least_squares(
-            residual, start, jacobian or "2-point", method="trf", x_scale=np.broadcast_to(scale, start.shape)
-        )
+            residual, start, jacobian or "2-point", method="lm" if jacobian else "trf",
+            x_scale=np.broadcast_to(scale, start.shape),
+        )  # fmt: skip
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
     jac = fit.jac * np.broadcast_to(scale, start.shape)  # scaled, so that the rank below has a meaning
