@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from jumpvision.vision.disc_sums import SECTORS, accumulate
+from jumpvision.vision.disc_sums import ROOM, SECTORS, accumulate, pixels_in_use
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,7 @@ X, Y, R, S, B, A, BX, BY, GX, GY, WX, WY = range(12)
 MIN_S = 0.29  # px, the blur of a square pixel alone
 ROUGH_END = 0.05  # of sigma: last step of a fit that need not come to rest
 MAX_STEPS = 40
+ROWS_FROM = 8.0  # px: a ball of twice this radius is approached by every second row, of thrice by every third ...
 SETTLED = 0.1  # of sigma: the last step; each is some tenth of the one before
 NEAR = 20.0  # last steps: from here on the next may be the last, and its sums are kept
 
@@ -91,30 +92,33 @@ def _invert(h, n, inverse):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     """Gauss-Newton from p (changed in place) with a prior `mean`, `weight` = 1/variance (0: flat) on each parameter."""
-    h, g = np.zeros((12, 12)), np.zeros(12)
+    h, g = np.zeros((12, 14)), np.zeros(12)
     cov = np.zeros((12, 12))
     classes, sectors = np.zeros((3, 6)), np.zeros((4, SECTORS))
-    slopes = np.empty((14, img.size))
+    work = np.empty(ROOM)
     step = np.zeros(12)
     zone = np.zeros(7)
     soft = 1e30
     settled = False
-    good = False
+    good = frozen = False
+    pixels, count = np.empty((3, 0)), 0
     size, enough = np.inf, 0.0
     for _ in range(MAX_STEPS):
-        if not settled:
+        if not frozen:  # far from the answer the pixels follow it, and a part of the rows of a large ball will do
             zone[0], zone[1], zone[2] = p[0], p[1], p[2]
             if n_par == 12:
                 zone[3], zone[4] = p[10], p[11]
             zone[5] = min(0.4 * p[2], 12.0)
             zone[6] = max(4.0, 5.0 * p[3])
+            pixels = pixels_in_use(img, zone, 1 if settled else max(1, int(p[2] / ROWS_FROM)))
+            frozen, count = settled, pixels.shape[1]
+            if count <= n_par:
+                break
         near = settled and size < NEAR * enough
         if near:
             classes[:] = 0.0
             sectors[:] = 0.0
-        total, count = accumulate(img, p, n_par, zone, noise, soft, near, slopes, h, g, classes, sectors)
-        if count <= n_par:
-            break
+        total = accumulate(pixels, p, n_par, noise, soft, near, work, h, g, classes, sectors)
         for m in range(n_par):
             h[m, m] += weight[m]
             g[m] += weight[m] * (mean[m] - p[m])
@@ -152,7 +156,7 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     soft = 1.0
     classes[:] = 0.0
     sectors[:] = 0.0
-    total, count = accumulate(img, p, n_par, zone, noise, soft, True, slopes, h, g, classes, sectors)
+    total = accumulate(pixels, p, n_par, noise, soft, True, work, h, g, classes, sectors)
     for m in range(n_par):
         h[m, m] += weight[m]
     if not _invert(h, n_par, cov):
