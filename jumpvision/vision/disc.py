@@ -16,7 +16,7 @@ Only pixels from R - min(0.4 R, 12 px) to the margin outside are used: the middl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -41,8 +41,7 @@ def margin(s: float) -> float:
     return max(4.0, 5.0 * s)
 
 
-@dataclass(frozen=True)
-class DiscFit:
+class DiscFit(NamedTuple):
     """Fit to one frame. p: parameters in the order of NAMES, px and grey levels; cov: their covariance for `noise`."""
 
     p: Array  # (12,)
@@ -166,24 +165,26 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     return cov, classes, sectors, total / max(1.0, count - n_par), good
 
 
-def fit_disc(
-    image: Array, start: Array, *, streak: bool, noise: Array, mean: Array | None = None, var: Array | None = None
-) -> DiscFit:
+def fit_disc(image: Array, start: Array, *, streak: bool, noise: Array, mean: Array, var: Array) -> DiscFit:
     """Fit the disc to `image` (row, column) [grey levels, NaN = no data]; row down, pixel centres at integers.
 
     start: (12,) in the order of NAMES. noise: (3,) variances of background, ball and edge excess, all used as given.
     mean, var: prior on each parameter (var = inf: none). The streak (wx, wy) is held at 0 unless `streak`.
     """
-    p = np.array(start, dtype=np.float64)
-    n = 12 if streak else 10
-    weight = np.zeros(12) if var is None else 1.0 / np.asarray(var, dtype=np.float64)
-    centre = np.zeros(12) if mean is None else np.where(weight > 0, mean, 0.0)
+    return DiscFit(*_fit_and_judge(image, start, streak, noise, mean, var))
+
+
+@njit(cache=True, error_model="numpy")
+def _fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-untyped-def]
+    """The fields of DiscFit."""
+    p, weight = start.copy(), 1.0 / var
     if not streak:
         p[WX] = p[WY] = 0.0
-    cov, classes, sectors, chi2, good = _fit(image, p, n, np.asarray(noise, dtype=np.float64), centre, weight)
+    centre = np.where(weight > 0.0, mean, 0.0)
+    cov, classes, sectors, chi2, good = _fit(image, p, 12 if streak else 10, noise, centre, weight)
     found, contrast, shifts, shift_sigmas = _summary(classes, sectors, p[A] - p[B], streak)
     dropped = classes[2, 5] / max(classes[2, 4], 1.0)
-    return DiscFit(p, cov, found, float(chi2), contrast, shifts, shift_sigmas, float(dropped), bool(good))
+    return p, cov, found, chi2, contrast, shifts, shift_sigmas, dropped, good
 
 
 @njit(cache=True, error_model="numpy")
