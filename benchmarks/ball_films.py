@@ -20,7 +20,7 @@ from jumpvision.frames import open_frames
 from jumpvision.vision.ball import BallSettings
 from jumpvision.vision.ball_film import FilmTracker, track_film
 
-SHAPE, D, N = (480, 640), 19.0, 1000
+SHAPE, D, N = (480, 640), 19.0, 600
 PERIOD = 200  # frames drawn; the film repeats them
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
     "ffv1.avi": ("ffv1", "gray", {}),

@@ -196,7 +196,7 @@ def _dots(a, rows, n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, inline="always")
 def _bell(z):  # type: ignore[no-untyped-def]
-    """exp(-z^2/2) for |z| < 5 to 3e-6 of itself, by products alone: exp(-q) = (exp(-q/32))^32."""
+    """exp(-z^2/2), to 4e-6 of itself for |z| < 4.6, by products alone: exp(-q) = (exp(-q/32))^32."""
     q = -min(z * z, 40.0) / 64.0
     f = 1.0 + q * (1.0 + q / 2 * (1.0 + q / 3 * (1.0 + q / 4 * (1.0 + q / 5 * (1.0 + q / 6)))))
     f *= f
