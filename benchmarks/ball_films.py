@@ -25,7 +25,7 @@ PERIOD = 200  # frames drawn; the film repeats them
 CODECS: dict[str, tuple[str, str, dict[str, str]]] = {
     "ffv1.avi": ("ffv1", "gray", {}),
     "png.avi": ("png", "gray", {}),
-    "h264.mp4": ("libx264", "yuv420p", {}),  # crf 23: 2 % of the bytes, most of the noise smoothed away
+    "h264.mp4": ("libx264", "yuv420p", {}),  # crf 23 smooths most of the noise away
     "h264_crf12.mp4": ("libx264", "yuv420p", {"crf": "12"}),
 }
 
