@@ -138,6 +138,8 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
         p[3] = max(p[3], MIN_S)
         if not (abs(p[0]) < 1e6 and abs(p[1]) < 1e6 and 1.5 < p[2] < 1e5 and p[3] < 2.0 * p[2]):
             break
+        if not (abs(p[10]) < 1e4 and abs(p[11]) < 1e4):
+            break
         size = max(abs(step[0]), abs(step[1]), abs(step[2]))
         enough = max(3e-5, SETTLED * np.sqrt(min(cov[0, 0], cov[1, 1])))
         if size < 0.1 and not settled:
