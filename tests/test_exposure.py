@@ -60,14 +60,20 @@ def test_it_is_said_or_applied_never_silent(recwarn):
     time = np.arange(40) / RATE
     height = 1e-3 * oscillation(time, 25.0)
     motion = pd.DataFrame({"time_s": time, "height_m": height, "sigma_m": 1e-6, "flag": ""})
+    shift = exposure_shift(time, height, T)
+    said = motion.assign(exposure_shift_m=shift)
     with pytest.warns(StageWarning, match=r"exposure 0\.004 s.*apply"):
-        assert at_mid_exposure(motion, T, "report").equals(motion)
+        assert at_mid_exposure(motion, T, "report").equals(said)
     with pytest.warns(StageWarning, match="taken out, but for 2 frames"):
         better = at_mid_exposure(motion, T, "apply")
-    assert np.max(np.abs(better.height_m - height)) == pytest.approx(np.nanmax(np.abs(exposure_shift(time, height, T))))
+    assert np.max(np.abs(better.height_m - height)) == pytest.approx(np.nanmax(np.abs(shift)))
+    assert better.exposure_shift_m.equals(said.exposure_shift_m)
     recwarn.clear()
-    assert at_mid_exposure(motion, T, "none").equals(motion)
-    assert at_mid_exposure(motion.assign(sigma_m=1e-3), T, "report") is not None and not recwarn.list
+    # no warning, but the number is always there; without an exposure it is unknown, not zero
+    assert at_mid_exposure(motion, T, "none").equals(said)
+    rough = motion.assign(sigma_m=1e-3)
+    assert at_mid_exposure(rough, T, "report").equals(rough.assign(exposure_shift_m=shift))
+    assert at_mid_exposure(motion, 0.0, "report").exposure_shift_m.isna().all() and not recwarn.list
 
 
 def test_the_correction_adds_the_noise_that_it_says():

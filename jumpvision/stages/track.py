@@ -24,7 +24,7 @@ from .view import view_of
 SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
 
-@stage(version=2)
+@stage(version=3)
 def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
     """Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN."""
     first, *others = (with_rest_zero(motion, actuation) for motion in from_film(film, calibration, p))
@@ -43,12 +43,12 @@ def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -
 
 
 def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataFrame:
-    """height_m without what acceleration during the exposure [s] adds (how = "apply"), or a warning of its size."""
-    if how == "none" or exposure <= 0 or len(motion) < 3:
-        return motion
+    """The motion with the column exposure_shift_m: what acceleration during the exposure [s] adds to a height, NaN
+    where unknown. how = "apply" takes it out of height_m, "report" warns where it exceeds SAY_FROM sigma."""
     time, height, sigma = (motion[c].to_numpy(float) for c in ("time_s", "height_m", "sigma_m"))
-    shift = exposure_shift(time, height, exposure)
-    if np.isnan(shift).all():
+    shift = exposure_shift(time, height, exposure) if exposure > 0 else np.full(len(motion), np.nan)
+    motion = motion.assign(exposure_shift_m=shift)
+    if how == "none" or np.isnan(shift).all():
         return motion
     worst = int(np.nanargmax(np.abs(shift)))
     size = f"shifts heights by up to {abs(shift[worst]):.2g} m ({abs(shift[worst]) / sigma[worst]:.1f} sigma)"

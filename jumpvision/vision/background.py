@@ -7,6 +7,7 @@ known, the share itself is (I - B)/(A - B).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -57,15 +58,7 @@ class SceneSum:
         add_image(self._total, image)
         self._views += 1
         for x, y, diameter in balls:
-            reach = 0.5 * diameter + CLEAR
-            y0, x0 = max(0, int(y - reach)), max(0, int(x - reach))
-            at = np.s_[y0 : max(0, int(y + reach) + 2), x0 : max(0, int(x + reach) + 2)]
-            part = image[at]
-            rows, columns = np.ogrid[y0 : y0 + part.shape[0], x0 : x0 + part.shape[1]]
-            r = np.hypot(columns - x, rows - y)
-            taken = r <= reach
-            self._total[at][taken] -= part[taken]
-            self._hidden[at][taken] += 1
+            _hide(self._total, self._hidden, image, x, y, 0.5 * diameter + CLEAR)
         self._greys.append(grey)
 
     def background(self) -> Background | None:
@@ -86,3 +79,13 @@ def add_image(total, image):  # type: ignore[no-untyped-def]
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
             total[y, x] += image[y, x]
+
+
+@njit(cache=True)
+def _hide(total, hidden, image, x, y, reach):  # type: ignore[no-untyped-def]
+    """Takes the pixels within reach of (x, y) out of total again and counts them as hidden."""
+    for row in range(max(0, math.ceil(y - reach)), min(image.shape[0], math.floor(y + reach) + 1)):
+        for column in range(max(0, math.ceil(x - reach)), min(image.shape[1], math.floor(x + reach) + 1)):
+            if (column - x) ** 2 + (row - y) ** 2 <= reach * reach:
+                total[row, column] -= image[row, column]
+                hidden[row, column] += 1

@@ -108,13 +108,13 @@ class BallTracker:
     def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
         """The same without taking note; `keep` must follow. others: where other balls are expected."""
         if self.last is None:
-            return self._first(view, others)
+            return self._at_hint(view, hint) or self._first(view, others)
         start = self._predicted()
         flag = "lost: no ball found"
         if self.lost == 0:
             near = start
             if hint is not None and hint.fit is not None:
-                near = replace(start, x=hint.x, y=hint.y, wx=float(hint.fit.p[WX]), wy=float(hint.fit.p[WY]))
+                near = start._replace(x=hint.x, y=hint.y, wx=float(hint.fit.p[WX]), wy=float(hint.fit.p[WY]))
             found = self.measurer.measure(view, near, fresh=False)
             if not found.flag and math.hypot(found.x - near.x, found.y - near.y) < self.search * start.d:
                 return found
@@ -140,6 +140,15 @@ class BallTracker:
         n, exposed = self.lost + 1, self.exposure_fraction if self.streak else 0.0
         return Start(self.last[0] + n * vx, self.last[1] + n * vy, self.d, vx * exposed, vy * exposed, self.lost > 0)
 
+    def _at_hint(self, view: View, hint: Found | None) -> Found | None:
+        """The first ball where an earlier measurement of this frame has it; None if it is not there."""
+        if hint is None or hint.fit is None:
+            return None
+        start = Start(hint.x, hint.y, hint.diameter, float(hint.fit.p[WX]), float(hint.fit.p[WY]), rough=True)
+        found = self.measurer.measure(view, start, fresh=True)
+        near = not found.flag and math.hypot(found.x - hint.x, found.y - hint.y) < self.search * hint.diameter
+        return found._replace(rivals=hint.rivals) if near else None
+
     def _first(self, view: View, others: Sequence[tuple[float, float]]) -> Found:
         """The ball in a frame where nothing is known but perhaps the seed."""
         if not np.isfinite(image := view.everything()).any():
@@ -155,8 +164,7 @@ class BallTracker:
             found.sort(key=lambda f: math.hypot(f.x - sx, f.y - sy))
             near = [f for f in found[:1] if math.hypot(f.x - sx, f.y - sy) < max(0.6, self.search) * f.diameter]
             if near:
-                self.rivals = [(f.x, f.y) for f in found[1:]]
-                return near[0]
+                return near[0]._replace(rivals=tuple((f.x, f.y) for f in found[1:]))
             return Found(flags[0].flag if flags else "lost: no ball near the seed")
         found = [f for f in _distinct(found) if not _nearer(f, others, None)]
         if len(found) == 1:
@@ -181,7 +189,7 @@ class BallTracker:
             x0, y0 = max(0, int(x - half)), max(0, int(y - half))
             part = view.part(y0, int(y + half) + 2, x0, int(x + half) + 2)
         blobs = self._blobs(part) if min(part.shape) > 4 else []
-        starts = [replace(predicted, rough=True)]
+        starts = [predicted._replace(rough=True)]
         starts += [_start(replace(blob, x=blob.x + x0, y=blob.y + y0), self.streak) for blob in blobs]
         found, covered = [], []
         for start in starts:
@@ -225,6 +233,8 @@ class BallTracker:
         if self.last is not None:
             n = self.lost + 1
             self.velocity = ((found.x - self.last[0]) / n, (found.y - self.last[1]) / n)
+        else:
+            self.rivals = list(found.rivals)
         self.last, self.lost = (found.x, found.y), 0
         self.measurer.accept(found)
         self.d = self.measurer.seen

@@ -6,7 +6,7 @@ A measurer keeps what it has learned (noise, lighting) in `accept`, which the tr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,7 @@ UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new b
 NOISE_FRAMES = 30  # frames the noise is averaged over
 
 
-@dataclass(frozen=True)
-class Start:
+class Start(NamedTuple):
     """Where to look: centre x, y, diameter d, streak (wx, wy), px; rough: good to a few pixels only."""
 
     x: float
@@ -40,9 +39,9 @@ class Start:
     rough: bool
 
 
-@dataclass(frozen=True)
-class Found:
-    """A measurement; flag "" when good. fit: the disc fit, where there is one."""
+class Found(NamedTuple):
+    """A measurement; flag "" when good. fit: the disc fit, where there is one. rivals: centres (x, y) of other balls
+    in the frame that it was first found in [px]."""
 
     flag: str
     x: float = math.nan
@@ -51,6 +50,7 @@ class Found:
     diameter: float = math.nan
     chi2: float = math.nan
     fit: disc.DiscFit | None = None
+    rivals: tuple[tuple[float, float], ...] = ()
 
 
 class DiscMeasure:
@@ -112,7 +112,7 @@ class DiscMeasure:
                 return Found("lost: pixels not finite")
             p[disc.R], p[disc.S] = 0.5 * start.d, max(0.8, 0.06 * start.d)
             p[disc.B], p[disc.A] = levels
-        contrast = abs(p[disc.A] - p[disc.B])
+        contrast = abs(float(p[disc.A] - p[disc.B]))
         if not contrast > 0.0:
             return Found("lost: no contrast")
         floor = 1.0 / 12.0 if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
@@ -128,31 +128,32 @@ class DiscMeasure:
                 fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
                 if not fit.converged:
                     break
-                p, noise = fit.p, np.maximum(_complete(fit.noise, floor), (floor, floor, 0.0))
+                p, noise = fit.p, _at_least(_complete(fit.noise, floor), floor)
         else:
             assert self.noise is not None
-            noise = np.maximum(self.noise, (floor, floor, 0.0))
+            noise = _at_least(self.noise, floor)
             fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
-        p = fit.p.copy()
+        p = fit.p
         p[disc.X] += x0
         p[disc.Y] += y0
-        fit = replace(fit, p=p, noise=_complete(fit.noise, floor))
-        n = max(1.0, 4.0 * p[disc.R] * disc.margin(p[disc.S]))
+        fit = fit._replace(noise=_complete(fit.noise, floor))
+        n = max(1.0, 4.0 * float(p[disc.R]) * disc.margin(float(p[disc.S])))
         # Only a misfit beyond chance enlarges the stated uncertainty
         excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
-        sigma = math.sqrt(max(fit.cov[0, 0], fit.cov[1, 1]) * excess * self.rim_factor) if fit.converged else math.nan
-        flag = self._judge(fit, sigma, view.shape, max(noise[0], noise[1]), fresh)
-        return Found(flag, p[disc.X], p[disc.Y], sigma, 2.0 * p[disc.R], fit.chi2, fit)
+        most = float(max(fit.cov[0, 0], fit.cov[1, 1]))
+        sigma = math.sqrt(most * excess * self.rim_factor) if fit.converged else math.nan
+        flag = self._judge(fit, sigma, view.shape, float(max(noise[0], noise[1])), fresh)
+        return Found(flag, float(p[disc.X]), float(p[disc.Y]), sigma, 2.0 * float(p[disc.R]), fit.chi2, fit)
 
     def _judge(self, fit: disc.DiscFit, sigma: float, shape: tuple[int, ...], noise: float, fresh: bool) -> str:
         """ "" for a good fit, else what is wrong with it."""
-        p = fit.p
+        p = fit.p.tolist()
         if not fit.converged or not math.isfinite(sigma):
             return "lost: the fit did not converge"
         d, contrast = 2.0 * p[disc.R], self.sign * (p[disc.A] - p[disc.B])
         if contrast <= MIN_CONTRAST * math.sqrt(noise):
             return "lost: no contrast"
-        before = self.sign * (self.last[disc.A] - self.last[disc.B])
+        before = self.sign * float(self.last[disc.A] - self.last[disc.B])
         if before > 0.0 and not 1.0 / CONTRAST_SEEN < contrast / before < CONTRAST_SEEN:
             return f"lost: contrast {contrast:.3g} instead of {before:.3g}"
         if p[disc.S] > 0.35 * p[disc.R]:
@@ -218,10 +219,10 @@ class ThresholdMeasure:
             return Found("lost: no contrast")
         found = Found("", c.x + x0, c.y + y0, c.sigma, c.diameter)
         if c.cut:
-            return replace(found, flag="at the image edge")
+            return found._replace(flag="at the image edge")
         for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
             if expected is not None and abs(c.diameter - expected) > most * expected:
-                return replace(found, flag=f"diameter off: {c.diameter:.4g} px instead of {expected:.4g}")
+                return found._replace(flag=f"diameter off: {c.diameter:.4g} px instead of {expected:.4g}")
         return found
 
     def accept(self, found: Found) -> None:
@@ -252,9 +253,15 @@ def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tupl
     return float(np.median(crop[outside])), float(np.median(crop[inside]))
 
 
+def _at_least(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+    """No less than what digitising leaves."""
+    back, ball, edge = noise.tolist()
+    return np.array([max(back, floor), max(ball, floor), max(edge, 0.0)])
+
+
 def _complete(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
     """The variances found, where a class without pixels takes the other's; the edge's excess may be negative."""
-    back, ball, edge = noise
+    back, ball, edge = noise.tolist()
     if not math.isfinite(back):
         back = ball if math.isfinite(ball) else floor
     if not math.isfinite(ball):

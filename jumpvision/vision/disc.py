@@ -16,13 +16,13 @@ Only pixels from R - min(0.4 R, 12 px) to the margin outside are used: the middl
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from jumpvision.vision.disc_sums import SECTORS, accumulate
+from jumpvision.vision.disc_sums import ROOM, SECTORS, accumulate, pixels_in_use
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,7 @@ X, Y, R, S, B, A, BX, BY, GX, GY, WX, WY = range(12)
 MIN_S = 0.29  # px, the blur of a square pixel alone
 ROUGH_END = 0.05  # of sigma: last step of a fit that need not come to rest
 MAX_STEPS = 40
+ROWS_FROM = 8.0  # px: a ball of twice this radius is approached by every second row, of thrice by every third ...
 SETTLED = 0.1  # of sigma: the last step; each is some tenth of the one before
 NEAR = 20.0  # last steps: from here on the next may be the last, and its sums are kept
 
@@ -40,8 +41,7 @@ def margin(s: float) -> float:
     return max(4.0, 5.0 * s)
 
 
-@dataclass(frozen=True)
-class DiscFit:
+class DiscFit(NamedTuple):
     """Fit to one frame. p: parameters in the order of NAMES, px and grey levels; cov: their covariance for `noise`."""
 
     p: Array  # (12,)
@@ -91,30 +91,33 @@ def _invert(h, n, inverse):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     """Gauss-Newton from p (changed in place) with a prior `mean`, `weight` = 1/variance (0: flat) on each parameter."""
-    h, g = np.zeros((12, 12)), np.zeros(12)
+    h, g = np.zeros((12, 14)), np.zeros(12)
     cov = np.zeros((12, 12))
     classes, sectors = np.zeros((3, 6)), np.zeros((4, SECTORS))
-    slopes = np.empty((14, img.size))
+    work = np.empty(ROOM)
     step = np.zeros(12)
     zone = np.zeros(7)
     soft = 1e30
     settled = False
-    good = False
+    good = frozen = False
+    pixels, count = np.empty((3, 0)), 0
     size, enough = np.inf, 0.0
     for _ in range(MAX_STEPS):
-        if not settled:
+        if not frozen:  # far from the answer the pixels follow it, and a part of the rows of a large ball will do
             zone[0], zone[1], zone[2] = p[0], p[1], p[2]
             if n_par == 12:
                 zone[3], zone[4] = p[10], p[11]
             zone[5] = min(0.4 * p[2], 12.0)
             zone[6] = max(4.0, 5.0 * p[3])
+            pixels = pixels_in_use(img, zone, 1 if settled else max(1, int(p[2] / ROWS_FROM)))
+            frozen, count = settled, pixels.shape[1]
+            if count <= n_par:
+                break
         near = settled and size < NEAR * enough
         if near:
             classes[:] = 0.0
             sectors[:] = 0.0
-        total, count = accumulate(img, p, n_par, zone, noise, soft, near, slopes, h, g, classes, sectors)
-        if count <= n_par:
-            break
+        total = accumulate(pixels, p, n_par, noise, soft, near, work, h, g, classes, sectors)
         for m in range(n_par):
             h[m, m] += weight[m]
             g[m] += weight[m] * (mean[m] - p[m])
@@ -135,6 +138,8 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
         p[3] = max(p[3], MIN_S)
         if not (abs(p[0]) < 1e6 and abs(p[1]) < 1e6 and 1.5 < p[2] < 1e5 and p[3] < 2.0 * p[2]):
             break
+        if not (abs(p[10]) < 1e4 and abs(p[11]) < 1e4):
+            break
         size = max(abs(step[0]), abs(step[1]), abs(step[2]))
         enough = max(3e-5, SETTLED * np.sqrt(min(cov[0, 0], cov[1, 1])))
         if size < 0.1 and not settled:
@@ -152,7 +157,7 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     soft = 1.0
     classes[:] = 0.0
     sectors[:] = 0.0
-    total, count = accumulate(img, p, n_par, zone, noise, soft, True, slopes, h, g, classes, sectors)
+    total = accumulate(pixels, p, n_par, noise, soft, True, work, h, g, classes, sectors)
     for m in range(n_par):
         h[m, m] += weight[m]
     if not _invert(h, n_par, cov):
@@ -162,24 +167,26 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     return cov, classes, sectors, total / max(1.0, count - n_par), good
 
 
-def fit_disc(
-    image: Array, start: Array, *, streak: bool, noise: Array, mean: Array | None = None, var: Array | None = None
-) -> DiscFit:
+def fit_disc(image: Array, start: Array, *, streak: bool, noise: Array, mean: Array, var: Array) -> DiscFit:
     """Fit the disc to `image` (row, column) [grey levels, NaN = no data]; row down, pixel centres at integers.
 
     start: (12,) in the order of NAMES. noise: (3,) variances of background, ball and edge excess, all used as given.
     mean, var: prior on each parameter (var = inf: none). The streak (wx, wy) is held at 0 unless `streak`.
     """
-    p = np.array(start, dtype=np.float64)
-    n = 12 if streak else 10
-    weight = np.zeros(12) if var is None else 1.0 / np.asarray(var, dtype=np.float64)
-    centre = np.zeros(12) if mean is None else np.where(weight > 0, mean, 0.0)
+    return DiscFit(*_fit_and_judge(image, start, streak, noise, mean, var))
+
+
+@njit(cache=True, error_model="numpy")
+def _fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-untyped-def]
+    """The fields of DiscFit."""
+    p, weight = start.copy(), 1.0 / var
     if not streak:
         p[WX] = p[WY] = 0.0
-    cov, classes, sectors, chi2, good = _fit(image, p, n, np.asarray(noise, dtype=np.float64), centre, weight)
+    centre = np.where(weight > 0.0, mean, 0.0)
+    cov, classes, sectors, chi2, good = _fit(image, p, 12 if streak else 10, noise, centre, weight)
     found, contrast, shifts, shift_sigmas = _summary(classes, sectors, p[A] - p[B], streak)
     dropped = classes[2, 5] / max(classes[2, 4], 1.0)
-    return DiscFit(p, cov, found, float(chi2), contrast, shifts, shift_sigmas, float(dropped), bool(good))
+    return p, cov, found, chi2, contrast, shifts, shift_sigmas, dropped, good
 
 
 @njit(cache=True, error_model="numpy")
