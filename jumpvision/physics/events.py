@@ -106,13 +106,13 @@ def run(
     constants: (1,) CONSTANTS. rows: (n, 6) pieces of the forcing (`granular.drive`), valid between edges (n + 1,).
     s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT), modes (n,) and log
     (MAX_EVENTS, 2: time, kind) are filled; s ends as the state at edges[n]. max_step [s]. space: `workspace` of n.
-    peaks: (2,) greatest motor force [N] and power [W] until `stop`, without its impulses; or (0,).
+    peaks: (3,) greatest motor force [N], power [W] and speed [m/s] until `stop`, without its impulses; or (0,).
     """
     p, size = constants[0], s.size
     s1, work, q, arc, slopes, spare, memory, armed = space
     memory[0], memory[1], memory[2] = floor, 0.0, 0.0
     if peaks.size > 0:
-        peaks[0], peaks[1] = p.m_m * p.g, 0.0
+        peaks[0], peaks[1], peaks[2] = p.m_m * p.g, 0.0, 0.0
     mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0)

@@ -253,12 +253,12 @@ def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
 
 
 @kernel
-def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float]:
-    """F_m [N] and its power F_m X_m' [W], from m_m a_m = -m_m g + F_m + rail."""
+def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
+    """F_m [N], its power F_m X_m' [W] and |X_m'| [m/s], from m_m a_m = -m_m g + F_m + rail."""
     x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
     if p.kp > 0.0:
         effort = loop_force(t, s, kind, row, p)
-        return effort, effort * (v_m - v_r)
+        return effort, effort * (v_m - v_r), abs(v_m - v_r)
     force = spring_force(x_r, v_r, s, mode, p)
     if slip == 0:
         rail = p.M * p.g - force - p.m_r * acceleration
@@ -266,7 +266,7 @@ def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array,
         rail = rail_friction(x_r, v_m, slip, p)
     # M a_m = -M g + F_s + rail + m_r X_m''
     effort = p.m_m / p.M * (force + rail + p.m_r * acceleration) - rail
-    return effort, effort * (v_m - v_r)
+    return effort, effort * (v_m - v_r), abs(v_m - v_r)
 
 
 @kernel

@@ -130,7 +130,7 @@ def efforts(
     t: float, s: Array, h: float, s1: Array, exact: bool, arc: Array, q: Array, work: Array, mode: int, slip: int,
     kind: int, row: Array, p: Any, peaks: Array,
 ) -> None:  # fmt: skip
-    """Raises peaks, the greatest motor force [N] and power [W], to those within a step to s1.
+    """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
     A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: by the
     parabola through begin, middle and end. Where that turns above the peak so far (or nearly does), the piece is
@@ -150,7 +150,7 @@ def efforts(
             f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, kind, row, p)
         else:
             f2 = motor_force(t + h, s1, mode, slip, kind, row, p)
-        for which in range(2):
+        for which in range(3):
             a, b, c = f0[which], f1[which], f2[which]
             peaks[which] = max(peaks[which], a, c)
             bend = a - 2.0 * b + c
