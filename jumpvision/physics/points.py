@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.physics.batch import FAILURE, jump_batch
 from jumpvision.physics.events import CANNOT_CARRY
-from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.forcing import Forcing
 from jumpvision.physics.half_cycles import half_cycle_rows
 from jumpvision.physics.hard import RESULTS, hard_sweep, sine_rows
 from jumpvision.physics.jump import Motion, simulate
