@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,10 +100,11 @@ def model_at(model: Model, v: Mapping[str, Array]) -> Model:
         area = (float(v["foot_radius"]) / foot) ** 2
         grown = {n: getattr(parameters, n) * area for n in BY_AREA if getattr(parameters, n) is not None}
         parameters = dataclasses.replace(parameters, **grown)
+    robot: dict[str, Any] = {of_model: float(v[name]) for name, of_model in OF_ROBOT.items()}
     return dataclasses.replace(
         model,
         parameters=parameters,
-        **{of_model: float(v[name]) for name, of_model in OF_ROBOT.items()},
+        **robot,
         foot_radius=float(v["foot_radius"]) if foot else None,
         volume_fraction=float(v["phi"]) if model.volume_fraction else None,
     )
