@@ -44,7 +44,7 @@ SLACK = 1e-8  # N beyond a threshold of force, so that a mode begins with an acc
 def scipy_track(
     model: Model, law: Segments, t: NDArray, rtol: float, left: float = 0.0, slowest: float = 1.0
 ) -> NDArray:
-    """Rod height at t (n,) by solve_ivp, mode by mode; left / max(|v|, slowest) [kg] more added mass in an intrusion."""
+    """Rod height at t (n,) by solve_ivp, mode by mode; left / max(|v|, slowest) [kg] more added mass."""
     p, R, rho = model.parameters, ROBOT["foot_radius"], ROBOT["volume_fraction"] * ROBOT["grain_density"]
     M, m_f, k, c, g = model.M, model.m_f, model.k_s, model.c_s, model.g
     tan, ratio = math.tan(p.theta), model.m_m / model.M

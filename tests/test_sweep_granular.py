@@ -11,6 +11,8 @@ import math
 import os
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -127,6 +129,48 @@ def test_a_drag_is_fitted_back():
     assert fitted_drag(alpha, heights, [0.2, np.nan])[0] == pytest.approx(100.0, abs=1e-3)
     with pytest.raises(ValueError, match="no jump is finite"):
         fitted_drag(alpha, heights, [np.nan, np.nan])
+
+
+SINGLE = Path(__file__).parents[1] / "data_samples" / "loose_sand" / "single-6.5Hz-1"
+MODEL_LAWS = """
+[model.laws]
+foot_radius = 0.01905
+[model.laws.k1]
+phi = [0.56, 0.58, 0.63]
+value = [500.0, 700.0, 1700.0]
+[model.laws.delta]
+phi = [0.56, 0.58]
+value = [0.010, 0.014]
+"""
+
+
+def test_laws_of_a_model_file_give_an_experiment_the_values_of_its_packing(tmp_path):
+    """By hand at the phi of the sample; a foot of twice the radius has four times the force."""
+    phi = tomllib.loads((SINGLE / "experiment.toml").read_text())["bed"]["volume_fraction"]
+    (tmp_path / "laws.toml").write_text(MODEL_LAWS)
+    k1, delta = 4 * (500.0 + (phi - 0.56) / 0.02 * 200.0), 0.010 + (phi - 0.56) / 0.02 * 0.004
+    sets = ["--set", f"model.k1={k1}", "--set", f"model.delta={delta}"]
+    for name, more in (("a", ["--model", str(tmp_path / "laws.toml")]), ("b", sets), ("plain", [])):
+        assert main(["simulate", str(SINGLE), "--results", str(tmp_path / name), *more]) == 0
+    a, b, plain = (np.loadtxt(tmp_path / n / "simulation.csv", delimiter=",", skiprows=1) for n in ("a", "b", "plain"))
+    np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+    assert np.abs(a[:, 1] - plain[:, 1]).max() > 1e-4
+    assert read_laws(tmp_path / "laws.toml").laws["k1"].value == (500.0, 700.0, 1700.0)  # the same file for a sweep
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("[model.laws.k1]\nphi = [0.6, 0.63]\nvalue = [1.0, 2.0]\n", "phi = 0.5708 is outside 0.6 to 0.63"),
+        ("[model.laws.k_1]\nphi = [0.5, 0.63]\nvalue = [1.0, 2.0]\n", "k_1: unknown parameter of the bed"),
+        ("[model]\nlaws = 'laws.toml'\n", "laws = 'laws.toml': must be a table of laws"),
+    ],
+)
+def test_bad_laws_of_a_model_are_told(text, words, tmp_path, capsys):
+    (tmp_path / "laws.toml").write_text(text)
+    call = ["simulate", str(SINGLE), "--results", str(tmp_path / "r"), "--model", str(tmp_path / "laws.toml")]
+    assert main(call) in (1, 2)
+    assert words in capsys.readouterr().err
 
 
 # -- sweeps ----------------------------------------------------------------------------------------------------------

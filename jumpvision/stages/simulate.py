@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..physics.jump import simulate as integrate
 from ..physics.loop import Loop
 from ..physics.model import Model
 from ..physics.parameters import ModelParameters
+from ..physics.points import OF_MODEL
 from ..pipeline import StageWarning, stage
 from ..records import BedHeight, RodMotion, Simulation
 from ..schema import InputError
@@ -79,6 +81,14 @@ def build_model(
                 stacklevel=2,
             )
     phi = packing(section, bed)[0]
+    if spec.laws:
+        if phi is None:
+            raise InputError(["[bed] volume_fraction: missing; [model.laws] gives the bed's parameters against it"])
+        try:
+            at = spec.laws.points(phi, robot.foot_radius or math.nan)
+        except ValueError as e:
+            raise InputError([f"[model.laws] {e}"]) from None
+        values |= {name.removeprefix(OF_MODEL): float(x) for name, x in at.items()}
     try:
         return Model(
             experiment.ground, spec.terms, ModelParameters(**values),
