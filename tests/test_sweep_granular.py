@@ -9,6 +9,7 @@ import functools
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -16,12 +17,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from jumpvision.cli import main
-from jumpvision.physics.force_models import fitted_drag, force_model
+from jumpvision.lab import samples
+from jumpvision.lab.jumper import simulate as laboratory
+from jumpvision.lab.mechanisms import Law
+from jumpvision.physics.force_models import fitted_drag, fitted_parameter, force_model
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.jump import simulate
 from jumpvision.physics.packing_laws import PackingLaw, fit_packing_law
+from jumpvision.physics.points import resolve, simulated_points
 from jumpvision.report.sweeps import picture
 from jumpvision.schema import InputError
 from jumpvision.sweep.dataset import write
@@ -274,3 +280,55 @@ def test_the_command(tmp_path, capsys):
 def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys):
     assert main(["sweep", *words, "--results", str(tmp_path / "out"), "--workers", "1"]) == 2
     assert told in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+# -- the drag of measured jumps --------------------------------------------------------------------------------------
+def test_a_parameter_fitted_to_jumps_has_a_true_uncertainty():
+    """Heights of the laboratory's own integrator with b against phi put in, 0.3 mm of noise: pulls of 40 fits."""
+    rng, tried, sigma = np.random.default_rng(4), np.geomspace(5.0, 60.0, 25), 3e-4
+    frequency, robot = np.array([5.0, 7.0, 9.0, 11.0]), machine("granular", None, {})
+    pulls = []
+    for b in (14.0, 17.2, 22.0, 40.0):
+        truth = {**samples.SAND_TRUTH, "b": b, "delta": 0.01}
+        true = [
+            laboratory(samples.SAND_ROBOT, Law(f, 0.01875, 1.5 * math.pi, 0.05), samples.SAND_TERMS, truth,
+                       ground="granular", bed_density=570.0, duration=1.0, dt=1e-5, every=10).jump_height
+            for f in frequency
+        ]  # fmt: skip
+        v = resolve(robot.values, {"frequency": frequency[None, :], "phase": 1.5 * math.pi, "model.b": tried[:, None]})
+        v = {n: np.broadcast_to(x, (tried.size, 4)).ravel() for n, x in v.items()}
+        heights = simulated_points(robot.model, v, rtol=1e-7, atol=1e-9)["jump_height_m"].reshape(-1, 4)
+        for _ in range(10):
+            value, spread, _ = fitted_parameter(
+                tried, heights, true + sigma * rng.standard_normal(4), np.full(4, sigma)
+            )
+            pulls.append((value - b) / spread)
+    # 40 pulls of a unit normal (a little less where chi2 widens them): rms within 4/sqrt(80)
+    assert 0.55 < np.sqrt(np.mean(np.square(pulls))) < 1.45 and abs(np.mean(pulls)) < 4 / math.sqrt(40), pulls
+
+
+def test_an_end_of_the_tried_values_is_no_answer():
+    heights = np.linspace(0.05, 0.01, 5)[:, None] * np.ones(3)
+    assert np.isnan(fitted_parameter(np.arange(5.0), heights, np.full(3, 0.005), np.full(3, 1e-4))).all()
+
+
+def test_the_drag_of_a_campaign_is_the_one_put_in(tmp_path, capsys):
+    """Twelve jumps of the sample. Its k1 differs by 1 % from jump to jump: 0.3 mm of height, 2 % of b."""
+    sand = SINGLE.parent
+    for folder in sand.glob("*-1"):
+        shutil.copytree(folder, tmp_path / "sand" / folder.name)
+    shutil.copy(sand / "campaign.toml", tmp_path / "sand")
+    (tmp_path / "cone.toml").write_text(
+        "[model]\nterms = ['two_resistance', 'depth_drag', 'added_mass']\n"
+        "k1 = 2100.0\nk2 = 2100.0\ndelta = 0.012\nC = 2.7\nmu = 2.0\nb = 10.0\n"
+    )
+    call = ["sweep", "granular", "--analysis", "drag-fit", "--campaign", str(tmp_path / "sand")]
+    assert (
+        main([*call, "--model", str(tmp_path / "cone.toml"), "--results", str(tmp_path / "r"), "--workers", "1"]) == 0
+    )
+    assert "b at phi 0.57" in capsys.readouterr().out
+    with xr.open_dataset(tmp_path / "r" / "drag-fit.nc") as data:
+        assert data.attrs["parameter"] == "b" and data.n.values.tolist() == [12]
+        assert float(data.value[0]) == pytest.approx(17.2, rel=0.05) and 0.0 < float(data.value_sigma[0]) < 0.5
+    assert (tmp_path / "r" / "drag-fit.png").stat().st_size > 5000
+    assert main(call[:4]) == 2 and "--analysis drag-fit: go together" in capsys.readouterr().err
