@@ -74,7 +74,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     tolerance[granular.W] *= rate
     tolerance[granular.VF] *= rate
     s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
-    log, peaks = np.empty((LOG, 2)), np.empty(3)
+    log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
     height = -rest.squeeze(p) - deep
     while True:

@@ -36,6 +36,7 @@ from jumpvision.physics.granular import (
     kinetic,
     limit,
     motor,
+    motor_force,
     rail_force,
     rhs,
     rod,
@@ -113,18 +114,19 @@ def run(
     constants: (1,) CONSTANTS. rows: (n, 6) pieces of the forcing (`granular.drive`), valid between edges (n + 1,).
     s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT), modes (n,) and log
     (MAX_EVENTS, 2: time, kind) are filled; s ends as the state at edges[n]. max_step [s]. space: `workspace` of n.
-    peaks: (3,) greatest motor force [N], power [W] and speed [m/s] until `stop`, without its impulses; or (0,).
+    peaks: (6,) greatest, then least motor force [N], power [W] and speed [m/s] until `stop`, without impulses; or (0,).
     """
     p, size = constants[0], s.size
     s1, work, q, arc, slopes, spare, memory, armed = space
     memory[0], memory[1], memory[2], memory[3] = floor, 0.0, 0.0, 0.0
     if peaks.size > 0:
-        peaks[0], peaks[1], peaks[2] = p.m_m * p.g, 0.0, 0.0
+        peaks[:] = 0.0
+        peaks[0] = peaks[3] = p.m_m * p.g
     mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
     rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
-    held = -np.inf
+    held, force = -np.inf, (0.0, 0.0, 0.0)
     for piece in range(rows.shape[0]):
         t, end, row = edges[piece], edges[piece + 1], rows[piece]
         if size > N_MOTION and p.kp == 0.0:
@@ -163,6 +165,8 @@ def run(
                     if mode == INTRUDE:
                         h = min(h, first_step(s, slopes[0, VF], p))
                 here = heights(t, s, kind, row, p)
+                if peaks.size > 0 and t < stop:
+                    force = motor_force(t, s, mode, slip, kind, row, p)
                 if piece == 0 and steps == 0:
                     low = here[2]
                 now = guards(t, s, mode, slip, memory, kind, row, p)
@@ -269,7 +273,7 @@ def run(
             elif com_turns:
                 com = max(com, peak(2, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
             if effort:
-                efforts(t, s, taken, s1, exact, arc, q, work, mode, slip, kind, row, p, peaks)
+                force = efforts(t, s, taken, s1, force, exact, arc, q, work, mode, slip, kind, row, p, peaks)
             while n_out < t_out.size and t_out[n_out] <= reached:
                 share = (t_out[n_out] - t) / taken if taken > 0.0 else 0.0
                 inside(share, t, s, taken, exact, arc, q, mode, kind, row, p, work)
