@@ -41,7 +41,8 @@ def text() -> str:
         parts.append(f"### [{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
     parts += [
         "### [model]\n\n`terms` lists mechanisms; their parameters stand beside it. `[model.fit]` holds ranges "
-        "`[low, high]` of parameters that may be re-fitted, `[model.sigma]` standard uncertainties of given ones.",
+        "`[low, high]` of parameters that may be re-fitted, `[model.sigma]` standard uncertainties of given ones, "
+        "`[model.laws]` laws of the bed against its volume fraction (granular.md).",
         rows(mechanisms()),
         rows(table_of(ModelParameters)),
         "## Stage parameters\n\nIn `[params.<stage>]` of experiment.toml, campaign.toml or a pipeline file; "

@@ -11,6 +11,9 @@ from .experiment import Campaign
 from .storage import write_aside
 
 COLUMNS = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2")
+LAWFUL = ("k1", "k2", "delta", "s", "s_p", "lam")  # that a law against packing is fitted to
+LEAST = 5  # packings that a law needs
+KINKED = 0.05  # p of a straight line below which a law has a kink
 ACTUATOR = ("actuator_ratio", "actuator_lag_s", "actuator_tau_s", "peak_power_W", "motor_work_J")
 
 
@@ -72,6 +75,62 @@ def intrusion_laws(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
+def bed_laws(rows: list[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(laws, numbers) of the intrusions' parameters against packing: what [model.laws] holds, and the fits by name.
+
+    Two straight lines that meet at phi_c where they fit better than one (5 %), else one; of the foot most used, because
+    delta need not be the same for another. Parameters of fewer than five packings are left out.
+    """
+    from collections import Counter
+
+    import numpy as np
+
+    from .physics.packing_laws import fit_packing_law
+
+    feet = Counter(r["foot_radius_m"] for r in rows if r["foot_radius_m"] and r["volume_fraction"] is not None)
+    if not feet:
+        return {}, {}
+    foot = feet.most_common(1)[0][0]
+    known = [r for r in rows if r["foot_radius_m"] == foot and r["volume_fraction"] is not None]
+    laws: dict[str, Any] = {"foot_radius": foot}
+    numbers: dict[str, Any] = {}
+    for name in LAWFUL:
+        use = [r for r in known if r[name] is not None and (r[f"{name}_sigma"] or 0.0) > 0.0]
+        phi, value, sigma = (np.array([r[k] for r in use]) for k in ("volume_fraction", name, f"{name}_sigma"))
+        if np.unique(phi).size < LEAST:
+            continue
+        fit = fit_packing_law(phi, value, sigma)
+        kinked = fit.p_straight < KINKED
+        law = fit.law if kinked else fit.line
+        laws[name] = {"phi": list(law.phi), "value": list(law.value)}
+        at = zip(("phi_c", "value_c", "slope_below", "slope_above"), np.sqrt(np.diag(fit.covariance)))
+        numbers[name] = {n: {"value": getattr(fit, n), "sigma": float(x)} for n, x in at} | {
+            "phi_c_ci95": list(fit.interval), "p_straight": fit.p_straight, "chi2": fit.chi2, "n": fit.n,
+            "kinked": kinked,
+        }  # fmt: skip
+    return (laws, numbers) if numbers else ({}, {})
+
+
+def laws_toml(laws: dict[str, Any], numbers: dict[str, Any], source: str) -> str:
+    """The laws as [model.laws], with what is known of each kink."""
+    lines = [
+        "# Parameters of the bed against its volume fraction, from slow intrusions, for `sweep granular --laws FILE`",
+        "# and `simulate PATH --model FILE`, where the experiment's volume fraction picks the values.",
+        "",
+        "[model.laws]",
+        f"foot_radius = {laws['foot_radius']:.6g}  # m, forces are scaled by area to another",
+        f"source = {json.dumps(source)}",
+    ]  # fmt: skip
+    for name, n in numbers.items():
+        low, high = n["phi_c_ci95"]
+        kink = f"kink at {n['phi_c']['value']:.4f} (95 %: {low:.4f} to {high:.4f})" if n["kinked"] else "no kink seen"
+        lines += [
+            "", f"[model.laws.{name}]  # {n['n']} intrusions, {kink}; straight: p = {n['p_straight']:.2g}",
+            *(f"{k} = [{', '.join(f'{x:.7g}' for x in laws[name][k])}]" for k in ("phi", "value")),
+        ]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
 def cone_misfit(row: dict[str, Any]) -> dict[str, Any]:
     """Root mean square of measured minus predicted force over the first intrusion, and as a share of the largest."""
     import numpy as np
@@ -84,12 +143,18 @@ def cone_misfit(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_intrusions(campaign: Campaign, outcomes: list[Outcome], results: Path) -> list[Path]:
-    """intrusion.csv and intrusion_laws.json, where the campaign has slow intrusions."""
+    """intrusion.csv and intrusion_laws.json, where the campaign has slow intrusions; of many packings bed_laws.toml."""
     rows = intrusion_rows(campaign, outcomes)
     if not rows:
         return []
     table = [{k: v for k, v in r.items() if k not in ("profile", "cone")} for r in rows]
-    return _write(results, "intrusion.csv", table, "intrusion_laws.json", intrusion_laws(rows))
+    laws, numbers = bed_laws(rows)
+    data = intrusion_laws(rows) | ({"bed_laws": numbers} if numbers else {})
+    files = _write(results, "intrusion.csv", table, "intrusion_laws.json", data)
+    if laws:
+        write_aside(results / "bed_laws.toml", laws_toml(laws, numbers, f"slow intrusions of {campaign.path.name}"))
+        files.append(results / "bed_laws.toml")
+    return files
 
 
 def actuator_rows(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:

@@ -12,11 +12,14 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from . import reprs
 from .schema import InputError, check_value, closest, read
 from .sections import SECTIONS, Header, Section
+
+if TYPE_CHECKING:
+    from .physics.bed_laws import Laws
 
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
 
@@ -30,6 +33,7 @@ class ModelSpec(Section):
     parameters: Mapping[str, float] = field(default_factory=dict)
     fit: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # re-fittable parameters: (low, high)
     sigma: Mapping[str, float] = field(default_factory=dict)  # priors on given parameters
+    laws: Laws | None = None  # of the bed's parameters against its volume fraction, before `parameters`
 
 
 @dataclass(frozen=True)
@@ -299,7 +303,7 @@ def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list
     problems += [
         f"{where} terms: unknown mechanism '{t}'{closest(t, MECHANISMS)}" for t in terms if t not in MECHANISMS
     ]
-    values = {k: v for k, v in table.items() if k not in ("terms", "fit", "sigma")}
+    values = {k: v for k, v in table.items() if k not in ("terms", "fit", "sigma", "laws")}
     parameters, more = read(ModelParameters, values, where)
     problems += more
     fit, sigma = table.get("fit", {}), table.get("sigma", {})
@@ -321,10 +325,18 @@ def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list
                 if not wrong and not value[0] < value[1]:
                     wrong = ["low must be below high"]
                 problems += [f"{at} {key} = {value!r}: {p}" for p in wrong[:1]]
+    laws = None
+    if isinstance(table.get("laws"), Mapping):
+        from .physics.bed_laws import laws_from
+
+        laws, more = laws_from(table["laws"], f"{where[:-1]}.laws]")
+        problems += more
+    elif "laws" in table:
+        problems.append(f"{where} laws = {table['laws']!r}: must be a table of laws of the bed's volume fraction")
     if problems or parameters is None:
         return None, problems
     given = {k: float(getattr(parameters, k)) for k in values}
-    return ModelSpec(tuple(terms), given, {k: tuple(map(float, v)) for k, v in fit.items()}, dict(sigma)), []
+    return ModelSpec(tuple(terms), given, {k: tuple(map(float, v)) for k, v in fit.items()}, dict(sigma), laws), []
 
 
 def _params(table: Mapping[str, Any], where: str) -> list[str]:

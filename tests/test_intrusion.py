@@ -15,6 +15,7 @@ from jumpvision.fit.strokes import fresh_samples
 from jumpvision.fit.two_slope import fit_penetration, in_bins
 from jumpvision.lab import write
 from jumpvision.lab.intrusion import Arm, Grains, log
+from jumpvision.sweep.laws import read_laws
 
 ARM = Arm(surface=0.0007)
 DOWN = [("to", 0.06)]
@@ -187,4 +188,14 @@ def test_a_campaign_shows_the_foot_area_law_and_the_critical_packing(tmp_path):
     low, high = data["phi_c_from_ripple_ci95"]
     assert low - 0.002 < 0.605 < high and high - low < 0.01  # weak oscillations just above phi_c are not seen
     assert len(data["cone"]) == 13
+    laws = read_laws(results / "bed_laws.toml")
+    assert set(laws.laws) == {"k1", "k2", "delta"} and laws.foot_radius == 0.0381
+    own = [t for t, r in zip(truth, table.itertuples()) if r.foot_radius_m == 0.0381]
+    packing = table.volume_fraction[table.foot_radius_m == 0.0381]
+    for name, rel in (("k1", 0.01), ("k2", 0.01), ("delta", 0.03)):  # sigmas of one log are 0.2 to 1 %, 1 to 3 %
+        assert [float(x) for x in laws.laws[name](packing)] == pytest.approx([t[name] for t in own], rel=rel)
+    for name in ("k1", "k2"):
+        low, high = data["bed_laws"][name]["phi_c_ci95"]
+        assert low - 0.001 < 0.605 < high + 0.001 and high - low < 0.01
+    assert not data["bed_laws"]["delta"]["kinked"]  # the same at every packing
     assert "Slow intrusions" in (results / "report.html").read_text()

@@ -17,7 +17,7 @@ from jumpvision.physics.parameters import ModelParameters
 def random_model(rng, loop):
     u = rng.uniform
     optional = ["inertial_drag", "depth_drag", "reintrusion_overshoot", "stop_go_overshoot", "compaction",
-                "viscous_friction", "spring_hardening"] + ["coulomb_friction", "motor_lag"] * (not loop)  # fmt: skip
+                "viscous_friction", "spring_hardening", "coulomb_friction"] + ["motor_lag"] * (not loop)  # fmt: skip
     p = ModelParameters(k=u(800, 8000), k1=u(800, 8000), k2=u(500, 8000), delta=u(0.002, 0.02), sigma_cone=u(1e5, 1e6),
                         mu=u(1.5, 3), alpha=u(10, 100), b=u(0.5, 20), C=u(0.5, 4), s=u(0, 2000), s_p=u(0, 2000),
                         lam=u(1e-3, 1e-2), factor=u(0.8, 1.5), c_v=u(0, 2), F_c=u(0, 2), tau=u(1e-3, 1e-2),
@@ -39,14 +39,15 @@ def test_closes_for_random_models(loop):
         model = random_model(rng, loop)
         amplitude = 0.004 if model.ground == "hard" else 0.01875
         law = delayed(rng.uniform(4, 12), amplitude, rng.uniform(0, 2 * math.pi), rng.uniform(0, 0.1), start=0.02)
-        forcing = Loop(law, kp=2e4, kd=120.0, max_force=100.0) if loop else law
+        limits = {"max_speed": rng.uniform(0.1, 1.0), "stroke": rng.uniform(0.5, 2.5) * amplitude}
+        forcing = Loop(law, kp=2e4, kd=120.0, max_force=100.0, **limits) if loop else law
         books = energy_ledger(model, forcing, end=rng.uniform(0.1, 0.9), rtol=1e-9, atol=1e-11)
         # a tolerance of 1e-9 a step, some hundred steps
         assert abs(books.residual) < 1e-6 * books.turnover, model
         assert all(x >= -1e-9 for n, x in books.losses.items() if n != "added_mass")
         seen |= {n for n, x in books.losses.items() if x != 0.0}
     assert {"two_resistance", "rft_cone", "inertial_drag", "depth_drag", "added_mass", "viscous_friction",
-            "reintrusion_overshoot", "landing", "spring_damping"} <= seen  # fmt: skip
+            "coulomb_friction", "reintrusion_overshoot", "landing", "spring_damping"} <= seen  # fmt: skip
 
 
 def test_a_loss_left_out_is_seen():

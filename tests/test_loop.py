@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from test_granular import HARD, SAND, case
 
+from jumpvision.lab import samples
+from jumpvision.lab.jumper import simulate as laboratory
+from jumpvision.lab.mechanisms import Law, Motor
 from jumpvision.physics.forcing import delayed, sinusoid
 from jumpvision.physics.jump import simulate
 from jumpvision.physics.loop import Loop
@@ -71,14 +74,65 @@ def test_lowered_gain_in_the_dwell_damps_the_spring():
     assert ring[0.01] < 0.5 * ring[1.0]
 
 
+# The laboratory's own integrator puts limits and dry friction in after each fixed step, so that every event is up to
+# dt = 2.5 us late at rates of about 1 m/s: 2.5 um an event, some ten of which add up.
+@pytest.mark.parametrize(
+    "limits, F_c",
+    [
+        ({"max_force": 45.0, "max_speed": 0.6}, 0.0),
+        ({"stroke": 0.03}, 0.0),
+        ({"max_force": 45.0, "max_speed": 0.6, "stroke": 0.03}, 0.0),
+        ({}, 8.0),
+        ({"max_force": 45.0, "max_speed": 0.6, "stroke": 0.03}, 4.0),
+    ],
+)
+def test_limits_and_dry_friction_agree_with_the_laboratory(limits, F_c):
+    law, terms = Law(6.0, 0.01875, 0.5 * math.pi, 0.05), samples.SAND_TERMS + ("coulomb_friction",) * (F_c > 0)
+    truth = {**samples.SAND_TRUTH, **({"F_c": F_c} if F_c else {})}
+    seen = laboratory(
+        samples.SAND_ROBOT, law, terms, truth, ground="granular", bed_density=570.0, duration=0.8,
+        motor=Motor(20000.0, 120.0, **limits), dt=2.5e-6, every=40,
+    )  # fmt: skip
+    model = Model("granular", terms, ModelParameters(**truth), **SAND)
+
+    def ours(**limits):
+        loop = Loop(sinusoid(6.0, 0.01875, 0.5 * math.pi, start=0.05), 20000.0, 120.0, **limits)
+        return simulate(model, loop, t=seen.t, rtol=1e-9, atol=1e-11)
+
+    m = ours(**limits)
+    np.testing.assert_allclose(m.motor - m.rod, seen.motor, atol=1e-5)
+    np.testing.assert_allclose(m.rod - m.rest, seen.rod - seen.rest, atol=1e-5)
+    kinds = set(m.events["kind"])
+    assert ("motor_held" in kinds) == bool(limits) and ("rail_stick" in kinds) == (F_c > 0)
+    if limits:  # which without its limits would go elsewhere
+        free = ours()
+        assert np.abs(free.motor - free.rod - seen.motor).max() > 1e-4
+
+
+def test_limits_are_never_passed():
+    model, _ = case("cone")
+    law = sinusoid(9.0, 0.01875, math.pi / 2)
+    loop = Loop(law, 2e4, 120.0, max_speed=0.5, stroke=0.03)
+    low, high = loop.ends
+    assert (low, high) == pytest.approx((-0.03, 0.0))  # about -18.75 mm, but for the rest position at 0
+    t = np.linspace(0.0, 0.6, 60001)
+    m = simulate(model, loop, t=t, rtol=1e-9, atol=1e-11)
+    x = m.motor - m.rod
+    assert low - 1e-12 <= x.min() and x.max() <= high + 1e-12
+    # differences of positions good to 1e-16 over 10 us
+    assert np.abs(np.diff(x) / np.diff(t)).max() == pytest.approx(0.5, abs=1e-9)
+
+
 def test_bad_loops_are_named():
     law = case("plain")[1]
     with pytest.raises(ValueError, match="kp = 0"):
         Loop(law, 0.0, 1.0)
     with pytest.raises(ValueError, match="max_force = -1"):
         Loop(law, 1.0, 1.0, -1.0)
+    with pytest.raises(ValueError, match=r"max_speed = 0\.0, stroke = inf: both must be > 0"):
+        Loop(law, 1.0, 1.0, max_speed=0.0)
     lagging = Model("hard", ("motor_lag",), ModelParameters(tau=1e-3), **HARD)
-    with pytest.raises(ValueError, match="motor_lag cannot act together"):
+    with pytest.raises(ValueError, match="motor_lag stands for the delay of a feedback loop"):
         simulate(lagging, Loop(law, 1e4, 1e2), t=[0.0, 1.0], rtol=1e-7, atol=1e-9)
 
 

@@ -9,17 +9,25 @@ import functools
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from jumpvision.cli import main
-from jumpvision.physics.force_models import fitted_drag, force_model
+from jumpvision.lab import samples
+from jumpvision.lab.jumper import simulate as laboratory
+from jumpvision.lab.mechanisms import Law
+from jumpvision.physics.force_models import fitted_drag, fitted_parameter, force_model
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.jump import simulate
 from jumpvision.physics.packing_laws import PackingLaw, fit_packing_law
+from jumpvision.physics.points import resolve, simulated_points
 from jumpvision.report.sweeps import picture
 from jumpvision.schema import InputError
 from jumpvision.sweep.dataset import write
@@ -129,6 +137,48 @@ def test_a_drag_is_fitted_back():
         fitted_drag(alpha, heights, [np.nan, np.nan])
 
 
+SINGLE = Path(__file__).parents[1] / "data_samples" / "loose_sand" / "single-6.5Hz-1"
+MODEL_LAWS = """
+[model.laws]
+foot_radius = 0.01905
+[model.laws.k1]
+phi = [0.56, 0.58, 0.63]
+value = [500.0, 700.0, 1700.0]
+[model.laws.delta]
+phi = [0.56, 0.58]
+value = [0.010, 0.014]
+"""
+
+
+def test_laws_of_a_model_file_give_an_experiment_the_values_of_its_packing(tmp_path):
+    """By hand at the phi of the sample; a foot of twice the radius has four times the force."""
+    phi = tomllib.loads((SINGLE / "experiment.toml").read_text())["bed"]["volume_fraction"]
+    (tmp_path / "laws.toml").write_text(MODEL_LAWS)
+    k1, delta = 4 * (500.0 + (phi - 0.56) / 0.02 * 200.0), 0.010 + (phi - 0.56) / 0.02 * 0.004
+    sets = ["--set", f"model.k1={k1}", "--set", f"model.delta={delta}"]
+    for name, more in (("a", ["--model", str(tmp_path / "laws.toml")]), ("b", sets), ("plain", [])):
+        assert main(["simulate", str(SINGLE), "--results", str(tmp_path / name), *more]) == 0
+    a, b, plain = (np.loadtxt(tmp_path / n / "simulation.csv", delimiter=",", skiprows=1) for n in ("a", "b", "plain"))
+    np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
+    assert np.abs(a[:, 1] - plain[:, 1]).max() > 1e-4
+    assert read_laws(tmp_path / "laws.toml").laws["k1"].value == (500.0, 700.0, 1700.0)  # the same file for a sweep
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("[model.laws.k1]\nphi = [0.6, 0.63]\nvalue = [1.0, 2.0]\n", "phi = 0.5708 is outside 0.6 to 0.63"),
+        ("[model.laws.k_1]\nphi = [0.5, 0.63]\nvalue = [1.0, 2.0]\n", "k_1: unknown parameter of the bed"),
+        ("[model]\nlaws = 'laws.toml'\n", "laws = 'laws.toml': must be a table of laws"),
+    ],
+)
+def test_bad_laws_of_a_model_are_told(text, words, tmp_path, capsys):
+    (tmp_path / "laws.toml").write_text(text)
+    call = ["simulate", str(SINGLE), "--results", str(tmp_path / "r"), "--model", str(tmp_path / "laws.toml")]
+    assert main(call) in (1, 2)
+    assert words in capsys.readouterr().err
+
+
 # -- sweeps ----------------------------------------------------------------------------------------------------------
 @functools.cache
 def study(name, laws=None, model=None, **axes):
@@ -230,3 +280,55 @@ def test_the_command(tmp_path, capsys):
 def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys):
     assert main(["sweep", *words, "--results", str(tmp_path / "out"), "--workers", "1"]) == 2
     assert told in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+# -- the drag of measured jumps --------------------------------------------------------------------------------------
+def test_a_parameter_fitted_to_jumps_has_a_true_uncertainty():
+    """Heights of the laboratory's own integrator with b against phi put in, 0.3 mm of noise: pulls of 40 fits."""
+    rng, tried, sigma = np.random.default_rng(4), np.geomspace(5.0, 60.0, 25), 3e-4
+    frequency, robot = np.array([5.0, 7.0, 9.0, 11.0]), machine("granular", None, {})
+    pulls = []
+    for b in (14.0, 17.2, 22.0, 40.0):
+        truth = {**samples.SAND_TRUTH, "b": b, "delta": 0.01}
+        true = [
+            laboratory(samples.SAND_ROBOT, Law(f, 0.01875, 1.5 * math.pi, 0.05), samples.SAND_TERMS, truth,
+                       ground="granular", bed_density=570.0, duration=1.0, dt=1e-5, every=10).jump_height
+            for f in frequency
+        ]  # fmt: skip
+        v = resolve(robot.values, {"frequency": frequency[None, :], "phase": 1.5 * math.pi, "model.b": tried[:, None]})
+        v = {n: np.broadcast_to(x, (tried.size, 4)).ravel() for n, x in v.items()}
+        heights = simulated_points(robot.model, v, rtol=1e-7, atol=1e-9)["jump_height_m"].reshape(-1, 4)
+        for _ in range(10):
+            value, spread, _ = fitted_parameter(
+                tried, heights, true + sigma * rng.standard_normal(4), np.full(4, sigma)
+            )
+            pulls.append((value - b) / spread)
+    # 40 pulls of a unit normal (a little less where chi2 widens them): rms within 4/sqrt(80)
+    assert 0.55 < np.sqrt(np.mean(np.square(pulls))) < 1.45 and abs(np.mean(pulls)) < 4 / math.sqrt(40), pulls
+
+
+def test_an_end_of_the_tried_values_is_no_answer():
+    heights = np.linspace(0.05, 0.01, 5)[:, None] * np.ones(3)
+    assert np.isnan(fitted_parameter(np.arange(5.0), heights, np.full(3, 0.005), np.full(3, 1e-4))).all()
+
+
+def test_the_drag_of_a_campaign_is_the_one_put_in(tmp_path, capsys):
+    """Twelve jumps of the sample. Its k1 differs by 1 % from jump to jump: 0.3 mm of height, 2 % of b."""
+    sand = SINGLE.parent
+    for folder in sand.glob("*-1"):
+        shutil.copytree(folder, tmp_path / "sand" / folder.name)
+    shutil.copy(sand / "campaign.toml", tmp_path / "sand")
+    (tmp_path / "cone.toml").write_text(
+        "[model]\nterms = ['two_resistance', 'depth_drag', 'added_mass']\n"
+        "k1 = 2100.0\nk2 = 2100.0\ndelta = 0.012\nC = 2.7\nmu = 2.0\nb = 10.0\n"
+    )
+    call = ["sweep", "granular", "--analysis", "drag-fit", "--campaign", str(tmp_path / "sand")]
+    assert (
+        main([*call, "--model", str(tmp_path / "cone.toml"), "--results", str(tmp_path / "r"), "--workers", "1"]) == 0
+    )
+    assert "b at phi 0.57" in capsys.readouterr().out
+    with xr.open_dataset(tmp_path / "r" / "drag-fit.nc") as data:
+        assert data.attrs["parameter"] == "b" and data.n.values.tolist() == [12]
+        assert float(data.value[0]) == pytest.approx(17.2, rel=0.05) and 0.0 < float(data.value_sigma[0]) < 0.5
+    assert (tmp_path / "r" / "drag-fit.png").stat().st_size > 5000
+    assert main(call[:4]) == 2 and "--analysis drag-fit: go together" in capsys.readouterr().err

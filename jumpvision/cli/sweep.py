@@ -65,11 +65,12 @@ def sweep(
     analysis
         map, or on hard ground minimum-amplitude, lift-off-time, alpha, scatter, bifurcation, traces, estimates,
         animals, two-frequency, comparison (of the measured jumps of --campaign with their simulation); on granular
-        ground height-phi, jump-types, delay, alpha-fit, force-models, drag-scale, foot-radius.
+        ground height-phi, jump-types, delay, alpha-fit, force-models, drag-scale, foot-radius,
+        drag-fit (b or alpha against packing, to the measured jumps of --campaign).
     experiment
         An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot.
     campaign
-        Folder of hard-ground experiments for --analysis comparison.
+        Folder of experiments for --analysis comparison or drag-fit.
     model
         A TOML file whose [model] replaces the model, e.g. model.toml.
     laws
@@ -82,7 +83,7 @@ def sweep(
     json
         Machine-readable result on stdout.
     workers
-        Processes of a granular sweep; default: the cores.
+        Cores to use; default: all.
     pictures
         Draw the figure.
     """
@@ -107,7 +108,7 @@ def sweep(
             )  # fmt: skip
         finally:
             HOOK.reset(token)
-    stem = "comparison" if campaign else "sweep"
+    stem = analysis if campaign else "sweep"
     files = [write(data, results, f"{stem}.nc")]
     if pictures:
         from ..report.sweeps import picture

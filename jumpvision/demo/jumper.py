@@ -97,11 +97,8 @@ def height_map(question: Mapping[str, Any]) -> dict[str, Any]:
     try:
         v = resolve(m.values, given)
         v = {n: np.broadcast_to(x, (f.size, phase.size)).ravel() for n, x in v.items()}
-        if m.exact:
-            with PARALLEL:
-                found = hard_points(v)
-        else:
-            found = simulated_points(m.model, v, rtol=RTOL, atol=ATOL)
+        with PARALLEL:
+            found = hard_points(v) if m.exact else simulated_points(m.model, v, rtol=RTOL, atol=ATOL)
     except InputError:
         raise
     except ValueError as e:

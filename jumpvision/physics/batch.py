@@ -41,8 +41,8 @@ def jump_batch(
     Returns arrays of the broadcast shape, NaN where a motion cannot be followed (`failure` says why, else ""):
     the heights of `jump.Motion` com_height_m, flight_height_m (0 without a flight), jump_height_m, driven_height_m;
     n_jumps, the flights up to the first that ends after the motor; lift_off_s, the first after the start (NaN:
-    none); peak_force_N and peak_power_W, F_m and F_m X_m' without the impulses of velocity steps; max_depth_m, the
-    depth of the hole at the end. InputError names a bad value and its place.
+    none); peak_force_N, peak_power_W and peak_motor_speed [m/s], of F_m, F_m X_m' and |X_m'| without the impulses of
+    velocity steps; max_depth_m, the depth of the hole at the end. InputError names a bad value and its place.
     """
     rows = np.asarray(laws, float)
     if rows.ndim < 2 or rows.shape[-1] != 6 or rows.shape[-2] == 0 or not np.isfinite(rows).all():

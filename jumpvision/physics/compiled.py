@@ -35,9 +35,9 @@ LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
 LOG = 500  # events of a jump in a batch
 RESULTS = (
     "com_height_m", "flight_height_m", "jump_height_m", "n_jumps", "lift_off_s", "peak_power_W", "peak_force_N",
-    "driven_height_m", "max_depth_m", "status",
+    "peak_motor_speed", "driven_height_m", "max_depth_m", "status",
 )  # fmt: skip
-COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
+COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, SPEED, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
 
 
 @njit(error_model="numpy")
@@ -74,7 +74,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     tolerance[granular.W] *= rate
     tolerance[granular.VF] *= rate
     s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
-    log, peaks = np.empty((LOG, 2)), np.empty(2)
+    log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
     height = -rest.squeeze(p) - deep
     while True:
@@ -106,7 +106,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     out[FLIGHT] = p.g * longest * longest / 8.0 if late > 0 or math.isnan(up) else math.nan
     out[JUMP], out[DRIVEN] = after - height, before - height
     out[N_JUMPS], out[FIRST] = late if late > 0 else flights, first
-    out[FORCE], out[POWER], out[DEPTH] = peaks[0], peaks[1], depth
+    out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
 
 
 PARTS = (cone, events, forcing, granular, kernel, linear_flow, rest, runge_kutta, scalar, tangents, terms, within)

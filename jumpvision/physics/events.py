@@ -26,16 +26,21 @@ from jumpvision.physics.granular import (
     VF,
     WORKS,
     XF,
+    Guards,
+    V,
     W,
     Y,
     foot_inertia,
     grip,
     guards,
     kinetic,
+    limit,
     motor,
+    motor_force,
     rail_force,
     rhs,
     rod,
+    room,
     settle,
 )
 from jumpvision.physics.kernel import kernel
@@ -45,8 +50,8 @@ from jumpvision.physics.within import dips, efforts, heights, inside, locate, pe
 
 Array = NDArray[np.float64]
 
-LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP = range(6)
-KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip")
+LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
+KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "motor_held", "motor_free")
 MAX_EVENTS = 4000
 MAX_STEPS = 10_000_000
 RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
@@ -57,15 +62,18 @@ OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
 
 
 @kernel
-def positive(g: tuple[float, float, float]) -> bool:
+def positive(g: Guards) -> bool:
     """Whether no guard has fallen."""
-    return g[0] > 0.0 and g[1] > 0.0 and g[2] > 0.0
+    return g[0] > 0.0 and g[1] > 0.0 and g[2] > 0.0 and g[3] > 0.0
 
 
 @kernel
-def above(half: tuple[float, float, float], a: tuple[float, float, float], b: tuple[float, float, float]) -> bool:
+def above(half: Guards, a: Guards, b: Guards) -> bool:
     """Whether the guards in the middle of a step are well above zero, measured by those at its ends."""
-    return half[0] > NEAR * max(a[0], b[0]) and half[1] > NEAR * max(a[1], b[1]) and half[2] > NEAR * max(a[2], b[2])
+    return (
+        half[0] > NEAR * max(a[0], b[0]) and half[1] > NEAR * max(a[1], b[1])
+        and half[2] > NEAR * max(a[2], b[2]) and half[3] > NEAR * max(a[3], b[3])
+    )  # fmt: skip
 
 
 @kernel
@@ -79,7 +87,7 @@ def first_step(s: Array, acceleration: float, p: Any) -> float:
 def workspace(n: int) -> Any:
     """Arrays that a run of n states writes to; serves any number of runs, one at a time."""
     return (np.empty(n), np.empty(n), np.empty((n, 4)), np.empty(N_ARC), np.empty((N_SLOPES, n)), np.empty((1, n)),
-            np.empty(3), np.empty(3, np.bool_))  # fmt: skip
+            np.empty(4), np.empty(4, np.bool_))  # fmt: skip
 
 
 @kernel
@@ -106,18 +114,19 @@ def run(
     constants: (1,) CONSTANTS. rows: (n, 6) pieces of the forcing (`granular.drive`), valid between edges (n + 1,).
     s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT), modes (n,) and log
     (MAX_EVENTS, 2: time, kind) are filled; s ends as the state at edges[n]. max_step [s]. space: `workspace` of n.
-    peaks: (2,) greatest motor force [N] and power [W] until `stop`, without its impulses; or (0,).
+    peaks: (6,) greatest, then least motor force [N], power [W] and speed [m/s] until `stop`, without impulses; or (0,).
     """
     p, size = constants[0], s.size
     s1, work, q, arc, slopes, spare, memory, armed = space
-    memory[0], memory[1], memory[2] = floor, 0.0, 0.0
+    memory[0], memory[1], memory[2], memory[3] = floor, 0.0, 0.0, 0.0
     if peaks.size > 0:
-        peaks[0], peaks[1] = p.m_m * p.g, 0.0
+        peaks[:] = 0.0
+        peaks[0] = peaks[3] = p.m_m * p.g
     mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
     v_old = 0.0  # the motor's rate before an impulse
-    longest, exact, now = max_step, False, (1.0, 1.0, 1.0)
+    longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
     rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
-    held = -np.inf
+    held, force = -np.inf, (0.0, 0.0, 0.0)
     for piece in range(rows.shape[0]):
         t, end, row = edges[piece], edges[piece + 1], rows[piece]
         if size > N_MOTION and p.kp == 0.0:
@@ -125,7 +134,9 @@ def run(
             s[N_MOTION + 1] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
         fresh = True  # the equations changed: a forcing piece or a mode begins
         new_mode = settle(t, s, memory, kind, row, p) if mode == STUCK else mode
-        was, slip = slip, grip(t, s, mode, kind, row, p, STILL)
+        if p.kp > 0.0 and (memory[3] == 0.0 or not room(t, s, new_mode, slip, memory, kind, row, p) > 0.0):
+            limit(t, s, new_mode, slip, memory, kind, row, p)
+        was, slip = slip, grip(t, s, mode, memory, kind, row, p, STILL)
         if slip != was and piece > 0:
             log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
             n_log += 1
@@ -154,10 +165,13 @@ def run(
                     if mode == INTRUDE:
                         h = min(h, first_step(s, slopes[0, VF], p))
                 here = heights(t, s, kind, row, p)
+                if peaks.size > 0 and t < stop:
+                    force = motor_force(t, s, mode, slip, kind, row, p)
                 if piece == 0 and steps == 0:
                     low = here[2]
                 now = guards(t, s, mode, slip, memory, kind, row, p)
-                armed[0], armed[1], armed[2] = now[0] > 0.0, now[1] > 0.0, now[2] > 0.0
+                for i in range(4):
+                    armed[i] = now[i] > 0.0
                 fresh = False
             if t >= end:
                 v_old = motor(t, s, kind, row, p)[1]
@@ -198,7 +212,7 @@ def run(
                     inside(0.5, t, s, trial, exact, arc, q, mode, kind, row, p, work)
                     half = guards(t + 0.5 * trial, work, mode, slip, memory, kind, row, p)
                 unresolved = False
-                for i in range(3):
+                for i in range(4):
                     if half[i] > 0.0 and final[i] > 0.0:
                         if armed[i] and dips(now[i], half[i], final[i]) and trial > RESOLVE:
                             unresolved = True
@@ -234,7 +248,7 @@ def run(
                     known = False
             else:
                 now = final
-                for i in range(3):
+                for i in range(4):
                     armed[i] = armed[i] or final[i] > 0.0
             # The step stands: heights and output along it.
             a, b = here, heights(t + taken, s1, kind, row, p)
@@ -259,7 +273,7 @@ def run(
             elif com_turns:
                 com = max(com, peak(2, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
             if effort:
-                efforts(t, s, taken, s1, exact, arc, q, work, mode, slip, kind, row, p, peaks)
+                force = efforts(t, s, taken, s1, force, exact, arc, q, work, mode, slip, kind, row, p, peaks)
             while n_out < t_out.size and t_out[n_out] <= reached:
                 share = (t_out[n_out] - t) / taken if taken > 0.0 else 0.0
                 inside(share, t, s, taken, exact, arc, q, mode, kind, row, p, work)
@@ -275,11 +289,19 @@ def run(
                 continue
             # Rules of the event.
             fresh, new_mode = True, mode
-            if event == 2:
+            if event == 3:
+                before = kinetic(s, s[V], 0.0, p)
+                limit(t, s, mode, slip, memory, kind, row, p)
+                if size > N_MOTION:  # what the end of the travel takes
+                    s[N_MOTION + 1] += kinetic(s, s[V], 0.0, p) - before
+                log[n_log, 0], log[n_log, 1] = t, MOTOR_FREE if memory[3] == 0.0 else MOTOR_HELD
+                n_log += 1
+                slip = grip(t, s, mode, memory, kind, row, p, STILL)
+            elif event == 2:
                 if slip != 0:
-                    slip = grip(t, s, mode, kind, row, p, np.inf)
+                    slip = grip(t, s, mode, memory, kind, row, p, np.inf)
                 else:
-                    slip = -1 if rail_force(t, s, mode, kind, row, p) > 0.0 else 1
+                    slip = -1 if rail_force(t, s, mode, memory, kind, row, p) > 0.0 else 1
                 log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
                 n_log += 1
             elif mode == STUCK:
@@ -321,7 +343,7 @@ def run(
                     mass = p.m_f if p.static == HARD else foot_inertia(memory[0], p)
                     s[N_MOTION + len(WORKS) - 1] += before - kinetic(s, v, mass, p)
                 if p.F_c > 0.0:
-                    slip = grip(t, s, new_mode, kind, row, p, STILL)
+                    slip = grip(t, s, new_mode, memory, kind, row, p, STILL)
     if mode == INTRUDE:
         memory[0] = max(memory[0], -s[XF])
     return OK, n_log, memory[0], rod_before, rod_after, com - low

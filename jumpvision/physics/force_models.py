@@ -49,3 +49,23 @@ def fitted_drag(alpha: ArrayLike, heights: ArrayLike, measured: ArrayLike) -> tu
     ends = (a[max(i - 1, 0)], a[min(i + 1, a.size - 1)])
     best = minimize_scalar(rms, bounds=ends, method="bounded", options={"xatol": 1e-4})
     return (float(best.x), float(best.fun)) if best.fun < rms(a[i]) else (float(a[i]), rms(a[i]))
+
+
+def fitted_parameter(
+    tried: ArrayLike, heights: ArrayLike, measured: ArrayLike, sigma: ArrayLike
+) -> tuple[float, float, float]:
+    """(value, its standard uncertainty, chi2) of the parameter with the least chi2 of measured jump heights.
+
+    tried: (nt,) increasing. heights: (nt, n) [m] of n jumps simulated with each; monotone interpolation in between.
+    measured, sigma: (n,) [m]. The uncertainty is of the curvature, widened by sqrt(chi2/(n - 1)) above 1. NaN where the
+    least is at an end of `tried`, or without a jump that is finite in both.
+    """
+    x, h, m, s = (np.asarray(v, float) for v in (tried, heights, measured, sigma))
+    use = np.isfinite(m) & np.isfinite(h).all(axis=0)
+    at = PchipInterpolator(x, (h[:, use] - m[use]) / s[use], axis=0)
+    i = int(np.argmin(np.sum(at(x) ** 2, axis=1)))
+    if not use.any() or i in (0, x.size - 1):
+        return np.nan, np.nan, np.nan
+    best = minimize_scalar(lambda v: float(np.sum(at(v) ** 2)), bounds=(x[i - 1], x[i + 1]), method="bounded")
+    wide = max(1.0, best.fun / max(int(use.sum()) - 1, 1))
+    return float(best.x), float(np.sqrt(wide / np.sum(at(best.x, 1) ** 2))), float(best.fun)

@@ -40,6 +40,7 @@ from jumpvision.physics.terms import (
 )
 
 Array = NDArray[np.float64]
+Guards = tuple[float, float, float, float]
 
 AIR, STUCK, INTRUDE = 0, 1, 2
 HARD, LINEAR, TWO_RESISTANCE, RFT_CONE = 0, 1, 2, 3
@@ -47,6 +48,7 @@ SINE, CUBIC = 0, 1
 FOOT, CARRIAGE, CONE = 0, 1, 2  # what a residual force acts on; CONE: r z^i is a mass that moves with the foot
 Y, W, XF, VF, X, V = range(6)
 N_MOTION = V + 1
+AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 WORKS = ("motor", "impulse", "spring_damping", "static", "reintrusion_overshoot", "stop_go_overshoot", "inertial_drag",
          "depth_drag", "added_mass", "viscous_friction", "coulomb_friction", "landing")  # fmt: skip
 """Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
@@ -58,7 +60,8 @@ CONSTANTS = np.dtype(
         (n, np.float64)
         for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "tan_theta")
     ]
-    + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau", "kp", "kd", "max_force")]
+    + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau")]
+    + [(n, np.float64) for n in ("kp", "kd", "max_force", "max_speed", "low", "high")]
     + [(n, np.float64) for n in ("r", "r_i", "r_j")]
 )
 """Numbers of one jumper: zero switches a term off. C is 0 without added mass, C_drag without depth drag; tau = 0
@@ -175,6 +178,8 @@ def rhs(
     """Writes ds/dt into row i of k; returns F_s [N]."""
     x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
     force = spring_force(x_r, v_r, s, mode, p)
+    if p.kp > 0.0:
+        acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, slip, kind, row, p)
     k[i, Y] = s[W]
     if slip == 0:
         k[i, W] = -p.m_r / p.M * acceleration
@@ -197,10 +202,7 @@ def rhs(
     if s.size > V:
         k[i, V] = 0.0
     if p.kp > 0.0:
-        effort = loop_force(t, s, kind, row, p)
-        k[i, X] = s[V]
-        # X'' = a_m - a_r, m_m a_m = -m_m g + F_m + rail, m_r a_r = -m_r g - F_m + F_s
-        k[i, V] = effort * p.M / (p.m_m * p.m_r) + viscous_friction(scalar, v_m, p.c_v) / p.m_m - force / p.m_r
+        k[i, X], k[i, V] = s[V], acceleration
     if s.size > N_MOTION:
         works(t, s, mode, slip, memory, kind, row, p, force, k, i)
     return force
@@ -213,6 +215,49 @@ def loop_force(t: float, s: Array, kind: int, row: Array, p: Any) -> float:
     x, v, _ = drive(kind, row, t)
     effort = p.kp * row[6] * (x - s[X]) + p.kd * (v - s[V]) + p.m_m * p.g
     return min(max(effort, -p.max_force), p.max_force)
+
+
+@kernel
+def loop_acceleration(
+    t: float, s: Array, force: float, x_r: float, v_m: float, slip: int, kind: int, row: Array, p: Any
+) -> float:
+    """X_m'' [m/s^2] by the loop's force, were the motor not held at a limit."""
+    effort = loop_force(t, s, kind, row, p)
+    if slip == 0:  # a_m = 0
+        return p.g + (effort - force) / p.m_r
+    # X'' = a_m - a_r, m_m a_m = -m_m g + F_m + rail, m_r a_r = -m_r g - F_m + F_s
+    return effort * p.M / (p.m_m * p.m_r) + rail_friction(x_r, v_m, slip, p) / p.m_m - force / p.m_r
+
+
+@kernel
+def room(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> float:
+    """Positive while the motor is away from its limits, or while the loop presses it against the one that holds it.
+
+    memory[3], what holds it: +-2 an end of the travel, where it stands; +-1 its greatest speed; 0 nothing.
+    """
+    held, distance = memory[3], min(p.high - s[X], s[X] - p.low)
+    if held == 0.0:
+        return min(distance, p.max_speed - abs(s[V]))
+    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
+    pressed = loop_acceleration(t, s, spring_force(x_r, v_r, s, mode, p), x_r, v_m, slip, kind, row, p)
+    pressed = (pressed if held > 0.0 else -pressed) + p.slack / p.m_r
+    return pressed if abs(held) == 2.0 else min(distance, pressed)
+
+
+@kernel
+def limit(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> None:
+    """Stops the motor at an end of its travel, holds it at its greatest speed, or lets it go: sets memory[3], X, V."""
+    side = 1.0 if p.high - s[X] < s[X] - p.low else -1.0
+    if min(p.high - s[X], s[X] - p.low) <= AT and side * s[V] >= 0.0 and abs(memory[3]) != 2.0:
+        s[X], s[V] = p.high if side > 0.0 else p.low, 0.0  # between motor and rod: y and w go on
+        memory[3] = 2.0 * side
+    elif memory[3] == 0.0 and abs(s[V]) >= p.max_speed - AT:
+        memory[3] = 1.0 if s[V] > 0.0 else -1.0
+        s[V] = memory[3] * p.max_speed
+    else:
+        memory[3] = 0.0
+    if memory[3] != 0.0 and not room(t, s, mode, slip, memory, kind, row, p) > 0.0:
+        memory[3] = 0.0
 
 
 @kernel
@@ -253,12 +298,12 @@ def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
 
 
 @kernel
-def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float]:
-    """F_m [N] and its power F_m X_m' [W], from m_m a_m = -m_m g + F_m + rail."""
+def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
+    """F_m [N], its power F_m X_m' [W] and |X_m'| [m/s], from m_m a_m = -m_m g + F_m + rail."""
     x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
     if p.kp > 0.0:
         effort = loop_force(t, s, kind, row, p)
-        return effort, effort * (v_m - v_r)
+        return effort, effort * (v_m - v_r), abs(v_m - v_r)
     force = spring_force(x_r, v_r, s, mode, p)
     if slip == 0:
         rail = p.M * p.g - force - p.m_r * acceleration
@@ -266,26 +311,28 @@ def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array,
         rail = rail_friction(x_r, v_m, slip, p)
     # M a_m = -M g + F_s + rail + m_r X_m''
     effort = p.m_m / p.M * (force + rail + p.m_r * acceleration) - rail
-    return effort, effort * (v_m - v_r)
+    return effort, effort * (v_m - v_r), abs(v_m - v_r)
 
 
 @kernel
-def rail_force(t: float, s: Array, mode: int, kind: int, row: Array, p: Any) -> float:
+def rail_force(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any) -> float:
     """Force the rail must give [N] to hold the carriage still."""
-    x_r, v_r, _, _, acceleration = rod(t, s, kind, row, p)
-    return p.M * p.g - spring_force(x_r, v_r, s, mode, p) - p.m_r * acceleration
+    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    force = spring_force(x_r, v_r, s, mode, p)
+    if p.kp > 0.0:
+        acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, 0, kind, row, p)
+    return p.M * p.g - force - p.m_r * acceleration
 
 
 @kernel
-def guards(
-    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any
-) -> tuple[float, float, float]:
-    """Three functions that are positive while mode and slip last: leave the ground or air, yield or stop, rail."""
+def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> Guards:
+    """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
     first, second, third = 1.0, 1.0, 1.0
+    last = room(t, s, mode, slip, memory, kind, row, p) if p.kp > 0.0 else 1.0
     if p.massless == 0 and p.F_c == 0.0 and mode != STUCK:  # the forcing is not needed
         if mode == AIR:
-            return s[XF] + memory[0], second, third
-        return first, -s[VF], third
+            return s[XF] + memory[0], second, third, last
+        return first, -s[VF], third, last
     x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
     if p.massless == 1:
         first = x_r if mode == AIR else -x_r
@@ -300,10 +347,10 @@ def guards(
             second = static_force(memory[0], memory[1], memory[2], p) + p.slack - push
     if p.F_c > 0.0:
         if slip == 0:
-            third = p.F_c + p.slack - abs(rail_force(t, s, mode, kind, row, p))
+            third = p.F_c + p.slack - abs(rail_force(t, s, mode, memory, kind, row, p))
         else:
             third = slip * v_m
-    return first, second, third
+    return first, second, third, last
 
 
 @kernel
@@ -321,7 +368,7 @@ def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> 
 
 
 @kernel
-def grip(t: float, s: Array, mode: int, kind: int, row: Array, p: Any, still: float) -> int:
+def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any, still: float) -> int:
     """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
     if p.F_c == 0.0:
         return 1
@@ -330,7 +377,7 @@ def grip(t: float, s: Array, mode: int, kind: int, row: Array, p: Any, still: fl
         return 1
     if v_m < -still:
         return -1
-    need = rail_force(t, s, mode, kind, row, p)
+    need = rail_force(t, s, mode, memory, kind, row, p)
     if need > p.F_c + p.slack:
         return -1
     return 1 if need < -p.F_c - p.slack else 0

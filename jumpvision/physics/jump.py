@@ -83,10 +83,14 @@ def follow(
     """`simulate` with the states [`granular`] at the end and at rest; works: with the energies WORKS behind them."""
     constants, n = pack(model), granular.X
     if isinstance(forcing, Loop):
-        if refused := [x for x in ("motor_lag", "coulomb_friction") if x in model]:
-            raise ValueError(f"simulate: {refused[0]} cannot act together with a motor's feedback loop; remove one")
-        for name in ("kp", "kd", "max_force"):
+        if "motor_lag" in model:
+            raise ValueError(
+                "simulate: motor_lag stands for the delay of a feedback loop, which would act twice beside the loop "
+                "itself; remove motor_lag from the model, or drive it by the command alone"
+            )
+        for name in ("kp", "kd", "max_force", "max_speed"):
             constants[name] = getattr(forcing, name)
+        constants["low"], constants["high"] = forcing.ends
     if isinstance(forcing, Loop) or works:
         n = granular.N_MOTION + works * len(granular.WORKS)
     elif "motor_lag" in model:

@@ -19,7 +19,8 @@ from jumpvision.physics.terms import STATIC
 class Ledger:
     """Energies [J] from rest to the end: motor + impulse = kinetic + potential + spring + the sum of losses.
 
-    motor: int F_m X_m' dt, impulse: that of the velocity steps of the law; kinetic (the cone's included), potential
+    motor: int F_m X_m' dt, impulse: that of the velocity steps of the law and
+    of the ends of a loop's travel; kinetic (the cone's included), potential
     and spring: what the jumper holds more at the end; losses: by the mechanism that took them, with `spring_damping`
     for all of c and `landing` for the momentum shared at touchdown. `added_mass` is negative: -1/2 int (dm_a/dz)
     |v|^3 dt, grains that join the cone, to be read with the drag that accelerates them.

@@ -56,6 +56,7 @@ class PackingFit:
     chi2: float
     n: int
     range: tuple[float, float]  # of the volume fractions fitted
+    line: PackingLaw  # the straight line through the same data
 
     @property
     def law(self) -> PackingLaw:
@@ -109,7 +110,7 @@ def fit_packing_law(
         phi_c=at, value_c=value_c, slope_below=below, slope_above=above, covariance=scatter * _inverse(j.T @ j),
         interval=(min(float(inside.min()), at), max(float(inside.max()), at)) if inside.size else (at, at),
         p_straight=float((1 + np.sum(ratio[1:] >= ratio[0])) / (1 + DRAWS)),
-        chi2=chi2, n=x.size, range=(float(x.min()), float(x.max())),
+        chi2=chi2, n=x.size, range=(float(x.min()), float(x.max())), line=_straight(x, y, w),
     )  # fmt: skip
 
 
@@ -118,6 +119,12 @@ def _linear(c: float, x: Array, y: Array, w: Array) -> tuple[tuple[float, float,
     design = np.column_stack([np.ones_like(x), np.minimum(x - c, 0.0), np.maximum(x - c, 0.0)]) * w[:, None]
     p = np.linalg.lstsq(design, y * w, rcond=None)[0]
     return (float(p[0]), float(p[1]), float(p[2])), float(np.sum((y * w - design @ p) ** 2))
+
+
+def _straight(x: Array, y: Array, w: Array) -> PackingLaw:
+    slope, level = np.polyfit(x - x.mean(), y, 1, w=w)
+    ends = np.array([x.min(), x.max()])
+    return PackingLaw(tuple(ends.tolist()), tuple((level + slope * (ends - x.mean())).tolist()))
 
 
 def _jacobian(d: Array, below: float, above: float) -> Array:

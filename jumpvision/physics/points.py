@@ -8,12 +8,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.batch import FAILURE, jump_batch
+from jumpvision.physics.events import CANNOT_CARRY
+from jumpvision.physics.forcing import Forcing
 from jumpvision.physics.half_cycles import half_cycle_rows
 from jumpvision.physics.hard import RESULTS, hard_sweep, sine_rows
 from jumpvision.physics.jump import Motion, simulate
@@ -25,6 +27,8 @@ Array = NDArray[np.float64]
 M = TypeVar("M")
 
 ROBOT = ("motor_mass", "rod_mass", "stiffness", "damping", "gravity", "landing_loss")
+OF_ROBOT = {"motor_mass": "motor_mass", "rod_mass": "rod_mass", "stiffness": "spring_stiffness",
+            "damping": "spring_damping", "gravity": "gravity"}  # fmt: skip
 LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
 BED = ("phi", "foot_radius")
 OF_MODEL = "model."  # before the name of a model parameter that differs from point to point, e.g. model.k1
@@ -96,41 +100,34 @@ def model_at(model: Model, v: Mapping[str, Array]) -> Model:
         area = (float(v["foot_radius"]) / foot) ** 2
         grown = {n: getattr(parameters, n) * area for n in BY_AREA if getattr(parameters, n) is not None}
         parameters = dataclasses.replace(parameters, **grown)
+    robot: dict[str, Any] = {of_model: float(v[name]) for name, of_model in OF_ROBOT.items()}
     return dataclasses.replace(
         model,
         parameters=parameters,
-        motor_mass=float(v["motor_mass"]),
-        rod_mass=float(v["rod_mass"]),
-        spring_stiffness=float(v["stiffness"]),
-        spring_damping=float(v["damping"]),
-        gravity=float(v["gravity"]),
+        **robot,
         foot_radius=float(v["foot_radius"]) if foot else None,
         volume_fraction=float(v["phi"]) if model.volume_fraction else None,
     )
 
 
 def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol: float) -> dict[str, Array]:
-    """The results of jump.simulate at the points, arrays (n,); v: arrays (n,). NaN where a motion cannot be followed.
+    """The results of jump_batch at the points, arrays (n,), as hard_sweep's; v: arrays (n,).
 
-    As hard_sweep's, from the first lift-off [s] to peak_force_N; peaks are of SAMPLES points of the law (right to
-    (2 pi / SAMPLES)^2 / 8 of a cycle's peak), NaN with motor_lag, where X_m'' is not that of the law.
+    NaN where a motion cannot be followed. ValueError where the bed cannot carry the robot.
     """
-    rows = law_rows(v)
-    n = rows.shape[0]
-    out = {name: np.full(n, np.nan) for name in RESULTS}
-    built: dict[tuple[float, ...], Model] = {}
-    names = [m for m in v if m in (*ROBOT, *BED) or m.startswith(OF_MODEL)]
-    for i in range(n):
-        key = tuple(float(v[m][i]) for m in names)
-        if key not in built:
-            built[key] = model_at(model, {m: v[m][i] for m in names})
-        try:
-            found, _ = jump_results(built[key], Segments(rows[i]), rtol=rtol, atol=atol)
-        except RuntimeError:
-            continue
-        for name, value in found.items():
-            out[name][i] = value
-    return out
+    own = {name.removeprefix(OF_MODEL): x for name, x in v.items() if name.startswith(OF_MODEL)}
+    if model.foot_radius:
+        area = (v["foot_radius"] / model.foot_radius) ** 2  # model.NAME is for the model's own foot
+        forces = {n: own.get(n, getattr(model.parameters, n)) for n in BY_AREA}
+        own |= {n: area * x for n, x in forces.items() if x is not None}
+        own["foot_radius"] = v["foot_radius"]
+    if model.volume_fraction:
+        own["volume_fraction"] = v["phi"]
+    own |= {of_model: v[name] for name, of_model in OF_ROBOT.items()}
+    found = jump_batch(model, law_rows(v), tail=TAIL, rtol=rtol, atol=atol, **own)
+    if (found["failure"] == FAILURE[CANNOT_CARRY]).any():
+        raise ValueError(f"model k2, sigma_cone: {FAILURE[CANNOT_CARRY]}; give larger values")
+    return {name: found[name] for name in RESULTS}
 
 
 def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
@@ -148,9 +145,11 @@ def until_landed(follow: Callable[[float], tuple[M, Array]], stop: float) -> M:
 
 
 def jump_results(model: Model, law: Forcing, *, rtol: float, atol: float) -> tuple[dict[str, float], Motion]:
-    """The results of one jump by their names in RESULTS, as simulated_points gives them, and its motion.
+    """The results of one jump by their names in RESULTS, as hard_sweep's, and its motion.
 
-    The motion's times are SAMPLES of the law, from its start, and one after the landing.
+    Peaks are of SAMPLES points of the law (right to (2 pi / SAMPLES)^2 / 8 of a cycle's peak), those of force NaN with
+    motor_lag, where X_m'' is not that of the law. The motion's times are those, from its start, and one after the
+    landing.
     """
     driven = np.linspace(law.start, law.stop, SAMPLES, endpoint=False)
 

@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.granular import AIR, SINE, VF, XF, W, Y, guards, motor_force, rhs, rod
+from jumpvision.physics.granular import AIR, SINE, STUCK, VF, XF, W, Y, guards, motor_force, rhs, rod
 from jumpvision.physics.kernel import kernel
 from jumpvision.physics.linear_flow import flow
 from jumpvision.physics.runge_kutta import between
 
 Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
 
 ROOT = 1e-14  # s, width of the bracket at which an event is found
 SAMPLES = 60  # of the motor force in a period of the forcing
 TURN = 1e-8  # of the greatest rate in a step: the height is the greatest to the square of it
+RISE = 2.0  # times a sinusoid of the range seen: what a quantity may rise by within a piece
 MARGIN = 0.05  # of a guard's range over a step: how near to zero its parabola may come
 
 N_OUT = 7
@@ -127,47 +129,59 @@ def sample(
 
 @kernel
 def efforts(
-    t: float, s: Array, h: float, s1: Array, exact: bool, arc: Array, q: Array, work: Array, mode: int, slip: int,
-    kind: int, row: Array, p: Any, peaks: Array,
-) -> None:  # fmt: skip
-    """Raises peaks, the greatest motor force [N] and power [W], to those within a step to s1.
+    t: float, s: Array, h: float, s1: Array, f0: Triple, exact: bool, arc: Array, q: Array, work: Array, mode: int,
+    slip: int, kind: int, row: Array, p: Any, peaks: Array,
+) -> Triple:  # fmt: skip
+    """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
-    A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: by the
-    parabola through begin, middle and end. Where that turns above the peak so far (or nearly does), the piece is
-    sampled SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
+    peaks: (6,), behind them the least seen. f0: `motor_force` at the begin of the step; returns it at the end. A step
+    is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid rises
+    above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by the
+    parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
+    SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
     """
-    rate = math.sqrt(p.k_s * (1.0 / p.M + (1.0 / p.m_f if mode == AIR and p.massless == 0 else 0.0)))
+    light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
+    fast = math.sqrt(p.k_s * (1.0 / p.M + light))
+    rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
     if kind == SINE:
         rate = max(rate, row[4])
     pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
     n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
-    f0 = motor_force(t, s, mode, slip, kind, row, p)
+    x = max(rate, fast) * h / pieces
+    rise = RISE * 0.125 * x * x
     for i in range(pieces):
-        inside((i + 0.5) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
-        f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, kind, row, p)
         if i + 1 < pieces:
             inside((i + 1) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
             f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, kind, row, p)
         else:
             f2 = motor_force(t + h, s1, mode, slip, kind, row, p)
-        for which in range(2):
-            a, b, c = f0[which], f1[which], f2[which]
-            peaks[which] = max(peaks[which], a, c)
-            bend = a - 2.0 * b + c
-            if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # turns (0.1 of the piece or more) outside it
-                continue
-            if b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) <= peaks[which]:
-                continue
-            before, now = -np.inf, a
-            for j in range(1, n + 1):
-                theta = (i + j / n) / pieces
-                inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
-                after = motor_force(t + theta * h, work, mode, slip, kind, row, p)[which]
-                top = after
-                if now > before and now >= after:  # a turn
-                    top = now
-                    if before > -np.inf:
-                        top -= 0.125 * (after - before) * (after - before) / (before - 2.0 * now + after)
-                peaks[which] = max(peaks[which], top)
-                before, now = now, after
+        near = False
+        for which in range(3):
+            top = max(f0[which], f2[which])
+            peaks[which] = max(peaks[which], top)
+            peaks[3 + which] = min(peaks[3 + which], min(f0[which], f2[which]))
+            near = near or top + rise * (peaks[which] - peaks[3 + which]) > peaks[which]
+        if near:
+            inside((i + 0.5) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
+            f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, kind, row, p)
+            for which in range(3):
+                a, b, c = f0[which], f1[which], f2[which]
+                bend = a - 2.0 * b + c
+                if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # turns (0.1 of the piece or more) outside it
+                    continue
+                if b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) <= peaks[which]:
+                    continue
+                before, now = -np.inf, a
+                for j in range(1, n + 1):
+                    theta = (i + j / n) / pieces
+                    inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+                    after = motor_force(t + theta * h, work, mode, slip, kind, row, p)[which]
+                    top = after
+                    if now > before and now >= after:  # a turn
+                        top = now
+                        if before > -np.inf:
+                            top -= 0.125 * (after - before) * (after - before) / (before - 2.0 * now + after)
+                    peaks[which] = max(peaks[which], top)
+                    before, now = now, after
         f0 = f2
+    return f0

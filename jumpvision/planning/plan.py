@@ -32,7 +32,7 @@ MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
 """Sequences of phases by name and ground. hop: a preliminary hop; stick: lands and stands still."""
 NEEDS = {("hop", "granular"): "reintrusion_overshoot", ("stop-go", "granular"): "stop_go_overshoot"}
 WITHOUT_LOOP = {
-    "coulomb_friction": "the simulator that checks a plan does not resolve a rail that sticks inside the loop",
+    "coulomb_friction": "a plan does not resolve a rail that sticks inside the loop",
     "motor_lag": "both say how the motor follows its command",
 }
 ACCURATE = 5e-6  # m, between target and re-simulated apex, at which the corrections end

@@ -38,7 +38,12 @@ def worth_asking(campaign: Campaign) -> bool:
     """Whether the campaign has a [model] to question and enough jumps for it."""
     usable = questioned(campaign)
     motions = {repr(law) if (law := e.section(Actuation)) else e.header.group or e.name for e in usable}
-    return len(usable) >= FEWEST and len(motions) >= CONDITIONS and any("model" in e.sections for e in usable)
+    return len(usable) >= FEWEST and len(motions) >= CONDITIONS and _has_values(usable)
+
+
+def _has_values(usable: list[Experiment]) -> bool:
+    specs = [e.section(ModelSpec) for e in usable]
+    return any(specs) and not any(s.laws for s in specs if s)
 
 
 def _usable(e: Experiment) -> bool:
@@ -84,6 +89,9 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
 def spec_of(e: Experiment) -> ModelSpec:
     """[model], or the contract's default."""
     spec: ModelSpec | None = e.section(ModelSpec)
+    if spec is not None and spec.laws:
+        raise InputError([f"{e.path / 'experiment.toml'}: [model.laws]: one set of parameters is questioned at a time; "
+                          "give values in place of laws, and a campaign for each packing"])  # fmt: skip
     if spec is not None:
         return spec
     if e.ground == "hard":

@@ -171,3 +171,17 @@ def foot_radius(data: xr.Dataset, Figure: Any) -> Any:
     right.set(title=f"relative to R = {float(r[middle]):.3g} mm", xlabel="foot radius [mm]", ylim=(0, None))
     right.legend(fontsize=7)
     return figure
+
+
+def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
+    """The drag fitted to the measured jumps of every packing, and those jumps."""
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    name, unit = data.attrs["parameter"], data.value.attrs["units"]
+    left.errorbar(data.packing, data.value, 2.0 * data.value_sigma, fmt="o", ms=4, color=MEASURED)
+    left.set(
+        title=f"{name} of the measured jumps, ±2σ", xlabel=PHI, ylabel=name + (f" [{unit}]" if unit != "1" else "")
+    )
+    right.errorbar(data.phi_of_jump, data.measured_height_m * 1e3, 2e3 * data.sigma_height_m, fmt=".", color=MEASURED)
+    right.set(title="the jumps", xlabel=PHI, ylabel=HEIGHT)
+    return figure

@@ -43,7 +43,7 @@ NAMED = {
     "comparison": comparison,
     "height-phi": granular.height_phi, "jump-types": granular.jump_types, "delay": granular.delay,
     "alpha-fit": granular.alpha_fit, "force-models": granular.force_models, "drag-scale": granular.drag_scale,
-    "foot-radius": granular.foot_radius,
+    "foot-radius": granular.foot_radius, "drag-fit": granular.drag_fit,
 }  # fmt: skip
 
 

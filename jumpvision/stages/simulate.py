@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..physics.jump import simulate as integrate
 from ..physics.loop import Loop
 from ..physics.model import Model
 from ..physics.parameters import ModelParameters
+from ..physics.points import OF_MODEL
 from ..pipeline import StageWarning, stage
 from ..records import BedHeight, RodMotion, Simulation
 from ..schema import InputError
@@ -28,7 +30,7 @@ LINEAR_TERMS = {"landing_loss", "payload", "spring_damping", "spring_stiffness",
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
-@stage(version=3, any_of=("log", "law"))
+@stage(version=4, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,
@@ -59,8 +61,6 @@ def simulate(
     else:
         n = integrate(model, forcing, t=true, rtol=p.tolerance, atol=1e-9, stop=stop)
         columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
-        if isinstance(forcing, Loop):
-            check_limits(n.t, n.motor - n.rod, motor)
     table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
     rest = table.rod_m.iloc[0]
     return Simulation(table.assign(rod_m=rest + model.camera_factor * (table.rod_m - rest)))
@@ -81,6 +81,14 @@ def build_model(
                 stacklevel=2,
             )
     phi = packing(section, bed)[0]
+    if spec.laws:
+        if phi is None:
+            raise InputError(["[bed] volume_fraction: missing; [model.laws] gives the bed's parameters against it"])
+        try:
+            at = spec.laws.points(phi, robot.foot_radius or math.nan)
+        except ValueError as e:
+            raise InputError([f"[model.laws] {e}"]) from None
+        values |= {name.removeprefix(OF_MODEL): float(x) for name, x in at.items()}
     try:
         return Model(
             experiment.ground, spec.terms, ModelParameters(**values),
@@ -125,26 +133,12 @@ def driver(
 
 
 def feedback(command: Forcing, law: Actuation, motor: Motor) -> Loop:
-    """The [motor] loop on the command of [actuation]; no kd or max_force: none."""
+    """The [motor] loop on the command of [actuation], within its limits where they are given; no kd: none."""
+    most = {n: getattr(motor, n) or np.inf for n in ("max_force", "max_speed", "stroke")}
     try:
-        return Loop(command, motor.kp or 0.0, motor.kd or 0.0, motor.max_force or np.inf, law.dwell_gain)
+        return Loop(command, motor.kp or 0.0, motor.kd or 0.0, dwell_gain=law.dwell_gain, **most)
     except ValueError as e:
         raise InputError([f"[motor]: {e}"]) from None
-
-
-def check_limits(t: np.ndarray, position: np.ndarray, motor: Motor | None) -> None:
-    """Warns where the motor driven by its loop leaves its speed or stroke, which do not limit the motion here."""
-    speed, travel = float(np.max(np.abs(np.gradient(position, t)))), float(np.ptp(position))
-    for name, limit, found, unit in (
-        ("max_speed", motor and motor.max_speed, speed, "m/s"),
-        ("stroke", motor and motor.stroke, travel, "m"),
-    ):
-        if limit and found > limit:
-            warnings.warn(
-                f"[motor] {name} = {limit:g} {unit}: the simulated motor reaches {found:.3g}; it is not held back",
-                StageWarning,
-                stacklevel=3,
-            )
 
 
 RINGING = 0.02  # of the travel: what a landing shakes a motor held by its feedback loop

@@ -1,13 +1,12 @@
-"""Jumps at every point of a grid of axes: in chunks, over the cores, with progress and the time it will take."""
+"""Jumps at every point of a grid of axes: in chunks, each over the cores, with progress and the time it will take."""
 
 from __future__ import annotations
 
 import math
-import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +21,7 @@ Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
 CHUNK = 200_000  # points of an exact sweep in memory at once
-SMALL = 100  # points of an integrated one per task
+SMALL = 2000  # points of an integrated one
 RTOL, ATOL = 1e-6, 1e-9  # as the stage `simulate`
 SLOW = 5.0  # s, from where the time is announced
 
@@ -42,25 +41,26 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
             full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan)
         return {n: np.ascontiguousarray(np.broadcast_to(v, (hi - lo,))) for n, v in full.items()}
 
+    threads = numba.get_num_threads()
     try:
         values(0, 1)
+        numba.set_num_threads(min(workers, threads))
         step = CHUNK if machine.exact else SMALL
         edges = [(lo, min(lo + step, total)) for lo in range(0, total, step)]
         began = time.perf_counter()
-        if machine.exact:
-            for done, (lo, hi) in enumerate(watch(edges, "jumps, chunks")):
-                for name, column in hard_points(values(lo, hi)).items():
-                    out[name][lo:hi] = column
-                if done == 0:
-                    _announce(began, hi, total, say)
-        else:
-            for (lo, hi), found in zip(edges, _integrated(machine, [values(*e) for e in edges], workers, total, say)):
-                for name, column in found.items():
-                    out[name][lo:hi] = column
+        for done, (lo, hi) in enumerate(watch(edges, "jumps, chunks")):
+            v = values(lo, hi)
+            found = hard_points(v) if machine.exact else simulated_points(machine.model, v, rtol=RTOL, atol=ATOL)
+            for name, column in found.items():
+                out[name][lo:hi] = column
+            if done == 0:
+                _announce(began, hi, total, say)
     except InputError:
         raise
     except ValueError as e:
         raise InputError([f"sweep {machine.model.ground}: {e}"]) from None
+    finally:
+        numba.set_num_threads(threads)
     return {n: v.reshape(shape) for n, v in out.items()}
 
 
@@ -80,30 +80,6 @@ def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
     ]
     if problems:
         raise InputError(problems)
-
-
-def _integrated(
-    machine: Machine, points: list[dict[str, Array]], workers: int, total: int, say: Say
-) -> Iterator[dict[str, Array]]:
-    """The chunks of an integrated sweep, in order; processes only where they repay their start."""
-    began = time.perf_counter()
-    if workers > 1 and len(points) > 10:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, mp_context=context) as pool:
-            futures = [pool.submit(simulated_points, machine.model, p, rtol=RTOL, atol=ATOL) for p in points]
-            try:
-                for done, future in enumerate(watch(futures, f"jumps, chunks of {SMALL}")):
-                    yield future.result()
-                    if done == workers:
-                        _announce(began, done * SMALL, total, say)
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
-        return
-    for done, p in enumerate(watch(points, f"jumps, chunks of {SMALL}")):
-        yield simulated_points(machine.model, p, rtol=RTOL, atol=ATOL)
-        if done == 0:
-            _announce(began, SMALL, total, say)
 
 
 def _announce(began: float, done: int, total: int, say: Say) -> None:

@@ -108,6 +108,7 @@ def machine(
         "frequency": frequency, "frequency2": frequency, "amplitude": amplitude, "phase": law.start_phase,
         "cycles": law.cycles, "delay": law.delay,
     }  # fmt: skip
+    laws = laws or (spec.laws and spec.laws.without(overrides.get("model", {})))
     values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
     return Machine(name, model, values, thesis, laws)
 

@@ -16,6 +16,7 @@ from . import granular_models, granular_studies, motions, scaling, thresholds
 from .axes import Array, option, read_axes
 from .comparison import compare
 from .compute import Say
+from .drag_fit import drag_fit
 from .laws import EXAMPLE, Laws, read_laws
 from .machine import Machine, machine
 from .study import Analysis, Rows, Study
@@ -36,6 +37,7 @@ ANALYSES: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...]]] = {
     "two-frequency": (scaling.two_frequency, ("alpha",), ()),
 }
 COMPARISON = "comparison"  # of a campaign with its simulation
+DRAG_FIT = "drag-fit"  # to the jumps of a campaign
 # the same on sand, and whether the laws of the bed against phi are needed
 GRANULAR: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...], bool]] = {
     "height-phi": (granular_studies.height_phi, ("frequency", "phi"), ("amplitude",), True),
@@ -46,7 +48,7 @@ GRANULAR: dict[str, tuple[Analysis, tuple[str, ...], tuple[str, ...], bool]] = {
     "drag-scale": (granular_models.drag_scale, ("frequency", "phi"), ("amplitude",), False),
     "foot-radius": (granular_studies.foot_radius, ("foot_radius",), ("phi", "amplitude"), False),
 }
-OF_GROUND = {"hard": ("map", *ANALYSES, COMPARISON), "granular": ("map", *GRANULAR)}
+OF_GROUND = {"hard": ("map", *ANALYSES, COMPARISON), "granular": ("map", *GRANULAR, DRAG_FIT)}
 GRID = {"frequency": (0.2, 1.8, 320), "phase": (0.0, 2.0 * np.pi, 241)}  # f_0 and rad: the map where no range is given
 SLOW_GRID = {"frequency": (0.35, 1.5, 40), "phase": (0.0, 2.0 * np.pi, 25)}  # where a jump takes half a millisecond
 
@@ -79,16 +81,19 @@ def run(
                         else f"--analysis {analysis}: unknown{closest(analysis, OF_GROUND[ground])}")  # fmt: skip
     if ground == "hard" and laws is not None:
         problems.append(f"--laws {laws}: has no meaning on hard ground; leave it out")
-    if (campaign is not None) != (analysis == COMPARISON):
-        problems.append(f"--campaign FOLDER and --analysis {COMPARISON}: go together; give both or neither")
+    if (campaign is not None) != (analysis in (COMPARISON, DRAG_FIT)):
+        of_campaign = COMPARISON if ground == "hard" else DRAG_FIT
+        problems.append(f"--campaign FOLDER and --analysis {of_campaign}: go together; give both or neither")
     elif campaign is not None:
-        problems += [f"{option(n)} {v}: the comparison is of the campaign's own laws; leave it out"
-                     for n, v in given.items()]  # fmt: skip
+        problems += [f"{option(n)} {v}: the jumps are the campaign's own; leave it out" for n, v in given.items()]
         for name, file in (("--experiment", experiment), ("--model", model)):
-            if file is not None:
+            if file is not None and (analysis, name) != (DRAG_FIT, "--model"):
                 problems.append(f"{name} {file}: every experiment of the campaign gives its own; leave it out")
     if problems:
         raise InputError(problems)
+    if campaign is not None and results is not None and analysis == DRAG_FIT:
+        return drag_fit(campaign, overrides=overrides, results=results, workers=workers, say=say, model_file=model,
+                        laws=_laws(laws, overrides, example=False))  # fmt: skip
     if campaign is not None and results is not None:
         return compare(campaign, overrides=overrides, results=results, workers=workers, say=say)
     axes = read_axes(ground, given)
