@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -18,3 +19,18 @@ def real_data() -> Path:
     if not folder or not Path(folder).is_dir():
         pytest.skip("JUMPVISION_REAL_DATA does not name the folder of real recordings")
     return Path(folder)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install playwright"
+    )
+    names = ("chromium", "chromium-browser", "google-chrome")
+    path = os.environ.get("JUMPVISION_CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
+    if path is None:
+        pytest.skip("no chromium, chromium-browser or google-chrome in PATH; JUMPVISION_CHROMIUM may name one")
+    with playwright.sync_playwright() as p:
+        b = p.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
+        yield b
+        b.close()

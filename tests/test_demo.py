@@ -5,8 +5,6 @@ from __future__ import annotations
 import http.client
 import json
 import math
-import os
-import shutil
 import signal
 import statistics
 import subprocess
@@ -20,7 +18,8 @@ import numpy as np
 import pytest
 
 from jumpvision.demo import controls, jumper
-from jumpvision.demo.server import QUESTIONS, Server, keys, static_files
+from jumpvision.demo.server import QUESTIONS, Server, keys
+from jumpvision.local_page import static_files
 from jumpvision.physics.forcing import delayed, from_log, sinusoid
 from jumpvision.physics.hard import hard_jump, hard_map
 from jumpvision.physics.jump import simulate
@@ -244,7 +243,7 @@ def test_a_taken_port_is_said_so(server):
 
 
 def test_the_page_needs_nothing_from_elsewhere():
-    pages = static_files()
+    pages = static_files("jumpvision.demo", "index.html")
     assert {"/", "/index.html", "/main.js", "/style.css"} <= set(pages)
     assert len(pages) - 1 == len(list(files("jumpvision.demo").joinpath("static").iterdir()))
     for name, (_, content) in pages.items():
@@ -272,21 +271,6 @@ def test_the_command_prints_the_address_serves_and_stops_on_interrupt():
 
 
 # --- in a browser ----------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def browser():
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed: pip install playwright"
-    )
-    names = ("chromium", "chromium-browser", "google-chrome")
-    path = os.environ.get("JUMPVISION_CHROMIUM") or next(filter(None, map(shutil.which, names)), None)
-    if path is None:
-        pytest.skip("no chromium, chromium-browser or google-chrome in PATH; JUMPVISION_CHROMIUM may name one")
-    with playwright.sync_playwright() as p:
-        b = p.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
-        yield b
-        b.close()
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"schema", "progress", "storage", "parts", "reprs"},
     {"frames", "vision", "field", "fit", "physics", "dem"},  # core: rooms beside each other
     {"diagnosis", "planning"},
-    {"sections", "params", "logs"},
+    {"sections", "params", "logs", "local_page"},
     {"experiment", "records"},
     {"pipeline", "overrides"},
     {"stages"},

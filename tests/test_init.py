@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import SAMPLES
-from test_demo import browser  # noqa: F401  a fixture
 
 from jumpvision.cli import main
 from jumpvision.experiment import open_experiment
@@ -231,7 +230,7 @@ def test_the_page_serves_what_it_lists_and_refuses_the_rest(server):
     assert not server.answered.is_set()
 
 
-def test_clicks_become_picks(server, browser):  # noqa: F811
+def test_clicks_become_picks(server, browser):
     page = browser.new_page(viewport={"width": 1000, "height": 900})
     said = []
     page.on("console", lambda m: said.append(m.text))
@@ -274,8 +273,6 @@ def test_clicks_become_picks(server, browser):  # noqa: F811
 
 
 def test_pick_writes_what_was_answered(film, tmp_path, monkeypatch):
-    from jumpvision.init import pick
-
     shutil.copy(film / "rod.avi", tmp_path)
 
     def answer(address: str) -> None:
@@ -285,4 +282,3 @@ def test_pick_writes_what_was_answered(film, tmp_path, monkeypatch):
     assert main(["init", str(tmp_path), "--pick"]) == 0
     assert toml(tmp_path)["rod_video"]["ball_diameter"] == 0.0095
     assert np.allclose(toml(tmp_path)["params"]["track"]["seed"], [25.4, 53.9], atol=0.1)
-    assert pick.HOST == "127.0.0.1"

@@ -9,19 +9,15 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from ..local_page import LocalHandler, LocalServer, static_files
 from ..schema import InputError
 from .measure import Picks, picks_of
 from .recognise import Recording, opened
 
-HOST = "127.0.0.1"
 LARGEST = 100_000  # bytes of an answer
-TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
 MARKS = [("marks", 4, "Two marks (or the ends of a known length)"), ("distance", 1, "their distance [mm]")]
 TOOLS: dict[str, list[tuple[str, int, str]]] = {  # section: (pick, how many numbers, its words)
     "rod_video": [("ball", 2, "Ball on the rod"), ("ball_diameter", 1, "its diameter [mm]"), *MARKS],
@@ -60,15 +56,13 @@ class Page:
         return server.picks
 
 
-class Server(ThreadingHTTPServer):
-    """Listens on 127.0.0.1 until picks came (`answered`)."""
-
-    daemon_threads = True
+class Server(LocalServer):
+    """Serves until picks came (`answered`)."""
 
     def __init__(self, port: int, folder: Path, found: Sequence[Recording]):
         self.answered, self.picks = threading.Event(), dict[str, Picks]()
         self.sections = {r.section for r in found}
-        pictures, self.files = [], _static()
+        pictures, self.files = [], static_files(__package__, "pick.html")
         for r in found:
             png, shape = _first_frame(folder / r.file)
             self.files[f"/picture/{r.section}.png"] = ("image/png", png)
@@ -76,14 +70,7 @@ class Server(ThreadingHTTPServer):
             pictures.append({"section": r.section, "file": r.file, "facts": r.facts, "shape": shape, "tools": tools})
         page = {"folder": folder.resolve().name, "pictures": pictures}
         self.files["/api/pictures"] = ("application/json", json.dumps(page).encode())
-        try:
-            super().__init__((HOST, port), Handler)
-        except (OSError, OverflowError) as e:
-            raise InputError([f"init --port {port}: {e}; give another port, or 0 for a free one"]) from None
-
-    @property
-    def address(self) -> str:
-        return f"http://{HOST}:{self.server_port}/"
+        super().__init__(port, Handler, "init")
 
     def take(self, answer: Any) -> None:
         """The page's answer. InputError with every problem."""
@@ -93,17 +80,6 @@ class Server(ThreadingHTTPServer):
         if problems := [p for s, v in picks.items() for p in v.check(s)]:
             raise InputError(problems)
         self.picks = picks
-
-
-def _static() -> dict[str, tuple[str, bytes]]:
-    """Address -> type and content. Only these are served: no address is turned into a path."""
-    out = {}
-    for f in files(__package__).joinpath("static").iterdir():
-        suffix = f.name[f.name.rfind(".") :]
-        if suffix in TYPES:
-            out[f"/{f.name}"] = (f"{TYPES[suffix]}; charset=utf-8", f.read_bytes())
-    out["/"] = out["/pick.html"]
-    return out
 
 
 def _first_frame(path: Path) -> tuple[bytes, tuple[int, int]]:
@@ -119,23 +95,20 @@ def _first_frame(path: Path) -> tuple[bytes, tuple[int, int]]:
     return cv2.imencode(".png", grey)[1].tobytes(), (image.shape[0], image.shape[1])
 
 
-class Handler(BaseHTTPRequestHandler):
-    """One connection of a browser."""
-
-    protocol_version = "HTTP/1.1"
+class Handler(LocalHandler):
     server: Server
 
     def do_GET(self) -> None:
-        found = self.server.files.get(self.path.partition("?")[0]) if self._local() else None
+        found = self.server.files.get(self.path.partition("?")[0]) if self.asked_here() else None
         if found:
-            self._send(200, *found)
+            self.send(200, *found)
         else:
             self._problems(404, [f"{self.path}: there is no such page"])
 
     def do_POST(self) -> None:
         size = self.headers.get("Content-Length", "")
         body = self.rfile.read(int(size)) if size.isdigit() and int(size) <= LARGEST else b""
-        if not body or self.path != "/api/picks" or not self._local():
+        if not body or self.path != "/api/picks" or not self.asked_here():
             self.close_connection = True
             self._problems(400, ["answer: must be sent to /api/picks of this machine, as JSON of a few lines"])
             return
@@ -147,25 +120,8 @@ class Handler(BaseHTTPRequestHandler):
             self._problems(400, ["answer: must be JSON"])
         else:
             self.close_connection = True
-            self._send(200, "application/json", b"{}")
+            self.send(200, "application/json", b"{}")
             self.server.answered.set()
 
-    def _local(self) -> bool:
-        """Whether the browser asked for this machine by name: another site's name may be pointed here."""
-        return self.headers.get("Host", "").rpartition(":")[0] in (HOST, "localhost")
-
     def _problems(self, status: int, problems: list[str]) -> None:
-        self._send(status, "application/json", json.dumps({"problems": problems}).encode())
-
-    def _send(self, status: int, kind: str, body: bytes) -> None:
-        self.send_response(status)
-        for name, value in {
-            "Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
-            "Content-Security-Policy": POLICY, "X-Content-Type-Options": "nosniff",
-        }.items():  # fmt: skip
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, *_: Any) -> None:
-        """No line for every request."""
+        self.send(status, "application/json", json.dumps({"problems": problems}).encode())
