@@ -44,9 +44,9 @@ def one_thread() -> None:
     """Begin a worker: the processes are the parallel work. It ends when the process that started it is killed."""
     import threading
 
+    os.environ |= dict.fromkeys(("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     import cv2
 
-    os.environ["NUMBA_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)
     parent = multiprocessing.parent_process()
     if parent is not None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 from cyclopts import CycloptsError
 
 from . import figures, folders, house, init, plan, sweep, synth  # noqa: F401  (each adds its commands to --help)
 from .app import BAD_CALL, DONE, FAILED, app
+
+# before NumPy is imported: the matrices are small, threads of BLAS wait for each other and round by their number
+for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
 
 
 def main(argv: list[str] | None = None) -> int:
