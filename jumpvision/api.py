@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from . import records
-from .experiment import Campaign, Experiment, folder_of, is_campaign, merged, model_tables, open_campaign
+from .experiment import Campaign, Experiment, folder_of, is_campaign, merged, open_campaign
 from .experiment import open_experiment as _open_experiment
+from .model_spec import model_tables
 from .overrides import parse
 from .schema import InputError
 

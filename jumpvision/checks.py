@@ -5,7 +5,8 @@ from __future__ import annotations
 import warnings
 from typing import Any
 
-from .experiment import Experiment, ModelSpec
+from .experiment import Experiment
+from .model_spec import ModelSpec
 from .params import GeometryParams
 from .pipeline import StageWarning
 from .schema import read

@@ -8,32 +8,20 @@ from __future__ import annotations
 
 import glob
 import os
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from . import reprs
-from .schema import InputError, check_value, closest, read
+from .model_spec import model_of, read_toml
+from .schema import InputError, closest, read
 from .sections import SECTIONS, Header, Section
 
 if TYPE_CHECKING:
-    from .physics.bed_laws import Laws
+    pass
 
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
-
-
-@dataclass(frozen=True)
-class ModelSpec(Section):
-    """[model]: the simulation to be questioned, as a list of mechanisms with parameters (PHYSICS vocabulary)."""
-
-    name: ClassVar[str] = "model"
-    terms: tuple[str, ...] = ()
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    fit: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # re-fittable parameters: (low, high)
-    sigma: Mapping[str, float] = field(default_factory=dict)  # priors on given parameters
-    laws: Laws | None = None  # of the bed's parameters against its volume fraction, before `parameters`
 
 
 @dataclass(frozen=True)
@@ -151,23 +139,12 @@ def _folder(path: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def _toml(file: Path) -> tuple[dict[str, Any], list[str]]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8-sig")), []
-    except tomllib.TOMLDecodeError as e:
-        return {}, [f"{file}: not valid TOML: {e}"]
-    except UnicodeDecodeError as e:
-        return {}, [f"{file}: not UTF-8 text (byte {e.start}); save it as UTF-8"]
-    except OSError as e:
-        return {}, [f"{file}: cannot be read: {e.strerror}"]
-
-
 def _defaults(folder: Path) -> tuple[tuple[Path | None, dict[str, Any]], list[str]]:
     """campaign.toml of a folder as (folder, tables)."""
     file = folder / CAMPAIGN
     if not file.exists():
         return (None, {}), []
-    table, problems = _toml(file)
+    table, problems = read_toml(file)
     if "name" in table:
         problems.append(f"{file}: name = {table['name']!r}: an experiment's own key; remove it from {CAMPAIGN}")
     return (folder, table), problems
@@ -190,7 +167,7 @@ def _read(
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> tuple[Experiment | None, list[str]]:
     file = folder / EXPERIMENT
-    own, problems = _toml(file)
+    own, problems = read_toml(file)
     if problems:
         return None, problems
     campaign, inherited = defaults
@@ -214,7 +191,7 @@ def _read(
     sections: dict[str, Any] = {}
     for key, value in tables.items():
         if key == "model":
-            sections[key], more = _model(value, f"{where} [model]")
+            sections[key], more = model_of(value, f"{where} [model]")
         elif key in SECTIONS:
             sections[key], more = read(SECTIONS[key], value, f"{where} [{key}]")
         elif key not in known:
@@ -267,76 +244,6 @@ def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
     if path.is_file() and path.stat().st_size == 0:
         return "is empty (0 bytes)"
     return ""
-
-
-def read_model(file: Path) -> ModelSpec:
-    """[model] of a TOML file such as model.toml; its other tables are left alone. InputError with every problem."""
-    try:
-        table, problems = _toml(file)
-    except OSError as e:
-        raise InputError([f"{file}: cannot be read ({e.strerror}); name a TOML file with a [model]"]) from None
-    spec = None
-    if not problems and not isinstance(table.get("model"), Mapping):
-        problems = [f"{file}: [model]: missing; give terms and their parameters"]
-    elif not problems:
-        spec, problems = _model(table["model"], f"{file} [model]")
-    if spec is None:
-        raise InputError(problems)
-    return spec
-
-
-def model_tables(file: Path) -> dict[str, Any]:
-    """[model] and [robot] of a model.toml as overrides of a folder's own. InputError with every problem."""
-    read_model(file)
-    return {k: v for k, v in _toml(file)[0].items() if k in ("model", "robot")}
-
-
-def _model(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list[str]]:
-    from .physics.parameters import MECHANISMS, ModelParameters
-
-    declared = {f.name: f for f in fields(ModelParameters)}
-    problems: list[str] = []
-    terms = table.get("terms", ())
-    if not isinstance(terms, list | tuple) or not all(isinstance(t, str) for t in terms):
-        problems.append(f"{where} terms = {terms!r}: must be a list of mechanisms")
-        terms = ()
-    problems += [
-        f"{where} terms: unknown mechanism '{t}'{closest(t, MECHANISMS)}" for t in terms if t not in MECHANISMS
-    ]
-    values = {k: v for k, v in table.items() if k not in ("terms", "fit", "sigma", "laws")}
-    parameters, more = read(ModelParameters, values, where)
-    problems += more
-    fit, sigma = table.get("fit", {}), table.get("sigma", {})
-    for part, entries in (("fit", fit), ("sigma", sigma)):
-        at = f"{where[:-1]}.{part}]"
-        if not isinstance(entries, Mapping):
-            problems.append(f"{at} = {entries!r}: must be a table")
-            continue
-        for key, value in entries.items():
-            if key not in declared:
-                problems.append(f"{at} {key}: unknown parameter{closest(key, declared)}")
-            elif part == "sigma":
-                _, problem = check_value(value, float, {**declared[key].metadata, "lo": 0.0, "hi": float("inf")})
-                problems += [f"{at} {key} = {value!r}: {problem}"] if problem else []
-            elif not (isinstance(value, list | tuple) and len(value) == 2):
-                problems.append(f"{at} {key} = {value!r}: must be [low, high]")
-            else:
-                wrong = [p for p in (check_value(v, float, declared[key].metadata)[1] for v in value) if p]
-                if not wrong and not value[0] < value[1]:
-                    wrong = ["low must be below high"]
-                problems += [f"{at} {key} = {value!r}: {p}" for p in wrong[:1]]
-    laws = None
-    if isinstance(table.get("laws"), Mapping):
-        from .physics.bed_laws import laws_from
-
-        laws, more = laws_from(table["laws"], f"{where[:-1]}.laws]")
-        problems += more
-    elif "laws" in table:
-        problems.append(f"{where} laws = {table['laws']!r}: must be a table of laws of the bed's volume fraction")
-    if problems or parameters is None:
-        return None, problems
-    given = {k: float(getattr(parameters, k)) for k in values}
-    return ModelSpec(tuple(terms), given, {k: tuple(map(float, v)) for k, v in fit.items()}, dict(sigma), laws), []
 
 
 def _params(table: Mapping[str, Any], where: str) -> list[str]:

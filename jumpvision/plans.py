@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .experiment import ModelSpec, open_experiment, read_model
+from .experiment import open_experiment
+from .model_spec import ModelSpec, read_model
 from .physics.model import GROUNDS, Model
 from .records import plain
 from .schema import InputError, read

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from test_granular import BED, SAND, case
 
+from benchmarks.granular import random_values
 from jumpvision.physics.batch import jump_batch
 from jumpvision.physics.forcing import Segments
 from jumpvision.physics.half_cycles import half_cycle_rows
@@ -96,13 +97,7 @@ def test_no_random_jumper_stalls():
     n = 800
     terms = ("two_resistance", "inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot",
              "stop_go_overshoot", "compaction")  # fmt: skip
-    ranges = {
-        "k1": (500, 20000), "k2": (300, 20000), "delta": (0, 0.03), "alpha": (0, 300), "b": (0.5, 40), "C": (0, 6),
-        "mu": (1, 4), "theta": (0.3, 1.4), "s": (0, 4000), "s_p": (0, 4000), "lam": (5e-4, 2e-2), "factor": (0.5, 2),
-        "motor_mass": (0.3, 3), "rod_mass": (0.05, 1), "foot_mass": (0.003, 0.5), "spring_stiffness": (500, 20000),
-        "spring_damping": (0, 10), "gravity": (1, 20),
-    }  # fmt: skip
-    values = {name: rng.uniform(*bounds, n) for name, bounds in ranges.items()}
+    values = random_values(rng, n)
     some = ModelParameters(**{name: float(x[0]) for name, x in values.items() if name in vars(ModelParameters())})
     laws = sine_rows(rng.uniform(2, 20, n), rng.uniform(1e-3, 0.03, n), rng.uniform(0, 2 * math.pi, n), 2.0)
     got = jump_batch(Model("granular", terms, some, **SAND), laws, **values)

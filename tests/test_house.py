@@ -18,6 +18,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"frames", "vision", "field", "fit", "physics", "dem"},  # core: rooms beside each other
     {"diagnosis", "planning"},
     {"sections", "params", "logs", "local_page"},
+    {"model_spec"},
     {"experiment", "records"},
     {"pipeline", "overrides"},
     {"stages"},

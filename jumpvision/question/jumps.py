@@ -11,7 +11,8 @@ import numpy as np
 
 from ..campaign import Outcome
 from ..diagnosis.jumper import Jump
-from ..experiment import Campaign, Experiment, ModelSpec
+from ..experiment import Campaign, Experiment
+from ..model_spec import ModelSpec
 from ..params import SimulateParams
 from ..pipeline import StageWarning
 from ..records import BedHeight, RodMotion

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from ..experiment import ModelSpec
+from ..model_spec import ModelSpec
 from ..params import GeometryParams
 from ..physics import fluidisation as air
 from ..physics.geometry import Finding, floor, side_walls

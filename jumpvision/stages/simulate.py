@@ -8,7 +8,8 @@ import warnings
 import numpy as np
 import pandas as pd
 
-from ..experiment import Experiment, ModelSpec
+from ..experiment import Experiment
+from ..model_spec import ModelSpec
 from ..params import SimulateParams
 from ..physics.forcing import Forcing, from_log
 from ..physics.hard import hard_jump

@@ -18,8 +18,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..campaign import Outcome, Plan, run_campaign
-from ..experiment import Campaign, Experiment, ModelSpec, open_campaign
+from ..experiment import Campaign, Experiment, open_campaign
 from ..fit.agreement import Agreement, agreement
+from ..model_spec import ModelSpec
 from ..params import SimulateParams
 from ..physics.parameters import ModelParameters
 from ..physics.points import hard_points, resolve

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..experiment import Experiment, ModelSpec, merged, open_experiment, read_model
+from ..experiment import Experiment, merged, open_experiment
+from ..model_spec import ModelSpec, read_model
 from ..physics.model import Model
 from ..physics.parameters import ModelParameters
 from ..schema import InputError, closest, read
