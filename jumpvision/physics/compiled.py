@@ -20,6 +20,7 @@ from jumpvision.physics import (
     granular,
     kernel,
     linear_flow,
+    modes,
     rest,
     runge_kutta,
     scalar,
@@ -109,7 +110,21 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
 
 
-PARTS = (cone, events, forcing, granular, kernel, linear_flow, rest, runge_kutta, scalar, tangents, terms, within)
+PARTS = (
+    cone,
+    events,
+    forcing,
+    granular,
+    kernel,
+    linear_flow,
+    modes,
+    rest,
+    runge_kutta,
+    scalar,
+    tangents,
+    terms,
+    within,
+)
 
 
 @functools.cache

@@ -1,7 +1,7 @@
 """The jump as it unfolds: adaptive steps, events located in each, and the rules that follow an event.
 
 Where the jumper is linear a step is the closed form (`linear_flow`), else one of Dormand and Prince. An event is the
-root of a guard (`granular.guards`), found inside the step to 1e-14 s; the step is then taken again to end there, so the
+root of a guard (`modes.guards`), found inside the step to 1e-14 s; the step is then taken again to end there, so the
 state at an event has the accuracy of a step. Each piece of the forcing is entered and left exactly.
 
 No accumulation of events (Zeno) is possible: granular contact rests under the set-valued yield rule, a massless foot
@@ -31,20 +31,15 @@ from jumpvision.physics.granular import (
     W,
     Y,
     foot_inertia,
-    grip,
-    guards,
     kinetic,
-    limit,
     motor,
     motor_force,
-    rail_force,
     rhs,
     rod,
-    room,
-    settle,
 )
 from jumpvision.physics.kernel import kernel
 from jumpvision.physics.linear_flow import N_ARC, U, Z, begin, clear_until, flow, longest_step
+from jumpvision.physics.modes import grip, guards, limit, rail_force, room, settle
 from jumpvision.physics.runge_kutta import N_SLOPES, ORDER, dense, middle, step
 from jumpvision.physics.within import dips, efforts, heights, inside, locate, peak, sample
 

@@ -1,4 +1,4 @@
-"""The jumper as a hybrid system: equations of motion in each mode, and the rules that change the mode.
+"""The jumper as a hybrid system: equations of motion in each mode (the rules that change it: `modes`).
 
 State s = [y, w, x_f, v_f(, X, V)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and
 its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where it lags its command or a feedback
@@ -10,7 +10,7 @@ Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the fo
 ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of
 the carriage's velocity v_m) or 0: held by Coulomb friction.
 
-Ground g(t, s) > 0 while a mode lasts are `guards`. Force thresholds carry the width `p.slack` (1e-9 M g), so that a
+Force thresholds carry the width `p.slack` (1e-9 M g), so that a
 mode that begins does so with an acceleration of definite sign.
 
 Everything here is compiled into `events.run`; `p` is one record of CONSTANTS.
@@ -230,37 +230,6 @@ def loop_acceleration(
 
 
 @kernel
-def room(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> float:
-    """Positive while the motor is away from its limits, or while the loop presses it against the one that holds it.
-
-    memory[3], what holds it: +-2 an end of the travel, where it stands; +-1 its greatest speed; 0 nothing.
-    """
-    held, distance = memory[3], min(p.high - s[X], s[X] - p.low)
-    if held == 0.0:
-        return min(distance, p.max_speed - abs(s[V]))
-    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
-    pressed = loop_acceleration(t, s, spring_force(x_r, v_r, s, mode, p), x_r, v_m, slip, kind, row, p)
-    pressed = (pressed if held > 0.0 else -pressed) + p.slack / p.m_r
-    return pressed if abs(held) == 2.0 else min(distance, pressed)
-
-
-@kernel
-def limit(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> None:
-    """Stops the motor at an end of its travel, holds it at its greatest speed, or lets it go: sets memory[3], X, V."""
-    side = 1.0 if p.high - s[X] < s[X] - p.low else -1.0
-    if min(p.high - s[X], s[X] - p.low) <= AT and side * s[V] >= 0.0 and abs(memory[3]) != 2.0:
-        s[X], s[V] = p.high if side > 0.0 else p.low, 0.0  # between motor and rod: y and w go on
-        memory[3] = 2.0 * side
-    elif memory[3] == 0.0 and abs(s[V]) >= p.max_speed - AT:
-        memory[3] = 1.0 if s[V] > 0.0 else -1.0
-        s[V] = memory[3] * p.max_speed
-    else:
-        memory[3] = 0.0
-    if memory[3] != 0.0 and not room(t, s, mode, slip, memory, kind, row, p) > 0.0:
-        memory[3] = 0.0
-
-
-@kernel
 def works(
     t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, force: float, k: Array,
     i: int,
@@ -312,72 +281,3 @@ def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array,
     # M a_m = -M g + F_s + rail + m_r X_m''
     effort = p.m_m / p.M * (force + rail + p.m_r * acceleration) - rail
     return effort, effort * (v_m - v_r), abs(v_m - v_r)
-
-
-@kernel
-def rail_force(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any) -> float:
-    """Force the rail must give [N] to hold the carriage still."""
-    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
-    force = spring_force(x_r, v_r, s, mode, p)
-    if p.kp > 0.0:
-        acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, 0, kind, row, p)
-    return p.M * p.g - force - p.m_r * acceleration
-
-
-@kernel
-def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> Guards:
-    """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
-    first, second, third = 1.0, 1.0, 1.0
-    last = room(t, s, mode, slip, memory, kind, row, p) if p.kp > 0.0 else 1.0
-    if p.massless == 0 and p.F_c == 0.0 and mode != STUCK:  # the forcing is not needed
-        if mode == AIR:
-            return s[XF] + memory[0], second, third, last
-        return first, -s[VF], third, last
-    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
-    if p.massless == 1:
-        first = x_r if mode == AIR else -x_r
-    elif mode == AIR:
-        first = s[XF] + memory[0]
-    elif mode == INTRUDE:
-        second = -s[VF]
-    else:
-        push = spring_force(x_r, v_r, s, mode, p) + p.m_f * p.g
-        first = push + p.slack
-        if p.static != HARD:
-            second = static_force(memory[0], memory[1], memory[2], p) + p.slack - push
-    if p.F_c > 0.0:
-        if slip == 0:
-            third = p.F_c + p.slack - abs(rail_force(t, s, mode, memory, kind, row, p))
-        else:
-            third = slip * v_m
-    return first, second, third, last
-
-
-@kernel
-def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> int:
-    """Mode of a foot at rest on the ground: 0 <= push <= F_p holds it."""
-    if p.massless == 1:
-        return STUCK
-    x_r, v_r, _, _, _ = rod(t, s, kind, row, p)
-    push = spring_force(x_r, v_r, s, STUCK, p) + p.m_f * p.g
-    if push < -p.slack:
-        return AIR
-    if p.static != HARD and push > static_force(memory[0], memory[1], memory[2], p) + p.slack:
-        return INTRUDE
-    return STUCK
-
-
-@kernel
-def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any, still: float) -> int:
-    """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
-    if p.F_c == 0.0:
-        return 1
-    v_m = rod(t, s, kind, row, p)[2]
-    if v_m > still:
-        return 1
-    if v_m < -still:
-        return -1
-    need = rail_force(t, s, mode, memory, kind, row, p)
-    if need > p.F_c + p.slack:
-        return -1
-    return 1 if need < -p.F_c - p.slack else 0

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.granular import AIR, SINE, STUCK, VF, XF, W, Y, guards, motor_force, rhs, rod
+from jumpvision.physics.granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from jumpvision.physics.kernel import kernel
 from jumpvision.physics.linear_flow import flow
+from jumpvision.physics.modes import guards
 from jumpvision.physics.runge_kutta import between
 
 Array = NDArray[np.float64]
