@@ -63,6 +63,7 @@ def _hints(cls: type) -> dict[str, Any]:
     return get_type_hints(cls)
 
 
+@functools.cache
 def type_of(cls: type, name: str) -> tuple[Any, bool]:
     """The plain type of a field and whether None is allowed."""
     hint = _hints(cls)[name]

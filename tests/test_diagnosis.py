@@ -11,7 +11,7 @@ from scipy import stats
 
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
-from jumpvision.diagnosis.fitting import Problem, levelled
+from jumpvision.diagnosis.fitting import Problem, Whitening
 from jumpvision.diagnosis.gain import apex
 from jumpvision.diagnosis.naming import held_out_score
 from jumpvision.diagnosis.noise import (
@@ -153,8 +153,8 @@ def test_a_fit_is_the_generalised_least_squares_solution():
     fit = Problem(system, noise).fit()
     rows, rhs = [], []
     for o in system.observations:
-        rows.append(levelled(noise, o, np.column_stack([o.t, -0.5 * o.t**2])))
-        rhs.append(levelled(noise, o, o.y))
+        rows.append(Whitening(noise, o).levelled(np.column_stack([o.t, -0.5 * o.t**2])))
+        rhs.append(Whitening(noise, o).levelled(o.y))
     rows.append(np.array([[0.0, 1 / 0.5]]))  # the prior on g
     rhs.append(np.array([9.8 / 0.5]))
     expected, *_ = np.linalg.lstsq(np.vstack(rows), np.concatenate(rhs), rcond=None)
@@ -275,7 +275,7 @@ def test_the_held_out_score_is_that_of_fits_without_each_condition():
         fit = problem.fit((), None, rest)
         r = np.concatenate(problem.residuals((), fit.named, held))
         o = system.observations
-        j = np.vstack([levelled(noise, o[i], np.column_stack([o[i].t, -0.5 * o[i].t ** 2])) for i in held])
+        j = np.vstack([Whitening(noise, o[i]).levelled(np.column_stack([o[i].t, -0.5 * o[i].t ** 2])) for i in held])
         covariance = np.eye(r.size) + j @ fit.covariance @ j.T
         total += -0.5 * r @ np.linalg.solve(covariance, r) - 0.5 * np.linalg.slogdet(covariance)[1]
     assert held_out_score(problem, problem.fit()) == pytest.approx(total, rel=2e-3)

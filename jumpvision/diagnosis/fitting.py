@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise import Noise
+from .noise import Noise, whiten
 from .system import Observation, Parameter, System, parameters
 
 Array = NDArray[np.float64]
@@ -23,19 +23,28 @@ VALLEY = 0.02  # nor is a damped one, unless the free step promised more than th
 Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its trial's scatter, and their size
 
 
-def levelled(noise: Noise, o: Observation, r: Array) -> Array:
-    """Columns r (n,) or (n, k) of an observation, whitened, their unknown zero level projected out."""
-    white = noise.whiten(o.t, r, o.spread)
-    level = noise.whiten(o.t, np.ones(o.t.size), o.spread)
-    return white - np.multiply.outer(level, level @ white) / (level @ level)
+class Whitening:
+    """An observation's noise, as what makes residuals independent and of unit variance."""
 
+    def __init__(self, noise: Noise, o: Observation) -> None:
+        self.weights = noise.weights(o.t, o.spread)
+        level = whiten(*self.weights, np.ones(o.t.size))
+        self.level = level / np.linalg.norm(level)
 
-def whitened(noise: Noise, o: Observation, r: Array, frame: tuple[Array, Array]) -> Array:
-    """The same, also shrunk along what scatters from trial to trial, so that all of it has unit variance."""
-    white = levelled(noise, o, r)
-    q, size = frame
-    shrink = 1.0 / np.sqrt(1.0 + size * size) - 1.0
-    return white + q @ ((shrink[:, None] if white.ndim == 2 else shrink) * (q.T @ white))
+    def levelled(self, r: Array) -> Array:
+        """Columns r (n,) or (n, k) whitened, their unknown zero level projected out."""
+        white = whiten(*self.weights, r)
+        along = self.level @ white
+        return white - (np.multiply.outer(self.level, along) if r.ndim == 2 else along * self.level)
+
+    def whitened(self, r: Array, frame: tuple[Array, Array]) -> Array:
+        """The same, also shrunk along what scatters from trial to trial, so that all of it has unit variance."""
+        white = self.levelled(r)
+        q, size = frame
+        if not size.size:
+            return white
+        shrink = 1.0 / np.sqrt(1.0 + size * size) - 1.0
+        return white + q @ ((shrink[:, None] if white.ndim == 2 else shrink) * (q.T @ white))
 
 
 @dataclass
@@ -83,6 +92,7 @@ class Problem:
         self.system, self.noise = system, noise
         self.scattered = {n: s for n, s in (scatter or {}).items() if s > 0}
         self.all = tuple(range(len(system.observations)))
+        self.whitening = [Whitening(noise, o) for o in system.observations]
 
     @property
     def n(self) -> int:
@@ -101,7 +111,7 @@ class Problem:
             o = observations[i]
             columns = [np.nan_to_num(effects[n][k]) * s for n, s in self.scattered.items() if n in effects]
             if columns:
-                q, size, _ = np.linalg.svd(levelled(self.noise, o, np.stack(columns, axis=1)), full_matrices=False)
+                q, size, _ = np.linalg.svd(self.whitening[i].levelled(np.stack(columns, axis=1)), full_matrices=False)
                 out.append((q, size))
             else:
                 out.append((np.zeros((o.t.size, 0)), np.zeros(0)))
@@ -124,9 +134,7 @@ class Problem:
             return None
         frame = self.frame(mechanisms, values, which) if frame is None else frame
         observations = self.system.observations
-        return [
-            whitened(self.noise, observations[i], observations[i].y - y, f) for i, y, f in zip(which, predicted, frame)
-        ]
+        return [self.whitening[i].whitened(observations[i].y - y, f) for i, y, f in zip(which, predicted, frame)]
 
     def jacobian(
         self,

@@ -16,6 +16,7 @@ from jumpvision.physics.forcing import Forcing, Segments, Spline
 from jumpvision.physics.jump import Motion, simulate
 from jumpvision.physics.loop import Loop
 from jumpvision.physics.model import BED, ROBOT, Model
+from jumpvision.physics.tracks import Tracks
 from jumpvision.schema import InputError
 
 from .noise import (
@@ -80,7 +81,7 @@ class Jumper:
     ) -> None:
         self.jumps = list(jumps)
         self.model = self.jumps[0].model
-        self.pool = ThreadPoolExecutor(workers)
+        self.workers, self.pool = workers, ThreadPoolExecutor(workers)
         self.baseline = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
         drives = all(j.law for j in self.jumps)
         self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
@@ -91,6 +92,11 @@ class Jumper:
         # trials made alike are simulated once
         keys = [_key(j, o.t) for j, o in zip(self.jumps, self.observations)]
         self.like = [keys.index(k) for k in keys]
+        own = [_own(j.model) for j in self.jumps]
+        self.same_model = [own.index(o) for o in own]
+        self.tracks = Tracks(
+            [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
+        )
 
     def _free(self, name: str, limits: tuple[float, float] | None, sigma: float | None) -> Parameter:
         owner: Any = self.model if name in ROBOT else self.model.parameters
@@ -129,9 +135,20 @@ class Jumper:
         except InputError:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
         runs = sorted({self.like[i] for i in which})
-        jobs = self.pool.map(lambda i: self._height(self.jumps[i], self.observations[i].t, model, values), runs)
-        heights = dict(zip(runs, jobs))
-        return [heights[self.like[i]] for i in which]
+        used = {k: of_jump(model, self.jumps[k].model, values) for k in {self.same_model[i] for i in runs}}
+        out = np.full(self.tracks.t.size, np.nan)
+        shift = model.time_shift - values.get("start", 0.0)
+
+        def follow(some: Sequence[int]) -> None:
+            models = [used[self.same_model[i]] for i in some]
+            self.tracks.heights(some, models, shift, out, rtol=RTOL, atol=ATOL)
+
+        try:
+            list(self.pool.map(follow, [part for k in range(self.workers) if (part := runs[k :: self.workers])]))
+        except ValueError:
+            out[:] = np.nan
+        out *= model.camera_factor
+        return [out[self.tracks.places[self.like[i]]] for i in which]
 
     def scatter(
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
@@ -148,15 +165,9 @@ class Jumper:
     def height(self, jump: Jump, t: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
         """The same for one jump, measured or not, at the frames t (n,) [s]."""
         try:
-            return self._height(jump, t, self.build(mechanisms, values), values)
-        except InputError:
-            return np.full(t.size, np.nan)
-
-    def _height(self, jump: Jump, t: Array, model: Model, values: Mapping[str, float]) -> Array:
-        try:
-            own = of_jump(model, jump.model, values)
-            motion = self._motion(jump, own, t + own.time_shift - values.get("start", 0.0))
-        except (RuntimeError, ValueError):
+            model = of_jump(self.build(mechanisms, values), jump.model, values)
+            motion = self._motion(jump, model, t + model.time_shift - values.get("start", 0.0))
+        except (RuntimeError, ValueError):  # InputError among them
             return np.full(t.size, np.nan)
         return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
 
@@ -174,8 +185,11 @@ def content(forcing: Forcing | Loop) -> bytes:
 
 
 def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
-    own = tuple(getattr(jump.model, n) for n in (*ROBOT, *BED))
-    return (content(jump.forcing), jump.stop, own, t.tobytes())
+    return (content(jump.forcing), jump.stop, _own(jump.model), t.tobytes())
+
+
+def _own(model: Model) -> tuple[Any, ...]:
+    return tuple(getattr(model, n) for n in (*ROBOT, *BED))
 
 
 def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .detect import Span
-from .fitting import Fit, Problem, whitened
+from .fitting import Fit, Problem
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
             continue
         effect = [np.zeros(o.t.size) for o in observations]
         for i, m in masks.items():
-            effect[i] = whitened(problem.noise, observations[i], m.astype(float), fit.frame[i])
+            effect[i] = problem.whitening[i].whitened(m.astype(float), fit.frame[i])
         vector = span.off(span.stack(effect))
         length = float(np.linalg.norm(vector))
         if length < 1e-6:

@@ -40,17 +40,25 @@ class Noise:
     log_sigma: float = 0.0
     n: int = 0
 
+    def weights(self, t: Array, spread: Array | None = None) -> tuple[Array, Array]:
+        """a (n,), b (n - 1,) of `whiten`: a[i] r[i] - b[i - 1] r[i - 1]."""
+        scale = np.full(t.size, 1.0 / self.s) if spread is None else 1.0 / (self.s * spread)
+        rho = self.rho ** (np.diff(t) / self.frame) if self.rho > 0 else np.zeros(t.size - 1)
+        q = 1.0 / np.sqrt(1.0 - rho * rho)
+        return np.concatenate([scale[:1], scale[1:] * q]), rho * q * scale[:-1]
+
     def whiten(self, t: Array, r: Array, spread: Array | None = None) -> Array:
         """Columns r (n,) or (n, k) at t (n,) as independent numbers of unit variance, were they this noise."""
-        r = np.asarray(r, float)
-        flat = r.ndim == 1
-        x = (r[:, None] if flat else r) / self.s
-        if spread is not None:
-            x = x / spread[:, None]
-        rho = self.rho ** (np.diff(t) / self.frame) if self.rho > 0 else np.zeros(t.size - 1)
-        out = x.copy()
-        out[1:] = (x[1:] - rho[:, None] * x[:-1]) / np.sqrt(1.0 - rho * rho)[:, None]
-        return out[:, 0] if flat else out
+        return whiten(*self.weights(t, spread), np.asarray(r, float))
+
+
+def whiten(a: Array, b: Array, r: Array) -> Array:
+    """Columns r (n,) or (n, k) by the weights of a noise."""
+    if r.ndim == 2:
+        a, b = a[:, None], b[:, None]
+    out = a * r
+    out[1:] -= b * r[:-1]
+    return out
 
 
 def frame_of(times: Sequence[Array]) -> float:

@@ -154,6 +154,70 @@ def _solver(key: str) -> Callable[..., Any]:
     return solve
 
 
+TRACK = np.dtype(
+    [("kind", int), ("stop", float), ("before", float)] + [(n, int) for n in ("row", "row_end", "time", "time_end")]
+)
+"""A jump of `tracks_solver`: its forcing's kind, when the motor stops [s], where it stands before; its rows and times
+from .. end (its edges are one more than the rows of every jump so far)."""
+
+
+@functools.cache
+def tracks_solver() -> Callable[..., Any]:
+    """solve(constants (k,), which (k,), about (n,) TRACK, rows, edges, t, shift, rtol, atol, out): see `tracks`."""
+    global _one
+    _one = solver()
+    return _tracks(digest())
+
+
+_one: Callable[..., Any]  # `solver()`; a global, as what a compiled function closes over is a part of its key
+
+
+def _tracks(key: str) -> Callable[..., Any]:
+    @njit(cache=True, nogil=True)
+    def solve(constants, which, about, rows, edges, t, shift, rtol, atol, out):  # type: ignore[no-untyped-def]
+        key  # noqa: B018
+        log = np.empty((events.MAX_EVENTS, 2))
+        for k in range(which.size):
+            i = which[k]
+            a, p, own = about[i], constants[k], constants[k : k + 1]
+            heights = out[a.time : a.time_end]
+            times = t[a.time : a.time_end] + shift
+            first, n = a.row + i, a.row_end - a.row
+            start, end = edges[first], times[-1]
+            driven = np.searchsorted(times, start)
+            heights[:driven] = 0.0
+            if driven == times.size:
+                continue
+            deep = rest.depth(p)
+            if math.isnan(deep):
+                heights[:] = math.nan
+                continue
+            while n > 1 and edges[first + n - 1] >= end:
+                n -= 1
+            until = edges[first : first + n + 1].copy()
+            until[n] = end
+            size = granular.N_MOTION if p.kp > 0.0 else granular.V if p.tau > 0.0 else granular.X
+            rate = math.sqrt(p.k_s / p.M)
+            tolerance, s = np.full(size, atol), np.zeros(size)
+            tolerance[granular.W] *= rate
+            tolerance[granular.VF] *= rate
+            tolerance[granular.V :] *= rate
+            height = -rest.squeeze(p) - deep
+            s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
+            if size > granular.X:
+                s[granular.X] = a.before
+            full, mode = np.empty((times.size - driven, within.N_OUT)), np.empty(times.size - driven, np.int64)
+            status = _one(
+                own, a.kind, rows[a.row : a.row + n], until, s, deep, a.stop, times[driven:], full, mode, log, rtol,
+                tolerance, 2.0 * math.pi / rate / STEPS_PER_PERIOD,
+            )[0]  # fmt: skip
+            heights[driven:] = full[:, 0] - height
+            if status != events.OK:
+                heights[:] = math.nan
+
+    return solve
+
+
 @functools.cache
 def batch_solver() -> Callable[..., Any]:
     """solve(constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in parallel."""

@@ -83,14 +83,7 @@ def follow(
     """`simulate` with the states [`granular`] at the end and at rest; works: with the energies WORKS behind them."""
     constants, n = pack(model), granular.X
     if isinstance(forcing, Loop):
-        if "motor_lag" in model:
-            raise ValueError(
-                "simulate: motor_lag stands for the delay of a feedback loop, which would act twice beside the loop "
-                "itself; remove motor_lag from the model, or drive it by the command alone"
-            )
-        for name in ("kp", "kd", "max_force", "max_speed"):
-            constants[name] = getattr(forcing, name)
-        constants["low"], constants["high"] = forcing.ends
+        limit_loop(constants, forcing, model)
     if isinstance(forcing, Loop) or works:
         n = granular.N_MOTION + works * len(granular.WORKS)
     elif "motor_lag" in model:
@@ -178,6 +171,18 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
             elif name in used:
                 out[name] = getattr(p, name)
     return out
+
+
+def limit_loop(constants: NDArray[Any], loop: Loop, model: Model) -> None:
+    """Writes a feedback loop's gains and limits into packed constants. ValueError where it would act twice."""
+    if "motor_lag" in model:
+        raise ValueError(
+            "simulate: motor_lag stands for the delay of a feedback loop, which would act twice beside the loop "
+            "itself; remove motor_lag from the model, or drive it by the command alone"
+        )
+    for name in ("kp", "kd", "max_force", "max_speed"):
+        constants[name] = getattr(loop, name)
+    constants["low"], constants["high"] = loop.ends
 
 
 def equilibrium(model: Model) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -55,7 +56,7 @@ class Loop:
     def stop(self) -> float:
         return self.command.stop
 
-    @property
+    @functools.cached_property
     def ends(self) -> tuple[float, float]:
         """Ends of the travel of X_m [m]."""
         if math.isinf(self.stroke):

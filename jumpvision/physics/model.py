@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, field
@@ -98,7 +99,7 @@ class Model:
         if wrong := list(_range_problems(self.parameters, "model", [n for n in given if n in needed])):
             yield from wrong
             return
-        symbols = {n for t in known if t in TERMS for n in inspect.signature(TERMS[t]).parameters}
+        symbols = {n for t in known if t in TERMS for n in _arguments(t)}
         values = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
         lacking = [values[n] for n in values if n in symbols and getattr(self, values[n]) is None]
         yield from (f"model {n}: missing; the cone needs it" for n in lacking)
@@ -189,7 +190,7 @@ class Model:
             if t not in TERMS:
                 continue
             arguments: dict[str, Any] = {}
-            for n in list(inspect.signature(TERMS[t]).parameters)[1:]:
+            for n in _arguments(t)[1:]:
                 if n in arrays:
                     arguments[n] = arrays[n]
                 elif n in ModelParameters.__dataclass_fields__ or n in ("R", "phi", "rho"):
@@ -231,6 +232,12 @@ ROBOT = tuple(
     f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters", "residual", *BED)
 )
 """The numbers of a Model beside its parameters, by whose they are."""
+
+
+@functools.cache
+def _arguments(term: str) -> tuple[str, ...]:
+    """Names that a force law is written in, its array namespace first."""
+    return tuple(inspect.signature(TERMS[term]).parameters)
 
 
 def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:

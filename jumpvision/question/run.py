@@ -35,7 +35,7 @@ from .sentence import confirmed, sentence
 Array = NDArray[np.float64]
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 4  # of the method: another one asks again
+VERSION = 5  # of the method: another one asks again
 FILE, MODEL, PICTURE = "diagnosis.json", "model.toml", "diagnosis.png"
 
 
@@ -101,9 +101,9 @@ def question(
 
 def leftover(d: Diagnosis, problem: Problem, system: Jumper, say: Callable[[str], None]) -> dict[str, Any] | None:
     """`unexplained` of diagnosis.json: generic forces that describe what no mechanism explains; None where one does."""
-    if d.naming is None or d.naming.named:
+    if d.naming is None or (d.naming.named and not d.naming.remainder):
         return None
-    say("no mechanism explains it: describing what is left by generic forces")
+    say("no mechanism explains all of it: describing what is left by generic forces")
     found = unexplained(problem, [d.baseline, d.naming.best.fit], Shaped(system), np.random.default_rng(SEED))
     if found is None:
         return {"terms": [], "r2": 0.0, "where": "no generic force describes it"}

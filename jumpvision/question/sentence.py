@@ -51,9 +51,7 @@ def sentence(data: Mapping[str, Any]) -> str:
             text += f"; the closest, {words(near['mechanisms'])}, "
             text += f"brings the held-out track error down {near['gain']['ratio']:.1f}x" if near["gain"] else "helps"
             text += f" and leaves {1e3 * near['rmse_track_m']:.2g} mm, beyond the noise"
-        if data["unexplained"] and data["unexplained"]["terms"]:
-            text += f"; a force like {' + '.join(data['unexplained']['terms'])} would ({data['unexplained']['where']})"
-        return text + "."
+        return text + generic(data, "would") + "."
     causes = " and ".join(PLAIN[m] for m in data["named"])
     text += f" because it lacks {causes}"
     if data["indistinguishable"]:
@@ -62,7 +60,19 @@ def sentence(data: Mapping[str, Any]) -> str:
     if data["gain"]:
         it = "it" if len(data["named"]) == 1 else "them"
         text += f"; with {it} the held-out track error falls {data['gain']['ratio']:.3g}x"
+    if data["remainder"]:
+        text += f"; {100 * data['remainder']:.2g} % of the excess stays, beyond the noise" + generic(
+            data, "describes it"
+        )
     return text + "."
+
+
+def generic(data: Mapping[str, Any], does: str) -> str:
+    """What `unexplained` found, in words; "" where it is nothing."""
+    left = data["unexplained"]
+    if not (left and left["terms"]):
+        return ""
+    return f"; a force like {' + '.join(left['terms'])} {does} ({left['where']})"
 
 
 def confirmed(data: Mapping[str, Any]) -> str | None:
