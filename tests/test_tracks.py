@@ -30,7 +30,7 @@ def forcings():
 @pytest.mark.parametrize("ground", ["granular", "hard"])
 @pytest.mark.parametrize("shift", [0.0, 7e-4, -3e-3])
 def test_the_same_as_jump_by_jump(ground, shift):
-    """Laws, delays, logs and loops together; times that begin after the start, end before the motor or before it all."""
+    """Laws, delays, logs and loops together; times that begin after the start, end before the motor or it all."""
     model = SAND if ground == "granular" else HARD
     other = dataclasses.replace(model, foot_mass=0.06)
     spans = [(0.0, 0.9), (0.3, 0.8), (0.0, 0.25), (0.05, 0.12)]

@@ -242,8 +242,9 @@ def _arguments(term: str) -> tuple[str, ...]:
 
 def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:
     for n in names:
-        value, f = getattr(record, n), type(record).__dataclass_fields__[n]
-        hint, optional = type_of(type(record), n)
+        cls: type = type(record)
+        value, f = getattr(record, n), record.__dataclass_fields__[n]
+        hint, optional = type_of(cls, n)
         if value is None and optional:
             continue
         _, problem = check_value(value, hint, f.metadata)
