@@ -31,10 +31,6 @@ MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
 }
 """Sequences of phases by name and ground. hop: a preliminary hop; stick: lands and stands still."""
 NEEDS = {("hop", "granular"): "reintrusion_overshoot", ("stop-go", "granular"): "stop_go_overshoot"}
-WITHOUT_LOOP = {
-    "coulomb_friction": "a plan does not resolve a rail that sticks inside the loop",
-    "motor_lag": "both say how the motor follows its command",
-}
 ACCURATE = 5e-6  # m, between target and re-simulated apex, at which the corrections end
 CORRECTIONS = 4
 TRIES = 3  # starts before the highest apex is asked for
@@ -86,11 +82,9 @@ class Planner:
             raise InputError([f"motion = '{self.motion}': not on {self.model.ground} ground; choose another motion"])
         if (need := NEEDS.get((self.motion, self.model.ground))) and need not in self.model:
             raise InputError([f"motion = '{self.motion}': the model has no '{need}'; add it with its parameters"])
-        if self.drive.kp > 0:
-            problems = [f"model terms: '{t}' cannot act together with [motor] kp ({why}); set kp = 0 or remove the term"
-                         for t, why in WITHOUT_LOOP.items() if t in self.model]  # fmt: skip
-            if problems:
-                raise InputError(problems)
+        if self.drive.kp > 0 and "motor_lag" in self.model:
+            raise InputError(["model terms: 'motor_lag' cannot act together with [motor] kp (both say how the motor "
+                              "follows its command); set kp = 0 or remove the term"])  # fmt: skip
         self.jumper = Jumper(self.model, self.drive, namespace)
         self.sequence = MOTIONS[self.motion][self.model.ground]
 
