@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import fields
 from pathlib import Path
@@ -16,7 +17,7 @@ def parse(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     """`--set` arguments as tables: {"params": {stage: {key: value}}, section: {key: value}}.
 
     A stage's parameter wins over a section's key of the same name (`bed` is both); `params.stage.key` is always the
-    stage's. Values read as TOML; what is not TOML is text.
+    stage's. Values read as TOML; what is not TOML is a number as `.5` or `5.`, else text.
     """
     out: dict[str, dict[str, Any]] = {"params": {}}
     problems = []
@@ -26,10 +27,7 @@ def parse(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
         if not equals or not table:
             problems.append(f"--set {setting}: must read section.key=value, e.g. --set track.polarity=dark")
             continue
-        try:
-            value = tomllib.loads(f"v = {text}")["v"]
-        except tomllib.TOMLDecodeError:
-            value = text
+        value = _value(text)
         where = table[-1]
         if table[0] == "params" or (where in PARAMS and key in {f.name for f in fields(PARAMS[where])}):
             out["params"].setdefault(where, {})[key] = value
@@ -48,6 +46,13 @@ def parse(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     if problems:
         raise InputError(problems)
     return out
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"v = {text}")["v"]
+    except tomllib.TOMLDecodeError:
+        return float(text) if re.fullmatch(r"\s*[-+]?(\d+\.|\.\d+)(e[-+]?\d+)?\s*", text, re.IGNORECASE) else text
 
 
 def read_pipeline(file: Path) -> dict[str, Any]:

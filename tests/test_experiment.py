@@ -140,6 +140,13 @@ def test_a_bad_setting_is_refused(bad):
     assert bad.split("=")[0] in problems_of(parse, (bad,))[0]
 
 
+@pytest.mark.parametrize(
+    ("text", "value"), [(".012", 0.012), ("5.", 5.0), ("-.5e-3", -5e-4), ("1.2.3", "1.2.3"), (".", ".")]
+)
+def test_a_number_need_not_be_written_as_toml_has_it(text, value):
+    assert parse((f"model.delta={text}",)) == {"params": {}, "model": {"delta": value}}
+
+
 def test_bed_is_both_a_stage_and_a_section():
     assert parse(("bed.method=threshold", "bed.width=0.5")) == {
         "params": {"bed": {"method": "threshold"}},
