@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper import Jump, Jumper, learn_noise
+from jumpvision.diagnosis.naming import confidence_set
 from jumpvision.lab.blind import ROBOTS, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
 from jumpvision.physics.forcing import from_log
@@ -117,6 +119,7 @@ def run(case: Case) -> dict[str, Any]:
             truth = [e for e in d.naming.tried if set(e.mechanisms) == set(case.hidden)]
             wrong = [e for e in d.naming.tried if set(e.mechanisms) != set(case.hidden)]
             best = min((e.fit.chi2 for e in wrong), default=np.nan)
+            out["in_set"] = any(set(e.mechanisms) == set(case.hidden) for e in confidence_set(d.naming.tried))
             out["noncentrality"] = float(best - truth[0].fit.chi2) if truth else np.nan
             out["best_chi2_per_n"] = d.naming.best.fit.chi2 / sum(r.size for r in d.baseline.residuals)
         out["detected"] = float(d.baseline.chi2 - sum(r.size - 1 for r in d.baseline.residuals))
@@ -188,11 +191,17 @@ def table(rows: list[dict[str, Any]]) -> str:
     fair = [r for r in rows if r["table"] == "one" and DETECTABLE <= (r.get("noncentrality") or 0) < 1000]
     lines += [
         "",
-        "| one mechanism, non-centrality against the best wrong one | campaigns | right or twin |",
-        "|---|---|---|",
+        "| one mechanism, non-centrality against the best wrong one | campaigns | right or twin | in the 90 % set "
+        "| median error of its parameters |",
+        "|---|---|---|---|---|",
     ]
     for title, mine in (("1,000 and more", strong), ("30 to 1,000", fair)):
-        lines.append(f"| {title} | {len(mine)} | {sum(r['outcome'] in ('right', 'twin') for r in mine)} |")
+        right = sum(r["outcome"] in ("right", "twin") for r in mine)
+        inside = [r["in_set"] for r in mine if "in_set" in r]
+        error = [abs(v / r["truth"][k[9:]]) for r in mine for k, v in r.items() if k.startswith("error of ")
+                 and r["truth"].get(k[9:])]  # fmt: skip
+        share = f"{sum(inside)} of {len(inside)}" if inside else "-"
+        lines.append(f"| {title} | {len(mine)} | {right} | {share} | {100 * np.median(error or [np.nan]):.2g} % |")
     covers = [v for r in rows for k, v in r.items() if k.startswith("interval of")]
     held = [r["held_out"] for r in rows if r.get("held_out") and r["outcome"] in ("right", "twin")]
     seconds = [r["seconds"] for r in rows if r["table"] in ("one", "two")]
@@ -211,12 +220,19 @@ if __name__ == "__main__":
     for option, default in (("nulls", 20), ("effects", 2), ("pairs", 8), ("outside", 2), ("workers", 2)):
         parser.add_argument(f"--{option}", type=int, default=default)
     parser.add_argument("--only", default="", help="hidden effects that contain this text")
-    parser.add_argument("--rows", help="file for one JSON line a campaign")
+    parser.add_argument("--rows", help="file for one JSON line a campaign; those already there are not made again")
     args = parser.parse_args()
-    wanted = [c for c in cases(args.nulls, args.effects, args.pairs, args.outside) if args.only in "+".join(c.hidden)]
-    found = []
-    with ProcessPoolExecutor(args.workers) as pool, open(args.rows or os.devnull, "w", encoding="utf-8") as file:
+    file = Path(args.rows or os.devnull)
+    found = (
+        [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
+        if args.rows and file.exists()
+        else []
+    )
+    done = {r["seed"] for r in found}
+    every = cases(args.nulls, args.effects, args.pairs, args.outside)
+    wanted = [c for c in every if args.only in "+".join(c.hidden) and c.seed not in done]
+    with ProcessPoolExecutor(args.workers) as pool, file.open("a", encoding="utf-8") as rows:
         for row in pool.map(attempt, wanted):
             found.append(row)
-            print(json.dumps(row, default=float), file=file, flush=True)
+            print(json.dumps(row, default=float), file=rows, flush=True)
     print(table(found))
