@@ -14,6 +14,7 @@ from conftest import SAMPLES
 from benchmarks import stop_go
 from benchmarks.diagnosis import Case, run
 from jumpvision.cli import main
+from jumpvision.question.sentence import sentence
 
 KEPT = (
     "single-5.5Hz-1", "single-5.5Hz-2", "single-8.5Hz-1", "single-8.5Hz-2", "stutter-5.0Hz-1", "stutter-5.0Hz-2",
@@ -169,3 +170,17 @@ def test_planned_stop_go_motions_tell_that_the_sand_remembers_a_pause(tmp_path):
     assert longest["measured_m"] > 1.1 * longest["simulated_m"]
     assert longest["extended_m"] == pytest.approx(longest["measured_m"], abs=3e-4)
     assert d["gain"]["ratio_ci95"][0] > 10
+
+
+def test_the_sentence_says_what_a_named_mechanism_leaves():
+    data = {
+        "verdict": "discrepant", "p_value": 0.0, "named": ["coulomb_friction"], "indistinguishable": [], "gain": None,
+        "heights": [{"kind": "single", "simulated_m": 0.052, "measured_m": 0.050 + d} for d in (-1e-4, 1e-4)],
+        "remainder": 0.0035, "unexplained": {"terms": ["v_m*x_r"], "where": "rod: |x_r| 0-9 mm"},
+    }  # fmt: skip
+    text = sentence(data)
+    assert "lacks dry friction on the rail" in text
+    assert (
+        "0.35 % of the excess stays, beyond the noise; a force like v_m*x_r describes it (rod: |x_r| 0-9 mm)." in text
+    )
+    assert "stays" not in sentence({**data, "remainder": 0.0, "unexplained": None})
