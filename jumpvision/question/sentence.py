@@ -61,7 +61,7 @@ def sentence(data: Mapping[str, Any]) -> str:
         it = "it" if len(data["named"]) == 1 else "them"
         text += f"; with {it} the held-out track error falls {data['gain']['ratio']:.3g}x"
     if data["remainder"]:
-        text += f"; {100 * data['remainder']:.2g} % of the excess stays, beyond the noise" + generic(
+        text += f"; {100 * data['remainder']:.2g} % of the discrepancy (in chi^2) stays, beyond the noise" + generic(
             data, "describes it"
         )
     return text + "."
