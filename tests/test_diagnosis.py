@@ -19,10 +19,11 @@ from jumpvision.diagnosis.noise import (
     Stretch,
     coefficients,
     estimate,
-    keep_one_a_run,
+    of_rounded,
     powers,
     rounding_step,
     spread_of,
+    step_apart,
 )
 from jumpvision.diagnosis.proposing import expected_log10_odds
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
@@ -123,13 +124,22 @@ def test_too_little_rest_is_said():
         estimate([Stretch(np.arange(10) * FRAME, np.zeros(10), powers(np.arange(10) * FRAME, 0))], FRAME)
 
 
-def test_rounding_is_seen_and_a_run_of_equal_values_counts_once():
+def test_rounding_is_seen_and_a_motion_within_a_step_counts_once():
     t = np.linspace(0, 1, 400)
     y = np.round(0.05 * np.sin(2 * t) / 1e-3) * 1e-3
     assert rounding_step(y) == pytest.approx(1e-3)
     assert rounding_step(np.random.default_rng(0).normal(size=400)) == 0.0
-    kept = keep_one_a_run(np.array([0, 0, 0, 0, 0, 1, 2, 2, 3, 3, 3.0]))
-    assert kept.tolist() == [2, 5, 6, 7, 9]
+    assert step_apart(np.array([0, 0.2, -0.9, 1.1, 1.5, 2.2, 1.3, 1.1]), 1.0).tolist() == [0, 3, 5, 7]
+
+
+@pytest.mark.parametrize("sigma", [0.02, 0.1, 0.2, 0.35, 0.6])
+def test_noise_of_rounded_readings_from_repeated_ones(sigma):
+    """Pairs of readings of one motion in steps of 1: what they share is added; within 1 % (200,000 pairs: 0.3 %)."""
+    rng = np.random.default_rng(8)
+    true = rng.uniform(0.0, 1.0, 200_000)
+    a, b = (np.round(true + sigma * rng.standard_normal(true.size)) for _ in range(2))
+    s = np.std(a - b) / math.sqrt(2.0)
+    assert of_rounded(s, 1.0) == pytest.approx(np.std(a - true), rel=0.01)
 
 
 def test_scatter_between_trials_is_told_from_the_error_of_its_estimates():

@@ -25,10 +25,11 @@ from .noise import (
     coefficients,
     estimate,
     frame_of,
-    keep_one_a_run,
+    of_rounded,
     powers,
     rounding_step,
     spread_of,
+    step_apart,
 )
 from .system import Observation, Parameter
 from .vocabulary import candidates
@@ -87,8 +88,9 @@ class Jumper:
         self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
         self.observations: list[Observation] = []
         motions = [self._motion(j, j.model, j.t) for j in self.jumps]
+        coarse = _coarse(self.jumps)
         for jump, motion in zip(self.jumps, motions):
-            self.observations.append(_observation(jump, motion))
+            self.observations.append(_observation(jump, motion, coarse))
         # trials made alike are simulated once
         keys = [_key(j, o.t) for j, o in zip(self.jumps, self.observations)]
         self.like = [keys.index(k) for k in keys]
@@ -208,14 +210,27 @@ def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
     return out
 
 
-def _observation(jump: Jump, motion: Motion) -> Observation:
-    """The part of the track that is questioned: to the LANDINGS-th landing after the motor's stop."""
+DITHER = 1.0  # rounding steps: readings at rest that scatter by more leave nothing of the rounding
+
+
+def _coarse(jumps: Sequence[Jump]) -> float:
+    """Rounding step [m] of the tracks that their noise does not dither; 0 where there is none."""
+    step = max(rounding_step(j.y) for j in jumps)
+    rest = [r for j in jumps if (r := j.y[j.t < j.forcing.start]).size >= 6]
+    return 0.0 if rest and math.sqrt(np.mean([r.var() for r in rest])) > DITHER * step else step
+
+
+def _observation(jump: Jump, motion: Motion, coarse: float) -> Observation:
+    """The part of the track that is questioned: to the LANDINGS-th landing after the motor's stop.
+
+    coarse: rounding step [m] by which the motion must have moved between two samples.
+    """
     landed = motion.flights[:, 1]
     landed = landed[landed > jump.stop]
     end = landed[LANDINGS - 1] if landed.size >= LANDINGS else np.inf
     keep = np.flatnonzero(jump.t <= end)
-    if rounding_step(jump.y) > 0:
-        keep = np.intersect1d(keep, keep_one_a_run(jump.y))
+    if coarse > 0:
+        keep = keep[step_apart(motion.rod[-jump.t.size :][keep], coarse)]
     parts = parts_of(motion, jump)[-jump.t.size :][keep]
     return Observation(
         jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts,
@@ -262,7 +277,9 @@ def learn_noise(system: Jumper) -> tuple[Noise, dict[str, float]]:
     pairs = differences(system)
     if sum(x.t.size for x in pairs) < ENOUGH_REPEATED:
         return estimate([*pairs, *quiet(jumps)], frame, floor=step / math.sqrt(12.0)), {}
-    noise = estimate(pairs, frame, floor=step / math.sqrt(12.0))
+    noise = estimate(pairs, frame)
+    if step > 0:
+        noise = replace(noise, s=of_rounded(noise.s, step))
     found = [coefficients(noise, x) for x in pairs]
     names = list(system.scatter((), {p.name: p.start for p in system.baseline}, [0]))
     scatter = {n: spread_of([(c[k + 1], v[k + 1]) for c, v in found]) for k, n in enumerate(names)}

@@ -7,13 +7,13 @@ rest (a constant), flight (a polynomial), the difference of two trials made alik
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 Array = NDArray[np.float64]
 
@@ -131,16 +131,35 @@ def rounding_step(y: Array) -> float:
     return step if float(np.max(off)) < 0.02 else 0.0
 
 
-def keep_one_a_run(y: Array, longest: int = 2) -> NDArray[np.int64]:
-    """Indices to keep of a rounded track: of a run of equal values longer than `longest`, only its middle.
+def step_apart(course: Array, step: float) -> NDArray[np.int64]:
+    """Indices of a course (n,) at which it has moved by at least `step` since the last one.
 
-    The rounding error of such a run is one number, not many.
+    While a motion stays within a rounding step its readings share one rounding error. Which are kept must not hang on
+    the readings themselves: those that flicker between two values are the ones that err most.
     """
-    edges = np.flatnonzero(np.concatenate([[True], np.diff(y) != 0.0, [True]]))
-    keep: list[int] = []
-    for a, b in itertools.pairwise(edges):
-        keep += range(a, b) if b - a <= longest else [int(a + b - 1) // 2]
-    return np.array(keep, dtype=np.int64)
+    kept = [0]
+    for i, y in enumerate(course):
+        if abs(y - course[kept[-1]]) >= step:
+            kept.append(i)
+    return np.array(kept, dtype=np.int64)
+
+
+def of_rounded(s: float, step: float) -> float:
+    """Standard deviation of the errors of rounded readings, from s as repeated readings of one motion differ.
+
+    Noise sigma and rounding err by sigma^2 + step^2/12 together, over all places between two steps. Repeated readings
+    share what rounding does on average at a place: step^2 sum_m exp(-(2 pi m sigma / step)^2) / (2 pi^2 m^2).
+    """
+    m = np.arange(1, 400)
+
+    def shared(sigma: float) -> float:
+        return float(np.sum(step**2 * np.exp(-((2 * np.pi * m * sigma / step) ** 2)) / (2 * np.pi**2 * m**2)))
+
+    uniform = step**2 / 12.0
+    if s**2 <= uniform - shared(0.0):
+        return math.sqrt(uniform)
+    sigma = float(brentq(lambda x: x * x + uniform - shared(x) - s * s, 0.0, s))
+    return math.sqrt(sigma**2 + uniform)
 
 
 def coefficients(noise: Noise, x: Stretch) -> tuple[Array, Array]:

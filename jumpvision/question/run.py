@@ -35,7 +35,7 @@ from .sentence import confirmed, sentence
 Array = NDArray[np.float64]
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 5  # of the method: another one asks again
+VERSION = 6  # of the method: another one asks again
 FILE, MODEL, PICTURE = "diagnosis.json", "model.toml", "diagnosis.png"
 
 
