@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ..field.bands import Sides, cone_outline, shear_bands
+from ..field.cone_side import ConeSide, cone_side
 from ..field.profile import central_column
 from ..fit.column import beta, fit_column
 from ..fit.front import jammed_thickness
@@ -17,7 +18,7 @@ from ..records import Column, Flow, Piv
 from ..sections import NotApplicable, Robot
 
 
-@stage(version=2)
+@stage(version=4)
 def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
     field = piv.field
@@ -43,14 +44,20 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
     sides = [
         cone_sides(field.isel(t=i), flow.field.isel(t=i), rows[i], robot, shared, p) for i in range(field.sizes["t"])
     ]
-    for row, (band, outline) in zip(rows, sides):
-        for name, side in (("theta_bands", band), ("theta", outline)):
-            row |= {f"{name}_deg": math.degrees(side.theta), f"{name}_deg_sigma": math.degrees(side.theta_sigma)}
-        row |= {"cone_radius": outline.radius, "cone_radius_sigma": outline.radius_sigma}
+    for row, (band, outline, side) in zip(rows, sides):
+        for name, (angle, sigma_of) in {
+            "theta_bands": (band.theta, band.theta_sigma), "theta_outline": (outline.theta, outline.theta_sigma),
+            "theta": (side.theta, side.theta_sigma),
+        }.items():  # fmt: skip
+            row |= {f"{name}_deg": math.degrees(angle), f"{name}_deg_sigma": math.degrees(sigma_of)}
+        row |= {"cone_radius": side.radius, "cone_radius_sigma": side.radius_sigma}
+        row |= {"theta_shift_fitted_deg": math.degrees(side.shift_fitted), "cone_blur": side.blur}
+        row |= {"theta_shift_sharper_deg": math.degrees(side.shift_sharper)}
+    lines = [found[:2] for found in sides]
     places = {
         f"{name}_{way}": (
             ("y", "t"),
-            np.stack([sign * pair[i].places[side] for pair in sides], axis=-1),
+            np.stack([sign * found[i].places[side] for found in lines], axis=-1),
             {"units": "m"},
         )
         for i, name in enumerate(("ridge", "outline"))
@@ -72,6 +79,7 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
             "front": p.front,
             "layer_m": p.layer,
             "half_width_m": p.half_width,
+            "blur_m": blur_of(field),
             "foot_radius_m": robot.foot_radius if robot and robot.foot_radius else math.nan,
             "min_speed": flow.field.attrs["min_speed"],
         },
@@ -81,29 +89,49 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
 
 CONE_SHARE = 0.8  # of the jammed thickness: below it the bands end, at the cone's flat lower side
 WIDEST = 1.4  # foot radii from the axis within which bands are looked for
+OWN_BLUR = 0.14  # windows: standard deviation of the blur of our own piv (films of known flow, 24 px every 8)
+PLAIN_BLUR = 1.0 / math.sqrt(12.0)  # of the mean over a window, for a field computed elsewhere
 
 UNITS = {
     "max_speed": "m/s", "max_speed_sigma": "m/s", "jammed_thickness": "m", "jammed_thickness_sigma": "m",
     "log_a": "1/m", "log_a_sigma": "1/m", "b": "m", "b_sigma": "m", "beta_deg": "degree", "beta_deg_sigma": "degree",
     "chi2": "1", "n": "1", "theta_deg": "degree", "theta_deg_sigma": "degree", "theta_bands_deg": "degree",
-    "theta_bands_deg_sigma": "degree", "cone_radius": "m", "cone_radius_sigma": "m",
+    "theta_bands_deg_sigma": "degree", "theta_outline_deg": "degree", "theta_outline_deg_sigma": "degree",
+    "theta_shift_fitted_deg": "degree", "theta_shift_sharper_deg": "degree", "cone_blur": "m", "cone_radius": "m",
+    "cone_radius_sigma": "m",
 }  # fmt: skip
+
+
+def blur_of(field: xr.Dataset) -> float:
+    """Standard deviation [m] of the Gaussian that blurs the field about as its matching does."""
+    a = field.attrs
+    own = str(a["source"]).startswith("jumpvision")
+    return float((OWN_BLUR if own else PLAIN_BLUR) * a["window_px"] * a["scale_m_per_px"])
 
 
 def cone_sides(
     frame: xr.Dataset, strain: xr.Dataset, front: dict[str, float], robot: Robot | None, shared: float, p: ColumnParams
-) -> tuple[Sides, Sides]:
-    """Bands of shear, and outline of what moves with the foot, over most of the jammed thickness on the axis."""
+) -> tuple[Sides, Sides, ConeSide]:
+    """Bands of shear, outline of what moves with the foot, and the cone's side, over most of the jammed thickness on
+    the axis."""
     strain = strain.sortby("y", ascending=False)
     edge = float(np.max(np.abs(frame.x)))
+    radius = robot.foot_radius if robot and robot.foot_radius else None
     where: dict[str, float] = {
         "face": float(frame.foot_y), "top": p.clear, "bottom": CONE_SHARE * front["jammed_thickness"],
-        "reach": min(WIDEST * robot.foot_radius, edge) if robot and robot.foot_radius else edge,
         "correlation_length": shared,
     }  # fmt: skip
-    bands = shear_bands(strain.shear_rate, strain.shear_rate_sigma, frame.x, frame.y, **where)
+    reach = min(WIDEST * radius, edge) if radius else edge
+    valid = frame.chc.values > 0
+    bands = shear_bands(strain.shear_rate, strain.shear_rate_sigma, frame.x, frame.y, reach=reach, **where)
     speed = p.front * front["max_speed"]
-    return bands, cone_outline(frame.v, frame.chc.values > 0, frame.x, frame.y, speed=speed, **where)
+    outline = cone_outline(frame.v, valid, frame.x, frame.y, speed=speed, reach=reach, **where)
+    side = cone_side(
+        frame.v, frame.v_sigma, valid, frame.x, frame.y, start=(outline.theta, outline.radius),
+        speed=front["max_speed"], edge=radius or outline.radius, blur=blur_of(frame),
+        window=frame.attrs["window_px"] * frame.attrs["scale_m_per_px"], **where,
+    )  # fmt: skip
+    return bands, outline, side
 
 
 def fit_frame(z: np.ndarray, speed: np.ndarray, sigma: np.ndarray, p: ColumnParams) -> dict[str, float]:
