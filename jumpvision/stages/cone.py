@@ -128,6 +128,9 @@ def grown_cone(
     )
     wide = np.sqrt(np.diag(cone.covariance) * max(1.0, cone.chi2))  # the scatter factor of one degree of freedom
     slope_sigma, narrow_sigma = np.sqrt(np.diag(curve.covariance))
+    # face, border and gap are off alike in all frames: what they change in one they change in slope and C
+    alike = float(np.nanmedian(np.where(mass > 0.0, sigma / np.abs(mass), np.nan)))
+    wide[0], slope_sigma = math.hypot(wide[0], alike * cone.C), math.hypot(slope_sigma, alike * curve.slope)
     return {
         "cone_slope_kg_m": Estimate(curve.slope, float(slope_sigma), "kg/m", curve.n, curve.chi2, curve.reason),
         "mu_over_tan_theta": Estimate(curve.narrowing, float(narrow_sigma), "", curve.n, curve.chi2, curve.reason),
