@@ -106,15 +106,17 @@ def test_mu_counts_only_while_the_cone_is_broader_than_the_column():
     names = {
         "foot_depth": z, "jammed_thickness": thick, "jammed_thickness_sigma": 1e-4 * one, "max_speed": 0.5 * one,
         "foot_speed": 0.5 * one, "theta_deg": 45.0 * one, "theta_deg_sigma": one, "theta_shift_fitted_deg": 0.3 * one,
+        "jammed_thickness_left": thick + 0.02 * z, "jammed_thickness_right": thick - 0.01 * z,
         "theta_shift_sharper_deg": -0.4 * one, "cone_radius": R * one, "cone_radius_sigma": 1e-3 * one,
         **dict.fromkeys(("beta_deg", "beta_deg_sigma", "log_a", "log_a_sigma", "theta_outline_deg",
                          "theta_outline_deg_sigma", "theta_bands_deg", "theta_bands_deg_sigma"), one),
     }  # fmt: skip
     data = xr.Dataset({k: ("t", v) for k, v in names.items()})
-    data.attrs = {"min_speed": 0.05, "half_width_m": 0.005, "blur_m": 0.001, "layer_m": 0.008}
+    data.attrs = {"min_speed": 0.05, "half_width_m": 0.005, "blur_m": 0.001, "layer_m": 0.008, "axis_off_m": 1e-3}
     fits = cone_fits(Column(data))
     assert fits["mu"].value == pytest.approx(1.8, abs=0.01)
     assert 8 <= fits["mu"].n < 20
+    assert fits["mu_per_mm_of_axis"].value == pytest.approx(0.02, abs=1e-3)
     assert fits["theta_deg"].sigma == pytest.approx(math.hypot(1.0 / math.sqrt(20), 0.4))
     lost = data.assign(theta_deg=np.nan * data.theta_deg)
     without = cone_fits(Column(lost))

@@ -45,10 +45,17 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
                               ("theta_outline_deg", "degree", use), ("theta_bands_deg", "degree", use))
     } | {"theta_deg": theta}  # fmt: skip
     thickness = np.where(broad, c.jammed_thickness.values, np.nan)
-    line = fit_mu(
-        c.foot_depth.values, thickness, np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
-    )
+    error = np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
+    line = fit_mu(c.foot_depth.values, thickness, error)
     out["mu"] = line.slope_estimate("")
+    moved = [
+        fit_mu(c.foot_depth.values, np.where(broad, c[f"jammed_thickness_{way}"].values, np.nan), error).slope
+        - line.slope
+        for way in ("left", "right")
+    ]
+    out["mu_per_mm_of_axis"] = Estimate(
+        max(moved, key=abs) * 1e-3 / c.attrs["axis_off_m"], NAN, "1/mm", line.n, NAN, line.reason
+    )
     out["mu_intercept_m"] = Estimate(line.intercept, line.intercept_sigma, "m", line.n, line.chi2, line.reason)
     if not out["log_a"].reason:
         slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
