@@ -27,6 +27,19 @@ def weighted_mean(values: ArrayLike, sigma: ArrayLike, unit: str) -> Estimate:
     return Estimate(mean, scatter_factor(chi2, n - 1) * float(w.sum()) ** -0.5, unit, n, chi2)
 
 
+def near_the_median(values: ArrayLike, sigma: ArrayLike, *, reject: float) -> NDArray[np.bool_]:
+    """Values (n,) within `reject` robust sigmas of their median; a value's robust sigma is its own times
+    max(1, 1.4826 median |deviation/sigma|), so that understated errors turn no ordinary value into a stray one. NaN is
+    not near."""
+    values, sigma = checked("near_the_median", values=values, sigma=sigma)
+    use = np.isfinite(values) & (sigma > 0.0)
+    if not use.any():
+        return use
+    off = np.abs(values - np.median(values[use])) / np.where(use, sigma, np.nan)
+    near: NDArray[np.bool_] = off <= reject * max(1.0, 1.4826 * float(np.median(off[use])))
+    return near
+
+
 def difference_noise(series: NDArray[np.float64]) -> float:
     """White noise (standard deviation) of a smooth, evenly sampled series (n,) by third differences; 0 for n < 8.
 

@@ -64,10 +64,10 @@ def draw_front(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
 
 
 def draw_theta(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
-    """Angle of the cone's outline and of the bands of shear against the foot's depth."""
+    """Angle of the cone's side and of the bands of shear against the foot's depth."""
     c = of["column"].field
     for name, color, mark, label in (
-        ("theta_bands_deg", QUIET, "x", "bands of shear"), ("theta_deg", MEASURED, ".", "outline of the cone"),
+        ("theta_bands_deg", QUIET, "x", "bands of shear"), ("theta_deg", MEASURED, ".", "side of the cone"),
     ):  # fmt: skip
         axis.errorbar(c.foot_depth * 1e3, c[name], c[f"{name}_sigma"], fmt=mark, lw=0.7, ms=4, color=color, label=label)
     theta = fits.get("theta_deg")

@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ..field.bands import Sides, cone_outline, shear_bands
+from ..field.cone_side import ConeSide, cone_side
 from ..field.profile import central_column
 from ..fit.column import beta, fit_column
 from ..fit.front import jammed_thickness
@@ -16,8 +18,10 @@ from ..pipeline import stage
 from ..records import Column, Flow, Piv
 from ..sections import NotApplicable, Robot
 
+Array = NDArray[np.float64]
 
-@stage(version=2)
+
+@stage(version=5)
 def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
     field = piv.field
@@ -27,30 +31,32 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
         raise NotApplicable(["column needs foot_row and axis_column of [grain_video] or [piv_field]"])
     field = field.sortby("y", ascending=False)  # downwards from the top
     shared = field.attrs.get("error_px", field.attrs["window_px"]) / field.attrs["step_px"]
-    profiles = [
-        central_column(
-            f.v, f.v_sigma, f.chc.values > 0, f.x, half_width=p.half_width, correlation_length=shared
-        )
-        for f in (field.isel(t=i) for i in range(field.sizes["t"]))
-    ]  # fmt: skip
-    speed, sigma = (np.stack(a, axis=-1) for a in zip(*profiles, strict=True))
-    # windows overlap down the column too: a fit to its rows is worth fewer vectors than it has
-    sigma = sigma * math.sqrt(max(1.0, shared))
     depth = field.foot_y.values[None, :] - field.y.values[:, None]
-    below = depth > p.clear
-    speed, sigma = np.where(below, speed, np.nan), np.where(below, sigma, np.nan)
+    speed, sigma = middle_of(field, depth, 0.0, shared, p)
     rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(field.sizes["t"])]
     sides = [
         cone_sides(field.isel(t=i), flow.field.isel(t=i), rows[i], robot, shared, p) for i in range(field.sizes["t"])
     ]
-    for row, (band, outline) in zip(rows, sides):
-        for name, side in (("theta_bands", band), ("theta", outline)):
-            row |= {f"{name}_deg": math.degrees(side.theta), f"{name}_deg_sigma": math.degrees(side.theta_sigma)}
-        row |= {"cone_radius": outline.radius, "cone_radius_sigma": outline.radius_sigma}
+    for row, (band, outline, side) in zip(rows, sides):
+        for name, (angle, sigma_of) in {
+            "theta_bands": (band.theta, band.theta_sigma), "theta_outline": (outline.theta, outline.theta_sigma),
+            "theta": (side.theta, side.theta_sigma),
+        }.items():  # fmt: skip
+            row |= {f"{name}_deg": math.degrees(angle), f"{name}_deg_sigma": math.degrees(sigma_of)}
+        row |= {"cone_radius": side.radius, "cone_radius_sigma": side.radius_sigma}
+        row |= {"theta_shift_fitted_deg": math.degrees(side.shift_fitted), "cone_blur": side.blur}
+        row |= {"theta_shift_sharper_deg": math.degrees(side.shift_sharper)}
+    for way, axis in (("left", -AXIS_OFF), ("right", AXIS_OFF)):
+        seen = float(np.min(np.abs(field.x - axis))) <= p.half_width
+        beside = middle_of(field, depth, axis, shared, p) if seen else (np.full(depth.shape, np.nan),) * 2
+        for i, row in enumerate(rows):
+            front = jammed_thickness(depth[:, i], beside[0][:, i], beside[1][:, i], threshold=p.front)
+            row[f"jammed_thickness_{way}"] = front.thickness
+    lines = [found[:2] for found in sides]
     places = {
         f"{name}_{way}": (
             ("y", "t"),
-            np.stack([sign * pair[i].places[side] for pair in sides], axis=-1),
+            np.stack([sign * found[i].places[side] for found in lines], axis=-1),
             {"units": "m"},
         )
         for i, name in enumerate(("ridge", "outline"))
@@ -72,6 +78,8 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
             "front": p.front,
             "layer_m": p.layer,
             "half_width_m": p.half_width,
+            "blur_m": blur_of(field),
+            "axis_off_m": AXIS_OFF,
             "foot_radius_m": robot.foot_radius if robot and robot.foot_radius else math.nan,
             "min_speed": flow.field.attrs["min_speed"],
         },
@@ -79,31 +87,66 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
     return Column(data)
 
 
+AXIS_OFF = 1e-3  # m by which the axis is moved to either side, to see what it matters
 CONE_SHARE = 0.8  # of the jammed thickness: below it the bands end, at the cone's flat lower side
 WIDEST = 1.4  # foot radii from the axis within which bands are looked for
+OWN_BLUR = 0.14  # windows: standard deviation of the blur of our own piv (films of known flow, 24 px every 8)
+PLAIN_BLUR = 1.0 / math.sqrt(12.0)  # of the mean over a window, for a field computed elsewhere
 
 UNITS = {
     "max_speed": "m/s", "max_speed_sigma": "m/s", "jammed_thickness": "m", "jammed_thickness_sigma": "m",
+    "jammed_thickness_left": "m", "jammed_thickness_right": "m",
     "log_a": "1/m", "log_a_sigma": "1/m", "b": "m", "b_sigma": "m", "beta_deg": "degree", "beta_deg_sigma": "degree",
     "chi2": "1", "n": "1", "theta_deg": "degree", "theta_deg_sigma": "degree", "theta_bands_deg": "degree",
-    "theta_bands_deg_sigma": "degree", "cone_radius": "m", "cone_radius_sigma": "m",
+    "theta_bands_deg_sigma": "degree", "theta_outline_deg": "degree", "theta_outline_deg_sigma": "degree",
+    "theta_shift_fitted_deg": "degree", "theta_shift_sharper_deg": "degree", "cone_blur": "m", "cone_radius": "m",
+    "cone_radius_sigma": "m",
 }  # fmt: skip
+
+
+def middle_of(field: xr.Dataset, depth: Array, axis: float, shared: float, p: ColumnParams) -> tuple[Array, Array]:
+    """(speed, sigma) [m/s] over (y, t) around the axis, moved by `axis` [m] to the right; NaN close below the face."""
+    profiles = [
+        central_column(
+            f.v, f.v_sigma, f.chc.values > 0, f.x - axis, half_width=p.half_width, correlation_length=shared
+        )
+        for f in (field.isel(t=i) for i in range(field.sizes["t"]))
+    ]  # fmt: skip
+    speed, sigma = (np.where(depth > p.clear, np.stack(a, axis=-1), np.nan) for a in zip(*profiles, strict=True))
+    # windows overlap down the column too: a fit to its rows is worth fewer vectors than it has
+    return speed, sigma * math.sqrt(max(1.0, shared))
+
+
+def blur_of(field: xr.Dataset) -> float:
+    """Standard deviation [m] of the Gaussian that blurs the field about as its matching does."""
+    a = field.attrs
+    own = str(a["source"]).startswith("jumpvision")
+    return float((OWN_BLUR if own else PLAIN_BLUR) * a["window_px"] * a["scale_m_per_px"])
 
 
 def cone_sides(
     frame: xr.Dataset, strain: xr.Dataset, front: dict[str, float], robot: Robot | None, shared: float, p: ColumnParams
-) -> tuple[Sides, Sides]:
-    """Bands of shear, and outline of what moves with the foot, over most of the jammed thickness on the axis."""
+) -> tuple[Sides, Sides, ConeSide]:
+    """Bands of shear, outline of what moves with the foot, and the cone's side, over most of the jammed thickness on
+    the axis."""
     strain = strain.sortby("y", ascending=False)
     edge = float(np.max(np.abs(frame.x)))
+    radius = robot.foot_radius if robot and robot.foot_radius else None
     where: dict[str, float] = {
         "face": float(frame.foot_y), "top": p.clear, "bottom": CONE_SHARE * front["jammed_thickness"],
-        "reach": min(WIDEST * robot.foot_radius, edge) if robot and robot.foot_radius else edge,
         "correlation_length": shared,
     }  # fmt: skip
-    bands = shear_bands(strain.shear_rate, strain.shear_rate_sigma, frame.x, frame.y, **where)
+    reach = min(WIDEST * radius, edge) if radius else edge
+    valid = frame.chc.values > 0
+    bands = shear_bands(strain.shear_rate, strain.shear_rate_sigma, frame.x, frame.y, reach=reach, **where)
     speed = p.front * front["max_speed"]
-    return bands, cone_outline(frame.v, frame.chc.values > 0, frame.x, frame.y, speed=speed, **where)
+    outline = cone_outline(frame.v, valid, frame.x, frame.y, speed=speed, reach=reach, **where)
+    side = cone_side(
+        frame.v, frame.v_sigma, valid, frame.x, frame.y, start=(outline.theta, outline.radius),
+        speed=front["max_speed"], edge=radius or outline.radius, blur=blur_of(frame),
+        window=frame.attrs["window_px"] * frame.attrs["scale_m_per_px"], **where,
+    )  # fmt: skip
+    return bands, outline, side
 
 
 def fit_frame(z: np.ndarray, speed: np.ndarray, sigma: np.ndarray, p: ColumnParams) -> dict[str, float]:

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from ..field.momentum import ANGLE
@@ -14,16 +15,14 @@ from ..fit.cone_fit import fit_mass_curve, solve_cone
 from ..fit.estimate import Estimate
 from ..fit.front import fit_mu
 from ..fit.line import fit_line
-from ..fit.mean import weighted_mean
+from ..fit.mean import near_the_median, weighted_mean
 from ..records import Column, Flow
 from ..sections import Bed
 
 NAN = math.nan
+STRAY = 4.0  # robust sigmas from the median beyond which a frame's angle does not count
 AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
 MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
-
-
-MEANS = ("beta_deg", "degree"), ("log_a", "1/m"), ("theta_deg", "degree"), ("theta_bands_deg", "degree")
 
 
 def pushing(column: Column) -> NDArray[np.bool_]:
@@ -35,19 +34,28 @@ def pushing(column: Column) -> NDArray[np.bool_]:
 
 
 def cone_fits(column: Column) -> dict[str, Estimate]:
-    """beta and both theta: means over the frames in which the foot pushes; mu: slope of jammed thickness over depth."""
+    """beta and theta: means over the frames in which the foot pushes; mu: slope of jammed thickness over depth."""
     c = column.field
     use = pushing(column)
+    theta = side_angle(c, use)
+    broad = use & broader_than_column(c, theta)
     out = {
-        name: weighted_mean(c[name].values[use], c[f"{name}_sigma"].values[use], unit)
-        for name, unit in MEANS
-    }  # fmt: skip
-    out["theta_deg"] = widened(out["theta_deg"], out["theta_bands_deg"])
-    thickness = np.where(use, c.jammed_thickness.values, np.nan)
-    line = fit_mu(
-        c.foot_depth.values, thickness, np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
-    )
+        name: weighted_mean(c[name].values[k], c[f"{name}_sigma"].values[k], unit)
+        for name, unit, k in (("beta_deg", "degree", broad), ("log_a", "1/m", broad),
+                              ("theta_outline_deg", "degree", use), ("theta_bands_deg", "degree", use))
+    } | {"theta_deg": theta}  # fmt: skip
+    thickness = np.where(broad, c.jammed_thickness.values, np.nan)
+    error = np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
+    line = fit_mu(c.foot_depth.values, thickness, error)
     out["mu"] = line.slope_estimate("")
+    moved = [
+        fit_mu(c.foot_depth.values, np.where(broad, c[f"jammed_thickness_{way}"].values, np.nan), error).slope
+        - line.slope
+        for way in ("left", "right")
+    ]
+    out["mu_per_mm_of_axis"] = Estimate(
+        max(moved, key=abs) * 1e-3 / c.attrs["axis_off_m"], NAN, "1/mm", line.n, NAN, line.reason
+    )
     out["mu_intercept_m"] = Estimate(line.intercept, line.intercept_sigma, "m", line.n, line.chi2, line.reason)
     if not out["log_a"].reason:
         slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
@@ -56,11 +64,32 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
     return out
 
 
-def widened(theta: Estimate, bands: Estimate) -> Estimate:
-    """Outline and bands mark the cone's side each in its own way: their difference belongs to theta, over sqrt(12)."""
-    if theta.reason or bands.reason:
-        return theta
-    return replace(theta, sigma=math.hypot(theta.sigma, (theta.value - bands.value) / math.sqrt(12.0)))
+def side_angle(c: xr.Dataset, use: NDArray[np.bool_]) -> Estimate:
+    """Mean of the side's angle without stray frames; what another blur of the field would change in it, alike in all
+    frames, belongs to its sigma."""
+    angle, sigma = (np.where(use, c[k].values, np.nan) for k in ("theta_deg", "theta_deg_sigma"))
+    kept = near_the_median(angle, sigma, reject=STRAY)
+    mean = weighted_mean(np.where(kept, angle, np.nan), sigma, "degree")
+    if mean.reason:
+        return replace(mean, reason="no frame shows a line at which the grains begin to lag behind the foot")
+    shifts = [
+        weighted_mean(np.where(kept, c[f"theta_shift_{k}_deg"].values, np.nan), sigma, "degree").value
+        for k in ("fitted", "sharper")
+    ]
+    return replace(mean, sigma=math.hypot(mean.sigma, max(np.abs(shifts))))
+
+
+def broader_than_column(c: xr.Dataset, theta: Estimate) -> NDArray[np.bool_]:
+    """Frames in which the cone's flat lower side is broader than the column that measures its thickness.
+
+    Beyond them the column sees the sides and the complete cone, whose thickness grows no more; all where theta is not
+    known.
+    """
+    if theta.reason:
+        return np.ones(c.sizes["t"], bool)
+    radius = weighted_mean(c.cone_radius.values, c.cone_radius_sigma.values, "m").value
+    flat = radius - c.jammed_thickness.values / math.tan(math.radians(theta.value))
+    return np.asarray(flat > c.attrs["half_width_m"] + 2.0 * c.attrs["blur_m"])
 
 
 def mass_fits(flow: Flow) -> dict[str, Estimate]:
@@ -106,6 +135,9 @@ def grown_cone(
     )
     wide = np.sqrt(np.diag(cone.covariance) * max(1.0, cone.chi2))  # the scatter factor of one degree of freedom
     slope_sigma, narrow_sigma = np.sqrt(np.diag(curve.covariance))
+    # face, border and gap are off alike in all frames: what they change in one they change in slope and C
+    alike = float(np.nanmedian(np.where(mass > 0.0, sigma / np.abs(mass), np.nan)))
+    wide[0], slope_sigma = math.hypot(wide[0], alike * cone.C), math.hypot(slope_sigma, alike * curve.slope)
     return {
         "cone_slope_kg_m": Estimate(curve.slope, float(slope_sigma), "kg/m", curve.n, curve.chi2, curve.reason),
         "mu_over_tan_theta": Estimate(curve.narrowing, float(narrow_sigma), "", curve.n, curve.chi2, curve.reason),

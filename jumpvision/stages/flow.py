@@ -22,7 +22,7 @@ JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=4)
+@stage(version=5)
 def flow(
     piv: Piv, film: GrainVideo | None, section: Bed | None, bed: BedHeight | None, given: PivField | None = None,
     robot: Robot | None = None, *,
@@ -90,8 +90,17 @@ def under_the_foot(
         )
         return out
     radius = robot.foot_radius if robot else None
-    rows = [momentum_of(field.isel(t=i), source.foot, section, phi, overlap, radius=radius) for i in range(n)]
-    momentum, sigma, covered = (np.array(a) for a in zip(*rows, strict=True))
+
+    def integral(lifted: Array) -> Array:
+        frames = (field.isel(t=i) for i in range(n))
+        return np.array([
+            momentum_of(f, source.foot, section, phi, overlap, radius=radius, lifted=float(d))
+            for f, d in zip(frames, lifted)
+        ]).T  # fmt: skip
+
+    face = np.hypot(field.foot_y_sigma.values, field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
+    momentum, sigma, covered = integral(np.zeros(n))
+    sigma = np.hypot(sigma, 0.5 * (integral(face)[0] - integral(-face)[0]))
     jammed = jammed_share(field, source.foot, section, phi, overlap, speed, momentum, p.min_speed)
     mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
     return out | {
@@ -134,14 +143,14 @@ def sensitivities(
 
 def momentum_of(
     frame: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float, *, radius: float | None = None,
-    axis: float = 0.0, inwards: float = 0.0,
+    axis: float = 0.0, inwards: float = 0.0, lifted: float = 0.0,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost.
 
     radius [m] of the foot, where known. axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn
-    in.
+    in; lifted [m]: by which the face lies higher than found.
     """
-    top = float(frame.foot_y)
+    top = float(frame.foot_y) + lifted
     if not np.isfinite(top):
         return np.nan, np.nan, 0.0
     a = frame.attrs

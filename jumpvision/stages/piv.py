@@ -30,7 +30,7 @@ PART, LONG = 16, 64  # pairs a process matches at a time; from so many on severa
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=5, any_of=("film", "field"))
+@stage(version=7, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
     p: PivParams,

@@ -39,22 +39,30 @@ class Stack:
         """Rows by which the face lies below the expected one, and its standard uncertainty; infinite where not seen.
 
         With I = T (1 - Phi) + G Phi and the body T the same in all frames, the standard deviation over the frames is
-        Phi times that of the grains: half of it at the face, whatever the blur. Sigma: scatter of blocks of columns.
+        Phi times that of the grains: half of it at the face, whatever the blur. Taken over all blocks of columns below
+        which grains change: a single block is as uneven as its few grains and, in a noisy film, far too deep. Sigma:
+        jackknife over the blocks.
         """
         if self.n < LEAST:
             return 0.0, math.inf
         variance = np.maximum(np.asarray(self.squares) / self.n - (np.asarray(self.sum) / self.n) ** 2, 0.0)
         blocks = variance.shape[1] // BLOCK
         variance = variance[:, : blocks * BLOCK].reshape(len(self.u), blocks, BLOCK).mean(2)
-        body, grains = variance[:3].mean(0), variance[-4:].mean(0)
-        spread = np.sqrt(np.maximum(variance - body, 0.0) / np.maximum(grains - body, 1e-9))
-        changing = np.flatnonzero(grains > CONTRAST**2 * body)
-        found = np.array([p for p in (_rise(self.u, spread[:, b]) for b in changing) if math.isfinite(p)])
-        if found.size < max(LEAST_BLOCKS, blocks // 4):
+        changing = variance[:, variance[-4:].mean(0) > CONTRAST**2 * variance[:3].mean(0)]
+        n = changing.shape[1]
+        if n < max(LEAST_BLOCKS, blocks // 4):
             return 0.0, math.inf
-        centre = float(np.median(found))
-        width = 1.4826 * float(np.median(np.abs(found - centre)))
-        return centre, 1.2533 * width / math.sqrt(found.size)
+        centre = _face(self.u, changing.mean(1))
+        others = np.array([_face(self.u, np.delete(changing, k, axis=1).mean(1)) for k in range(n)])
+        if not (math.isfinite(centre) and np.isfinite(others).all()):
+            return 0.0, math.inf
+        return centre, math.sqrt((n - 1) / n * float(np.sum((others - centre) ** 2)))
+
+
+def _face(u: Array, variance: Array) -> float:
+    """Where the standard deviation over the frames is half of the grains', from the variance on the rows u."""
+    body, grains = variance[:3].mean(), variance[-4:].mean()
+    return _rise(u, np.sqrt(np.maximum(variance - body, 0.0) / (grains - body)))
 
 
 def _rise(u: Array, spread: Array) -> float:

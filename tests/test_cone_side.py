@@ -1,0 +1,123 @@
+"""The cone's side in drawn velocity fields, and the front while the cone is broader than the column. About 10 s."""
+
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.ndimage import gaussian_filter
+from test_field import window_noise
+
+from jumpvision.field.bands import cone_outline
+from jumpvision.field.cone_side import cone_side
+from jumpvision.fit.mean import near_the_median
+from jumpvision.records import Column
+from jumpvision.stages.cone import cone_fits
+
+R, FOOT, STEP, WINDOW = 0.0381, 0.5, 2.4e-3, 7.2e-3
+FINE = 3e-4  # m: the fields are drawn and blurred by 1 mm on this grid, and read off every 8th point
+X = (np.arange(41) - 20) * STEP
+Y = -(np.arange(17) + 0.5) * STEP
+NOISE = 0.005 * FOOT
+OUTSIDE = {
+    "fades evenly": lambda n, d: np.exp(-n / 0.012),
+    "fades faster above": lambda n, d: np.exp(-n / (0.008 + 0.5 * d)),
+    "falls linearly": lambda n, d: np.clip(1.0 - n / 0.03, 0.0, 1.0),
+    "step, then fades": lambda n, d: 0.7 * np.exp(-n / 0.015),
+    "step that ends below": lambda n, d: (1.0 - 0.4 * np.clip(1.0 - d / 0.03, 0.0, 1.0)) * np.exp(-n / 0.015),
+}
+
+
+def drawn(theta, outside, offset=0.0):
+    """v [m/s] (ny, nx) of grains that move with the foot inside the cone and as `outside` says beside it."""
+    x = np.arange(-199, 200) * FINE
+    d = (np.arange(17 * 8) + 0.5) * FINE
+    n = (np.abs(x - offset)[None] - (R - d[:, None] / math.tan(theta))) * math.sin(theta)
+    share = np.where(n > 0.0, outside(np.maximum(n, 0.0), d[:, None]), 1.0)
+    blurred = gaussian_filter(share, 0.001 / FINE, mode="nearest")
+    return -FOOT * blurred[3::8, 199 - 160 : 199 + 161 : 8]
+
+
+def side(v, start, **how):
+    where = {"start": start, "speed": FOOT, "face": 0.0, "top": 0.003, "bottom": 0.026, "edge": R, "window": WINDOW,
+             "blur": 0.001, "correlation_length": 3.0} | how  # fmt: skip
+    return cone_side(v, np.full(v.shape, NOISE), np.isfinite(v), X, Y, **where)
+
+
+def systematic(s):
+    return math.degrees(math.hypot(s.theta_sigma, max(abs(s.shift_fitted), abs(s.shift_sharper))))
+
+
+def test_the_side_is_where_grains_begin_to_lag_whatever_they_do_outside():
+    """None of the five ways is the fitted expansion. 100 fields: 0.95 - 3 * 0.022 = 0.88 inside two sigma."""
+    rng, inside, found = np.random.default_rng(3), [], {}
+    for name, outside in OUTSIDE.items():
+        for degrees in (45, 60):
+            exact = drawn(math.radians(degrees), outside)
+            for _ in range(10):
+                v = exact + NOISE * window_noise(rng, Y.size, X.size, 3)
+                s = side(v, (math.radians(degrees + 4), R - 0.001))
+                if not s.reason:
+                    error = math.degrees(s.theta) - degrees
+                    inside.append(abs(error) < 2.0 * systematic(s))
+                    found.setdefault(name, []).append(error)
+    assert len(inside) >= 90  # a bend without a step may be lost in the noise of one frame
+    assert np.mean(inside) > 0.88, np.mean(inside)
+    for name, errors in found.items():
+        # a step stands 0.3 V over 0.005 V of noise; a mere bend of one frame of 16 rows is known to two degrees or so
+        bound = 0.6 if "step" in name else 5.0
+        assert np.sqrt(np.mean(np.square(errors))) < bound, (name, errors)
+
+
+def test_the_contour_of_the_speed_is_steeper_than_the_cone_where_grains_fade_faster_above():
+    """With n0 = ln(1/0.9) L the contour lies n0/sin(theta) outside: 0.84 mm more for every 16 mm of depth here, with
+    L = 8 mm + d/2 and n0 = 0.105 L; cot falls by 0.053/sin(theta): from 45 to 47.2 degrees."""
+    theta = math.radians(45)
+    v = drawn(theta, OUTSIDE["fades faster above"])
+    outline = cone_outline(v, np.isfinite(v), X, Y, speed=0.9 * FOOT, face=0.0, top=0.003, bottom=0.026, reach=0.05,
+                           correlation_length=3.0)  # fmt: skip
+    expected = math.degrees(math.atan2(1.0, 1.0 - 0.5 * math.log(1 / 0.9) / math.sin(theta)))
+    assert math.degrees(outline.theta) == pytest.approx(expected, abs=0.5)  # blur, and linear between vectors
+
+
+def test_the_axis_may_be_off_and_what_shows_no_side_says_so():
+    rng = np.random.default_rng(0)
+    v = drawn(math.radians(55), OUTSIDE["step, then fades"], offset=0.002)
+    s = side(v + NOISE * window_noise(rng, *v.shape, 3), (math.radians(55), R))
+    assert s.offset == pytest.approx(0.002, abs=1e-4)
+    assert s.radius == pytest.approx(R, abs=3e-4)
+    assert s.blur == pytest.approx(0.001, rel=0.15)
+    assert "shorter than" in side(v, (1.0, R), bottom=0.01).reason
+    assert "vectors about both sides" in side(np.where(X < 0.0, v, np.nan), (1.0, R)).reason
+    assert side(np.full(v.shape, -FOOT), (1.0, R)).reason
+
+
+def test_a_stray_frame_does_not_count():
+    values, sigma = np.array([60.0, 60.2, 59.7, 60.1, 31.0, np.nan]), np.array([0.3, 0.3, 0.3, 0.3, 0.4, 0.3])
+    assert near_the_median(values, sigma, reject=4.0).tolist() == [True, True, True, True, False, False]
+    assert not near_the_median([np.nan], [1.0], reject=4.0).any()
+
+
+def test_mu_counts_only_while_the_cone_is_broader_than_the_column():
+    """A cone of 45 degrees and mu 1.8, complete at R = 38.1 mm: later frames would halve mu."""
+    z = np.linspace(0.008, 0.03, 20)
+    thick = np.minimum(1.8 * z, 0.0345)  # the column of +-5 mm sees no apex
+    one = np.ones(z.size)
+    names = {
+        "foot_depth": z, "jammed_thickness": thick, "jammed_thickness_sigma": 1e-4 * one, "max_speed": 0.5 * one,
+        "foot_speed": 0.5 * one, "theta_deg": 45.0 * one, "theta_deg_sigma": one, "theta_shift_fitted_deg": 0.3 * one,
+        "jammed_thickness_left": thick + 0.02 * z, "jammed_thickness_right": thick - 0.01 * z,
+        "theta_shift_sharper_deg": -0.4 * one, "cone_radius": R * one, "cone_radius_sigma": 1e-3 * one,
+        **dict.fromkeys(("beta_deg", "beta_deg_sigma", "log_a", "log_a_sigma", "theta_outline_deg",
+                         "theta_outline_deg_sigma", "theta_bands_deg", "theta_bands_deg_sigma"), one),
+    }  # fmt: skip
+    data = xr.Dataset({k: ("t", v) for k, v in names.items()})
+    data.attrs = {"min_speed": 0.05, "half_width_m": 0.005, "blur_m": 0.001, "layer_m": 0.008, "axis_off_m": 1e-3}
+    fits = cone_fits(Column(data))
+    assert fits["mu"].value == pytest.approx(1.8, abs=0.01)
+    assert 8 <= fits["mu"].n < 20
+    assert fits["mu_per_mm_of_axis"].value == pytest.approx(0.02, abs=1e-3)
+    assert fits["theta_deg"].sigma == pytest.approx(math.hypot(1.0 / math.sqrt(20), 0.4))
+    lost = data.assign(theta_deg=np.nan * data.theta_deg)
+    without = cone_fits(Column(lost))
+    assert without["mu"].n == 20 and "begin to lag" in without["theta_deg"].reason
