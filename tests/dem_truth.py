@@ -79,7 +79,7 @@ def boundary(r: np.ndarray, inside: np.ndarray) -> float:
 
 
 def side(scene: Scene, x: np.ndarray, z: np.ndarray, comoving: np.ndarray, bottom: float) -> float:
-    """theta [deg]: least-squares line |x| = R - z/tan(theta) through the boundaries of rows a grain high, both sides."""
+    """theta [deg] of the least-squares line |x| = R - z/tan(theta) by the ends of rows a grain high, both sides."""
     places: list[tuple[float, float]] = []
     for row in np.arange(CLEAR, np.nan_to_num(bottom) - scene.grain, scene.grain):
         for sign in (-1, 1):

