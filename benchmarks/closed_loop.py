@@ -72,21 +72,26 @@ def rough(kind: str, scene: loop.Scene, folder: Path, seed: int = 1) -> dict[str
     use = c.speed > MOVING
     front = np.array([crossing(f.depth.values[:, k], f.speed.values[:, k]) for k in range(f.sizes["t"])])
     apart = (f.theta_deg.values - c.theta)[pushing(column)]
-    mu, theta = slope(c.depth[use], c.front[use]), float(np.nanmean(c.theta[use]))
+    fitted = pushing(column) & np.isfinite(f.jammed_thickness.values)
+    both = use & np.isfinite(front) & np.isfinite(c.front)
+    mu, crossed = (slope(c.depth[both], y[both]) for y in (c.front, front))
+    mu_fitted = slope(c.depth[fitted], c.front[fitted])
+    theta = float(np.nanmean(c.theta[pushing(column) & np.isfinite(f.theta_deg.values)]))
     truth, got = loop.true_momentum(scene, d, m)["field"], seen["flow"].momentum.values
     large, pull = truth > 0.1 * truth.max(), (got - truth) / seen["flow"].momentum_sigma.values
     return {
-        "frames in which the foot moves": int(use.sum()),
+        "frames in which the foot moves and both have a front": int(both.sum()),
         "mu, discs": mu,
-        "mu, film: column's crossing": slope(c.depth[use], front[use]),
-        "mu, film: column's crossing: error [%]": 100 * (slope(c.depth[use], front[use]) / mu - 1.0),
+        "mu, film: column's crossing": crossed,
+        "mu, film: column's crossing: error [%]": 100 * (crossed / mu - 1.0),
         "front, film's crossing - discs: median [mm]": 1e3 * float(np.nanmedian((front - c.front)[use])),
         "front, film's crossing - discs: standard deviation [mm]": 1e3 * float(np.nanstd((front - c.front)[use])),
+        "mu, discs, in the frames of `fit`": mu_fitted,
         "mu, film: `fit`": fits["mu"].value,
         "mu, film: `fit`: stated sigma": fits["mu"].sigma,
-        "mu, film: `fit`: error [%]": 100 * (fits["mu"].value / mu - 1.0),
-        "frames in which `column` finds a front": int(np.isfinite(f.jammed_thickness.values[use]).sum()),
-        "theta, discs: mean [deg]": theta,
+        "mu, film: `fit`: error [%]": 100 * (fits["mu"].value / mu_fitted - 1.0),
+        "frames of `fit`: the foot pushes and `column` finds a front": int(fitted.sum()),
+        "theta, discs, where the foot pushes: mean [deg]": theta,
         "theta, film: `fit` [deg]": fits["theta_deg"].value,
         "theta, film: `fit`: stated sigma [deg]": fits["theta_deg"].sigma,
         "theta, film - discs: median of the frames [deg]": float(np.nanmedian(apart)),
