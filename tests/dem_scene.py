@@ -28,12 +28,16 @@ from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, ST
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
 DENSITY, PHI = 1000.0, 0.57  # kg/m^3 of the grains and volume fraction that the analysis is told
+ROUGH = {"fraction": 0.55, "friction": 0.5, "coulomb": 150.0}  # a bed in which a front runs ahead and a cone grows
 KINDS = {"single": (7.5, 0.0), "stutter": (7.0, 0.0), "delayed_stutter": (7.0, 0.1)}  # Hz, s
 
 
 @dataclass(frozen=True)
 class Scene:
-    """foot [m] its half width, bed [m] half width and depth, picture (rows, columns), scale [m/px], fraction: area."""
+    """foot [m] its half width, bed [m] half width and depth, picture (rows, columns), scale [m/px], fraction: area.
+
+    coulomb [m/s^2]: drag of the carpet; friction: coefficient between grains.
+    """
 
     foot: float = 0.0381
     bed: tuple[float, float] = (0.070, 0.125)
@@ -43,6 +47,7 @@ class Scene:
     fraction: float = 0.72
     surface_row: float = 20.0
     coulomb: float = 10.0
+    friction: float = 0.0
 
     @property
     def axis(self) -> float:
@@ -51,13 +56,18 @@ class Scene:
 
 def foot_path(kind: str) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] and heights [m] of the foot while it digs deepest in the jump of `kind`, from its depth before on."""
+    return landing(kind)[:2]
+
+
+def landing(kind: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """The same, and the height [m] of the floor of the hole that the foot has dug before."""
     frequency, delay = KINDS[kind]
     law = Drive(frequency, 0.01875, PHASE[kind], START, delay=delay)
     m = jump(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=0.46, bed_density=DENSITY * PHI)
     end = m.t < (m.lift_offs[1] if kind != "single" else m.lift_offs[0])
     begun = START if kind == "single" else m.lift_offs[0] + m.flights[0] - 0.002
     use = end & (m.t >= begun)
-    return m.t[use] - m.t[use][0], m.foot[use]
+    return m.t[use] - m.t[use][0], m.foot[use], float(m.foot[m.t <= begun].min())
 
 
 def frame_times(n: int) -> np.ndarray:
@@ -65,12 +75,16 @@ def frame_times(n: int) -> np.ndarray:
     return np.arange(n)[:, None] / RATE + (np.arange(INSTANTS) + 0.5) / INSTANTS * EXPOSURE
 
 
-def run_discs(scene: Scene, t: np.ndarray, foot_y: np.ndarray, n: int, seed: int) -> tuple[Discs, Motion]:
-    """Discs in a bed that the foot has entered, at the instants of n exposures of the foot's path (t, foot_y)."""
+def run_discs(scene: Scene, t: np.ndarray, foot_y: np.ndarray, n: int, seed: int,
+              deepest: float | None = None) -> tuple[Discs, Motion]:  # fmt: skip
+    """Discs in a bed that the foot has entered, at the instants of n exposures of the foot's path (t, foot_y).
+
+    deepest [m]: height of the floor of the hole from which the foot starts; default: where it starts.
+    """
     times = np.concatenate([[0.0], frame_times(n).ravel()])
     return discs_under_foot(
         t, foot_y, times, half_width=scene.foot, bed=scene.bed, diameter=scene.grain, fraction=scene.fraction,
-        coulomb=scene.coulomb, rng=np.random.default_rng(seed),
+        coulomb=scene.coulomb, friction=scene.friction, rng=np.random.default_rng(seed), deepest=deepest,
     )  # fmt: skip
 
 

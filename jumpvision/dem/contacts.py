@@ -1,8 +1,9 @@
 """One time step of discs in one pass, and the list of neighbours it goes through (compiled).
 
 State p (n, 6): x, y [m], velocity the dashpots see wx, wy [m/s], radius [m], 1/mass [1/kg]; free discs first, then the
-driven ones (1/mass = 0). Force of discs i and j at distance d, n from j to i, on i (LAMMPS' `gran/hooke`, no friction):
-    F = k (r_i + r_j - d) n - gamma m_eff ((v_i - v_j) . n) n,   m_eff = 1/(1/m_i + 1/m_j).
+driven ones (1/mass = 0). Force of discs i and j at distance d, n from j to i, on i (LAMMPS' `gran/hooke`):
+    F = k (r_i + r_j - d) n - gamma m_eff ((v_i - v_j) . n) n,   m_eff = 1/(1/m_i + 1/m_j),
+and beside it the force along the contact of `friction`, compiled in only where there is some (`rough` is not None).
 A pair is listed at its lower number only. When disc i has gone through its list its force is complete and nothing asks
 for its place any more, so it is moved at once: force, kick and drift are one pass over the memory.
 """
@@ -13,6 +14,8 @@ import math
 
 import numba as nb
 import numpy as np
+
+from jumpvision.dem.friction import carried, rub, skid, turn
 
 
 @nb.njit(cache=True)
@@ -81,21 +84,28 @@ def flat(overlap, closing, mass, k, gamma):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, fastmath={"contract", "nsz", "arcp"})
-def step(p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push):  # type: ignore[no-untyped-def]
+def step(  # type: ignore[no-untyped-def]
+    p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push, slide, rough
+):
     """Forces at the places in p; `begun`: the half kick that ends a step, `move`: half kick and drift of the next.
 
     v (n_free, 2): velocity half a step before (begun) or at this time, afterwards half a step on (move) or at this
     time. f (n, 2): zeros. law: k, gamma, viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top;
-    plate: half width, height, height of its face, its velocity up. push (4,) receives the force on the free discs: from
-    the foot (x, y) and from the walls (x, y). Returns the greatest speed^2 (with `move`).
+    plate: half width, height, height of its face, its velocity up now and over the step before. push (5,) receives the
+    force on the free discs from the foot (x, y) and from the walls (x, y), and the power of friction. slide (pairs,):
+    stretch of the contacts' tangential springs; rough: None or as in `friction`. Returns the greatest speed^2 (with
+    `move`).
     """
     k, gamma, viscous, coulomb, gravity = law
     left, right, bottom, top = box
-    half_width, thick, face, rising = plate
+    half_width, thick, face, rising, rose = plate
     damp = math.exp(-0.5 * viscous * h)
     gain = (1.0 - damp) / viscous if viscous > 0.0 else 0.5 * h
     slip = 0.5 * h * coulomb
-    foot_x, foot_y, wall_x, wall_y, fastest = 0.0, 0.0, 0.0, 0.0, 0.0
+    foot_x, foot_y, wall_x, wall_y, fastest, rubbed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if rough is not None:
+        mu, kt, gt, spin, torque, held = rough
+    past = h if begun else 0.0  # s that went by since the springs' stretch was last brought up to date
     for i in range(n_free):
         x, y, wx, wy, r, light = p[i, 0], p[i, 1], p[i, 2], p[i, 3], p[i, 4], p[i, 5]
         fx, fy = f[i, 0], f[i, 1]
@@ -113,29 +123,64 @@ def step(p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push)
                 fy += force * dy
                 f[j, 0] -= force * dx
                 f[j, 1] -= force * dy
+                if rough is not None:
+                    free = j < n_free
+                    tx, ty, power = rub(
+                        mu, kt, gt, spin, torque, slide, q, i, j if free else -1, dx, dy, d, r / s,
+                        wx - p[j, 2], wy - p[j, 3], v[i, 0] - (v[j, 0] if free else 0.0),
+                        v[i, 1] - (v[j, 1] if free else rose), 1.0 / both, force * d, past,
+                    )  # fmt: skip
+                    fx, fy, rubbed = fx + tx, fy + ty, rubbed + power
+                    f[j, 0] -= tx
+                    f[j, 1] -= ty
+            elif rough is not None:
+                slide[q] = 0.0
         f[i, 0], f[i, 1] = 0.0, 0.0
         m = 1.0 / light
+        side, floor = 0.0, 0.0
         if x - r < left:
-            wall = flat(left - x + r, -wx, m, k, gamma)
-            fx, wall_x = fx + wall, wall_x + wall
+            side = flat(left - x + r, -wx, m, k, gamma)
         elif x + r > right:
-            wall = flat(x + r - right, wx, m, k, gamma)
-            fx, wall_x = fx - wall, wall_x - wall
+            side = -flat(x + r - right, wx, m, k, gamma)
         if y - r < bottom:
-            wall = flat(bottom - y + r, -wy, m, k, gamma)
-            fy, wall_y = fy + wall, wall_y + wall
+            floor = flat(bottom - y + r, -wy, m, k, gamma)
         elif y + r > top:
-            wall = flat(y + r - top, wy, m, k, gamma)
-            fy, wall_y = fy - wall, wall_y - wall
+            floor = -flat(y + r - top, wy, m, k, gamma)
+        if rough is not None:
+            held[i, 0] = 0.0 if side == 0.0 else held[i, 0]
+            held[i, 1] = 0.0 if floor == 0.0 else held[i, 1]
+            normal = floor
+            if side != 0.0:
+                lever, away = min(x - left, right - x), 1.0 if x - left < right - x else -1.0
+                _, ty, power = skid(mu, kt, gt, spin, torque, held, i, 0, away, 0.0, lever, wx, wy, v[i, 0], v[i, 1],
+                                    m, side, past)  # fmt: skip
+                floor, rubbed = floor + ty, rubbed + power
+            if normal != 0.0:
+                lever, away = min(y - bottom, top - y), 1.0 if y - bottom < top - y else -1.0
+                tx, _, power = skid(mu, kt, gt, spin, torque, held, i, 1, 0.0, away, lever, wx, wy, v[i, 0], v[i, 1],
+                                    m, normal, past)  # fmt: skip
+                side, rubbed = side + tx, rubbed + power
+        fx, wall_x = fx + side, wall_x + side
+        fy, wall_y = fy + floor, wall_y + floor
+        gap, nx, ny, force = 0.0, 0.0, 1.0, 0.0
         if y + r > face and y - r < face + thick and x + r > -half_width and x - r < half_width:
             dx = x - min(max(x, -half_width), half_width)
             dy = y - min(max(y, face), face + thick)
             d2 = dx * dx + dy * dy
             if 0.0 < d2 < r * r:
-                d = math.sqrt(d2)
-                force = flat(r - d, -(wx * dx + (wy - rising) * dy) / d, m, k, gamma) / d
-                fx, foot_x = fx + force * dx, foot_x + force * dx
-                fy, foot_y = fy + force * dy, foot_y + force * dy
+                gap = math.sqrt(d2)
+                nx, ny = dx / gap, dy / gap
+                force = flat(r - gap, -(wx * nx + (wy - rising) * ny), m, k, gamma)
+                fx, foot_x = fx + force * nx, foot_x + force * nx
+                fy, foot_y = fy + force * ny, foot_y + force * ny
+        if rough is not None:
+            if gap > 0.0:
+                tx, ty, power = skid(mu, kt, gt, spin, torque, held, i, 2, nx, ny, gap, wx, wy - rising, v[i, 0],
+                                     v[i, 1] - rose, m, force, past)  # fmt: skip
+                fx, foot_x, fy, foot_y, rubbed = fx + tx, foot_x + tx, fy + ty, foot_y + ty, rubbed + power
+            else:
+                held[i, 2] = 0.0
+            turn(spin, torque, i, r, light, h, begun, move)
         ax, ay = fx * light, fy * light - gravity
         vx, vy = v[i, 0], v[i, 1]
         if begun:
@@ -151,30 +196,40 @@ def step(p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push)
     for j in range(n_free, len(p)):
         foot_x, foot_y = foot_x - f[j, 0], foot_y - f[j, 1]
         f[j, 0], f[j, 1] = 0.0, 0.0
-    push[0], push[1], push[2], push[3] = foot_x, foot_y, wall_x, wall_y
+    push[0], push[1], push[2], push[3], push[4] = foot_x, foot_y, wall_x, wall_y, rubbed
     return fastest
 
 
 @nb.njit(cache=True, nogil=True)
-def march(p, v, f, n_free, law, box, plate, h, path, speed, skin, partner, impulse):  # type: ignore[no-untyped-def]
-    """Advance by len(path) - 1 steps in place; velocities p[:, 2:4] are those of the last time; returns new `partner`.
+def march(  # type: ignore[no-untyped-def]
+    p, v, f, n_free, law, box, plate, h, path, speed, skin, start, partner, slide, impulse, rough
+):
+    """Advance by len(path) - 1 steps in place; velocities p[:, 2:4] are those of the last time.
 
     path, speed (steps + 1,): height and velocity up of the foot at each step; plate: half width and height of the
-    plate (a width < 0 is no plate); the driven discs move by the same path. f (n, 2) zeros. impulse (4,) receives
-    that of the foot (x, y) and of the walls (x, y) on the free discs, by the trapezoidal rule.
+    plate (a width < 0 is no plate); the driven discs move by the same path. f (n, 2) zeros. start, partner, slide: the
+    list left by the march before (start zeros: none); returns the new partner and slide. impulse (5,) receives that of
+    the foot (x, y) and of the walls (x, y) on the free discs and the work of friction, by the trapezoidal rule.
     """
-    start = np.empty(n_free + 1, np.int64)
-    push = np.empty(4)
+    push = np.empty(5)
     steps, travel, fresh = len(path) - 1, 0.0, False
     for s in range(steps + 1):
         if not fresh or 2.0 * travel > skin:
+            old = start.copy(), partner
+            if rough is not None:
+                partner = partner.copy()
             count = neighbours(p, n_free, skin, start, partner)
             if count > len(partner):
                 partner = np.empty(int(1.3 * count) + 16, np.int64)
                 neighbours(p, n_free, skin, start, partner)
+            if rough is not None:
+                slide = carried(old[0], old[1], slide, start, partner)
             travel, fresh = 0.0, True
-        now = (plate[0], plate[1], path[s], speed[s])
-        fastest = step(p, v, f, start, partner, n_free, law, box, now, h, s > 0, s < steps, push)
+        rose = (path[s] - path[s - 1]) / h if s > 0 else 0.0
+        now = (plate[0], plate[1], path[s], speed[s], rose)
+        fastest = step(
+            p, v, f, start, partner, n_free, law, box, now, h, s > 0, s < steps, push, slide, rough
+        )  # fmt: skip
         impulse += (0.5 if s in (0, steps) else 1.0) * h * push
         if s < steps:
             for j in range(n_free, len(p)):
@@ -182,4 +237,4 @@ def march(p, v, f, n_free, law, box, plate, h, path, speed, skin, partner, impul
                 p[j, 3] = speed[s + 1]
             rate = max(abs(speed[s]), abs(speed[s + 1]), abs(path[s + 1] - path[s]) / h)
             travel += h * max(math.sqrt(fastest), rate)
-    return partner
+    return partner, slide

@@ -6,7 +6,7 @@ x [m] right, y [m] up; the foot's axis is x = 0. Two dimensions: masses are thos
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Discs:
-    """Centres x, y [m], radius [m], mass [kg] and velocity vx, vy [m/s] of n discs, each of shape (n,)."""
+    """Centres x, y [m], radius [m], mass [kg] and velocity vx, vy [m/s] of n discs, each of shape (n,).
+
+    spin (n,) [rad/s], anticlockwise: 0 where it is not given.
+    """
 
     x: Array
     y: Array
@@ -24,9 +27,12 @@ class Discs:
     mass: Array
     vx: Array
     vy: Array
+    spin: Array = field(default_factory=lambda: np.zeros(()))
 
     def __post_init__(self) -> None:
-        for name in ("x", "y", "radius", "mass", "vx", "vy"):
+        if np.ndim(self.spin) == 0:
+            object.__setattr__(self, "spin", np.full(np.shape(self.x), float(self.spin)))
+        for name in ("x", "y", "radius", "mass", "vx", "vy", "spin"):
             values = np.asarray(getattr(self, name), dtype=float)
             if values.ndim != 1 or values.shape != np.shape(self.x):
                 raise ValueError(f"Discs: {name} has shape {values.shape}, x has {np.shape(self.x)}; all must be (n,)")
@@ -48,6 +54,8 @@ class Law:
 
     stiffness k [N/m] and damping gamma [1/s] of a contact (dashpot gamma m_eff); viscous [1/s]: drag -viscous m v and
     coulomb [m/s^2]: sliding friction -coulomb m v/|v|, set-valued at rest ("grains on a carpet"); gravity [m/s^2] down.
+    friction: coefficient mu of Coulomb friction in every contact, also with walls and foot; with it the discs turn
+    (`friction`). The carpet does not act on the spin.
     """
 
     stiffness: float
@@ -55,9 +63,10 @@ class Law:
     viscous: float = 0.0
     coulomb: float = 0.0
     gravity: float = 0.0
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("stiffness", "damping", "viscous", "coulomb"):
+        for name in ("stiffness", "damping", "viscous", "coulomb", "friction"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0) or (name == "stiffness" and value == 0.0):
                 raise ValueError(

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.dem.contacts import march, neighbours, step
 from jumpvision.dem.discs import Block, Box, Discs, Law, Plate
+from jumpvision.dem.friction import DAMPING, STIFFNESS
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,8 @@ class Motion:
     """State at the times t (T,) [s], the first at the start: x, y [m], vx, vy [m/s] of shape (T, n), x right, y up.
 
     foot_y [m], foot_v [m/s] (T,): height and velocity up of the foot's face (NaN without a foot). foot_force,
-    wall_force (T, 2) [N]: mean force of foot and walls on the discs since the time before, x and y; NaN at the start.
+    wall_force (T, 2) [N]: mean force of foot and walls on the discs since the time before, x and y; friction_power (T,)
+    [W]: mean power of friction in all contacts, negative where it takes energy; NaN at the start. spin (T, n) [rad/s].
     """
 
     t: Array
@@ -34,10 +36,12 @@ class Motion:
     foot_v: Array
     foot_force: Array
     wall_force: Array
+    friction_power: Array
+    spin: Array
 
     def last(self, discs: Discs) -> Discs:
-        """The discs as they are at the end."""
-        return replace(discs, x=self.x[-1], y=self.y[-1], vx=self.vx[-1], vy=self.vy[-1])
+        """The discs as they are at the end; the stretch of their tangential springs is not kept."""
+        return replace(discs, x=self.x[-1], y=self.y[-1], vx=self.vx[-1], vy=self.vy[-1], spin=self.spin[-1])
 
 
 def time_step(discs: Discs, law: Law) -> float:
@@ -75,24 +79,39 @@ def simulate(
     walls = (box.left, box.right, box.bottom, box.top)
     v, f = p[:n, 2:4].copy(), np.zeros((len(p), 2))
     out = np.empty((4, times.size, n))
-    force = np.full((times.size, 4), np.nan)
+    force = np.full((times.size, 5), np.nan)
     out[:, 0, order] = p[:n, :4].T
+    spin = np.empty((times.size, n))
+    spin[:] = discs.spin
+    rough = roughness(law, discs.spin[order]) if law.friction > 0.0 else None
     skin = SKIN * 2.0 * float(discs.radius.mean())
-    partner = np.empty(4 * n + 16, np.int64)
+    start, partner, slide = np.zeros(n + 1, np.int64), np.empty(4 * n + 16, np.int64), np.empty(0)
     for k in range(1, times.size):
         steps = math.ceil((times[k] - times[k - 1]) / dt * (1.0 - 1e-9))
         at = np.linspace(times[k - 1], times[k], steps + 1)
-        impulse = np.zeros(4)
+        impulse = np.zeros(5)
         h = (times[k] - times[k - 1]) / steps
-        partner = march(p, v, f, n, rules, walls, plate, h, height(at), rising(at), skin, partner, impulse)
+        partner, slide = march(
+            p, v, f, n, rules, walls, plate, h, height(at), rising(at), skin, start, partner, slide, impulse, rough
+        )
         out[:, k, order] = p[:n, :4].T
+        if rough is not None:
+            spin[k, order] = rough[3][:, 1]
         force[k] = impulse / (times[k] - times[k - 1])
     seen = (height(times), rising(times)) if foot is not None else (np.full(times.size, np.nan),) * 2
-    return Motion(times, out[0], out[1], out[2], out[3], seen[0], seen[1], force[:, :2], force[:, 2:])
+    return Motion(times, out[0], out[1], out[2], out[3], seen[0], seen[1], force[:, :2], force[:, 2:4],
+                  force[:, 4], spin)  # fmt: skip
+
+
+def roughness(law: Law, spin: Array) -> tuple[float, float, float, Array, Array, Array]:
+    """State of `friction` at the start, all springs relaxed; spin (n,) [rad/s]."""
+    n, both = spin.size, np.stack([spin, spin], axis=1)
+    return law.friction, STIFFNESS * law.stiffness, DAMPING * law.damping, both, np.zeros(n), np.zeros((n, 3))
 
 
 def forces(discs: Discs, law: Law, box: Box) -> Array:
-    """Force of contacts, walls and gravity on each disc [N], (n, 2), at the given places and velocities; no drag."""
+    """Force of contacts, walls and gravity on each disc [N], (n, 2), at the given places and velocities; no drag, no
+    friction."""
     order, p, n = packed(discs, None, 0.0, 0.0)
     start, partner = np.empty(n + 1, np.int64), np.empty(n * 64, np.int64)
     neighbours(p, n, 0.0, start, partner)
@@ -100,8 +119,8 @@ def forces(discs: Discs, law: Law, box: Box) -> Array:
     rules = (law.stiffness, law.damping, 0.0, 0.0, law.gravity)
     walls = (box.left, box.right, box.bottom, box.top)
     h = 1.0  # s: the half kick of a step of 2 s is the acceleration
-    step(p, v, np.zeros((n, 2)), start, partner, n, rules, walls, (-math.inf, 0.0, 0.0, 0.0), 2.0 * h, True, False,
-         np.empty(4))  # fmt: skip
+    step(p, v, np.zeros((n, 2)), start, partner, n, rules, walls, (-math.inf, 0.0, 0.0, 0.0, 0.0), 2.0 * h, True,
+         False, np.empty(5), np.empty(0), None)  # fmt: skip
     out = np.empty((n, 2))
     out[order] = (v - before) / p[:n, 5:6]
     return out

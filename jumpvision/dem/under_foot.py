@@ -19,18 +19,20 @@ REST = 0.01  # s, between the entry and the path
 
 def discs_under_foot(
     t: Array, foot_y: Array, times: Array, *, half_width: float, bed: tuple[float, float], diameter: float,
-    fraction: float, rng: np.random.Generator, coulomb: float = 10.0, deepest: float | None = None,
+    fraction: float, rng: np.random.Generator, coulomb: float = 10.0, friction: float = 0.0,
+    deepest: float | None = None,
 ) -> tuple[Discs, Motion]:  # fmt: skip
     """Discs of two sizes "on a carpet" at the times (T,) [s], the first the start, under a foot that goes t, foot_y.
 
     half_width [m] of the foot, whose face is at foot_y [m] (up, 0 at the surface); bed: half width and depth [m];
-    diameter [m]: mean; fraction: of the area; coulomb [m/s^2]: sliding friction. The foot enters slowly to the height
+    diameter [m]: mean; fraction: of the area; coulomb [m/s^2]: sliding friction on the carpet;
+    friction: coefficient between grains, also with foot and walls. The foot enters slowly to the height
     `deepest` [m] (default foot_y[0]), goes back to foot_y[0] and leaves a hole. ValueError where the discs do not fit.
     """
     half, depth = bed
     box = Box(-half, half, -depth, 0.0)
     d = pack(box, fraction, diameter=diameter, density=1.0, rng=rng)
-    law = Law.bouncing(0.5, 1e-4, 0.5 * float(d.mass.min()), coulomb=coulomb)
+    law = Law.bouncing(0.5, 1e-4, 0.5 * float(d.mass.min()), coulomb=coulomb, friction=friction)
     box, plate, h = Box(-half, half, -depth), Plate(half_width, 0.02), time_step(d, law)
     first = float(foot_y[0])
     lowest = first if deepest is None else min(deepest, first)
