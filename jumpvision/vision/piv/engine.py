@@ -193,8 +193,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     reason[edge & _to_try(reason)] = code.EDGE_PEAK
     p = np.where(measured, m.p, np.nan)
     sigma = np.where(measured, sigma, np.nan)
-    near, scatter = _around(p, s.step)
     holes = _to_try(reason)
+    near, scatter = _around(p, s.step, holes)
     filled, spread = np.where(holes, near, p[:2]), np.where(holes, scatter, sigma[:2])
     if s.smooth == "adaptive":
         complete = _whole(np.concatenate([filled, p[2:]]), s.step)
@@ -255,9 +255,9 @@ def _slopes(p: Array, step: int) -> tuple[tuple[Array, Array], tuple[Array, Arra
     return (ux, uy), (vx, vy)
 
 
-def _around(p: Array, step: int) -> tuple[Array, Array]:
-    """u and v (2, ny, nx) as the neighbours that are not NaN say, and their scatter."""
-    middle, spread = zip(*(local_median(f, slope) for f, slope in zip(p[:2], _slopes(p, step))))
+def _around(p: Array, step: int, wanted: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """u and v (2, ny, nx) as the neighbours that are not NaN say, and their scatter, where `wanted`, else NaN."""
+    middle, spread = zip(*(local_median(f, slope, wanted) for f, slope in zip(p[:2], _slopes(p, step))))
     return np.stack(middle), np.stack(spread)
 
 
@@ -265,7 +265,7 @@ def _whole(p: Array, step: int) -> Array:
     """u and v (2, ny, nx) without holes: from the neighbours, else as the nearest vector, else zero."""
     out = p[:2]
     if np.isnan(out).any():
-        out = np.where(np.isnan(out), _around(p, step)[0], out)
+        out = np.where(np.isnan(out), _around(p, step, np.isnan(out).any(0))[0], out)
         holes = np.isnan(out).any(0)
         if holes.all():
             return np.zeros(out.shape)

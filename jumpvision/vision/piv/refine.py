@@ -25,8 +25,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.vision.piv.deform import half_way
 from jumpvision.vision.piv.frame import Frame, taper
-from jumpvision.vision.piv.moments import FIRST, ORDER, SXX, deform, moments, moments_of
+from jumpvision.vision.piv.moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of
 from jumpvision.vision.piv.noise import LAG
 from jumpvision.vision.piv.solve import STEPPED, covariances, steps
 from jumpvision.vision.piv.surface import axis, everywhere, lightly_smoothed
@@ -80,14 +81,13 @@ def refine(
     rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
     start = lightly_smoothed(rows, columns, start, matched)
     dx, dy = (everywhere(rows, columns, f) for f in start)
-    planes = len(ORDER) if errors else SXX
     g = taper(grid.window)
-    sums, part = np.zeros((ny, nx, FIRST[planes])), np.empty((ny, nx, FIRST[planes]))
     places = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
+    sums, part = np.zeros((ny, nx, FIRST[-1])), np.empty((ny, nx, FIRST[-1]))
     pictures = []
     for a, b in pairs:
         together = half_way(a, b, dx, dy)
-        moments(*together, *places, g, ORDER[:planes], FIRST[: planes + 1], part)
+        moments(*together, *_gradient(together[0]), *places, g, OF_PICTURES, part)
         sums += part
         if errors:
             pictures.append(together)
@@ -104,29 +104,28 @@ def refine(
     sigma, clumping = None, np.nan
     if errors:
         offset, gain, ex, ey = (everywhere(rows, columns, change[q]) for q in (6, 7, 0, 3))
-        zz, clumping = _scatter(pictures, offset, gain, ex, ey)
-        scatter = np.empty((ny, nx, 18))
-        moments_of(zz, *places, g * g, np.array([2, 2, 2]), np.array([0, 6, 12, 18]), scatter)
+        zz, ss, ratio, clumping = _scatter(pictures, offset, gain, ex, ey)
+        scatter, noise = np.empty((ny, nx, 18)), np.empty((ny, nx, 18))
+        moments_of(zz, *places, g * g, OF_PLANES, scatter)
+        moments_of(ss, *places, g, OF_PLANES, noise)
+        scatter *= ratio[np.ix_(*places[::-1])][:, :, None]
         sigma = np.empty((ny * nx, 6))
-        covariances(sums, scatter.reshape(ny * nx, 18), sigma)
+        covariances(sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), sigma)
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)
     return Match(p, sigma, clumping, quality.reshape(ny, nx), state)
 
 
-def half_way(a: Frame, b: Frame, dx: Float32, dy: Float32) -> tuple[Float32, Float32, Float32]:
-    """Mean m and difference r of the two frames brought half-way together, and the weight of their pixels."""
-    first, second, keep = (np.empty(a.weight.shape, np.float32) for _ in range(3))
-    half = np.float32(0.5)
-    deform(a.c, a.fine, a.weight, dx, dy, -half, first, keep, True)
-    deform(b.c, b.fine, b.weight, dx, dy, half, second, keep, False)
-    return half * (first + second), first - second, keep
+def _gradient(f: Float32) -> tuple[Float32, Float32]:
+    gx, gy = np.empty_like(f), np.empty_like(f)
+    gradient(f, gx, gy)
+    return gx, gy
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def _forces(m, r, keep, offset, gain, ex, ey, z, energy):  # type: ignore[no-untyped-def]
-    """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r, and |grad m|^2, everywhere."""
+def _forces(m, r, keep, offset, gain, ex, ey, z, ss, energy):  # type: ignore[no-untyped-def]
+    """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r; |grad m|^2; grad r grad r."""
     rows, cols = m.shape
     k8, k12 = np.float32(8), np.float32(1 / 12)
     for j in nb.prange(2, rows - 2):
@@ -137,20 +136,27 @@ def _forces(m, r, keep, offset, gain, ex, ey, z, energy):  # type: ignore[no-unt
             z[0, j, i] += gx * left
             z[1, j, i] += gy * left
             energy[j, i] += gx * gx + gy * gy
+        for i in range(2, cols - 2):
+            sx = (k8 * (r[j, i + 1] - r[j, i - 1]) - (r[j, i + 2] - r[j, i - 2])) * k12
+            sy = (k8 * (r[j + 1, i] - r[j - 1, i]) - (r[j + 2, i] - r[j - 2, i])) * k12
+            ss[0, j, i] += keep[j, i] * sx * sx
+            ss[1, j, i] += keep[j, i] * sx * sy
+            ss[2, j, i] += keep[j, i] * sy * sy
 
 
 def _scatter(
     pictures: list[tuple[Float32, Float32, Float32]], offset: Float32, gain: Float32, ex: Float32, ey: Float32
-) -> tuple[Float32, float]:
-    """Variance that each pixel brings to sum w J r (xx, xy, yy: (3, H, W)), and the clumping of the texture.
+) -> tuple[Float32, Float32, Float32, float]:
+    """Variance that each pixel alone brings to sum w J r (xx, xy, yy: (3, H, W)), and what noise adds to grad m grad m.
 
-    z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; its square
-    times the ratio of sum z (sum of z over the box) to sum z^2 around.
+    Also the ratio (H, W) of the variance with a pixel's neighbours to that without, and the clumping of the texture.
+    z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; the ratio is
+    that of sum z (sum of z over the box) to sum z^2 around.
     """
     shape = offset.shape
-    z, energy = np.zeros((2, *shape), np.float32), np.zeros(shape, np.float32)
+    z, ss, energy = np.zeros((2, *shape), np.float32), np.zeros((3, *shape), np.float32), np.zeros(shape, np.float32)
     for together in pictures:
-        _forces(*together, offset, gain, ex, ey, z, energy)
+        _forces(*together, offset, gain, ex, ey, z, ss, energy)
     box = (LAG, LAG)
     around = (AROUND, AROUND)
     together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)
@@ -158,8 +164,7 @@ def _scatter(
     for q, (f, g) in zip(zz, ((z[0], z[0]), (z[0], z[1]), (z[1], z[1]))):
         cv2.multiply(f, g, q)
     alone = cv2.boxFilter(zz[0] + zz[2], -1, around)
-    ratio = np.maximum(cv2.boxFilter(together, -1, around), LEAST_RATIO * alone) / np.maximum(alone, np.float32(1e-9))
-    zz *= ratio
+    ratio = cv2.divide(cv2.boxFilter(together, -1, around), cv2.max(alone, 1e-9))
     mean = cv2.mean(energy)[0]
     clumping = cv2.mean(cv2.multiply(energy, cv2.boxFilter(energy, -1, box)))[0] / max(mean**2, 1e-12)
-    return zz, float(clumping)
+    return zz, ss, cv2.max(ratio, LEAST_RATIO), float(clumping)
