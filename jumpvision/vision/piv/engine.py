@@ -265,7 +265,7 @@ def _whole(p: Array, step: int) -> Array:
     """u and v (2, ny, nx) without holes: from the neighbours, else as the nearest vector, else zero."""
     out = p[:2]
     if np.isnan(out).any():
-        out = np.where(np.isnan(out), _around(p, step, np.isnan(out).any(0))[0], out)
+        out = np.where(np.isnan(out), _around(p, step, np.asarray(np.isnan(out).any(0)))[0], out)
         holes = np.isnan(out).any(0)
         if holes.all():
             return np.zeros(out.shape)

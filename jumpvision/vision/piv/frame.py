@@ -47,7 +47,9 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         k = _taps()
         c = cv2.sepFilter2D(grey, -1, k, k, borderType=cv2.BORDER_REFLECT)
         c = cv2.copyMakeBorder(c, *(pad,) * 4, cv2.BORDER_REFLECT)
-        return Frame(grey, usable, c, fine, np.ascontiguousarray(np.pad(keep, pad), np.float32), pad)
+        return Frame(
+            grey, usable, np.asarray(c, np.float32), fine, np.ascontiguousarray(np.pad(keep, pad), np.float32), pad
+        )
     whole = [scipy.fft.next_fast_len(n + 2 * pad, real=True) for n in grey.shape]
     border = [(pad, m - n - pad) for n, m in zip(grey.shape, whole)]
     series = scipy.fft.dctn(np.pad(grey, border, mode="symmetric"), workers=-1, overwrite_x=True)
@@ -56,7 +58,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         gain = 2 * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
         series *= gain.astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
     series = np.pad(series, [(0, m) for m in whole])
-    c = np.ascontiguousarray(scipy.fft.idctn(series, workers=-1, overwrite_x=True))
+    c = np.ascontiguousarray(scipy.fft.idctn(series, workers=-1, overwrite_x=True).astype(np.float32, copy=False))
     return Frame(grey, usable, c, fine, np.ascontiguousarray(np.pad(keep, border), np.float32), pad)
 
 

@@ -31,28 +31,30 @@ def _sources(order: NDArray[np.int64]) -> NDArray[np.int64]:
 OF_PICTURES, OF_PLANES = _sources(ORDER), _sources(np.array([2, 2, 2]))
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
-def gradient(f, gx, gy):  # type: ignore[no-untyped-def]
-    """Fourth-order central differences of a picture, into gx and gy; zero within 2 px of its edge."""
-    rows = len(f)
-    for j in nb.prange(rows):
-        if j < 2 or j >= rows - 2:
-            gx[j] = 0
-            gy[j] = 0
-        else:
-            _across_and_down(f[j - 2], f[j - 1], f[j], f[j + 1], f[j + 2], gx[j], gy[j])
-
-
 @nb.njit(cache=True, fastmath=True)
-def _across_and_down(up2, up, row, down, down2, gx, gy):  # type: ignore[no-untyped-def]
-    n = len(row)
+def slopes(f, y, gx, gy):  # type: ignore[no-untyped-def]
+    """Fourth-order central differences of row y of a picture, 2 px from its edge at least, into gx and gy."""
+    n = f.shape[1]
     k8, k12 = np.float32(8), np.float32(1 / 12)
+    row, up, up2, down, down2 = f[y], f[y - 1], f[y - 2], f[y + 1], f[y + 2]
     gx[:2] = 0
     gx[n - 2 :] = 0
     for i in range(2, n - 2):
         gx[i] = (k8 * (row[i + 1] - row[i - 1]) - (row[i + 2] - row[i - 2])) * k12
     for i in range(n):
         gy[i] = (k8 * (down[i] - up[i]) - (down2[i] - up2[i])) * k12
+
+
+@nb.njit(cache=True, parallel=True, fastmath=True)
+def gradient(f, gx, gy):  # type: ignore[no-untyped-def]
+    """The slopes of all rows; zero within 2 px of the edge."""
+    rows = len(f)
+    for j in nb.prange(rows):
+        if j < 2 or j >= rows - 2:
+            gx[j] = 0
+            gy[j] = 0
+        else:
+            slopes(f, j, gx[j], gy[j])
 
 
 @nb.njit(cache=True, fastmath=True)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from jumpvision.vision.piv.deform import half_way
 from jumpvision.vision.piv.frame import Frame, taper
-from jumpvision.vision.piv.moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of
+from jumpvision.vision.piv.moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of, slopes
 from jumpvision.vision.piv.noise import LAG
 from jumpvision.vision.piv.solve import STEPPED, covariances, steps
 from jumpvision.vision.piv.surface import axis, everywhere, lightly_smoothed
@@ -104,11 +104,11 @@ def refine(
     sigma, clumping = None, np.nan
     if errors:
         offset, gain, ex, ey = (everywhere(rows, columns, change[q]) for q in (6, 7, 0, 3))
-        zz, ss, ratio, clumping = _scatter(pictures, offset, gain, ex, ey)
+        zz, ss, ratio, clumping = _scatter(pictures, (offset, gain, ex, ey), places[::-1])
         scatter, noise = np.empty((ny, nx, 18)), np.empty((ny, nx, 18))
         moments_of(zz, *places, g * g, OF_PLANES, scatter)
         moments_of(ss, *places, g, OF_PLANES, noise)
-        scatter *= ratio[np.ix_(*places[::-1])][:, :, None]
+        scatter *= ratio[:, :, None]
         sigma = np.empty((ny * nx, 6))
         covariances(sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), sigma)
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
@@ -124,47 +124,64 @@ def _gradient(f: Float32) -> tuple[Float32, Float32]:
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def _forces(m, r, keep, offset, gain, ex, ey, z, ss, energy):  # type: ignore[no-untyped-def]
+def _forces(m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
     """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r; |grad m|^2; grad r grad r."""
     rows, cols = m.shape
-    k8, k12 = np.float32(8), np.float32(1 / 12)
+    offset, gain, ex, ey = change
     for j in nb.prange(2, rows - 2):
-        for i in range(2, cols - 2):
-            gx = (k8 * (m[j, i + 1] - m[j, i - 1]) - (m[j, i + 2] - m[j, i - 2])) * k12
-            gy = (k8 * (m[j + 1, i] - m[j - 1, i]) - (m[j + 2, i] - m[j - 2, i])) * k12
-            left = keep[j, i] * (r[j, i] - offset[j, i] - gain[j, i] * m[j, i] - gx * ex[j, i] - gy * ey[j, i])
-            z[0, j, i] += gx * left
-            z[1, j, i] += gy * left
-            energy[j, i] += gx * gx + gy * gy
-        for i in range(2, cols - 2):
-            sx = (k8 * (r[j, i + 1] - r[j, i - 1]) - (r[j, i + 2] - r[j, i - 2])) * k12
-            sy = (k8 * (r[j + 1, i] - r[j - 1, i]) - (r[j + 2, i] - r[j - 2, i])) * k12
-            ss[0, j, i] += keep[j, i] * sx * sx
-            ss[1, j, i] += keep[j, i] * sx * sy
-            ss[2, j, i] += keep[j, i] * sy * sy
+        gx, gy, left = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
+        slopes(m, j, gx, gy)
+        _left(keep[j], r[j], offset[j], gain[j], m[j], gx, ex[j], gy, ey[j], left)
+        _add(z[0, j], gx, left)
+        _add(z[1, j], gy, left)
+        _add(energy[j], gx, gx)
+        _add(energy[j], gy, gy)
+        slopes(r, j, gx, gy)
+        for i in range(cols):
+            left[i] = keep[j, i] * gx[i]
+        _add(ss[0, j], left, gx)
+        _add(ss[1, j], left, gy)
+        for i in range(cols):
+            left[i] = keep[j, i] * gy[i]
+        _add(ss[2, j], left, gy)
+
+
+@nb.njit(cache=True, fastmath=True)
+def _left(keep, r, offset, gain, m, gx, ex, gy, ey, left):  # type: ignore[no-untyped-def]
+    for i in range(len(left)):
+        left[i] = keep[i] * (r[i] - offset[i] - gain[i] * m[i] - gx[i] * ex[i] - gy[i] * ey[i])
+
+
+@nb.njit(cache=True, fastmath=True)
+def _add(total, a, b):  # type: ignore[no-untyped-def]
+    for i in range(len(total)):
+        total[i] += a[i] * b[i]
 
 
 def _scatter(
-    pictures: list[tuple[Float32, Float32, Float32]], offset: Float32, gain: Float32, ex: Float32, ey: Float32
-) -> tuple[Float32, Float32, Float32, float]:
+    pictures: list[tuple[Float32, Float32, Float32]],
+    change: tuple[Float32, Float32, Float32, Float32],
+    at: tuple[NDArray[np.intp], ...],
+) -> tuple[Float32, Float32, Array, float]:
     """Variance that each pixel alone brings to sum w J r (xx, xy, yy: (3, H, W)), and what noise adds to grad m grad m.
 
-    Also the ratio (H, W) of the variance with a pixel's neighbours to that without, and the clumping of the texture.
-    z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; the ratio is
-    that of sum z (sum of z over the box) to sum z^2 around.
+    Also the ratio of the variance with a pixel's neighbours to that without, at the rows and columns `at`, and the
+    clumping of the texture. z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a
+    frame's noise; the ratio is that of sum z (sum of z over the box) to sum z^2 around. change: offset and gain of the
+    grey and the step in x and y, everywhere.
     """
-    shape = offset.shape
+    shape = change[0].shape
     z, ss, energy = np.zeros((2, *shape), np.float32), np.zeros((3, *shape), np.float32), np.zeros(shape, np.float32)
     for together in pictures:
-        _forces(*together, offset, gain, ex, ey, z, ss, energy)
+        _forces(*together, change, z, ss, energy)
     box = (LAG, LAG)
     around = (AROUND, AROUND)
     together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)
     zz = np.empty((3, *shape), np.float32)
     for q, (f, g) in zip(zz, ((z[0], z[0]), (z[0], z[1]), (z[1], z[1]))):
         cv2.multiply(f, g, q)
-    alone = cv2.boxFilter(zz[0] + zz[2], -1, around)
-    ratio = cv2.divide(cv2.boxFilter(together, -1, around), cv2.max(alone, 1e-9))
+    around_all, around_alone = (cv2.boxFilter(q, -1, around)[np.ix_(*at)] for q in (together, zz[0] + zz[2]))
+    ratio = np.maximum(around_all, LEAST_RATIO * around_alone) / np.maximum(around_alone, 1e-9)
     mean = cv2.mean(energy)[0]
     clumping = cv2.mean(cv2.multiply(energy, cv2.boxFilter(energy, -1, box)))[0] / max(mean**2, 1e-12)
-    return zz, ss, cv2.max(ratio, LEAST_RATIO), float(clumping)
+    return zz, ss, ratio, float(clumping)
