@@ -58,8 +58,15 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         gain = 2 * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
         series *= gain.astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
     series = np.pad(series, [(0, m) for m in whole])
-    c = np.ascontiguousarray(scipy.fft.idctn(series, workers=-1, overwrite_x=True).astype(np.float32, copy=False))
-    return Frame(grey, usable, c, fine, np.ascontiguousarray(np.pad(keep, border), np.float32), pad)
+    c = scipy.fft.idctn(series, workers=-1, overwrite_x=True)
+    return Frame(
+        grey,
+        usable,
+        np.ascontiguousarray(c, np.float32),
+        fine,
+        np.ascontiguousarray(np.pad(keep, border), np.float32),
+        pad,
+    )
 
 
 @functools.cache
