@@ -26,7 +26,7 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
     if "foot_y" not in field:
         raise NotApplicable(["column needs foot_row and axis_column of [grain_video] or [piv_field]"])
     field = field.sortby("y", ascending=False)  # downwards from the top
-    shared = field.attrs.get("error_px", field.attrs["window_px"]) / field.attrs["step_px"]
+    shared = field.attrs["error_px"] / field.attrs["step_px"]
     profiles = [
         central_column(
             f.v, f.v_sigma, f.chc.values > 0, f.x, half_width=p.half_width, correlation_length=shared

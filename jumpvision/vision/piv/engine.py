@@ -16,7 +16,7 @@ from jumpvision.vision.piv.backend import backend
 from jumpvision.vision.piv.field import VectorField
 from jumpvision.vision.piv.frame import Frame, prepare
 from jumpvision.vision.piv.multiframe import combined
-from jumpvision.vision.piv.noise import correlation_length, factors
+from jumpvision.vision.piv.noise import error_length, factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
 from jumpvision.vision.piv.refine import Grid, Match, Pairs, refine
 from jumpvision.vision.piv.smooth import STIFF, smoothed
@@ -151,13 +151,13 @@ def vector_places(pixels: int, window: int, step: int) -> Array:
     return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
 
 
-def error_correlation(window: int, step: int, smooth: str, preset: str) -> float:
-    """Distance [px] at which the errors of two vectors are alike by 1/e, where the field is smooth.
+def length_of_errors(window: int, step: int, smooth: str, preset: str) -> float:
+    """Distance [px] over which vectors share their error, where the field is smooth.
 
     The error of a mean over an area is as if one vector in about (length)^2 were independent; sigma of a vector does
     not hold that.
     """
-    return correlation_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
+    return error_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
 
 
 def _match(pairs: Pairs, s: Settings) -> VectorField:
