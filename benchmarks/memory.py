@@ -27,7 +27,7 @@ def film(folder: Path, n: int) -> None:
     for k in range(n):
         cv2.imwrite(str(folder / "film" / f"{k:06d}.png"), np.roll(texture, k % 100, axis=1)[:, :SIZE])
     (folder / "experiment.toml").write_text(
-        '[grain_video]\nfile = "film"\nframe_rate = 500.0\n[params.piv]\nstep = 16\n', encoding="utf-8"
+        '[grain_video]\nfile = "film"\nframe_rate = 500.0\n[params.piv]\nstep = 16\npreset = "fast"\n', encoding="utf-8"
     )
 
 

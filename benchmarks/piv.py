@@ -170,7 +170,7 @@ def main() -> None:
 
 
 def speed(methods: tuple[Callable[[Array, Array], Field], ...]) -> None:
-    """Median of five turns on a pair of 1280 x 1024 px, a random texture of 7 px moved by (3.37, -2.21) px."""
+    """Least of five turns on a pair of 1280 x 1024 px, a random texture of 7 px moved by (3.37, -2.21) px."""
     rng = np.random.default_rng(14)
     ky, kx = np.fft.fftfreq(1024)[:, None], np.fft.rfftfreq(1280)
     wave = np.fft.rfft2(rng.normal(size=(1024, 1280))) * np.exp(-((2.2 * np.pi) ** 2) * 2 * (kx**2 + ky**2))
@@ -186,14 +186,14 @@ def speed(methods: tuple[Callable[[Array, Array], Field], ...]) -> None:
             wall[m.__name__].append(time.perf_counter() - start)
             cpu[m.__name__].append(time.process_time() - begin)
             error[m.__name__] = against(field, a.shape, lambda x, y: (3.37 + 0 * x, -2.21 + 0 * x))
-    print("\n1280 x 1024 px, about 20,000 vectors, the methods in turn:\n")
+    print("\n1280 x 1024 px, about 20,000 vectors, the methods in turn, least of five turns:\n")
     print(
-        "| method | wall time [s] | processor time [s] | OpenPIV's wall time / its own | error [px] |\n"
+        "| method | wall time [s] | processor time [s] | OpenPIV's processor time / its own | error [px] |\n"
         "|---|---|---|---|---|"
     )
     for name in wall:
-        t, c = float(np.median(wall[name])), float(np.median(cpu[name]))
-        print(f"| {name} | {t:.2f} | {c:.2f} | {np.median(wall['openpiv']) / t:.1f} | {error[name]:.4f} |")
+        t, c, of = min(wall[name]), min(cpu[name]), min(cpu["openpiv"])
+        print(f"| {name} | {t:.2f} | {c:.2f} | {of / c:.1f} | {error[name]:.4f} |")
 
 
 if __name__ == "__main__":

@@ -135,7 +135,7 @@ def as_piv(
         attrs={
             "delta_t": float(np.median(dt)), "files": [], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}, discs", "scale_m_per_px": step,
-            "window_px": math.sqrt(12.0) * width / step, "step_px": 1,
+            "window_px": math.sqrt(12.0) * width / step, "error_px": math.sqrt(12.0) * width / step, "step_px": 1,
             "image_rows": gy.size, "image_columns": gx.size,
             "origin_column_px": -gx[0] / step, "origin_row_px": (gy[-1] - origin) / step,
             "kernel": f"Gaussian of {width:g} m, cut at {CUT:g} of it",

@@ -30,7 +30,7 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
     if "foot_y" not in field:
         raise NotApplicable(["column needs foot_row and axis_column of [grain_video] or [piv_field]"])
     field = field.sortby("y", ascending=False)  # downwards from the top
-    shared = field.attrs.get("error_px", field.attrs["window_px"]) / field.attrs["step_px"]
+    shared = field.attrs["error_px"] / field.attrs["step_px"]
     depth = field.foot_y.values[None, :] - field.y.values[:, None]
     speed, sigma = middle_of(field, depth, 0.0, shared, p)
     rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(field.sizes["t"])]

@@ -166,7 +166,7 @@ def momentum_of(
         volume_fraction=phi,
         disc=disc,
         correlation_length=overlap,
-        error_length=a.get("error_px", a["window_px"]) / a["step_px"],
+        error_length=a["error_px"] / a["step_px"],
         foot=(radius, float(frame.foot_v)) if radius and "foot_v" in frame else None,
     )  # fmt: skip
     return found.value, found.sigma, found.covered

@@ -18,19 +18,18 @@ from ..progress import watch
 from ..records import Piv
 from ..sections import Calibration, GrainVideo, PivField, Robot
 from ..vision.foot import FootTrack, track_foot
-from ..vision.piv.engine import error_correlation, piv_film, vector_places
+from ..vision.piv.engine import length_of_errors, piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_grains
 from .vectors import foreign_field
 
 Array = NDArray[np.float64]
-SMOOTHED = 2.2  # windows over which adaptive smoothing makes errors alike, where it smooths wholly (measured)
 UNEVEN = 0.02  # of the time between frames
 PART, LONG = 16, 64  # pairs a process matches at a time; from so many on several processes are worth their start
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=7, any_of=("film", "field"))
+@stage(version=8, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
     p: PivParams,
@@ -172,10 +171,9 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
             "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
-            "error_px": p.window * (SMOOTHED if p.smooth == "adaptive" else 1.0),
             "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
             "gap_frames": p.gap, "baseline_frames": p.baseline, "ensemble_pairs": p.ensemble,
-            "error_correlation_px": error_correlation(p.window, p.step, p.smooth, p.preset),
+            "error_px": length_of_errors(p.window, p.step, p.smooth, p.preset),
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
     )  # fmt: skip

@@ -16,7 +16,7 @@ from jumpvision.vision.piv.backend import backend
 from jumpvision.vision.piv.field import VectorField
 from jumpvision.vision.piv.frame import Frame, prepare
 from jumpvision.vision.piv.multiframe import combined
-from jumpvision.vision.piv.noise import correlation_length, factors
+from jumpvision.vision.piv.noise import error_length, factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
 from jumpvision.vision.piv.refine import Grid, Match, Pairs, refine
 from jumpvision.vision.piv.smooth import STIFF, smoothed
@@ -151,13 +151,13 @@ def vector_places(pixels: int, window: int, step: int) -> Array:
     return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
 
 
-def error_correlation(window: int, step: int, smooth: str, preset: str) -> float:
-    """Distance [px] at which the errors of two vectors are alike by 1/e, where the field is smooth.
+def length_of_errors(window: int, step: int, smooth: str, preset: str) -> float:
+    """Distance [px] over which vectors share their error, where the field is smooth.
 
     The error of a mean over an area is as if one vector in about (length)^2 were independent; sigma of a vector does
     not hold that.
     """
-    return correlation_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
+    return error_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
 
 
 def _match(pairs: Pairs, s: Settings) -> VectorField:
@@ -193,8 +193,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     reason[edge & _to_try(reason)] = code.EDGE_PEAK
     p = np.where(measured, m.p, np.nan)
     sigma = np.where(measured, sigma, np.nan)
-    near, scatter = _around(p, s.step)
     holes = _to_try(reason)
+    near, scatter = _around(p, s.step, holes)
     filled, spread = np.where(holes, near, p[:2]), np.where(holes, scatter, sigma[:2])
     if s.smooth == "adaptive":
         complete = _whole(np.concatenate([filled, p[2:]]), s.step)
@@ -255,9 +255,9 @@ def _slopes(p: Array, step: int) -> tuple[tuple[Array, Array], tuple[Array, Arra
     return (ux, uy), (vx, vy)
 
 
-def _around(p: Array, step: int) -> tuple[Array, Array]:
-    """u and v (2, ny, nx) as the neighbours that are not NaN say, and their scatter."""
-    middle, spread = zip(*(local_median(f, slope) for f, slope in zip(p[:2], _slopes(p, step))))
+def _around(p: Array, step: int, wanted: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """u and v (2, ny, nx) as the neighbours that are not NaN say, and their scatter, where `wanted`, else NaN."""
+    middle, spread = zip(*(local_median(f, slope, wanted) for f, slope in zip(p[:2], _slopes(p, step))))
     return np.stack(middle), np.stack(spread)
 
 
@@ -265,7 +265,7 @@ def _whole(p: Array, step: int) -> Array:
     """u and v (2, ny, nx) without holes: from the neighbours, else as the nearest vector, else zero."""
     out = p[:2]
     if np.isnan(out).any():
-        out = np.where(np.isnan(out), _around(p, step)[0], out)
+        out = np.where(np.isnan(out), _around(p, step, np.asarray(np.isnan(out).any(0)))[0], out)
         holes = np.isnan(out).any(0)
         if holes.all():
             return np.zeros(out.shape)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -12,6 +15,7 @@ from scipy import ndimage
 Float32 = NDArray[np.float32]
 
 SMOOTH = 0.8  # px, standard deviation of the Gaussian both frames are smoothed with, against aliasing
+REACH = 10  # px of the smoothing and the spline's coefficients together
 GUARD = 2  # px next to a masked pixel that the gradient stencil and the spline reach
 
 
@@ -38,19 +42,39 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
     if mask is not None:
         usable = usable & mask
+    keep = usable if usable.all() else ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
+    if not fine:
+        k = _taps()
+        c = cv2.sepFilter2D(grey, -1, k, k, borderType=cv2.BORDER_REFLECT)
+        c = cv2.copyMakeBorder(c, *(pad,) * 4, cv2.BORDER_REFLECT)
+        return Frame(
+            grey, usable, np.asarray(c, np.float32), fine, np.ascontiguousarray(np.pad(keep, pad), np.float32), pad
+        )
     whole = [scipy.fft.next_fast_len(n + 2 * pad, real=True) for n in grey.shape]
     border = [(pad, m - n - pad) for n, m in zip(grey.shape, whole)]
     series = scipy.fft.dctn(np.pad(grey, border, mode="symmetric"), workers=-1, overwrite_x=True)
-    part = 2 if fine else 1  # knots a pixel; there the cubic spline has the samples (4 + 2 cos(k / part)) / 6
     for axis, m in enumerate(whole):
-        k = np.pi * np.arange(m) / m  # [rad/px]
-        gain = part * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / part))
+        k = np.pi * np.arange(m) / m  # [rad/px]; the spline has the samples (4 + 2 cos(k / 2)) / 6 there
+        gain = 2 * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
         series *= gain.astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
-    if fine:
-        series = np.pad(series, [(0, m) for m in whole])
-    c = np.ascontiguousarray(scipy.fft.idctn(series, workers=-1, overwrite_x=True))
-    keep = usable if usable.all() else ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
-    return Frame(grey, usable, c, fine, np.ascontiguousarray(np.pad(keep, border), np.float32), pad)
+    series = np.pad(series, [(0, m) for m in whole])
+    c = scipy.fft.idctn(series, workers=-1, overwrite_x=True)
+    return Frame(
+        grey,
+        usable,
+        np.ascontiguousarray(c, np.float32),
+        fine,
+        np.ascontiguousarray(np.pad(keep, border), np.float32),
+        pad,
+    )
+
+
+@functools.cache
+def _taps() -> NDArray[np.float64]:
+    """Smoothing and coefficients of the cubic spline on the pixels, as weights of the neighbours along one axis."""
+    n = np.arange(-REACH, REACH + 1)
+    smooth = np.exp(-0.5 * (n / SMOOTH) ** 2)
+    return np.convolve(smooth / smooth.sum(), math.sqrt(3) * (math.sqrt(3) - 2) ** np.abs(n), "same")
 
 
 def taper(window: int) -> Float32:

@@ -8,60 +8,32 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 
-# products of the pictures m = (a + b) / 2, r = a - b and their gradients g = grad m, s = grad r, and the order to which
-# each is multiplied with the coordinates xi, eta from the centre of the window
-ORDER = np.array([2, 2, 2, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 2, 2, 2])
-GXX, GXY, GYY, GX, GY, GXM, GYM, GXR, GYR, ONE, M, MM, R, MR, RR, SXX, SXY, SYY = range(18)
+# products of the pictures m = (a + b) / 2, r = a - b and the gradient g = grad m, and the order to which each is
+# multiplied with the coordinates xi, eta from the centre of the window
+ORDER = np.array([2, 2, 2, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0])
+GXX, GXY, GYY, GX, GY, GXM, GYM, GXR, GYR, ONE, M, MM, R, MR, RR = range(15)
 SIZE = np.array([1, 3, 6])  # sums of an order: 1; xi, eta; xi^2, xi eta, eta^2
+POWERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # of xi and eta, in this order
 FIRST = np.concatenate([[0], np.cumsum(SIZE[ORDER])])
+TILE = 128  # columns whose sums stay in the CPU's first cache
+PRODUCTS, SQUARES = 27, 9  # sums down a column, of `moments` and of `moments_of`
+WIDTH = 32  # at least as many, a whole number of the CPU's vectors
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
-def deform(c, fine, weight, dx, dy, sign, out, keep, first):  # type: ignore[no-untyped-def]
-    """Read the spline c (knots every pixel, or half pixel if `fine`) at (x, y) + sign (dx, dy); keep *= its weight."""
-    rows, cols = out.shape
-    scale, shift = (2.0, 0.5) if fine else (1.0, 0.0)
-    six, two3, half, one = np.float32(1 / 6), np.float32(2 / 3), np.float32(0.5), np.float32(1)
-    top, left = np.float32(rows - 3), np.float32(cols - 3)
-    for j in nb.prange(rows):
-        for i in range(cols):
-            px, py = np.float32(i) + sign * dx[j, i], np.float32(j) + sign * dy[j, i]
-            qx, qy = min(max(px, np.float32(2)), left), min(max(py, np.float32(2)), top)
-            w = weight[int(qy + half), int(qx + half)]
-            if qx != px or qy != py:
-                w = np.float32(0)
-            keep[j, i] = w if first else keep[j, i] * w
-            fx, fy = scale * qx + shift, scale * qy + shift
-            ix, iy = int(fx), int(fy)
-            t, s = np.float32(fx - ix), np.float32(fy - iy)
-            t1, s1 = one - t, one - s
-            x0, x3 = t1 * t1 * t1 * six, t * t * t * six
-            x1, x2 = two3 - half * t * t * (t1 + one), two3 - half * t1 * t1 * (t + one)
-            y0, y3 = s1 * s1 * s1 * six, s * s * s * six
-            y1, y2 = two3 - half * s * s * (s1 + one), two3 - half * s1 * s1 * (s + one)
-            r0 = x0 * c[iy - 1, ix - 1] + x1 * c[iy - 1, ix] + x2 * c[iy - 1, ix + 1] + x3 * c[iy - 1, ix + 2]
-            r1 = x0 * c[iy, ix - 1] + x1 * c[iy, ix] + x2 * c[iy, ix + 1] + x3 * c[iy, ix + 2]
-            r2 = x0 * c[iy + 1, ix - 1] + x1 * c[iy + 1, ix] + x2 * c[iy + 1, ix + 1] + x3 * c[iy + 1, ix + 2]
-            r3 = x0 * c[iy + 2, ix - 1] + x1 * c[iy + 2, ix] + x2 * c[iy + 2, ix + 1] + x3 * c[iy + 2, ix + 2]
-            out[j, i] = y0 * r0 + y1 * r1 + y2 * r2 + y3 * r3
+def _sources(order: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where `_across` has each of the sums over a window; a plane has a column sum for each power of eta."""
+    column = np.concatenate([[0], np.cumsum(order + 1)])
+    return np.array([i * WIDTH + column[q] + j for q, o in enumerate(order) for i, j in POWERS[: SIZE[o]]])
+
+
+OF_PICTURES, OF_PLANES = _sources(ORDER), _sources(np.array([2, 2, 2]))
 
 
 @nb.njit(cache=True, fastmath=True)
-def _times(p, a, b):  # type: ignore[no-untyped-def]
-    for i in range(len(p)):
-        p[i] = a[i] * b[i]
-
-
-@nb.njit(cache=True, fastmath=True)
-def _add(total, factor, p):  # type: ignore[no-untyped-def]
-    for i in range(len(p)):
-        total[i] += factor * p[i]
-
-
-@nb.njit(cache=True, fastmath=True)
-def _gradient(f, y, gx, gy):  # type: ignore[no-untyped-def]
-    """Fourth-order central differences of row y, into gx and gy; zero within 2 px of the picture's edge."""
+def slopes(f, y, gx, gy):  # type: ignore[no-untyped-def]
+    """Fourth-order central differences of row y of a picture, 2 px from its edge at least, into gx and gy."""
     n = f.shape[1]
     k8, k12 = np.float32(8), np.float32(1 / 12)
     row, up, up2, down, down2 = f[y], f[y - 1], f[y - 2], f[y + 1], f[y + 2]
@@ -73,124 +45,159 @@ def _gradient(f, y, gx, gy):  # type: ignore[no-untyped-def]
         gy[i] = (k8 * (down[i] - up[i]) - (down2[i] - up2[i])) * k12
 
 
+@nb.njit(cache=True, parallel=True, fastmath=True)
+def gradient(f, gx, gy):  # type: ignore[no-untyped-def]
+    """The slopes of all rows; zero within 2 px of the edge."""
+    rows = len(f)
+    for j in nb.prange(rows):
+        if j < 2 or j >= rows - 2:
+            gx[j] = 0
+            gy[j] = 0
+        else:
+            slopes(f, j, gx[j], gy[j])
+
+
 @nb.njit(cache=True, fastmath=True)
-def _across(columns, order, first, x, g, out):  # type: ignore[no-untyped-def]
-    """Sums across one row of windows of what was summed down the columns (planes of up to three orders of eta)."""
+def _add_products(p, total, f, j):  # type: ignore[no-untyped-def]
+    """Add the rows at eta = j and -j to the column sums: what is even in eta from their sum, what is odd from the rest.
+
+    p: tile of weight, m, r, grad m of either row. One loop for all, so that nothing is read twice.
+    """
+    f1 = f * j
+    f2 = f1 * j
+    for i in range(TILE):
+        w, m, r, gx, gy = p[i], p[TILE + i], p[2 * TILE + i], p[3 * TILE + i], p[4 * TILE + i]
+        v, n, s, hx, hy = p[5 * TILE + i], p[6 * TILE + i], p[7 * TILE + i], p[8 * TILE + i], p[9 * TILE + i]
+        wx, wy, wm, wr = w * gx, w * gy, w * m, w * r
+        vx, vy, vn, vs = v * hx, v * hy, v * n, v * s
+        a, b = wx * gx, vx * hx
+        total[i] += f * (a + b)
+        total[TILE + i] += f1 * (a - b)
+        total[2 * TILE + i] += f2 * (a + b)
+        a, b = wx * gy, vx * hy
+        total[3 * TILE + i] += f * (a + b)
+        total[4 * TILE + i] += f1 * (a - b)
+        total[5 * TILE + i] += f2 * (a + b)
+        a, b = wy * gy, vy * hy
+        total[6 * TILE + i] += f * (a + b)
+        total[7 * TILE + i] += f1 * (a - b)
+        total[8 * TILE + i] += f2 * (a + b)
+        a, b = wx, vx
+        total[9 * TILE + i] += f * (a + b)
+        total[10 * TILE + i] += f1 * (a - b)
+        a, b = wy, vy
+        total[11 * TILE + i] += f * (a + b)
+        total[12 * TILE + i] += f1 * (a - b)
+        a, b = wx * m, vx * n
+        total[13 * TILE + i] += f * (a + b)
+        total[14 * TILE + i] += f1 * (a - b)
+        a, b = wy * m, vy * n
+        total[15 * TILE + i] += f * (a + b)
+        total[16 * TILE + i] += f1 * (a - b)
+        a, b = wx * r, vx * s
+        total[17 * TILE + i] += f * (a + b)
+        total[18 * TILE + i] += f1 * (a - b)
+        a, b = wy * r, vy * s
+        total[19 * TILE + i] += f * (a + b)
+        total[20 * TILE + i] += f1 * (a - b)
+        total[21 * TILE + i] += f * (w + v)
+        total[22 * TILE + i] += f * (wm + vn)
+        total[23 * TILE + i] += f * (wm * m + vn * n)
+        total[24 * TILE + i] += f * (wr + vs)
+        total[25 * TILE + i] += f * (wr * m + vs * n)
+        total[26 * TILE + i] += f * (wr * r + vs * s)
+
+
+@nb.njit(cache=True, fastmath=True)
+def _add_planes(p, total, f, j):  # type: ignore[no-untyped-def]
+    """As `_add_products`, of three planes up to second order."""
+    f1 = f * j
+    f2 = f1 * j
+    for i in range(TILE):
+        a, b = p[i], p[3 * TILE + i]
+        total[i] += f * (a + b)
+        total[TILE + i] += f1 * (a - b)
+        total[2 * TILE + i] += f2 * (a + b)
+        a, b = p[TILE + i], p[4 * TILE + i]
+        total[3 * TILE + i] += f * (a + b)
+        total[4 * TILE + i] += f1 * (a - b)
+        total[5 * TILE + i] += f2 * (a + b)
+        a, b = p[2 * TILE + i], p[5 * TILE + i]
+        total[6 * TILE + i] += f * (a + b)
+        total[7 * TILE + i] += f1 * (a - b)
+        total[8 * TILE + i] += f2 * (a + b)
+
+
+@nb.njit(cache=True, fastmath=True)
+def _across(columns, x, g, source, out):  # type: ignore[no-untyped-def]
+    """Sums across one row of windows of what was summed down the columns (cols, WIDTH), again in pairs."""
     h = len(g) // 2
+    total = np.empty(3 * WIDTH, np.float32)
     for k in range(len(x)):
-        c = 0
-        left = x[k] - h
-        for q in range(len(order)):
-            f = first[q]
-            for b in range(order[q] + 1):
-                s0, s1, s2 = np.float32(0), np.float32(0), np.float32(0)
-                for i in range(len(g)):
-                    v = g[i] * columns[c, left + i]
-                    xi = np.float32(i - h)
-                    s0 += v
-                    s1 += v * xi
-                    s2 += v * xi * xi
-                if b == 0:
-                    out[k, f] = s0
-                    if order[q] > 0:
-                        out[k, f + 1] = s1
-                    if order[q] > 1:
-                        out[k, f + 3] = s2
-                elif b == 1:
-                    out[k, f + 2] = s0
-                    if order[q] > 1:
-                        out[k, f + 4] = s1
-                else:
-                    out[k, f + 5] = s0
-                c += 1
+        total[:] = 0
+        for i in range(h + 1):
+            f = g[h + i] if i > 0 else g[h] * np.float32(0.5)
+            f1 = f * np.float32(i)
+            f2 = f1 * np.float32(i)
+            right, left = columns[x[k] + i], columns[x[k] - i]
+            for c in range(WIDTH):
+                a, b = right[c], left[c]
+                total[c] += f * (a + b)
+                total[WIDTH + c] += f1 * (a - b)
+                total[2 * WIDTH + c] += f2 * (a + b)
+        for s in range(len(source)):
+            out[k, s] = total[source[s]]
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def moments(m, r, keep, x, y, g, order, first, out):  # type: ignore[no-untyped-def]
-    """Sums of every product over the windows centred at columns x and rows y: out (ny, nx, first[-1]).
+def moments(m, r, keep, gx, gy, x, y, g, source, out):  # type: ignore[no-untyped-def]
+    """Sums of every product over the windows centred at columns x and rows y: out (ny, nx, FIRST[-1]).
 
-    g: weight along one side of the window; the planes are those of ORDER, or its first few.
+    m, r, keep, gx, gy: (H, W), mean, difference, weight, gradient of the mean. g: weight along one side of the window;
+    source: OF_PICTURES.
     """
     cols = m.shape[1]
     h = len(g) // 2
-    planes = len(order)
     for k in nb.prange(len(y)):
-        columns = np.zeros((order.sum() + planes, cols), np.float32)
-        buffer = np.empty((10, cols), np.float32)
-        p = np.empty(cols, np.float32)
-        gx, gy, sx, sy, wx, wy, wm, ux, uy = (buffer[0], buffer[1], buffer[2], buffer[3], buffer[4], buffer[5],
-                                              buffer[6], buffer[7], buffer[8])  # fmt: skip
-        for j in range(-h, h + 1):
-            row = y[k] + j
-            w, mj, rj = keep[row], m[row], r[row]
-            _gradient(m, row, gx, gy)
-            _times(wx, w, gx)
-            _times(wy, w, gy)
-            _times(wm, w, mj)
-            if planes > SXX:
-                _gradient(r, row, sx, sy)
-                _times(ux, w, sx)
-                _times(uy, w, sy)
-            c = 0
-            for q in range(planes):
-                if q == GXX:
-                    _times(p, wx, gx)
-                elif q == GXY:
-                    _times(p, wx, gy)
-                elif q == GYY:
-                    _times(p, wy, gy)
-                elif q == GX:
-                    p[:] = wx
-                elif q == GY:
-                    p[:] = wy
-                elif q == GXM:
-                    _times(p, wx, mj)
-                elif q == GYM:
-                    _times(p, wy, mj)
-                elif q == GXR:
-                    _times(p, wx, rj)
-                elif q == GYR:
-                    _times(p, wy, rj)
-                elif q == ONE:
-                    p[:] = w
-                elif q == M:
-                    p[:] = wm
-                elif q == MM:
-                    _times(p, wm, mj)
-                elif q == R:
-                    _times(p, w, rj)
-                elif q == MR:
-                    _times(p, wm, rj)
-                elif q == RR:
-                    _times(p, w, rj)
-                    _times(p, p, rj)
-                elif q == SXX:
-                    _times(p, ux, sx)
-                elif q == SXY:
-                    _times(p, ux, sy)
-                else:
-                    _times(p, uy, sy)
-                factor = g[j + h]
-                for _ in range(order[q] + 1):
-                    _add(columns[c], factor, p)
-                    factor *= np.float32(j)
-                    c += 1
-        _across(columns, order, first, x, g, out[k])
+        columns = np.zeros((cols, WIDTH), np.float32)
+        p, total = np.zeros(10 * TILE, np.float32), np.empty(PRODUCTS * TILE, np.float32)
+        for start in range(0, cols, TILE):
+            n = min(TILE, cols - start)
+            total[:] = 0
+            for j in range(h + 1):
+                for side in range(2):
+                    row, q = y[k] + (1 - 2 * side) * j, 5 * side * TILE
+                    p[q : q + n] = keep[row, start : start + n]
+                    p[q + TILE : q + TILE + n] = m[row, start : start + n]
+                    p[q + 2 * TILE : q + 2 * TILE + n] = r[row, start : start + n]
+                    p[q + 3 * TILE : q + 3 * TILE + n] = gx[row, start : start + n]
+                    p[q + 4 * TILE : q + 4 * TILE + n] = gy[row, start : start + n]
+                f = g[h + j] if j > 0 else g[h] * np.float32(0.5)  # the middle row is its own pair
+                _add_products(p, total, f, np.float32(j))
+            for i in range(n):
+                for c in range(PRODUCTS):
+                    columns[start + i, c] = total[c * TILE + i]
+        _across(columns, x, g, source, out[k])
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def moments_of(planes, x, y, g, order, first, out):  # type: ignore[no-untyped-def]
-    """As `moments`, of given planes (n, H, W), all of the same `order` (an array of n)."""
+def moments_of(planes, x, y, g, source, out):  # type: ignore[no-untyped-def]
+    """As `moments`, of three given planes (3, H, W) up to second order: out (ny, nx, 18); source: OF_PLANES."""
     cols = planes.shape[2]
     h = len(g) // 2
     for k in nb.prange(len(y)):
-        columns = np.zeros((order.sum() + len(order), cols), np.float32)
-        for j in range(-h, h + 1):
-            c = 0
-            for q in range(len(order)):
-                factor = g[j + h]
-                for _ in range(order[q] + 1):
-                    _add(columns[c], factor, planes[q, y[k] + j])
-                    factor *= np.float32(j)
-                    c += 1
-        _across(columns, order, first, x, g, out[k])
+        columns = np.zeros((cols, WIDTH), np.float32)
+        p, total = np.zeros(6 * TILE, np.float32), np.empty(SQUARES * TILE, np.float32)
+        for start in range(0, cols, TILE):
+            n = min(TILE, cols - start)
+            total[:] = 0
+            for j in range(h + 1):
+                for q in range(6):
+                    row = y[k] + (j if q < 3 else -j)
+                    p[q * TILE : q * TILE + n] = planes[q % 3, row, start : start + n]
+                f = g[h + j] if j > 0 else g[h] * np.float32(0.5)
+                _add_planes(p, total, f, np.float32(j))
+            for i in range(n):
+                for c in range(SQUARES):
+                    columns[start + i, c] = total[c * TILE + i]
+        _across(columns, x, g, source, out[k])

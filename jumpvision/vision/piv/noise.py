@@ -62,18 +62,15 @@ def response(window: int, step: int, stiffness: float, times: int, other: float,
 
 
 @functools.lru_cache(maxsize=16)
-def correlation_length(window: int, step: int, stiffness: float, times: int, other: float | None) -> float:
-    """Distance [px] at which the correlation of the errors of two vectors has fallen to 1/e.
+def error_length(window: int, step: int, stiffness: float, times: int, other: float | None) -> float:
+    """Side [px] of the square over which the errors of vectors are worth that of one.
 
-    other: stiffness of the surface that the vectors are drawn to afterwards, None where they are left alone.
+    The integral of their correlation over the plane is its square: the power at k = 0 over its mean. other: stiffness
+    of the surface that the vectors are drawn to afterwards, None where they are left alone.
     """
-    n = min(max(128, 32 * step), 1024)  # px, beyond which the picture repeats itself
-    seen, surface = response(window, step, stiffness, times, other or 0.0, n)
+    seen, surface = response(window, step, stiffness, times, other or 0.0, min(max(128, 32 * step), 1024))
     power = (seen * surface if other is not None else seen) ** 2
-    along = np.fft.ifft(power.sum(0)).real[: n // 2]
-    along = np.append(along / along[0], 0.0)
-    first = int(np.argmax(along < 1 / np.e))
-    return float(first - (1 / np.e - along[first]) / (along[first - 1] - along[first]))
+    return float(1 / np.sqrt(power.mean()))
 
 
 def _surface(theta: NDArray[np.floating[Any]], stiffness: float) -> Array:

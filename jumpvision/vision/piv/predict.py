@@ -95,12 +95,22 @@ def flow(a: Float32, b: Float32, x: Array, y: Array, step: int) -> tuple[Array, 
         return none, none
     low, high = (float(q) for q in np.percentile(a[::4, ::4], (0.5, 99.5)))
     gain = 255 / max(high - low, 1e-6)
-    first, second = (cv2.convertScaleAbs(np.clip(f, low, high), alpha=gain, beta=-low * gain) for f in (a, b))
+    # the search ends at a quarter of the resolution, so half of it is enough to begin with
+    part = 2 if min(a.shape) >= 2 * FLOW_LEAST else 1
+    size = (a.shape[1] // part, a.shape[0] // part)
+    first, second = (
+        cv2.convertScaleAbs(
+            cv2.resize(np.clip(f, low, high), size, interpolation=cv2.INTER_AREA), alpha=gain, beta=-low * gain
+        )
+        for f in (a, b)
+    )
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST)
     search.setVariationalRefinementIterations(0)
+    search.setFinestScale(2 // part)
     found = search.calc(first, second, None)  # type: ignore[call-overload]
-    found = cv2.GaussianBlur(found, (0, 0), step / 2)
-    at_vectors = found[np.ix_(y.astype(np.intp), x.astype(np.intp))].astype(np.float64)
+    found = cv2.GaussianBlur(found, (0, 0), step / (2 * part))
+    rows, columns = (np.minimum(q.astype(np.intp) // part, n - 1) for q, n in ((y, size[1]), (x, size[0])))
+    at_vectors = part * found[np.ix_(rows, columns)].astype(np.float64)
     return at_vectors[..., 0], at_vectors[..., 1]
 
 

@@ -25,8 +25,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.vision.piv.deform import half_way
 from jumpvision.vision.piv.frame import Frame, taper
-from jumpvision.vision.piv.moments import FIRST, ORDER, SXX, deform, moments, moments_of
+from jumpvision.vision.piv.moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of, slopes
 from jumpvision.vision.piv.noise import LAG
 from jumpvision.vision.piv.solve import STEPPED, covariances, steps
 from jumpvision.vision.piv.surface import axis, everywhere, lightly_smoothed
@@ -80,14 +81,13 @@ def refine(
     rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
     start = lightly_smoothed(rows, columns, start, matched)
     dx, dy = (everywhere(rows, columns, f) for f in start)
-    planes = len(ORDER) if errors else SXX
     g = taper(grid.window)
-    sums, part = np.zeros((ny, nx, FIRST[planes])), np.empty((ny, nx, FIRST[planes]))
     places = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
+    sums, part = np.zeros((ny, nx, FIRST[-1])), np.empty((ny, nx, FIRST[-1]))
     pictures = []
     for a, b in pairs:
         together = half_way(a, b, dx, dy)
-        moments(*together, *places, g, ORDER[:planes], FIRST[: planes + 1], part)
+        moments(*together, *_gradient(together[0]), *places, g, OF_PICTURES, part)
         sums += part
         if errors:
             pictures.append(together)
@@ -104,62 +104,84 @@ def refine(
     sigma, clumping = None, np.nan
     if errors:
         offset, gain, ex, ey = (everywhere(rows, columns, change[q]) for q in (6, 7, 0, 3))
-        zz, clumping = _scatter(pictures, offset, gain, ex, ey)
-        scatter = np.empty((ny, nx, 18))
-        moments_of(zz, *places, g * g, np.array([2, 2, 2]), np.array([0, 6, 12, 18]), scatter)
+        zz, ss, ratio, clumping = _scatter(pictures, (offset, gain, ex, ey), places[::-1])
+        scatter, noise = np.empty((ny, nx, 18)), np.empty((ny, nx, 18))
+        moments_of(zz, *places, g * g, OF_PLANES, scatter)
+        moments_of(ss, *places, g, OF_PLANES, noise)
+        scatter *= ratio[:, :, None]
         sigma = np.empty((ny * nx, 6))
-        covariances(sums, scatter.reshape(ny * nx, 18), sigma)
+        covariances(sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), sigma)
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)
     return Match(p, sigma, clumping, quality.reshape(ny, nx), state)
 
 
-def half_way(a: Frame, b: Frame, dx: Float32, dy: Float32) -> tuple[Float32, Float32, Float32]:
-    """Mean m and difference r of the two frames brought half-way together, and the weight of their pixels."""
-    first, second, keep = (np.empty(a.weight.shape, np.float32) for _ in range(3))
-    half = np.float32(0.5)
-    deform(a.c, a.fine, a.weight, dx, dy, -half, first, keep, True)
-    deform(b.c, b.fine, b.weight, dx, dy, half, second, keep, False)
-    return half * (first + second), first - second, keep
+def _gradient(f: Float32) -> tuple[Float32, Float32]:
+    gx, gy = np.empty_like(f), np.empty_like(f)
+    gradient(f, gx, gy)
+    return gx, gy
 
 
 @nb.njit(cache=True, parallel=True, fastmath=True)
-def _forces(m, r, keep, offset, gain, ex, ey, z, energy):  # type: ignore[no-untyped-def]
-    """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r, and |grad m|^2, everywhere."""
+def _forces(m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
+    """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r; |grad m|^2; grad r grad r."""
     rows, cols = m.shape
-    k8, k12 = np.float32(8), np.float32(1 / 12)
+    offset, gain, ex, ey = change
     for j in nb.prange(2, rows - 2):
-        for i in range(2, cols - 2):
-            gx = (k8 * (m[j, i + 1] - m[j, i - 1]) - (m[j, i + 2] - m[j, i - 2])) * k12
-            gy = (k8 * (m[j + 1, i] - m[j - 1, i]) - (m[j + 2, i] - m[j - 2, i])) * k12
-            left = keep[j, i] * (r[j, i] - offset[j, i] - gain[j, i] * m[j, i] - gx * ex[j, i] - gy * ey[j, i])
-            z[0, j, i] += gx * left
-            z[1, j, i] += gy * left
-            energy[j, i] += gx * gx + gy * gy
+        gx, gy, left = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
+        slopes(m, j, gx, gy)
+        _left(keep[j], r[j], offset[j], gain[j], m[j], gx, ex[j], gy, ey[j], left)
+        _add(z[0, j], gx, left)
+        _add(z[1, j], gy, left)
+        _add(energy[j], gx, gx)
+        _add(energy[j], gy, gy)
+        slopes(r, j, gx, gy)
+        for i in range(cols):
+            left[i] = keep[j, i] * gx[i]
+        _add(ss[0, j], left, gx)
+        _add(ss[1, j], left, gy)
+        for i in range(cols):
+            left[i] = keep[j, i] * gy[i]
+        _add(ss[2, j], left, gy)
+
+
+@nb.njit(cache=True, fastmath=True)
+def _left(keep, r, offset, gain, m, gx, ex, gy, ey, left):  # type: ignore[no-untyped-def]
+    for i in range(len(left)):
+        left[i] = keep[i] * (r[i] - offset[i] - gain[i] * m[i] - gx[i] * ex[i] - gy[i] * ey[i])
+
+
+@nb.njit(cache=True, fastmath=True)
+def _add(total, a, b):  # type: ignore[no-untyped-def]
+    for i in range(len(total)):
+        total[i] += a[i] * b[i]
 
 
 def _scatter(
-    pictures: list[tuple[Float32, Float32, Float32]], offset: Float32, gain: Float32, ex: Float32, ey: Float32
-) -> tuple[Float32, float]:
-    """Variance that each pixel brings to sum w J r (xx, xy, yy: (3, H, W)), and the clumping of the texture.
+    pictures: list[tuple[Float32, Float32, Float32]],
+    change: tuple[Float32, Float32, Float32, Float32],
+    at: tuple[NDArray[np.intp], ...],
+) -> tuple[Float32, Float32, Array, float]:
+    """Variance that each pixel alone brings to sum w J r (xx, xy, yy: (3, H, W)), and what noise adds to grad m grad m.
 
-    z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; its square
-    times the ratio of sum z (sum of z over the box) to sum z^2 around.
+    Also the ratio of the variance with a pixel's neighbours to that without, at the rows and columns `at`, and the
+    clumping of the texture. z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a
+    frame's noise; the ratio is that of sum z (sum of z over the box) to sum z^2 around. change: offset and gain of the
+    grey and the step in x and y, everywhere.
     """
-    shape = offset.shape
-    z, energy = np.zeros((2, *shape), np.float32), np.zeros(shape, np.float32)
+    shape = change[0].shape
+    z, ss, energy = np.zeros((2, *shape), np.float32), np.zeros((3, *shape), np.float32), np.zeros(shape, np.float32)
     for together in pictures:
-        _forces(*together, offset, gain, ex, ey, z, energy)
+        _forces(*together, change, z, ss, energy)
     box = (LAG, LAG)
     around = (AROUND, AROUND)
     together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)
     zz = np.empty((3, *shape), np.float32)
     for q, (f, g) in zip(zz, ((z[0], z[0]), (z[0], z[1]), (z[1], z[1]))):
         cv2.multiply(f, g, q)
-    alone = cv2.boxFilter(zz[0] + zz[2], -1, around)
-    ratio = np.maximum(cv2.boxFilter(together, -1, around), LEAST_RATIO * alone) / np.maximum(alone, np.float32(1e-9))
-    zz *= ratio
+    around_all, around_alone = (cv2.boxFilter(q, -1, around)[np.ix_(*at)] for q in (together, zz[0] + zz[2]))
+    ratio = np.maximum(around_all, LEAST_RATIO * around_alone) / np.maximum(around_alone, 1e-9)
     mean = cv2.mean(energy)[0]
     clumping = cv2.mean(cv2.multiply(energy, cv2.boxFilter(energy, -1, box)))[0] / max(mean**2, 1e-12)
-    return zz, float(clumping)
+    return zz, ss, ratio, float(clumping)

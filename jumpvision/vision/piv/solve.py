@@ -22,24 +22,21 @@ from jumpvision.vision.piv.moments import (
     MR,
     ONE,
     RR,
-    SXX,
-    SXY,
-    SYY,
     M,
     R,
 )
 
 N = 8  # unknowns: d_x, u_x, u_y, d_y, v_x, v_y, offset and gain of the grey
-STEPPED, FLAT, COVERED, LOST = range(4)
+STEPPED, FLAT, COVERED = range(3)
+PART = 64  # windows that a thread takes at a time
 # order of the sums of a product of two factors 1, xi, eta
 PAIR = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 @nb.njit(cache=True)
 def _factor(a, low):  # type: ignore[no-untyped-def]
-    """Cholesky factor of a (n, n); False if it is not positive definite."""
-    n = len(a)
-    for i in range(n):
+    """Cholesky factor of a (N, N), the inverse of its elements on the diagonal; False if a is not positive definite."""
+    for i in range(N):
         for j in range(i + 1):
             s = a[i, j]
             for k in range(j):
@@ -47,24 +44,40 @@ def _factor(a, low):  # type: ignore[no-untyped-def]
             if i == j:
                 if s <= 1e-7 * a[i, i]:
                     return False
-                low[i, i] = math.sqrt(s)
+                low[i, i] = 1.0 / math.sqrt(s)
             else:
-                low[i, j] = s / low[j, j]
+                low[i, j] = s * low[j, j]
     return True
 
 
 @nb.njit(cache=True)
 def _solve(low, b):  # type: ignore[no-untyped-def]
-    """Solution of low low^T x = b, in place."""
-    n = len(b)
-    for i in range(n):
+    """Solution of a x = b, in place, from the factor of a."""
+    for i in range(N):
         for k in range(i):
             b[i] -= low[i, k] * b[k]
-        b[i] /= low[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
+        b[i] *= low[i, i]
+    for i in range(N - 1, -1, -1):
+        for k in range(i + 1, N):
             b[i] -= low[k, i] * b[k]
-        b[i] /= low[i, i]
+        b[i] *= low[i, i]
+
+
+@nb.njit(cache=True)
+def _inverse(low, root, inverse):  # type: ignore[no-untyped-def]
+    """First six rows and columns of the inverse of a from its factor; root (N, N) becomes the inverse of the factor."""
+    for i in range(N):
+        for j in range(i + 1):
+            s = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                s -= low[i, k] * root[k, j]
+            root[i, j] = s * low[i, i]
+    for i in range(6):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(i, N):
+                s += root[k, i] * root[k, j]
+            inverse[i, j] = inverse[j, i] = s
 
 
 @nb.njit(cache=True)
@@ -80,41 +93,44 @@ def _block(h, sums, first, c, d, sign):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True, parallel=True)
 def steps(sums, full, texture, step, quality, state):  # type: ignore[no-untyped-def]
-    """Least-squares step (n, 8) of every window from its sums (n, FIRST[-1] or fewer), correlation (n,) and state.
+    """Least-squares step (n, 8) of every window from its sums (n, FIRST[-1]), correlation (n,) and state.
 
     full: sum of the weight of a whole window; texture: [grey] least standard deviation.
     """
-    for k in nb.prange(len(sums)):
-        s = sums[k]
-        step[k] = 0.0
-        quality[k] = np.nan
-        one = s[FIRST[ONE]]
-        if one < 0.5 * full:
-            state[k] = COVERED
-            continue
-        mean, offset = s[FIRST[M]] / one, s[FIRST[R]] / one
-        mm = s[FIRST[MM]] / one - mean * mean
-        mr = s[FIRST[MR]] / one - mean * offset
-        rr = s[FIRST[RR]] / one - offset * offset
-        if min(mm + mr + 0.25 * rr, mm - mr + 0.25 * rr) < texture * texture:
-            state[k] = FLAT
-            continue
-        h, low, b = np.zeros((N, N)), np.zeros((N, N)), step[k]
-        normal(s, h)
-        for i in range(3):
-            b[i], b[3 + i] = s[FIRST[GXR] + i], s[FIRST[GYR] + i]
-        b[6], b[7] = s[FIRST[R]], s[FIRST[MR]]
-        if not _factor(h, low):
-            state[k] = FLAT
-            continue
-        q = b.copy()
-        _solve(low, b)
-        left = s[FIRST[RR]]
-        for i in range(N):
-            left -= q[i] * b[i]
-        left = max(left, 0.0) / one
-        quality[k] = (mm - 0.25 * left) / (mm + 0.25 * left)
-        state[k] = STEPPED
+    n = len(sums)
+    for part in nb.prange((n + PART - 1) // PART):
+        h, low, q = np.zeros((N, N)), np.zeros((N, N)), np.empty(N)
+        for k in range(part * PART, min((part + 1) * PART, n)):
+            state[k], quality[k] = _step(sums[k], full, texture, h, low, q, step[k])
+
+
+@nb.njit(cache=True)
+def _step(s, full, texture, h, low, q, b):  # type: ignore[no-untyped-def]
+    """State, correlation and step b of one window; h, low and q are room to work in."""
+    b[:] = 0.0
+    one = s[FIRST[ONE]]
+    if one < 0.5 * full:
+        return COVERED, np.nan
+    mean, offset = s[FIRST[M]] / one, s[FIRST[R]] / one
+    mm = s[FIRST[MM]] / one - mean * mean
+    mr = s[FIRST[MR]] / one - mean * offset
+    rr = s[FIRST[RR]] / one - offset * offset
+    if min(mm + mr + 0.25 * rr, mm - mr + 0.25 * rr) < texture * texture:
+        return FLAT, np.nan
+    h[:] = 0.0
+    normal(s, h)
+    for i in range(3):
+        b[i], b[3 + i] = s[FIRST[GXR] + i], s[FIRST[GYR] + i]
+    b[6], b[7] = s[FIRST[R]], s[FIRST[MR]]
+    if not _factor(h, low):
+        return FLAT, np.nan
+    q[:] = b
+    _solve(low, b)
+    left = s[FIRST[RR]]
+    for i in range(N):
+        left -= q[i] * b[i]
+    left = max(left, 0.0) / one
+    return STEPPED, (mm - 0.25 * left) / (mm + 0.25 * left)
 
 
 @nb.njit(cache=True)
@@ -133,33 +149,36 @@ def normal(s, h):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, parallel=True)
-def covariances(sums, scatter, sigma):  # type: ignore[no-untyped-def]
+def covariances(sums, noise, scatter, sigma):  # type: ignore[no-untyped-def]
     """Standard uncertainties (n, 6) d_x, u_x, u_y, d_y, v_x, v_y: H^-1 Z H^-1, Z the covariance of sum w J r.
 
-    scatter: (n, 18) sums of z_x z_x, z_x z_y, z_y z_y up to second order. H is made of the products of the gradients of
-    the two frames, which the noise does not inflate: grad a grad b = grad m grad m - grad r grad r / 4. NaN where the
-    noise hides the texture.
+    scatter, noise: (n, 18) sums of z_x z_x, z_x z_y, z_y z_y, and of the same of grad r, up to second order. H is made
+    of the products of the gradients of the two frames, which the noise does not inflate: grad a grad b =
+    grad m grad m - grad r grad r / 4. NaN where the noise hides the texture.
     """
-    for k in nb.prange(len(sums)):
-        h, low = np.zeros((N, N)), np.zeros((N, N))
-        normal(sums[k], h)
-        _block(h, sums[k], FIRST[SXX], 0, 0, -0.25)
-        _block(h, sums[k], FIRST[SXY], 0, 1, -0.25)
-        _block(h, sums[k], FIRST[SYY], 1, 1, -0.25)
-        sigma[k] = np.nan
-        if not _factor(h, low):
-            continue
-        z = np.zeros((6, 6))
-        _block(z, scatter[k], 0, 0, 0, 1.0)
-        _block(z, scatter[k], 6, 0, 1, 1.0)
-        _block(z, scatter[k], 12, 1, 1, 1.0)
-        t = np.empty(N)
-        for i in range(6):
-            t[:] = 0.0
-            t[i] = 1.0
-            _solve(low, t)
-            var = 0.0
-            for p in range(6):
-                for q in range(6):
-                    var += t[p] * z[p, q] * t[q]
-            sigma[k, i] = math.sqrt(var) if var > 0.0 else np.nan
+    n = len(sums)
+    for part in nb.prange((n + PART - 1) // PART):
+        h, low, root = np.empty((N, N)), np.zeros((N, N)), np.zeros((N, N))
+        t, z = np.empty((6, 6)), np.empty((6, 6))
+        for k in range(part * PART, min((part + 1) * PART, n)):
+            h[:] = 0.0
+            normal(sums[k], h)
+            _block(h, noise[k], 0, 0, 0, -0.25)
+            _block(h, noise[k], 6, 0, 1, -0.25)
+            _block(h, noise[k], 12, 1, 1, -0.25)
+            if not _factor(h, low):
+                sigma[k] = np.nan
+                continue
+            _inverse(low, root, t)
+            z[:] = 0.0
+            _block(z, scatter[k], 0, 0, 0, 1.0)
+            _block(z, scatter[k], 6, 0, 1, 1.0)
+            _block(z, scatter[k], 12, 1, 1, 1.0)
+            for i in range(6):
+                var = 0.0
+                for p in range(6):
+                    zt = 0.0
+                    for q in range(6):
+                        zt += z[p, q] * t[i, q]
+                    var += t[i, p] * zt
+                sigma[k, i] = math.sqrt(var) if var > 0.0 else np.nan

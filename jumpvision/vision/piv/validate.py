@@ -27,18 +27,25 @@ def normalised_median(
     """
     total = np.zeros(u.shape)
     for f, slope in zip((u, v), slopes or (None, None)):
-        middle, scatter = _medians(*_bordered(f, 1, slope), 1)
+        middle, scatter = _medians(*_bordered(f, 1, slope), 1, ~np.isnan(f))
         total += ((f - middle) / (scatter + NOISE_FLOOR)) ** 2
     return np.sqrt(total)
 
 
-def local_median(f: Array, slope: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+def local_median(
+    f: Array, slope: tuple[Array, Array] | None = None, wanted: NDArray[np.bool_] | None = None
+) -> tuple[Array, Array]:
     """Median of the neighbours (3 x 3, else 5 x 5) and their robust scatter; NaN with fewer than 3 of them.
 
-    slope as in `normalised_median`.
+    slope as in `normalised_median`. wanted: (ny, nx) where they are asked for, None: everywhere; NaN elsewhere.
     """
-    near, far = (_medians(*_bordered(f, reach, slope), reach) for reach in (1, 2))
-    middle, scatter = (np.where(np.isnan(n), w, n) for n, w in zip(near, far))
+    if wanted is None:
+        wanted = np.ones(f.shape, bool)
+    middle, scatter = _medians(*_bordered(f, 1, slope), 1, wanted)
+    lonely = wanted & np.isnan(middle)
+    if lonely.any():
+        far = _medians(*_bordered(f, 2, slope), 2, lonely)
+        middle, scatter = (np.where(lonely, w, n) for n, w in zip((middle, scatter), far))
     return middle, 1.4826 * scatter
 
 
@@ -52,13 +59,15 @@ def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[
 
 
 @nb.njit(cache=True, parallel=True)
-def _medians(p, px, py, reach):  # type: ignore[no-untyped-def]
-    """Median of the neighbours within `reach` and the median of their distances from it, of a bordered field."""
+def _medians(p, px, py, reach, wanted):  # type: ignore[no-untyped-def]
+    """Median of the neighbours within `reach` and of their distances from it, of a bordered field, where `wanted`."""
     ny, nx = p.shape[0] - 2 * reach, p.shape[1] - 2 * reach
     middle, scatter = np.full((ny, nx), np.nan), np.full((ny, nx), np.nan)
     for j in nb.prange(ny):
         near = np.empty((2 * reach + 1) ** 2 - 1)
         for i in range(nx):
+            if not wanted[j, i]:
+                continue
             n = 0
             for dj in range(-reach, reach + 1):
                 for di in range(-reach, reach + 1):
