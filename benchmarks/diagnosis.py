@@ -21,8 +21,10 @@ import numpy as np
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper import Jump, Jumper, learn_noise
+from jumpvision.diagnosis.jumper import Jumper
+from jumpvision.diagnosis.jumps import Jump
 from jumpvision.diagnosis.naming import confidence_set
+from jumpvision.diagnosis.repeats import learn_noise
 from jumpvision.lab.blind import ROBOTS, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
 from jumpvision.physics.forcing import from_log

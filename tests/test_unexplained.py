@@ -10,7 +10,9 @@ import pytest
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import fit_baseline
 from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper import Jump, Jumper, learn_noise
+from jumpvision.diagnosis.jumper import Jumper
+from jumpvision.diagnosis.jumps import Jump
+from jumpvision.diagnosis.repeats import learn_noise
 from jumpvision.diagnosis.shapes import Shaped, generic, unit
 from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.lab.jumper import simulate

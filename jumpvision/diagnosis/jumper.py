@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,18 +19,7 @@ from jumpvision.physics.model import BED, ROBOT, Model
 from jumpvision.physics.tracks import Tracks
 from jumpvision.schema import InputError
 
-from .noise import (
-    Noise,
-    Stretch,
-    coefficients,
-    estimate,
-    frame_of,
-    of_rounded,
-    powers,
-    rounding_step,
-    spread_of,
-    step_apart,
-)
+from .jumps import Jump, coarseness, observation
 from .system import Observation, Parameter
 from .vocabulary import candidates
 
@@ -38,32 +27,8 @@ Array = NDArray[np.float64]
 
 RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
 C_THESIS = 2.7  # scale of the added mass, where nothing in the data says it
-LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than of the model
-PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")
 SCATTER = ("start", "bed")  # what may differ from trial to trial
 STIFFNESS = ("k", "k1", "k2", "sigma_cone")
-
-
-@dataclass(frozen=True)
-class Jump:
-    """One measured jump: rod height above rest y (n,) [m] at t (n,) [s], what drove it, the model questioned.
-
-    stop: when the motor stops [s]. labels: kind, frequency, phi, ... to report by. law: the command is what drives.
-    sigma: (n,) noise that the track itself states [m], if any. spread: factor on the campaign's noise.
-    """
-
-    name: str
-    model: Model
-    forcing: Forcing | Loop
-    stop: float
-    t: Array
-    y: Array
-    group: str
-    condition: str
-    law: bool
-    labels: Mapping[str, Any] = field(default_factory=dict)
-    sigma: Array | None = None
-    spread: float = 1.0
 
 
 class Jumper:
@@ -88,9 +53,9 @@ class Jumper:
         self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
         self.observations: list[Observation] = []
         motions = [self._motion(j, j.model, j.t) for j in self.jumps]
-        coarse = _coarse(self.jumps)
+        coarse = coarseness(self.jumps)
         for jump, motion in zip(self.jumps, motions):
-            self.observations.append(_observation(jump, motion, coarse))
+            self.observations.append(observation(jump, motion, coarse))
         # trials made alike are simulated once
         keys = [_key(j, o.t) for j, o in zip(self.jumps, self.observations)]
         self.like = [keys.index(k) for k in keys]
@@ -208,161 +173,3 @@ def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
         k = {n: v * stiffer for n in STIFFNESS if (v := getattr(model.parameters, n)) is not None}
         object.__setattr__(out, "parameters", replace(model.parameters, **k))
     return out
-
-
-DITHER = 1.0  # rounding steps: readings at rest that scatter by more leave nothing of the rounding
-
-
-def _coarse(jumps: Sequence[Jump]) -> float:
-    """Rounding step [m] of the tracks that their noise does not dither; 0 where there is none."""
-    step = max(rounding_step(j.y) for j in jumps)
-    rest = [r for j in jumps if (r := j.y[j.t < j.forcing.start]).size >= 6]
-    return 0.0 if rest and math.sqrt(np.mean([r.var() for r in rest])) > DITHER * step else step
-
-
-def _observation(jump: Jump, motion: Motion, coarse: float) -> Observation:
-    """The part of the track that is questioned: to the LANDINGS-th landing after the motor's stop.
-
-    coarse: rounding step [m] by which the motion must have moved between two samples.
-    """
-    landed = motion.flights[:, 1]
-    landed = landed[landed > jump.stop]
-    end = landed[LANDINGS - 1] if landed.size >= LANDINGS else np.inf
-    keep = np.flatnonzero(jump.t <= end)
-    if coarse > 0:
-        keep = keep[step_apart(motion.rod[-jump.t.size :][keep], coarse)]
-    parts = parts_of(motion, jump)[-jump.t.size :][keep]
-    return Observation(
-        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts,
-        spread=np.full(keep.size, jump.spread) if jump.spread != 1.0 else None,
-    )  # fmt: skip
-
-
-def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
-    """Part of the jump that each output time belongs to, as the baseline has it."""
-    t = motion.t
-    out = np.full(t.size, "pre_load", dtype="U12")
-    air, intruding = motion.mode == 0, motion.mode == 2
-    lifts, lands = motion.flights[:, 0], motion.flights[:, 1]
-    flown = np.searchsorted(lands[np.isfinite(lands)], t, side="right")  # landings so far
-    started = np.zeros(t.size, bool)
-    digs = motion.events["time"][motion.events["kind"] == "intrude"]
-    started = t >= (digs[0] if digs.size else np.inf)
-    out[started] = "push_off"
-    out[started & intruding] = "intrusion"
-    last = np.zeros(t.size)
-    if lands.size and np.isfinite(lands).any():
-        ends = lands[np.isfinite(lands)]
-        last = np.where(flown > 0, ends[np.maximum(flown - 1, 0)], -np.inf)
-        after = flown > 0
-        out[after] = "push_off"
-        out[after & (t - last < 0.03)] = "landing"
-        out[after & intruding] = "re_intrusion"
-    out[air] = "flight"
-    if lifts.size == 0:
-        out[t < jump.forcing.start] = "pre_load"
-    return out
-
-
-def learn_noise(system: Jumper) -> tuple[Noise, dict[str, float]]:
-    """(noise of the tracks, scatter from trial to trial), from where no model is needed or a rough one will do.
-
-    From differences of trials made alike: what scatter could do to them (`Jumper.scatter` of the model as given) is
-    fitted to each. With few trials, from rest and flight, and no scatter is known.
-    Raises ValueError where there is too little of all that.
-    """
-    jumps = system.jumps
-    step = max(rounding_step(j.y) for j in jumps)
-    frame = frame_of([j.t for j in jumps])
-    pairs = differences(system)
-    if sum(x.t.size for x in pairs) < ENOUGH_REPEATED:
-        return estimate([*pairs, *quiet(jumps)], frame, floor=step / math.sqrt(12.0)), {}
-    noise = estimate(pairs, frame)
-    if step > 0:
-        noise = replace(noise, s=of_rounded(noise.s, step))
-    found = [coefficients(noise, x) for x in pairs]
-    names = list(system.scatter((), {p.name: p.start for p in system.baseline}, [0]))
-    scatter = {n: spread_of([(c[k + 1], v[k + 1]) for c, v in found]) for k, n in enumerate(names)}
-    return noise, scatter
-
-
-def differences(system: Jumper) -> list[Stretch]:
-    """n - 1 independent differences of n trials of a group (Helmert), each with the variance of one trial.
-
-    Design: the zero level, then what scatters, until the motor has stopped (later it depends too much on the model).
-    """
-    jumps = system.jumps
-    start = {p.name: p.start for p in system.baseline}
-    groups: dict[str, list[int]] = {}
-    for i, j in enumerate(jumps):
-        if j.spread == 1.0:  # of the campaign's common noise
-            groups.setdefault(j.group, []).append(i)
-    out = []
-    for trials in groups.values():
-        first = jumps[trials[0]]
-        for k in range(1, len(trials)):
-            tracks = [_at(first.t, jumps[i]) for i in trials[: k + 1]]
-            good = np.all(np.isfinite(tracks), axis=0) & (first.t < first.stop + 0.05)
-            if good.sum() < 12:
-                continue
-            t = first.t[good]
-            y = (tracks[k] - np.mean(tracks[:k], axis=0))[good] / math.sqrt(1.0 + 1.0 / k)
-            effects = [system.height(first, t, (), {**start, n: h}) for n, h in (("start", 1e-5), ("bed", 1e-3))]
-            at = system.height(first, t, (), start)
-            columns = [(e - at) / h for e, h in zip(effects, (1e-5, 1e-3))]
-            usable = columns[: 2 if system.model.ground == "granular" else 1]
-            out.append(Stretch(t, y, np.column_stack([np.ones(t.size), *(np.nan_to_num(c) for c in usable)])))
-    return out
-
-
-def quiet(jumps: Sequence[Jump]) -> list[Stretch]:
-    """Stretches of single tracks whose course needs no model: rest and flight."""
-    rounded = any(rounding_step(j.y) > 0 for j in jumps)
-    out: list[Stretch] = []
-    for j in (j for j in jumps if j.spread == 1.0):
-        rest = j.t < j.forcing.start
-        if rest.sum() >= 6 and not rounded:
-            out.append(Stretch(j.t[rest], j.y[rest], np.ones((int(rest.sum()), 1))))
-        out += _flights(j)
-    return out
-
-
-def _at(t: Array, jump: Jump) -> Array:
-    """A trial's heights at the frames t of another, NaN where it has no frame within 1e-6 s."""
-    i = np.clip(np.searchsorted(jump.t, t - 1e-6), 0, jump.t.size - 1)
-    return np.where(np.abs(jump.t[i] - t) < 2e-6, jump.y[i], np.nan)
-
-
-ENOUGH_REPEATED = 400  # samples of differences that are worth more than rest and flight
-FALL = 0.3  # of g: how near to free fall a stretch must be to be called a flight
-
-
-def _flights(jump: Jump) -> list[Stretch]:
-    """The longest flight after the motor stopped, found in the track itself by its curvature -g.
-
-    Its course: a polynomial of degree 4 and the ring of the foot on its spring.
-    """
-    m = jump.model
-    after = np.flatnonzero(jump.t > jump.stop)
-    if after.size < 16:
-        return []
-    t, y = jump.t[after], jump.y[after]
-    top = int(np.argmax(y))
-    best: Stretch | None = None
-    for half in range(8, 60, 2):
-        window = slice(max(top - half, 0), min(top + half + 1, t.size))
-        if t[window].size < 16:
-            continue
-        curve = 2.0 * np.polyfit(t[window] - t[top], y[window], 2)[0]
-        if abs(curve / m.g + 1.0) > FALL:
-            break
-        inner = slice(window.start + 2, window.stop - 2)
-        design = powers(t[inner], 4)
-        if m.m_f > 0:
-            ring = math.sqrt(m.k_s * (1.0 / m.m_f + 1.0 / m.M))
-            decay = np.exp(-0.5 * m.c_s * (1.0 / m.m_f + 1.0 / m.M) * (t[inner] - t[inner][0]))
-            phase = ring * t[inner]
-            design = np.column_stack([design, decay * np.cos(phase), decay * np.sin(phase)])
-        if t[inner].size > design.shape[1] + 4:
-            best = Stretch(t[inner], y[inner], design)
-    return [best] if best is not None else []

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..campaign import Outcome
-from ..diagnosis.jumper import Jump
+from ..diagnosis.jumps import Jump
 from ..experiment import Campaign, Experiment
 from ..model_spec import ModelSpec
 from ..params import SimulateParams

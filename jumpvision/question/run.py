@@ -17,7 +17,9 @@ from ..campaign import Outcome
 from ..diagnosis.diagnose import Diagnosis, diagnose
 from ..diagnosis.fitting import Problem
 from ..diagnosis.gain import apex
-from ..diagnosis.jumper import Jump, Jumper, content, learn_noise
+from ..diagnosis.jumper import Jumper, content
+from ..diagnosis.jumps import Jump
+from ..diagnosis.repeats import learn_noise
 from ..diagnosis.shapes import Shaped
 from ..diagnosis.unexplained import unexplained
 from ..experiment import Campaign

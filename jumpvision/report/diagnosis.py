@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.diagnose import Diagnosis
-from ..diagnosis.jumper import PARTS, Jumper
+from ..diagnosis.jumper import Jumper
+from ..diagnosis.jumps import PARTS
 from .heights import MARKS
 from .pictures import png
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
