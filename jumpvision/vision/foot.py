@@ -26,7 +26,7 @@ from .foot_face import Stack
 
 Array = NDArray[np.float64]
 
-APART = 0.5  # px, standard uncertainty from grains that do not reach right up to the face: nine drawn films have 0.44 rms
+APART = 0.5  # px, standard uncertainty from grains that do not reach right up to the face: nine films have 0.44 rms
 
 
 @dataclass(frozen=True)
