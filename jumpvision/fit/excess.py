@@ -13,7 +13,7 @@ from jumpvision.fit.line import Line, fit_line
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.95  # of chi2's distribution: beyond it the stated sigmas do not describe the scatter
+LEVEL = 0.999  # of chi2's distribution: beyond it the stated sigmas do not describe the scatter
 
 
 def line_or_alike(x: Array, y: Array, sigma: Array) -> Line:
