@@ -19,7 +19,7 @@ import numpy as np
 
 from jumpvision.lab.dem_film import DiscCamera
 from jumpvision.records import Column
-from jumpvision.stages.cone import cone_fits, pushing
+from jumpvision.stages.cone import broader_than_column, cone_fits, front_line, pushing, sides
 
 sys.path.insert(0, "tests")
 import dem_scene as loop
@@ -71,12 +71,16 @@ def rough(kind: str, scene: loop.Scene, folder: Path, seed: int = 1) -> dict[str
     fits, f = cone_fits(column), column.field
     use = c.speed > MOVING
     front = np.array([crossing(f.depth.values[:, k], f.speed.values[:, k]) for k in range(f.sizes["t"])])
-    apart = (f.theta_deg.values - c.theta)[pushing(column)]
-    fitted = pushing(column) & np.isfinite(f.jammed_thickness.values)
+    push, contour = pushing(column), f.theta_outline_deg.values
+    seen_sides = push & np.isfinite(contour) & np.isfinite(c.theta)
+    apart = (contour - c.theta)[seen_sides]
+    side = sides(f, push)[0]
+    broad = broader_than_column(f, fits["theta_deg"], "outline" if side.reason else "cone")
+    fitted = front_line(f, push, push & broad).used
     both = use & np.isfinite(front) & np.isfinite(c.front)
     mu, crossed = (slope(c.depth[both], y[both]) for y in (c.front, front))
     mu_fitted = slope(c.depth[fitted], c.front[fitted])
-    theta = float(np.nanmean(c.theta[pushing(column) & np.isfinite(f.theta_deg.values)]))
+    theta = float(np.mean(c.theta[seen_sides]))
     truth, got = loop.true_momentum(scene, d, m)["field"], seen["flow"].momentum.values
     large, pull = truth > 0.1 * truth.max(), (got - truth) / seen["flow"].momentum_sigma.values
     return {
@@ -90,13 +94,17 @@ def rough(kind: str, scene: loop.Scene, folder: Path, seed: int = 1) -> dict[str
         "mu, film: `fit`": fits["mu"].value,
         "mu, film: `fit`: stated sigma": fits["mu"].sigma,
         "mu, film: `fit`: error [%]": 100 * (fits["mu"].value / mu_fitted - 1.0),
-        "frames of `fit`: the foot pushes and `column` finds a front": int(fitted.sum()),
+        "frames in which the foot pushes": int(push.sum()),
+        "frames of these with a front": int((push & np.isfinite(f.jammed_thickness.values)).sum()),
+        "frames of mu of `fit`": int(fitted.sum()),
         "theta, discs, where the foot pushes: mean [deg]": theta,
         "theta, film: `fit` [deg]": fits["theta_deg"].value,
         "theta, film: `fit`: stated sigma [deg]": fits["theta_deg"].sigma,
-        "theta, film - discs: median of the frames [deg]": float(np.nanmedian(apart)),
-        "theta, film - discs: mean of the frames [deg]": float(np.nanmean(apart)),
-        "theta, film - discs: rms of the frames [deg]": math.sqrt(np.nanmean(apart**2)),
+        "theta, film: `fit`: error [deg]": fits["theta_deg"].value - theta,
+        "theta, film: contour of 0.9 of `fit`: error [deg]": fits["theta_outline_deg"].value - theta,
+        "theta, contour of 0.9 - discs: median of the frames [deg]": float(np.median(apart)),
+        "theta, contour of 0.9 - discs: mean of the frames [deg]": float(np.mean(apart)),
+        "theta, contour of 0.9 - discs: rms of the frames [deg]": math.sqrt(np.mean(apart**2)),
         "momentum: greatest error above a tenth of the peak [%]": 100 * np.abs(got / truth - 1.0)[large].max(),
         "momentum: frames inside 2 sigma [%]": 100 * np.mean(np.abs(pull) < 2),
     }

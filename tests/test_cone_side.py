@@ -12,7 +12,7 @@ from jumpvision.field.bands import cone_outline
 from jumpvision.field.cone_side import cone_side
 from jumpvision.fit.mean import near_the_median
 from jumpvision.records import Column
-from jumpvision.stages.cone import cone_fits
+from jumpvision.stages.cone import cone_fits, sides
 
 R, FOOT, STEP, WINDOW = 0.0381, 0.5, 2.4e-3, 7.2e-3
 FINE = 3e-4  # m: the fields are drawn and blurred by 1 mm on this grid, and read off every 8th point
@@ -113,11 +113,34 @@ def test_mu_counts_only_while_the_cone_is_broader_than_the_column():
     }  # fmt: skip
     data = xr.Dataset({k: ("t", v) for k, v in names.items()})
     data.attrs = {"min_speed": 0.05, "half_width_m": 0.005, "blur_m": 0.001, "layer_m": 0.008, "axis_off_m": 1e-3}
+    data["theta_outline_deg"] = data.theta_deg + 4.0
+    data["outline_radius"] = data.cone_radius
     fits = cone_fits(Column(data))
     assert fits["mu"].value == pytest.approx(1.8, abs=0.01)
     assert 8 <= fits["mu"].n < 20
     assert fits["mu_per_mm_of_axis"].value == pytest.approx(0.02, abs=1e-3)
     assert fits["theta_deg"].sigma == pytest.approx(math.hypot(1.0 / math.sqrt(20), 0.4))
-    lost = data.assign(theta_deg=np.nan * data.theta_deg)
+    lost = data.assign(theta_deg=np.nan * data.theta_deg, theta_outline_deg=np.nan * data.theta_deg)
     without = cone_fits(Column(lost))
-    assert without["mu"].n == 20 and "begin to lag" in without["theta_deg"].reason
+    assert without["mu"].n >= 16 and without["theta_deg"].reason
+
+    on = data.assign(jammed_thickness=1.8 * data.foot_depth)  # a plug that runs on: every frame tells its mu
+    assert cone_fits(Column(on))["mu"].n == 20
+
+
+def test_where_the_side_is_chance_the_contour_stands_in_for_it():
+    """Sides that contradict the contour in more than half of the frames: theta is the contour's, with what it may be
+    off; one contour far from the others does not count."""
+    rng = np.random.default_rng(7)
+    contour = 44.0 + rng.normal(0.0, 4.0, 20)
+    side = np.where(np.arange(20) < 14, contour + 25.0, contour)
+    contour[5] = 120.0
+    names = {"theta_deg": side, "theta_deg_sigma": np.full(20, 4.0), "theta_outline_deg": contour,
+             "theta_shift_fitted_deg": np.zeros(20), "theta_shift_sharper_deg": np.zeros(20)}  # fmt: skip
+    c = xr.Dataset({k: ("t", v) for k, v in names.items()})
+    found, outline = sides(c, np.ones(20, bool))
+    assert "begin to lag" in found.reason
+    assert outline.n == 19
+    assert abs(outline.value - 44.0) < 2.5 * outline.sigma < 3.0  # 4/sqrt(19) = 0.9
+    clear = c.assign(theta_deg=("t", np.where(np.arange(20) < 4, contour + 25.0, 40.0)))
+    assert sides(clear, np.ones(20, bool))[0].value == pytest.approx(40.0)

@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from jumpvision.fit.column import beta, beta_sensitivity, fit_column
 from jumpvision.fit.front import fit_mu, jammed_thickness
+from jumpvision.fit.line import fit_line
 
 Z = np.arange(0.5, 80.0) * 1e-3
 V, L = 0.5, 0.046  # 46 mm: a^(8 mm) = 0.84, beta 57 deg
@@ -104,3 +106,54 @@ def test_no_plateau_takes_the_speed_at_the_face():
     there = np.array([f.thickness for f in got if f.reason == ""])
     assert there.size >= 36
     assert np.median(there) == pytest.approx(L * math.log(1 / 0.9), abs=0.0006)  # half a grid step
+
+
+def test_a_sharp_front_is_found_between_its_vectors():
+    """A plateau that ends in a step blurred by 0.8 mm, a vector every 2 mm: no point on the flank. The crossing of 0.9
+    lies 1.2816 x 0.8 mm above the step; linear between two vectors it is known to 2 mm/sqrt(12)."""
+    rng, step, blur = np.random.default_rng(9), 2e-3, 8e-4
+    z, off = np.arange(2.0, 60.0, 2.0) * 1e-3, []
+    e = np.full(z.size, 0.01 * V)
+    for _ in range(100):
+        place = rng.uniform(0.010, 0.040)
+        f = jammed_thickness(z, V * ndtr((place - z) / blur) + rng.normal(0.0, e), e, threshold=0.9)
+        assert f.reason == "" and f.sigma >= step / math.sqrt(12.0)
+        off.append([(f.thickness - place + 1.2816 * blur) / f.sigma, (f.maximum - V) / f.maximum_sigma])
+    off = np.array(off)
+    assert np.sqrt(np.mean(off[:, 0] ** 2)) < 1.2  # the chord of a concave curve lies above it, never below
+    assert np.all(np.abs(off[:, 0]) < math.sqrt(12.0))  # the true place is between the two vectors, or just beside
+    # the median of the noise's larger values: 0.95 of the greatest is 5 sigma down and cuts nothing off
+    assert 0.5 < np.mean(np.abs(off[:, 1]) < 1.0) < 0.85
+
+
+def test_a_plug_that_yields_before_it_ends_is_no_exponential():
+    """Falls by 2 % a vector, then at once: an exponential through its flank lies far from the crossing."""
+    z = np.arange(2.0, 60.0, 2.0) * 1e-3
+    share = np.interp(z, [0.0, 0.020, 0.030, 0.034, 0.036, 0.1], [1.0, 1.0, 0.94, 0.75, 0.2, 0.0])
+    f = jammed_thickness(z, V * share, np.full(z.size, 0.002 * V), threshold=0.9)
+    assert f.thickness == pytest.approx(0.030 + 0.004 * 0.04 / 0.19, abs=4e-4)  # 2 mm sampled, linear pieces
+
+
+def test_mu_where_the_front_scatters_more_than_stated():
+    """Stated sigmas of 0.2 to 1.2 mm, true scatter of 1 mm in each frame: few small sigmas must not decide."""
+    rng, z, weighted = np.random.default_rng(10), [], []
+    for _ in range(300):
+        depth = np.linspace(0.005, 0.018, 20)
+        s = np.exp(rng.uniform(math.log(2e-4), math.log(1.2e-3), 20))
+        thick = 0.002 + 1.6 * depth + rng.normal(0.0, 1e-3, 20)
+        line = fit_mu(depth, thick, s)
+        z.append([(line.slope - 1.6) / line.slope_sigma, line.slope - 1.6])
+        weighted.append(fit_line(depth, thick, s).slope - 1.6)
+    z = np.array(z)
+    assert abs(np.mean(np.abs(z[:, 0]) < 1.0) - 0.67) < 0.08  # 3 sqrt(0.67 0.33/300); Student's t of 18
+    # sqrt(E[w^2])/E[w] = 1.34 for these weights: 0.75, +- 3 x 0.04 of 300 pairs
+    assert np.std(z[:, 1]) < 0.87 * np.std(weighted)
+
+
+def test_a_front_that_runs_on_in_a_jump_is_no_stray():
+    depth = np.linspace(0.005, 0.018, 20)
+    thick = 1.5 * depth + 2e-4 * np.sin(np.arange(20.0) ** 2)
+    thick[-4:] += 0.006
+    assert fit_mu(depth, thick, np.full(20, 3e-4)).n == 20
+    thick[8] += 0.006
+    assert fit_mu(depth, thick, np.full(20, 3e-4)).n == 19

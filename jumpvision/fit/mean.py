@@ -27,6 +27,16 @@ def weighted_mean(values: ArrayLike, sigma: ArrayLike, unit: str) -> Estimate:
     return Estimate(mean, scatter_factor(chi2, n - 1) * float(w.sum()) ** -0.5, unit, n, chi2)
 
 
+def plain_mean(values: ArrayLike, unit: str) -> Estimate:
+    """Mean of values (n,) in `unit` at equal weights, sigma from their scatter; NaN is left out, below two NaN."""
+    (values,) = checked("plain_mean", values=values)
+    values = values[np.isfinite(values)]
+    n = values.size
+    if n < 2:
+        return Estimate(math.nan, math.nan, unit, n, math.nan, "fewer than two values")
+    return Estimate(float(values.mean()), float(values.std(ddof=1)) / math.sqrt(n), unit, n, n - 1.0)
+
+
 def near_the_median(values: ArrayLike, sigma: ArrayLike, *, reject: float) -> NDArray[np.bool_]:
     """Values (n,) within `reject` robust sigmas of their median; a value's robust sigma is its own times
     max(1, 1.4826 median |deviation/sigma|), so that understated errors turn no ordinary value into a stray one. NaN is

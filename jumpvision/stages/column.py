@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..field.bands import Sides, cone_outline, shear_bands
-from ..field.cone_side import ConeSide, cone_side
+from ..field.cone_side import SHORTEST, ConeSide, cone_side
 from ..field.profile import central_column
 from ..fit.column import beta, fit_column
 from ..fit.front import jammed_thickness
@@ -21,7 +21,7 @@ from ..sections import NotApplicable, Robot
 Array = NDArray[np.float64]
 
 
-@stage(version=5)
+@stage(version=6)
 def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
     field = piv.field
@@ -44,6 +44,7 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
         }.items():  # fmt: skip
             row |= {f"{name}_deg": math.degrees(angle), f"{name}_deg_sigma": math.degrees(sigma_of)}
         row |= {"cone_radius": side.radius, "cone_radius_sigma": side.radius_sigma}
+        row |= {"outline_radius": outline.radius, "outline_radius_sigma": outline.radius_sigma}
         row |= {"theta_shift_fitted_deg": math.degrees(side.shift_fitted), "cone_blur": side.blur}
         row |= {"theta_shift_sharper_deg": math.degrees(side.shift_sharper)}
     for way, axis in (("left", -AXIS_OFF), ("right", AXIS_OFF)):
@@ -100,7 +101,7 @@ UNITS = {
     "chi2": "1", "n": "1", "theta_deg": "degree", "theta_deg_sigma": "degree", "theta_bands_deg": "degree",
     "theta_bands_deg_sigma": "degree", "theta_outline_deg": "degree", "theta_outline_deg_sigma": "degree",
     "theta_shift_fitted_deg": "degree", "theta_shift_sharper_deg": "degree", "cone_blur": "m", "cone_radius": "m",
-    "cone_radius_sigma": "m",
+    "cone_radius_sigma": "m", "outline_radius": "m", "outline_radius_sigma": "m",
 }  # fmt: skip
 
 
@@ -131,6 +132,7 @@ def cone_sides(
     the axis."""
     strain = strain.sortby("y", ascending=False)
     edge = float(np.max(np.abs(frame.x)))
+    window = frame.attrs["window_px"] * frame.attrs["scale_m_per_px"]
     radius = robot.foot_radius if robot and robot.foot_radius else None
     where: dict[str, float] = {
         "face": float(frame.foot_y), "top": p.clear, "bottom": CONE_SHARE * front["jammed_thickness"],
@@ -144,8 +146,11 @@ def cone_sides(
     side = cone_side(
         frame.v, frame.v_sigma, valid, frame.x, frame.y, start=(outline.theta, outline.radius),
         speed=front["max_speed"], edge=radius or outline.radius, blur=blur_of(frame),
-        window=frame.attrs["window_px"] * frame.attrs["scale_m_per_px"], **where,
+        window=window, **where,
     )  # fmt: skip
+    if not where["bottom"] - where["top"] >= SHORTEST * window:
+        nothing = (math.nan,) * 5
+        outline = Sides(outline.places, *nothing, outline.n, f"the side is shorter than {SHORTEST:g} windows")
     return bands, outline, side
 
 

@@ -14,13 +14,16 @@ from ..fit.column import beta_sensitivity
 from ..fit.cone_fit import fit_mass_curve, solve_cone
 from ..fit.estimate import Estimate
 from ..fit.front import fit_mu
-from ..fit.line import fit_line
-from ..fit.mean import near_the_median, weighted_mean
+from ..fit.line import Line, fit_line
+from ..fit.mean import near_the_median, plain_mean, weighted_mean
 from ..records import Column, Flow
 from ..sections import Bed
 
 NAN = math.nan
 STRAY = 4.0  # robust sigmas from the median beyond which a frame's angle does not count
+APART = 10.0  # deg between side and contour of a frame that contradict each other (prescribed cones: up to 6)
+CONTOUR = 3.7  # deg: standard uncertainty of the contour as the cone's side (rms of eight films of prescribed cones)
+ALIKE = 2.0  # sigmas within which all frames continue the front of those before the cone is complete
 AROUND_PEAK = 3  # frames on each side of the largest momentum that the added mass is read from
 MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot pushes grains ahead of it
 
@@ -37,21 +40,20 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
     """beta and theta: means over the frames in which the foot pushes; mu: slope of jammed thickness over depth."""
     c = column.field
     use = pushing(column)
-    theta = side_angle(c, use)
-    broad = use & broader_than_column(c, theta)
+    side, contour = sides(c, use)
+    theta = side if not side.reason else contour
+    broad = use & broader_than_column(c, theta, "cone" if not side.reason else "outline")
     out = {
         name: weighted_mean(c[name].values[k], c[f"{name}_sigma"].values[k], unit)
         for name, unit, k in (("beta_deg", "degree", broad), ("log_a", "1/m", broad),
-                              ("theta_outline_deg", "degree", use), ("theta_bands_deg", "degree", use))
-    } | {"theta_deg": theta}  # fmt: skip
-    thickness = np.where(broad, c.jammed_thickness.values, np.nan)
-    error = np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
-    line = fit_mu(c.foot_depth.values, thickness, error)
+                              ("theta_bands_deg", "degree", use))
+    } | {"theta_outline_deg": contour}  # fmt: skip
+    # where the side cannot be told, the contour stands in for it, with what it may be off
+    out["theta_deg"] = theta if theta is side else replace(theta, sigma=math.hypot(theta.sigma, CONTOUR))
+    line = front_line(c, use, broad)
     out["mu"] = line.slope_estimate("")
     moved = [
-        fit_mu(c.foot_depth.values, np.where(broad, c[f"jammed_thickness_{way}"].values, np.nan), error).slope
-        - line.slope
-        for way in ("left", "right")
+        front_line(c, line.used, line.used, f"jammed_thickness_{way}").slope - line.slope for way in ("left", "right")
     ]
     out["mu_per_mm_of_axis"] = Estimate(
         max(moved, key=abs) * 1e-3 / c.attrs["axis_off_m"], NAN, "1/mm", line.n, NAN, line.reason
@@ -64,30 +66,56 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
     return out
 
 
-def side_angle(c: xr.Dataset, use: NDArray[np.bool_]) -> Estimate:
-    """Mean of the side's angle without stray frames; what another blur of the field would change in it, alike in all
-    frames, belongs to its sigma."""
+def sides(c: xr.Dataset, use: NDArray[np.bool_]) -> tuple[Estimate, Estimate]:
+    """Mean angles of the side where the grains begin to lag, and of the contour of 0.9, without stray frames.
+
+    A side that contradicts the frame's contour does not count. A side found in less than half of the frames that have
+    a contour is none: in a bed whose plug yields gradually no line stands out, and what is left are chance fits. What
+    another blur of the field would change in the side, alike in all frames, belongs to its sigma.
+    """
+    outline = np.where(use, c.theta_outline_deg.values, np.nan)
+    # each frame counts alike: grains make the contour's angle change from frame to frame by more than its error
+    contour = plain_mean(outline[near_the_median(outline, np.ones(outline.size), reject=STRAY)], "degree")
     angle, sigma = (np.where(use, c[k].values, np.nan) for k in ("theta_deg", "theta_deg_sigma"))
+    with np.errstate(invalid="ignore"):
+        angle = np.where(np.abs(angle - outline) > APART, np.nan, angle)
     kept = near_the_median(angle, sigma, reject=STRAY)
     mean = weighted_mean(np.where(kept, angle, np.nan), sigma, "degree")
-    if mean.reason:
-        return replace(mean, reason="no frame shows a line at which the grains begin to lag behind the foot")
+    if mean.reason or np.isfinite(angle).sum() < 0.5 * np.isfinite(outline).sum():
+        why = "no line at which the grains begin to lag behind the foot in at least half of the frames"
+        return Estimate(NAN, NAN, "degree", mean.n, NAN, why), contour
     shifts = [
         weighted_mean(np.where(kept, c[f"theta_shift_{k}_deg"].values, np.nan), sigma, "degree").value
         for k in ("fitted", "sharper")
     ]
-    return replace(mean, sigma=math.hypot(mean.sigma, max(np.abs(shifts))))
+    return replace(mean, sigma=math.hypot(mean.sigma, max(np.abs(shifts)))), contour
 
 
-def broader_than_column(c: xr.Dataset, theta: Estimate) -> NDArray[np.bool_]:
+def front_line(c: xr.Dataset, use: NDArray[np.bool_], broad: NDArray[np.bool_], name: str = "jammed_thickness") -> Line:
+    """mu's line through the `broad` frames; through all in `use` where these continue it.
+
+    A complete cone grows no more, so its frames lower the slope. Where they do not, by more than ALIKE sigmas (that of
+    the difference to a line through all is smaller), the plug runs on and the line through all frames is the better.
+    """
+
+    def through(frames: NDArray[np.bool_]) -> Line:
+        thickness = np.where(frames, c[name].values, np.nan)
+        error = np.where(np.isfinite(thickness), c.jammed_thickness_sigma.values, 1.0)
+        return fit_mu(c.foot_depth.values, thickness, error)
+
+    some, everything = through(broad), through(use)
+    return everything if some.reason or everything.slope >= some.slope - ALIKE * some.slope_sigma else some
+
+
+def broader_than_column(c: xr.Dataset, theta: Estimate, side: str) -> NDArray[np.bool_]:
     """Frames in which the cone's flat lower side is broader than the column that measures its thickness.
 
     Beyond them the column sees the sides and the complete cone, whose thickness grows no more; all where theta is not
-    known.
+    known. side: whose radius at the face, `cone` or `outline`, goes with theta.
     """
     if theta.reason:
         return np.ones(c.sizes["t"], bool)
-    radius = weighted_mean(c.cone_radius.values, c.cone_radius_sigma.values, "m").value
+    radius = float(np.nanmedian(c[f"{side}_radius"].values))
     flat = radius - c.jammed_thickness.values / math.tan(math.radians(theta.value))
     return np.asarray(flat > c.attrs["half_width_m"] + 2.0 * c.attrs["blur_m"])
 

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 NAN = math.nan
 
 
-@stage(version=10, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
+@stage(version=11, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
 def fit(
     experiment: Experiment,
     rod: RodMotion | None,
