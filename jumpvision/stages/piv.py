@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,7 +19,7 @@ from ..progress import watch
 from ..records import Piv
 from ..sections import Calibration, GrainVideo, PivField, Robot
 from ..vision.foot import FootTrack, track_foot
-from ..vision.piv.engine import length_of_errors, piv_film, vector_places
+from ..vision.piv.engine import best_prefilter, length_of_errors, piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField
 from .films import open_grains
 from .vectors import foreign_field
@@ -29,7 +30,7 @@ PART, LONG = 16, 64  # pairs a process matches at a time; from so many on severa
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=8, any_of=("film", "field"))
+@stage(version=9, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
     p: PivParams,
@@ -50,17 +51,20 @@ def piv(
         if p.baseline > p.gap and np.ptp(steps) > UNEVEN * np.median(steps):
             raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
         foot = follow_foot(frames, film, robot, p)
-        data = header(frames.time, frames.shape, film, p)
+        usable = foot_mask(foot, frames.shape, film, robot)
+        # chosen once, so that the processes' parts of a film are alike
+        prefilter = best_prefilter(frames[0], frames[p.gap], mask=usable, gap=p.gap, **matching(p))
+        data = header(frames.time, frames.shape, film, p).assign_attrs(prefilter_px=prefilter)
         if foot is not None:
             add_foot(data, foot, frames.time, film, p)
-        fields = matched(frames, film, given, calibration, foot, robot, p)
+        fields = matched(frames, film, given, calibration, foot, robot, prefilter, p)
         dt = of_fields(frames.time[p.gap :] - frames.time[: -p.gap], p)
         return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
 
 
 def matched(
     frames: Film, film: GrainVideo, given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
-    robot: Robot | None, p: PivParams,
+    robot: Robot | None, prefilter: float, p: PivParams,
 ) -> Iterator[VectorField]:  # fmt: skip
     """Fields of all pairs; those of a long film by several processes, PART pairs at a time.
 
@@ -70,15 +74,17 @@ def matched(
     part = p.ensemble * max(1, PART // p.ensemble)
     parts = [(first, min(first + part, pairs)) for first in range(0, pairs, part)]
     if p.baseline > 1 or pairs < LONG or WORKERS.get() == 1:  # longer baselines reach beyond a part
-        yield from _fields(watch(frames, "frames matched", len(frames)), frames.shape, 0, film, foot, robot, p)
+        images = watch(frames, "frames matched", len(frames))
+        yield from _fields(images, frames.shape, 0, film, foot, robot, prefilter, p)
         return
-    for fields in watch(in_parts(_part, parts, given, calibration, foot, robot, p), "parts matched", len(parts)):
+    done = in_parts(_part, parts, given, calibration, foot, robot, prefilter, p)
+    for fields in watch(done, "parts matched", len(parts)):
         yield from fields
 
 
 def _part(
     part: tuple[int, int], given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
-    robot: Robot | None, p: PivParams,
+    robot: Robot | None, prefilter: float, p: PivParams,
 ) -> list[VectorField]:  # fmt: skip
     """Fields of the pairs from part[0] on, before part[1]."""
     first, end = part
@@ -87,19 +93,24 @@ def _part(
         frames, film = open_grains(given, calibration)
     with frames:
         images = (frames[i] for i in range(first, end + p.gap))
-        return list(_fields(images, frames.shape, first, film, foot, robot, p))
+        return list(_fields(images, frames.shape, first, film, foot, robot, prefilter, p))
 
 
 def _fields(
     images: Iterable[NDArray[np.generic]], shape: tuple[int, int], first: int, film: GrainVideo,
-    foot: FootTrack | None, robot: Robot | None, p: PivParams,
+    foot: FootTrack | None, robot: Robot | None, prefilter: float, p: PivParams,
 ) -> Iterator[VectorField]:  # fmt: skip
     usable = foot_mask(foot, shape, film, robot)
     return piv_film(
         images, mask=usable and (lambda k: usable(first + k)), gap=p.gap, baseline=p.baseline, ensemble=p.ensemble,
-        preset=p.preset, smooth=p.smooth, window=p.window, step=p.step, passes=p.passes,
-        min_correlation=p.min_correlation, min_texture=p.min_texture, outlier=p.outlier, backend=p.backend,
+        prefilter=prefilter, **matching(p),
     )  # fmt: skip
+
+
+def matching(p: PivParams) -> dict[str, Any]:
+    """What `piv_film` calls settings."""
+    names = "preset", "smooth", "window", "step", "passes", "min_correlation", "min_texture", "outlier", "backend"
+    return {name: getattr(p, name) for name in names}
 
 
 def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:

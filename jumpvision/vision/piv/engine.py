@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import cv2
@@ -18,7 +18,9 @@ from jumpvision.vision.piv.frame import Frame, prepare
 from jumpvision.vision.piv.multiframe import combined
 from jumpvision.vision.piv.noise import error_length, factors
 from jumpvision.vision.piv.predict import Mask, at, flow, predict
+from jumpvision.vision.piv.prefilter import GAIN, LIGHT, STRONG, roughness, sharp
 from jumpvision.vision.piv.refine import Grid, Match, Pairs, refine
+from jumpvision.vision.piv.settings import TIMES, Settings
 from jumpvision.vision.piv.smooth import STIFF, smoothed
 from jumpvision.vision.piv.solve import COVERED, FLAT, STEPPED
 from jumpvision.vision.piv.validate import local_median, normalised_median
@@ -28,43 +30,11 @@ Array = NDArray[np.float64]
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
-SMOOTHING = ("none", "adaptive")
-TIMES = {"default": 3, "fast": 2}  # Gauss-Newton steps
 UNRESOLVED = {"default": 8.0, "fast": 1.0}  # squared error of what is not resolved over the squared last change
 SPLINE = {"default": 0.0, "fast": 0.003}  # px, error of a cubic spline between whole pixels on grains of 3-4 px
 NEAR = 3  # vectors, side of the neighbourhood over which the last change is averaged
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How a pair is matched; the keywords of `piv_pair` and `piv_film`. ValueError says what does not fit."""
-
-    window: int  # px, side of the matched window (even sizes one more), under a Gaussian weight
-    step: int  # px, distance of the vectors
-    passes: tuple[int, ...]  # px, windows of the correlations that give other starts, large to small; the first must
-    # exceed twice the largest displacement
-    min_correlation: float  # matches below it are replaced
-    min_texture: float  # grey, standard deviation below which a window is empty
-    outlier: float  # limit of the normalised median test, about 2
-    smooth: str = "none"  # or "adaptive": see `smooth`
-    preset: str = "default"  # or "fast": spline on whole pixels, two steps
-    backend: str = "numpy"  # or "cupy", "torch": where the correlations are computed
-
-    def __post_init__(self) -> None:
-        for name, value, low in (("window", self.window, 7), ("step", self.step, 1)):
-            if value < low:
-                raise ValueError(f"{name} = {value}: must be at least {low}")
-        if not self.passes or min(self.passes) < 8:
-            raise ValueError(
-                f"passes = {self.passes}: must be window sizes of at least 8 px, large to small, as (64, 32)"
-            )
-        if self.smooth not in SMOOTHING:
-            raise ValueError(f"smooth = {self.smooth!r}: must be one of {', '.join(SMOOTHING)}")
-        if self.preset not in TIMES:
-            raise ValueError(f"preset = {self.preset!r}: must be one of {', '.join(TIMES)}")
-        backend(self.backend)
 
 
 def piv_pair(
@@ -91,6 +61,7 @@ def piv_film(
     gap: int,
     baseline: int = 1,
     ensemble: int = 1,
+    prefilter: float | None = None,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
 ) -> Iterator[VectorField]:
@@ -98,7 +69,8 @@ def piv_film(
 
     mask(k): usable pixels (H, W) of frame k, or None. baseline: pairs 3, 9, ... times as far apart about the same
     mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
-    matched together and give one field, for steady flow; the last may hold fewer. progress(k) is called after the pair
+    matched together and give one field, for steady flow; the last may hold fewer. prefilter: [px] of all frames, None:
+    as `best_prefilter` finds for the first pair. progress(k) is called after the pair
     (k, k + gap). settings: see `Settings`; displacements are px per pair (k, k + gap), not per frame.
     """
     s = Settings(**settings)
@@ -121,18 +93,60 @@ def piv_film(
                 progress(q)
         return combined(fields) if len(fields) > 1 else fields[0][1]
 
+    if prefilter is None:
+        film = iter(images)
+        ahead = list(islice(film, gap + 1))
+        pair = len(ahead) > gap
+        prefilter = best_prefilter(ahead[0], ahead[gap], mask=mask, gap=gap, **settings) if pair else LIGHT
+        images = _again(ahead, film)
     shape: tuple[int, ...] | None = None
     first, k = 0, -1
     for k, image in enumerate(images):
         shape = shape or image.shape
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
-        held[k] = prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast")
+        held[k] = _ready(image, usable, s, prefilter)
         if k >= first + ensemble - 1 + gap + reach:
             yield about(first, first + ensemble)
             first += ensemble
     for rest in range(first, k + 1 - gap, ensemble):
         yield about(rest, min(rest + ensemble, k + 1 - gap))
+
+
+def _again(ahead: list[NDArray[np.generic]], rest: Iterator[NDArray[np.generic]]) -> Iterator[NDArray[np.generic]]:
+    """The frames looked at ahead, each let go as it is taken, and the rest."""
+    while ahead:
+        yield ahead.pop(0)
+    yield from rest
+
+
+def best_prefilter(
+    a: NDArray[np.generic],
+    b: NDArray[np.generic],
+    *,
+    mask: Callable[[int], Mask | None] | None,
+    gap: int,
+    **settings: Any,
+) -> float:
+    """Standard deviation [px] of the Gaussian for a film whose frames 0 and gap are a and b; mask, settings as there.
+
+    Only sharp frames are tried, by matching this pair with both; `fast` does without. See `prefilter` for the reason.
+    """
+    s = Settings(**settings)
+    masks = [None if mask is None else mask(k) for k in (0, gap)]
+    for k, image, usable in zip((0, gap), (a, b), masks):
+        _check(k, image.shape, a.shape, s.window, usable)
+    if s.preset == "fast" or not sharp(a, masks[0]):
+        return LIGHT
+    reach = max(1, round(s.window / s.step))
+    light, strong = (
+        roughness(_match([(_ready(a, masks[0], s, q), _ready(b, masks[1], s, q))], s), reach) for q in (LIGHT, STRONG)
+    )
+    return STRONG if strong < GAIN**2 * light else LIGHT
+
+
+def _ready(image: NDArray[np.generic], usable: Mask | None, s: Settings, prefilter: float) -> Frame:
+    return prepare(image, usable, s.window // 2 + MARGIN, s.preset != "fast", prefilter)
 
 
 def _check(k: int, shape: tuple[int, ...], first: tuple[int, ...], window: int, mask: Mask | None) -> None:

@@ -14,7 +14,6 @@ from scipy import ndimage
 
 Float32 = NDArray[np.float32]
 
-SMOOTH = 0.8  # px, standard deviation of the Gaussian both frames are smoothed with, against aliasing
 REACH = 10  # px of the smoothing and the spline's coefficients together
 GUARD = 2  # px next to a masked pixel that the gradient stencil and the spline reach
 
@@ -28,15 +27,19 @@ class Frame(NamedTuple):
     fine: bool  # pixel q lies at index 2 q + 1 / 2 of c, else at q
     weight: Float32  # 0 or 1 for each pixel of the padded frame
     pad: int  # px of border around the frame
+    rounding: float  # [grey^2] variance that whole grey levels leave after smoothing, 0 for frames of fractions
 
 
-def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int, fine: bool) -> Frame:
-    """Spline of an image (H, W) [grey], smoothed by SMOOTH, and weights that stay GUARD px away from unusable pixels.
+def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int, fine: bool, smooth: float) -> Frame:
+    """Spline of an image (H, W) [grey] and weights that stay GUARD px away from unusable pixels.
+
+    smooth: [px] standard deviation of the Gaussian that the image is smoothed with, see `prefilter`.
 
     NaN pixels and those outside mask are unusable. fine: the image is carried to half pixels by its cosine series; a
     cubic spline between those follows grains of 3 px to 0.002 px, on the pixels themselves only to 0.02 px.
     """
     grey = image.astype(np.float32)
+    rounding = 0.0 if np.issubdtype(image.dtype, np.floating) else 1 / (12 * 4 * math.pi * smooth**2)
     usable = np.isfinite(grey)
     if not usable.all():
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
@@ -44,18 +47,17 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         usable = usable & mask
     keep = usable if usable.all() else ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
     if not fine:
-        k = _taps()
+        k = _taps(smooth)
         c = cv2.sepFilter2D(grey, -1, k, k, borderType=cv2.BORDER_REFLECT)
         c = cv2.copyMakeBorder(c, *(pad,) * 4, cv2.BORDER_REFLECT)
-        return Frame(
-            grey, usable, np.asarray(c, np.float32), fine, np.ascontiguousarray(np.pad(keep, pad), np.float32), pad
-        )
+        weight = np.ascontiguousarray(np.pad(keep, pad), np.float32)
+        return Frame(grey, usable, np.asarray(c, np.float32), fine, weight, pad, rounding)
     whole = [scipy.fft.next_fast_len(n + 2 * pad, real=True) for n in grey.shape]
     border = [(pad, m - n - pad) for n, m in zip(grey.shape, whole)]
     series = scipy.fft.dctn(np.pad(grey, border, mode="symmetric"), workers=-1, overwrite_x=True)
     for axis, m in enumerate(whole):
         k = np.pi * np.arange(m) / m  # [rad/px]; the spline has the samples (4 + 2 cos(k / 2)) / 6 there
-        gain = 2 * np.exp(-0.5 * (SMOOTH * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
+        gain = 2 * np.exp(-0.5 * (smooth * k) ** 2) * 6 / (4 + 2 * np.cos(k / 2))
         series *= gain.astype(np.float32).reshape((-1, 1) if axis == 0 else (1, -1))
     series = np.pad(series, [(0, m) for m in whole])
     c = scipy.fft.idctn(series, workers=-1, overwrite_x=True)
@@ -66,15 +68,16 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         fine,
         np.ascontiguousarray(np.pad(keep, border), np.float32),
         pad,
+        rounding,
     )
 
 
 @functools.cache
-def _taps() -> NDArray[np.float64]:
+def _taps(smooth: float) -> NDArray[np.float64]:
     """Smoothing and coefficients of the cubic spline on the pixels, as weights of the neighbours along one axis."""
     n = np.arange(-REACH, REACH + 1)
-    smooth = np.exp(-0.5 * (n / SMOOTH) ** 2)
-    return np.convolve(smooth / smooth.sum(), math.sqrt(3) * (math.sqrt(3) - 2) ** np.abs(n), "same")
+    bell = np.exp(-0.5 * (n / smooth) ** 2)
+    return np.convolve(bell / bell.sum(), math.sqrt(3) * (math.sqrt(3) - 2) ** np.abs(n), "same")
 
 
 def taper(window: int) -> Float32:

@@ -110,7 +110,9 @@ def refine(
         moments_of(ss, *places, g, OF_PLANES, noise)
         scatter *= ratio[:, :, None]
         sigma = np.empty((ny * nx, 6))
-        covariances(sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), sigma)
+        # rounding is there where equal frames leave no residual; the frames of an ensemble share all but two of it
+        least = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs) * float((g**2).sum() / g.sum()) ** 2
+        covariances(sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), least, sigma)
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)

@@ -149,12 +149,12 @@ def normal(s, h):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, parallel=True)
-def covariances(sums, noise, scatter, sigma):  # type: ignore[no-untyped-def]
+def covariances(sums, noise, scatter, least, sigma):  # type: ignore[no-untyped-def]
     """Standard uncertainties (n, 6) d_x, u_x, u_y, d_y, v_x, v_y: H^-1 Z H^-1, Z the covariance of sum w J r.
 
     scatter, noise: (n, 18) sums of z_x z_x, z_x z_y, z_y z_y, and of the same of grad r, up to second order. H is made
     of the products of the gradients of the two frames, which the noise does not inflate: grad a grad b =
-    grad m grad m - grad r grad r / 4. NaN where the noise hides the texture.
+    grad m grad m - grad r grad r / 4. Z is at least `least` H. NaN where the noise hides the texture.
     """
     n = len(sums)
     for part in nb.prange((n + PART - 1) // PART):
@@ -181,4 +181,5 @@ def covariances(sums, noise, scatter, sigma):  # type: ignore[no-untyped-def]
                     for q in range(6):
                         zt += z[p, q] * t[i, q]
                     var += t[i, p] * zt
+                var = max(var, least * t[i, i])
                 sigma[k, i] = math.sqrt(var) if var > 0.0 else np.nan
