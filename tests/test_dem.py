@@ -187,13 +187,14 @@ def test_trajectories_converge_at_second_order_with_all_terms_on():
     assert np.all(np.abs(orders - 2.0) < 0.1), orders
 
 
-def test_the_result_is_the_same_bit_for_bit_also_in_two_threads():
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_the_result_is_the_same_bit_for_bit_also_in_two_threads(friction):
     def run(_):
         d = bed(seed=5)
-        law = law_for(d, coulomb=5.0)
+        law = law_for(d, coulomb=5.0, friction=friction)
         t = np.linspace(0.0, 2e-3, 5)
         m = simulate(d, law, OPEN, times=t, dt=time_step(d, law), foot=Plate(0.004, 0.01), foot_t=t, foot_y=-0.3 * t)
-        return np.concatenate([m.x[-1], m.y[-1], m.vx[-1], m.vy[-1], m.foot_force[-1]])
+        return np.concatenate([m.x[-1], m.y[-1], m.vx[-1], m.vy[-1], m.spin[-1], m.foot_force[-1]])
 
     alone = run(0)
     with ThreadPoolExecutor(2) as pool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -163,20 +162,6 @@ def test_trajectories_converge_at_second_order_while_contacts_stick():
     errors = [np.linalg.norm(end(k * 40) - truth) for k in (1, 2, 4)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.all(np.abs(orders - 2.0) < 0.1), orders
-
-
-def test_the_result_is_the_same_bit_for_bit_also_in_two_threads():
-    def run(_):
-        d = bed(seed=5)
-        law = law_for(d, coulomb=5.0, friction=0.5)
-        t = np.linspace(0.0, 2e-3, 5)
-        m = simulate(d, law, OPEN, times=t, dt=time_step(d, law), foot=Plate(0.004, 0.01), foot_t=t, foot_y=-0.3 * t)
-        return np.concatenate([m.x[-1], m.y[-1], m.vx[-1], m.spin[-1], m.foot_force[-1]])
-
-    alone = run(0)
-    with ThreadPoolExecutor(2) as pool:
-        for other in pool.map(run, range(2)):
-            assert np.array_equal(other, alone)
 
 
 def test_the_stretch_of_a_contact_outlives_list_and_interval():

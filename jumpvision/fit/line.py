@@ -72,28 +72,3 @@ def fit_line(x: ArrayLike, y: ArrayLike, sigma: ArrayLike) -> Line:
         n,
         used,
     )
-
-
-def fit_line_robust(x: ArrayLike, y: ArrayLike, sigma: ArrayLike, *, reject: float) -> Line:
-    """fit_line without outliers: points farther than reject robust sigmas from the median line (Theil-Sen).
-
-    reject: 4 or so; the robust sigma of a point is its own times max(1, 1.4826 median |residual/sigma|), so that
-    understated errors do not turn every point into an outlier.
-    """
-    x, y, sigma = checked("fit_line_robust", x=x, y=y, sigma=sigma)
-    checked_sigma("fit_line_robust", sigma)
-    if not reject > 0.0:
-        raise ValueError(f"fit_line_robust: reject = {reject!r} must be > 0")
-    good = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(sigma))
-    if good.size < 3:
-        return fit_line(x, y, sigma)
-    i, j = np.triu_indices(good.size, 1)
-    i, j = good[i], good[j]
-    apart = x[i] != x[j]
-    if not apart.any():
-        return fit_line(x, y, sigma)
-    slope = np.median((y[j] - y[i])[apart] / (x[j] - x[i])[apart])
-    r = y - slope * x
-    z = np.abs(r - np.median(r[good])) / sigma
-    far = z > reject * max(1.0, 1.4826 * float(np.median(z[good])))
-    return fit_line(x, np.where(far, np.nan, y), sigma)
