@@ -43,6 +43,7 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
     side, contour = sides(c, use)
     theta = side if not side.reason else contour
     broad = use & broader_than_column(c, theta, "cone" if not side.reason else "outline")
+    broad = broad if broad.any() else use  # a plug narrower than the column has no other frames
     out = {
         name: weighted_mean(c[name].values[k], c[f"{name}_sigma"].values[k], unit)
         for name, unit, k in (("beta_deg", "degree", broad), ("log_a", "1/m", broad),
