@@ -228,10 +228,10 @@ def questioned(body: Body, scatter: dict[str, float] | None = None) -> Diagnosis
 
 
 def best_of(d: Diagnosis) -> str:
-    """The likeliest model with its parameters."""
+    """The named model, or the likeliest where none is, with its parameters."""
     if d.naming is None:
         return "adequate"
-    e = max(d.naming.tried, key=lambda e: e.probability)
+    e = d.naming.best
     each = ", ".join(f"{p.name} {e.fit.named[p.name]:.3g}±{e.fit.sigma(p.name):.2g}" for p in e.fit.parameters)
     return f"{' + '.join(e.mechanisms) or 'baseline'} ({each})"
 
@@ -270,7 +270,7 @@ def main() -> None:
         assert d.gain is not None and d.naming is not None
         print(
             f"| {name} | ours: Coulomb friction with probability {any_of(d, ['coulomb_friction']):.3g}, named "
-            f"{', '.join(d.naming.named) or 'none (a remainder is left)'} | {best_of(d)} | "
+            f"{', '.join(d.naming.named) or 'none'} (left: {100 * d.naming.remainder:.2g} % of chi^2) | {best_of(d)} | "
             f"{1e3 * d.gain.track_after:.3f} | "
             f"{1e3 * d.gain.track_before:.2f} | {took:.0f} s |"
         )
