@@ -118,3 +118,25 @@ def test_the_axis_may_be_off_and_no_band_is_said():
     still = shear_bands(np.zeros(ok.shape), np.ones(ok.shape), X, Y, face=0.0, top=0.003, bottom=0.018, reach=0.045,
                         correlation_length=1.0)  # fmt: skip
     assert math.isnan(still.theta) and "found in 0 rows" in still.reason
+
+
+@pytest.mark.parametrize("growth", [0.0, -3.0])
+def test_a_mass_that_does_not_grow_has_a_reason_and_no_error(growth):
+    """A cone complete at every depth shows only slope over narrowing; a falling mass not even that."""
+    z = np.linspace(0.01, 0.02, 12)
+    mass = 0.05 + growth * (z - 0.015) + 1e-3 * np.random.default_rng(3).standard_normal(12)
+    curve = fit_mass_curve(z, mass, np.full(12, 1e-3), R=0.0381)
+    cone = solve_cone(curve, R=0.0381, density=285.0, mu=(2.0, 0.1), theta=(1.0, 0.05))
+    assert curve.reason or np.isfinite(curve.covariance).all()
+    assert math.isnan(cone.C) == bool(cone.reason)
+    if growth < 0.0:
+        assert curve.reason or cone.reason
+
+
+def test_a_mass_that_rises_and_falls_is_no_cone():
+    """Of a film of discs: the foot slows down, the grains run on. Slope and narrowing only show together."""
+    z = np.array([5.54, 11.31, 12.83, 13.6, 14.36, 15.1, 15.81, 16.49, 17.12, 17.69]) * 1e-3
+    mass = np.array([19.35, 38.64, 24.0, 17.27, 11.7, 8.76, 9.07, 10.66, 14.06, 19.13]) * 1e-3
+    curve = fit_mass_curve(z, mass, np.full(z.size, 3e-4), R=0.0381)
+    cone = solve_cone(curve, R=0.0381, density=285.0, mu=(2.0, 0.1), theta=None)
+    assert cone.reason and math.isnan(cone.C)

@@ -106,7 +106,10 @@ def solve_cone(
     s, s_sigma = curve.narrowing, math.sqrt(curve.covariance[1, 1])
     if not s > 0.0 or ((theta is None or mu is None) and s < DETERMINED * s_sigma):
         return no("m_a does not bend over these depths: mu/tan(theta) is not determined")
-    root = np.linalg.inv(np.linalg.cholesky(curve.covariance))  # whitens (slope, narrowing)
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(curve.covariance))  # whitens (slope, narrowing)
+    except np.linalg.LinAlgError:  # one of them is known to nothing beside the other
+        return no("m_a does not bend over these depths: mu/tan(theta) is not determined")
     area = density * math.pi * R * R
 
     def residual(p: Array) -> Array:

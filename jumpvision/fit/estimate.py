@@ -43,6 +43,9 @@ class Estimate:
         }
 
 
+DIFFERENCES = float(np.sqrt(np.finfo(float).eps))  # relative error of derivatives by differences
+
+
 def scatter_factor(chi2: float, dof: int) -> float:
     """sqrt(max(1, chi2 / dof)): what every sigma of a fit is multiplied with.
 
@@ -74,11 +77,15 @@ def least_squares_fit(
         )  # fmt: skip
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
-    jac = fit.jac * np.broadcast_to(scale, start.shape)  # scaled, so that the rank below has a meaning
-    if not fit.success or np.linalg.matrix_rank(jac) < start.size:
-        return None
     half = np.broadcast_to(scale, start.shape)
-    cov = np.linalg.inv(jac.T @ jac) * half[:, None] * half[None, :]
+    jac = fit.jac * half  # scaled, so that the rank below has a meaning
+    if not fit.success or not np.isfinite(jac).all():
+        return None
+    _, size, axes = np.linalg.svd(jac, full_matrices=False)
+    if len(jac) < start.size or size[-1] <= DIFFERENCES * size[0]:
+        return None
+    root = half[:, None] * axes.T / size  # inv(J'J) = V S^-2 V': J'J itself may be singular to rounding
+    cov = root @ root.T
     return fit.x, cov, float(2.0 * fit.cost)
 
 
