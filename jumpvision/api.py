@@ -239,7 +239,8 @@ def _places(experiment: Experiment, results: PathLike | None) -> tuple[Path, Pat
 
 def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
     from .campaign import write_provenance
-    from .pipeline import STAGES, Workspace
+    from .pipeline import Workspace
+    from .stage import STAGES
 
     importlib.import_module("jumpvision.stages")
     experiment = _opened(folder)
@@ -258,8 +259,9 @@ def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
 
 def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) -> list[bytes]:
     """The PNG figures that show a record, drawn or from the cache."""
-    from .pipeline import STAGES, Workspace
+    from .pipeline import Workspace
     from .sections import NotApplicable
+    from .stage import STAGES
 
     for module in PICTURES:
         importlib.import_module(module)

@@ -21,11 +21,12 @@ from typing import Any
 from . import __version__
 from .experiment import Campaign, Experiment
 from .parts import SPAWN, WORKERS, one_thread
-from .pipeline import STAGES, NotCached, Step, Workspace
+from .pipeline import NotCached, Step, Workspace
 from .progress import HOOK, Hook
 from .records import Summary, plain
 from .schema import InputError
 from .sections import NotApplicable
+from .stage import STAGES
 from .storage import sha256, sweep_leftovers, write_aside
 
 Report = Callable[["Outcome"], None]

@@ -8,9 +8,9 @@ from typing import Any
 from .experiment import Experiment
 from .model_spec import ModelSpec
 from .params import GeometryParams
-from .pipeline import StageWarning
 from .schema import read
 from .sections import Actuation, Bed, Fan, NotApplicable, Robot
+from .stage import StageWarning
 from .stages.geometry import geometry
 
 

@@ -1,4 +1,4 @@
-"""A stage is its typed signature: inputs by type, parameters `p`, output by type, a version.
+"""Stages run on an experiment, their results kept.
 
 `Workspace.make(Track)` walks back from the wanted record, computes what is missing or changed and keeps each result
 under the hash of its inputs, parameters and version. An entry is written aside and renamed, so a killed run leaves
@@ -10,82 +10,23 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
-import inspect
 import json
 import os
 import shutil
 import time
-import types
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 from .experiment import Experiment
 from .schema import read
 from .sections import MissingKey, NotApplicable, Section
+from .stage import STAGES, Input, Stage, StageWarning
 from .storage import aside_folder, companions, copy_aside, remove_aside, sealed, sha256, sync, unsealed, write_aside
 
-
-class StageWarning(UserWarning):
-    """Something a user should know about a result that stands all the same; kept with the result."""
-
-
-@dataclass(frozen=True)
-class Input:
-    """One argument of a stage: a section of the experiment, a record, or the experiment itself."""
-
-    name: str
-    type: type
-    optional: bool
-
-
-@dataclass(frozen=True)
-class Stage:
-    """A registered stage; calling it calls the function."""
-
-    name: str
-    function: Callable[..., Any]
-    version: int
-    inputs: tuple[Input, ...]
-    output: type
-    params: type | None
-    any_of: tuple[str, ...]
-    picture: bool = False  # a figure drawn from records, not a result that others need
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return self.function(*args, **kwargs)
-
-
-STAGES: dict[type, Stage] = {}  # by output type
 ATTEMPTS = 3  # at an entry that vanishes before its files are copied
-
-
-def stage(
-    *, version: int, any_of: tuple[str, ...] = (), picture: bool = False
-) -> Callable[[Callable[..., Any]], Stage]:
-    """Register a function as a stage. any_of: argument names of which at least one must be there."""
-
-    def register(function: Callable[..., Any]) -> Stage:
-        hints = get_type_hints(function)
-        inputs = []
-        for name in inspect.signature(function).parameters:
-            if name == "p":
-                continue
-            hint = hints[name]
-            optional = get_origin(hint) in (Union, types.UnionType)
-            plain = next(t for t in get_args(hint) if t is not type(None)) if optional else hint
-            inputs.append(Input(name, plain, optional))
-        made = Stage(
-            function.__name__, function, version, tuple(inputs), hints["return"], hints.get("p"), any_of, picture
-        )
-        if made.output in STAGES and STAGES[made.output].name != made.name:
-            raise TypeError(f"stages {STAGES[made.output].name} and {made.name} both make {made.output.__name__}")
-        STAGES[made.output] = made
-        return made
-
-    return register
 
 
 @dataclass

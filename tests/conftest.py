@@ -34,3 +34,14 @@ def browser():
         b = p.chromium.launch(executable_path=path, args=["--no-sandbox", "--disable-gpu"])
         yield b
         b.close()
+
+
+@pytest.fixture
+def lammps_peer():
+    """The module that runs LAMMPS beside ours."""
+    peer = pytest.importorskip("lammps_peer")
+    try:
+        peer.load()
+    except ImportError as error:
+        pytest.skip(f"no LAMMPS to compare with: {error}")
+    return peer

@@ -110,7 +110,7 @@ def test_folders_with_the_name_of_a_stage_are_that_stage_too():
 
 
 def test_every_stage_that_can_be_asked_for_alone_is_a_function():
-    from jumpvision.pipeline import STAGES
+    from jumpvision.stage import STAGES
     from jumpvision.stages import __all__ as stages
 
     assert {s.name for s in STAGES.values() if not s.picture} >= set(stages)

@@ -231,12 +231,7 @@ def test_wrong_calls_say_what_is_wrong():
 # -- beside LAMMPS ----------------------------------------------------------------------------------------------------
 
 
-def test_forces_are_those_of_lammps():
-    lammps_peer = pytest.importorskip("lammps_peer")
-    try:
-        lammps_peer.load()
-    except ImportError as error:
-        pytest.skip(f"no LAMMPS to compare with: {error}")
+def test_forces_are_those_of_lammps(lammps_peer):
     rng = np.random.default_rng(6)
     d = bed(0.8)
     n = len(d.x)

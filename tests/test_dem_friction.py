@@ -177,17 +177,12 @@ def test_the_stretch_of_a_contact_outlives_list_and_interval():
 # -- beside LAMMPS ----------------------------------------------------------------------------------------------------
 
 
-def test_motion_is_that_of_lammps():
+def test_motion_is_that_of_lammps(lammps_peer):
     """Half a contact time of gran/hooke/history in a bed in motion: velocities and spins.
 
     LAMMPS takes the radii as levers (overlap/diameter = 0.5 % here). The walls are out of reach: in that of its version
     22 Jul 2025 the tangential spring of a disc that sticks does not act, only its dashpot.
     """
-    lammps_peer = pytest.importorskip("lammps_peer")
-    try:
-        lammps_peer.load()
-    except ImportError as error:
-        pytest.skip(f"no LAMMPS to compare with: {error}")
     rng = np.random.default_rng(6)
     d = bed(0.8)
     n = len(d.x)

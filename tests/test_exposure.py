@@ -8,7 +8,7 @@ import pytest
 from test_ball import BACK, CONTRAST, ball_image, camera, track
 
 from jumpvision.fit.exposure import exposure_shift, shift_sigma
-from jumpvision.pipeline import StageWarning
+from jumpvision.stage import StageWarning
 from jumpvision.stages.track import at_mid_exposure
 
 RATE, T = 200.0, 0.004  # exposed for 80 % of a frame

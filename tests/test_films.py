@@ -10,8 +10,8 @@ from conftest import SAMPLES
 from jumpvision.frames import FrameError, open_frames
 from jumpvision.lab import write
 from jumpvision.params import PivParams
-from jumpvision.pipeline import StageWarning
 from jumpvision.sections import GrainVideo, MissingKey, RodVideo
+from jumpvision.stage import StageWarning
 from jumpvision.stages import piv
 from jumpvision.stages.films import open_film, open_grains
 

@@ -19,7 +19,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"diagnosis", "planning"},
     {"sections", "params", "logs", "local_page"},
     {"model_spec"},
-    {"experiment", "records"},
+    {"experiment", "records", "stage"},
     {"pipeline", "overrides"},
     {"stages"},
     {"campaign", "craters", "checks", "cache"},

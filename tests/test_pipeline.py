@@ -16,11 +16,13 @@ from pathlib import Path
 import pytest
 
 from jumpvision import pipeline, storage
+from jumpvision import stage as stage_module
 from jumpvision.experiment import open_experiment
 from jumpvision.params import BedParams, FitParams
-from jumpvision.pipeline import STAGES, NotCached, StageWarning, Workspace, stage
+from jumpvision.pipeline import NotCached, Workspace
 from jumpvision.records import Values
 from jumpvision.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
+from jumpvision.stage import STAGES, StageWarning, stage
 
 CALLS: list[str] = []
 
@@ -40,7 +42,9 @@ class Third(Values):
 @pytest.fixture(autouse=True)
 def toy_stages(monkeypatch):
     """Three stages of our own: first (log, fit parameters) -> second -> third (also bed parameters)."""
-    monkeypatch.setattr(pipeline, "STAGES", {})
+    stages = {}
+    for module in (stage_module, pipeline):
+        monkeypatch.setattr(module, "STAGES", stages)
     CALLS.clear()
 
     def fit(log: MotorLog, *, p: FitParams) -> First:
@@ -245,7 +249,8 @@ def test_two_stages_for_one_record_are_refused():
 
 KILLED = textwrap.dedent("""
     import sys, os, time, pathlib
-    from jumpvision.pipeline import Workspace, stage
+    from jumpvision.pipeline import Workspace
+    from jumpvision.stage import stage
     from jumpvision.records import Values
     from jumpvision.experiment import open_experiment
     from jumpvision.sections import MotorLog

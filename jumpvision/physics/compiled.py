@@ -58,6 +58,17 @@ def pieces(rows: Array) -> tuple[Array, Array]:
 
 
 @njit(error_model="numpy")
+def tolerances(p: Any, size: int, atol: float) -> tuple[float, Array]:
+    """The spring's rate [1/s], and atol [m] of `size` states: of velocities times the rate."""
+    rate = math.sqrt(p.k_s / p.M)
+    out = np.full(size, atol)
+    out[granular.W] *= rate
+    out[granular.VF] *= rate
+    out[granular.V :] *= rate
+    return rate, out
+
+
+@njit(error_model="numpy")
 def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out: Array) -> None:
     """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
     p = constants[0]
@@ -70,10 +81,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     n = edges.size
     start, stop = edges[0], edges[n - 2]
     lagging = p.tau > 0.0
-    rate = math.sqrt(p.k_s / p.M)
-    tolerance = np.full(granular.V if lagging else granular.X, atol)
-    tolerance[granular.W] *= rate
-    tolerance[granular.VF] *= rate
+    rate, tolerance = tolerances(p, granular.V if lagging else granular.X, atol)
     s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
@@ -197,11 +205,7 @@ def _tracks(key: str) -> Callable[..., Any]:
             until = edges[first : first + n + 1].copy()
             until[n] = end
             size = granular.N_MOTION if p.kp > 0.0 else granular.V if p.tau > 0.0 else granular.X
-            rate = math.sqrt(p.k_s / p.M)
-            tolerance, s = np.full(size, atol), np.zeros(size)
-            tolerance[granular.W] *= rate
-            tolerance[granular.VF] *= rate
-            tolerance[granular.V :] *= rate
+            (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
             height = -rest.squeeze(p) - deep
             s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
             if size > granular.X:

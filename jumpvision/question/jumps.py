@@ -14,10 +14,10 @@ from ..diagnosis.jumps import Jump
 from ..experiment import Campaign, Experiment
 from ..model_spec import ModelSpec
 from ..params import SimulateParams
-from ..pipeline import StageWarning
 from ..records import BedHeight, RodMotion
 from ..schema import InputError, read
 from ..sections import Actuation, Bed, Motor, MotorLog, Robot
+from ..stage import StageWarning
 from ..stages.bed import packing
 from ..stages.simulate import build_model, driver
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ..logs import read_log
-from ..pipeline import stage
 from ..records import Fits
 from ..sections import Actuation, MotorLog, NotApplicable
 from ..show import measured
+from ..stage import stage
 from ..stages.motor import commanded, read_motor
 from .pictures import Picture, png
 from .style import ACCENT, MEASURED, MODEL, QUIET, styled

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..physics.fluidisation import Drop
-from ..pipeline import stage
 from ..records import Geometry
 from ..sections import Fan, NotApplicable
+from ..stage import stage
 from .pictures import Picture, png
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pipeline import stage
 from ..records import Column, Flow, Piv
 from ..sections import Calibration, GrainVideo, NotApplicable
+from ..stage import stage
 from ..stages.films import open_grains
 from .overlays import Bgr, View, captioned, frame_of, slowed, thinned, webm
 from .pictures import Picture

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..pipeline import stage
 from ..records import Column, Flow, Piv
 from ..sections import Calibration, GrainVideo, PivField
+from ..stage import stage
 from ..stages.films import open_grains
 from .panels import draw_sides
 from .pictures import Picture, png

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..pipeline import stage
 from ..records import Intrusion
+from ..stage import stage
 from .pictures import Picture, png
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 

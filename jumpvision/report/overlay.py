@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..params import OverlayParams
-from ..pipeline import stage
 from ..progress import watch
 from ..records import Track
 from ..sections import NotApplicable, RodVideo
+from ..stage import stage
 from ..stages.films import open_film
 from .pictures import Picture
 

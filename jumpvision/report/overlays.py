@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..pipeline import stage
 from ..records import Piv, Record
 from ..sections import Calibration, GrainVideo
+from ..stage import stage
 from ..stages.films import open_grains
 
 Bgr = NDArray[np.uint8]

@@ -9,9 +9,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, Record, RodMotion, Simulation, Track
 from ..sections import Actuation, BedImage, NotApplicable, RodVideo
+from ..stage import stage
 from ..stages.films import open_film, open_pictures
 from .panels import COLUMN_PANELS, draw_cone
 from .style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled

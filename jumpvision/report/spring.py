@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..pipeline import stage
 from ..records import Fits, SpringTest
 from ..show import measured
+from ..stage import stage
 from .pictures import Picture, png
 from .style import MEASURED, MODEL, QUIET, styled
 

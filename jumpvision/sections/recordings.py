@@ -12,6 +12,14 @@ from .base import FileSection, Section
 
 SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
 RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
+CLOCK: dict[str, Any] = {
+    "default": "file", "unit": "", "choices": ("file", "declared"),
+    "meaning": "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
+}  # fmt: skip
+TRUNCATED: dict[str, Any] = {
+    "default": "refuse", "unit": "", "choices": ("refuse", "accept"),
+    "meaning": "a film that was cut off: refuse it, or accept its whole frames",
+}  # fmt: skip
 
 LENGTHS = ("px", "m", "cm", "mm", "um")  # of a vector file
 SPEEDS = ("px/frame", "px/s", "m/s", "cm/s", "mm/s", "um/s")
@@ -27,12 +35,8 @@ class RodVideo(FileSection):
     ball_diameter: float | None = param(None, "m", "diameter of the ball", lo=0, hi=0.5, open_lo=True)
     exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
-    clock: str = param(
-        "file", "", "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
-        choices=("file", "declared"),
-    )  # fmt: skip
-    truncated: str = param("refuse", "", "a film that was cut off: refuse it, or accept its whole frames",
-                           choices=("refuse", "accept"))  # fmt: skip
+    clock: str = param(**CLOCK)
+    truncated: str = param(**TRUNCATED)
     up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
     exclude_frames: tuple[str, ...] = param((), "", "frames to leave out: 'first:last reason', both included")
 
@@ -107,12 +111,8 @@ class GrainVideo(FileSection):
         (), "px", "[first column, first row, last column, last row] of the part to match; default: the whole picture",
         lo=0, hi=1e5,
     )  # fmt: skip
-    clock: str = param(
-        "file", "", "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
-        choices=("file", "declared"),
-    )  # fmt: skip
-    truncated: str = param("refuse", "", "a film that was cut off: refuse it, or accept its whole frames",
-                           choices=("refuse", "accept"))  # fmt: skip
+    clock: str = param(**CLOCK)
+    truncated: str = param(**TRUNCATED)
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
 

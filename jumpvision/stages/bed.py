@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..params import BedParams
-from ..pipeline import StageWarning, stage
 from ..records import BedHeight
 from ..sections import Bed, BedImage, Calibration, need
+from ..stage import StageWarning, stage
 from ..vision.surface import Surface, bed_height, bed_surface, volume_fraction
 from .films import open_pictures
 from .view import view_of

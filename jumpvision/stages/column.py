@@ -14,9 +14,9 @@ from ..field.profile import central_column
 from ..fit.column import beta, fit_column
 from ..fit.front import jammed_thickness
 from ..params import ColumnParams
-from ..pipeline import stage
 from ..records import Column, Flow, Piv
 from ..sections import NotApplicable, Robot
+from ..stage import stage
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from ..fit.crater import Crater, line_crater
 from ..fit.crater_map import map_crater
 from ..frames import open_frames
 from ..params import CraterParams
-from ..pipeline import StageWarning, stage
 from ..records import BedHeight, CraterShape
 from ..sections import Bed, Calibration, CraterDepth, CraterImage, need
+from ..stage import StageWarning, stage
 from ..vision.laser_line import laser_line
 from .bed import packing
 from .films import open_pictures

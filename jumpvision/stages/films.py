@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import Film, FrameError, open_frames
-from ..pipeline import StageWarning
 from ..sections import BedImage, Calibration, CraterImage, GrainVideo, RodVideo, need
+from ..stage import StageWarning
 from ..vision.camera import Camera
 from ..vision.rectify import straight_map, straight_points
 from .view import view_of

@@ -17,9 +17,9 @@ from ..fit.restitution import restitution
 from ..logs import read_log
 from ..params import FitParams
 from ..physics.oscillator import foot_frequency, foot_ripple
-from ..pipeline import stage
 from ..records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion, SpringTest
 from ..sections import Actuation, Bed, ContactLog, MotorLog, NotApplicable, Robot
+from ..stage import stage
 from .actuator import actuator_fits
 from .bed import packing
 from .body import hanging_foot, total_mass

@@ -12,9 +12,9 @@ from ..field import strain
 from ..field.gradients import gradients
 from ..field.momentum import added_mass, grain_momentum
 from ..params import FlowParams
-from ..pipeline import StageWarning, stage
 from ..records import BedHeight, Flow, Piv
 from ..sections import Bed, GrainVideo, PivField, Robot
+from ..stage import StageWarning, stage
 from .bed import packing
 
 Array = NDArray[np.float64]

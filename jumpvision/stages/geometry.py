@@ -15,9 +15,9 @@ from ..params import GeometryParams
 from ..physics import fluidisation as air
 from ..physics.geometry import Finding, floor, side_walls
 from ..physics.terms import linear_penetration, two_resistance
-from ..pipeline import StageWarning, stage
 from ..records import BedHeight, Geometry
 from ..sections import Actuation, Bed, Fan, NotApplicable, Robot
+from ..stage import StageWarning, stage
 from .bed import packing
 
 DEEPEST = 10.0  # m, up to which the depth that carries the load is looked for

@@ -15,9 +15,9 @@ from ..fit.two_slope import Penetration, fit_penetration, in_bins
 from ..logs import read_log
 from ..params import IntrusionParams
 from ..physics.terms import rft_cone
-from ..pipeline import stage
 from ..records import Intrusion
 from ..sections import IntrusionLog, Robot
+from ..stage import stage
 
 LAWS = {"reintrusion": "s", "stop_go": "s_p"}
 LEAST = 40  # samples in fresh grains that a curve needs

@@ -14,10 +14,10 @@ from .. import __version__
 from ..frames import Film
 from ..params import PivParams
 from ..parts import WORKERS, in_parts
-from ..pipeline import StageWarning, stage
 from ..progress import watch
 from ..records import Piv
 from ..sections import Calibration, GrainVideo, PivField, Robot
+from ..stage import StageWarning, stage
 from ..vision.foot import FootTrack, track_foot
 from ..vision.piv.engine import best_prefilter, length_of_errors, piv_film, vector_places
 from ..vision.piv.field import MEASURED, REASONS, VectorField

@@ -15,9 +15,9 @@ from ..fit.peaks import peaks_damping
 from ..fit.ringdown import ring_down, swings_until
 from ..params import FitParams
 from ..physics.oscillator import lift_off_amplitude
-from ..pipeline import StageWarning
 from ..records import RodMotion
 from ..sections import Actuation, Robot
+from ..stage import StageWarning
 from .body import total_mass
 
 Array = NDArray[np.float64]

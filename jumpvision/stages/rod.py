@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from ..fit.mean import difference_noise
 from ..logs import read_log
-from ..pipeline import stage
 from ..records import RodMotion, Track
 from ..sections import Actuation, RodTrack
+from ..stage import stage
 from .track import with_rest_zero
 
 

@@ -18,10 +18,10 @@ from ..physics.loop import Loop
 from ..physics.model import Model
 from ..physics.parameters import ModelParameters
 from ..physics.points import OF_MODEL
-from ..pipeline import StageWarning, stage
 from ..records import BedHeight, RodMotion, Simulation
 from ..schema import InputError
 from ..sections import Actuation, Bed, Motor, MotorLog, Robot, need
+from ..stage import StageWarning, stage
 from .bed import packing
 from .motor import commanded, read_motor
 

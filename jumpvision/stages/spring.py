@@ -9,9 +9,9 @@ from pathlib import Path
 from ..fit.estimate import Estimate
 from ..fit.stiffness import BENT, Spring, spring_stiffness
 from ..logs import read_log
-from ..pipeline import StageWarning, stage
 from ..records import SpringTest
 from ..sections import Robot, SpringLog
+from ..stage import StageWarning, stage
 
 LENGTH = {"displacement_m": 1.0, "displacement_mm": 1e-3, "displacement_um": 1e-6}
 FORCE = {"force_N": 1.0, "force_kN": 1e3, "force_mN": 1e-3}

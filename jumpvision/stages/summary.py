@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..experiment import Experiment
-from ..pipeline import stage
 from ..records import BedHeight, Fits, Simulation, Summary
 from ..sections import Actuation, Bed
+from ..stage import stage
 from .bed import packing
 
 FROM_FITS = {  # key of summary.json: name in fits.json

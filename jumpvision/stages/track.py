@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ..fit.exposure import exposure_shift, shift_sigma
 from ..fit.mean import weighted_mean
 from ..params import TrackParams
-from ..pipeline import StageWarning, stage
 from ..records import Track
 from ..sections import Actuation, Calibration, RodVideo
+from ..stage import StageWarning, stage
 from ..vision.ball import BallTrack
 from ..vision.camera import Camera
 from .ball_film import BallFilm

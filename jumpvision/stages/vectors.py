@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from .. import __version__
 from ..field.plug import follow_plug, scatter_sigma
 from ..frames.vectors import FOOT, Vectors, read_vectors
-from ..pipeline import StageWarning
 from ..records import Piv
 from ..schema import InputError
 from ..sections import PivField, Robot
+from ..stage import StageWarning
 from ..vision.piv.field import INTERPOLATED, VALID
 
 Array = NDArray[np.float64]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warnings
 
-from ..pipeline import StageWarning
 from ..sections import BedImage, Calibration, CraterImage, GrainVideo, RodVideo, need
+from ..stage import StageWarning
 from ..vision.camera import Camera, camera
 
 LARGEST_MISS = 2.0  # px rms of the marks, beyond which a wrong mark is more likely than a careless click

@@ -24,11 +24,12 @@ from ..model_spec import ModelSpec
 from ..params import SimulateParams
 from ..physics.parameters import ModelParameters
 from ..physics.points import hard_points, resolve
-from ..pipeline import StageWarning, Workspace
+from ..pipeline import Workspace
 from ..progress import watch
 from ..records import RodMotion
 from ..schema import InputError, check_value
 from ..sections import Actuation, Motor, MotorLog, Robot
+from ..stage import StageWarning
 from ..stages.simulate import simulate
 from ..stages.summary import simulated_height
 from .axes import AXES
