@@ -53,7 +53,7 @@ class Case:
     ground: str
     hidden: tuple[str, ...]
     noise: float
-    nuisance: dict[str, float]
+    nuisance: dict[str, Any]
     strength: float | None = None
     trials: int = 1
 
@@ -114,7 +114,7 @@ def run(case: Case) -> dict[str, Any]:
         out["outcome"] = "false alarm" if found.discrepant else "right"
     else:
         d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
-        unexplained = {"terms": []} if d.naming and not d.naming.named else None
+        unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
         data = document(d, system, heights_of(d, system), unexplained)
         out |= {"p": data["p_value"], "named": "+".join(data["named"])}
         out |= score(data, answer)
