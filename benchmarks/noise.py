@@ -2,7 +2,7 @@
 
 `python -m benchmarks.noise [--each N] [--power N] [--cells TEXT] [--spoil F] [--workers N] [--rows FILE]` prints the
 tables of `docs/benchmarks.md`; with --rows it takes up where it stopped. --cells: only those whose name holds every
-word of TEXT, e.g. "null 1 24 t3". --spoil: multiplies the learned s before the test, to show that the false alarms can fail.
+word of TEXT, e.g. "null 1 24 t3". --spoil: multiplies the learned s before the test: the false alarms must then fail.
 """
 
 from __future__ import annotations
