@@ -105,9 +105,12 @@ class Case:
 
 
 # --------------------------------------------------------------------------------------------------- the analysis asked
-def questioned(jumps: list[Jump], fit: dict[str, Any], priors: dict[str, float]) -> tuple[Any, Any, Any, Any]:
-    """(system, noise, scatter, what was learned of the noise: a record, or None where it says only the first two)."""
-    system: Any = Jumper(jumps, fit, priors, workers=1)
+def questioned(
+    jumps: list[Jump], fit: dict[str, Any], priors: dict[str, float], **more: Any
+) -> tuple[Any, Any, Any, Any]:
+    """(system, noise, scatter, what was learned of the noise: a record, or None where it says only the first two).
+    more: what else the system is told, such as films (`measured`)."""
+    system: Any = Jumper(jumps, fit, priors, workers=1, **more)
     learned: Any = learn_noise(system)
     if isinstance(learned, tuple):
         return system, *learned, None
@@ -293,6 +296,8 @@ def main() -> None:
     parser.add_argument("--rows", help="file of one JSON line a campaign; those already there are not made again")
     args = parser.parse_args()
     asked = [c for c in cells(args.spoil) if all(f" {w} " in f" {c.name} " for w in args.cells.split())]
+    if not asked:
+        parser.error(f"--cells {args.cells!r}: none of these: {', '.join(c.name for c in cells(args.spoil))}")
     number = {"null": args.each, "power": args.power}
     cases = [Case(c, i) for c in asked for i in range(number[c.table])]
     print(report(gather(cases, run, args.rows, args.workers), asked))
