@@ -53,8 +53,9 @@ class Case:
     ground: str
     hidden: tuple[str, ...]
     noise: float
-    nuisance: dict[str, float]
+    nuisance: dict[str, Any]
     strength: float | None = None
+    trials: int = 1
 
 
 def jumps_of(setting: Setting, recorded: list[Recorded]) -> tuple[list[Jump], dict[str, Any], dict[str, float]]:
@@ -83,9 +84,9 @@ def jumps_of(setting: Setting, recorded: list[Recorded]) -> tuple[list[Jump], di
         condition = f"{j.kind} {m.frequency} {m.delay} {phi}"
         labels = {"kind": j.kind, "frequency": m.frequency, "delay": m.delay, "volume_fraction": phi}
         y = height - height[t < law.start].mean()
-        driven_by_law = r.motor is None
+        by_law, stated = r.motor is None, r.track.get("sigma_m")
         jumps.append(
-            Jump(f"{condition}-{i}", model, forcing, law.stop, t, y, condition, condition, driven_by_law, labels)
+            Jump(f"{condition}-{i}", model, forcing, law.stop, t, y, condition, condition, by_law, labels, stated)
         )
     return jumps, fit, {**spec.get("sigma", {}), **sigma}
 
@@ -94,7 +95,8 @@ def run(case: Case) -> dict[str, Any]:
     """One campaign made, questioned and scored."""
     rng = np.random.default_rng([case.seed, 77])
     setting = draw(
-        rng, ground=case.ground, hidden=case.hidden, strength=case.strength, noise=case.noise, **case.nuisance
+        rng, ground=case.ground, hidden=case.hidden, strength=case.strength, noise=case.noise, trials=case.trials,
+        **case.nuisance,
     )  # fmt: skip
     jumps, fit, priors = jumps_of(setting, campaign(setting, rng))
     began = time.perf_counter()
@@ -112,7 +114,7 @@ def run(case: Case) -> dict[str, Any]:
         out["outcome"] = "false alarm" if found.discrepant else "right"
     else:
         d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
-        unexplained = {"terms": []} if d.naming and not d.naming.named else None
+        unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
         data = document(d, system, heights_of(d, system), unexplained)
         out |= {"p": data["p_value"], "named": "+".join(data["named"])}
         out |= score(data, answer)

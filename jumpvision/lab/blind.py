@@ -20,6 +20,7 @@ from .campaign import jump_of
 from .mechanisms import OUTSIDE, STATIC
 from .protocol import Protocol, protocol_of
 from .protocol_sweeps import Jump
+from .track_noise import Errors
 
 Array = NDArray[np.float64]
 
@@ -59,24 +60,38 @@ ROBOTS = {
     "hard": {"motor_mass": 1.003, "rod_mass": 0.175, "spring_stiffness": 5760.6, "spring_damping": 1.368,
              "gravity": 2.70756},
 }  # fmt: skip
-JUMPS = {
+Sweeps = tuple[tuple[str, tuple[float, ...], float], ...]  # kind, frequencies [Hz], delay [s]
+REPEATED: dict[str, Sweeps] = {  # 12 conditions
     "granular": (("single", (4.5, 5.5, 6.5, 7.5, 8.5, 10.0), 0.0), ("stutter", (4.5, 5.0, 5.5, 6.0), 0.0),
                  ("delayed_stutter", (6.0, 7.0), 0.1)),
     "hard": (("single", (9.0, 11.0, 13.0, 15.0, 17.0, 19.0), 0.0), ("stutter", (6.5, 7.5, 8.0, 8.5, 9.5, 11.0), 0.0)),
 }  # fmt: skip
+ONCE: dict[str, Sweeps] = {  # 24 conditions over the same ranges
+    "granular": (("single", (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 8.5, 9.0, 9.5, 10.0), 0.0),
+                 ("stutter", (4.5, 4.7, 4.9, 5.1, 5.3, 5.5, 5.75, 6.0), 0.0),
+                 ("delayed_stutter", (6.0, 6.35, 6.65, 7.0), 0.1)),
+    "hard": (("single", (9.0, 9.9, 10.8, 11.7, 12.6, 13.5, 14.5, 15.4, 16.3, 17.2, 18.1, 19.0), 0.0),
+             ("stutter", (6.5, 7.0, 7.25, 7.5, 7.75, 8.0, 8.25, 8.5, 9.0, 9.5, 10.25, 11.0), 0.0)),
+}  # fmt: skip
+FEW: dict[tuple[str, bool], Sweeps] = {  # 4 jumps: 4 conditions, or (True) 2 that are repeated
+    ("granular", False): (("single", (5.5, 8.5), 0.0), ("stutter", (5.0,), 0.0), ("delayed_stutter", (6.0,), 0.1)),
+    ("granular", True): (("single", (6.5,), 0.0), ("stutter", (5.0,), 0.0)),
+    ("hard", False): (("single", (11.0, 17.0), 0.0), ("stutter", (7.5, 9.5), 0.0)),
+    ("hard", True): (("single", (13.0,), 0.0), ("stutter", (8.0,), 0.0)),
+}
 AMPLITUDE = {"granular": 0.01875, "hard": 0.004}
 
 
 @dataclass(frozen=True)
 class Setting:
     """A campaign with what it hides. hidden: mechanisms, none for an adequate model; parameters: their true values;
-    strength: 0 weak .. 1 strong, of each; nuisance: noise [m], rho, step [m] of the track. protocol.tables["model"]
-    is the declared model."""
+    strength: 0 weak .. 1 strong, of each; nuisance: the track's errors, by the keys of [record.rod_track].
+    protocol.tables["model"] is the declared model."""
 
     hidden: tuple[str, ...]
     parameters: dict[str, float]
     strength: tuple[float, ...]
-    nuisance: dict[str, float]
+    nuisance: dict[str, Any]
     protocol: Protocol
 
     @property
@@ -87,13 +102,16 @@ class Setting:
 
 @dataclass(frozen=True)
 class Recorded:
-    """One experiment as arrays; track: time_s, height_m, sigma_m; motor: time_s, position_m, force_N, or None where
-    only the command is known."""
+    """One experiment as arrays; track: time_s, height_m and, where stated, sigma_m; motor: time_s, position_m, force_N,
+    or None where only the command is known. Truth: error of the track [m], and its standard deviation sigma [m],
+    rounding included, wander and outliers not."""
 
     jump: Jump
     volume_fraction: float
     track: dict[str, Array]
     motor: dict[str, Array] | None
+    error: Errors
+    sigma: float
 
 
 def choices(ground: str, *, outside: bool = False) -> list[str]:
@@ -110,10 +128,17 @@ def draw(
     noise: float | None = None,
     rho: float | None = None,
     step: float | None = None,
+    family: str = "white",
+    drift: float = 0.0,
+    ratio: float = 1.0,
+    stated: bool = True,
+    trials: int = 1,
+    jumps: str = "full",
 ) -> Setting:
     """A setting at random. hidden: the effects, () for none; by default none (15 %), one (55 %), two (20 %) or one
     outside the vocabulary (10 %). strength: 0 weak .. 1 strong. noise [m], rho, step [m] (rounding): of the track; by
-    default 0.05 to 0.5 mm, 0 to 0.7 and 0 to 0.1 mm. Raises ValueError for effects that cannot act here or together."""
+    default 0.05 to 0.5 mm, 0 to 0.7 and 0 to 0.1 mm; family, drift [m], ratio, stated: as in [record.rod_track].
+    trials, jumps: see `sweeps`. Raises ValueError for effects that cannot act here or together."""
     for _ in range(1000):
         effects = tuple(hidden) if hidden is not None else _pick(ground, rng)
         allowed = choices(ground) + choices(ground, outside=True)
@@ -127,13 +152,26 @@ def draw(
             break
     else:
         raise ValueError(f"hidden {', '.join(effects)}: cannot act together at this strength")
-    nuisance = {
+    nuisance: dict[str, Any] = {
         "noise": float(np.exp(rng.uniform(math.log(5e-5), math.log(5e-4)))) if noise is None else noise,
         "rho": float(rng.choice([0.0, rng.uniform(0.0, 0.7)])) if rho is None else rho,
         "step": float(rng.choice([0.0, 5e-5, 1e-4])) if step is None else step,
-    }
-    table = _table(ground, effects, true, nuisance, rng)
+        "family": family, "drift": drift, "ratio": ratio, "stated": stated,
+    }  # fmt: skip
+    table = _table(ground, effects, true, nuisance, sweeps(ground, trials, jumps), rng)
     return Setting(effects, true, levels, nuisance, protocol_of(table, "the drawn setting"))
+
+
+def sweeps(ground: str, trials: int = 1, jumps: str = "full") -> list[dict[str, Any]]:
+    """[[jumps]] of a campaign. jumps = "full": 24 different ones, or 12 that are made `trials` times each; "few": 4
+    different ones, or 2 that are made `trials` times each."""
+    if trials < 1 or jumps not in ("full", "few"):
+        raise ValueError(f"trials = {trials}, jumps = {jumps!r}: must be at least 1, and 'full' or 'few'")
+    made = FEW[ground, trials > 1] if jumps == "few" else (REPEATED if trials > 1 else ONCE)[ground]
+    return [
+        {"kind": kind, "frequency": list(f), "amplitude": AMPLITUDE[ground], "delay": delay, "trials": trials}
+        for kind, f, delay in made
+    ]
 
 
 def _pick(ground: str, rng: np.random.Generator) -> tuple[str, ...]:
@@ -163,7 +201,12 @@ def _values(name: str, level: float, rng: np.random.Generator) -> dict[str, floa
 
 
 def _table(
-    ground: str, hidden: tuple[str, ...], true: dict[str, float], nuisance: dict[str, float], rng: np.random.Generator
+    ground: str,
+    hidden: tuple[str, ...],
+    true: dict[str, float],
+    nuisance: dict[str, Any],
+    jumps: list[dict[str, Any]],
+    rng: np.random.Generator,
 ) -> dict[str, Any]:
     """The protocol: a truth with the hidden effects, and a declared model without them."""
     robot: dict[str, Any] = dict(ROBOTS[ground])
@@ -184,7 +227,7 @@ def _table(
         terms, truth, model = _sand(hidden, rng)
     truth |= true
     terms += [h for h in hidden if h not in terms]
-    record = {"rod_track": nuisance}
+    record: dict[str, Any] = {"rod_track": nuisance}
     if "motor_lag" not in hidden:  # a lag shows only where the command drives the model
         record["motor_log"] = {}
     return {
@@ -193,10 +236,7 @@ def _table(
         "duration": 1.8,
         "robot": robot,
         "truth": {"terms": terms, **truth} | _corrected(terms, truth, true_stiffness - robot["spring_stiffness"]),
-        "jumps": [
-            {"kind": kind, "frequency": list(f), "amplitude": AMPLITUDE[ground], "delay": delay, "trials": 2}
-            for kind, f, delay in JUMPS[ground]
-        ],
+        "jumps": jumps,
         "record": record,
         "model": {k: v for k, v in model.items() if v != {}},
     }  # fmt: skip
@@ -240,11 +280,11 @@ def campaign(setting: Setting, rng: np.random.Generator, *, dt: float = DT) -> l
     out = []
     for jump in protocol.jumps:
         motion, phi, parameters = jump_of(protocol, jump, rng, dt=dt, every=EVERY)
-        seen = logs.rod_track(
-            motion, rate=track.rate, noise=track.noise, zero=rng.uniform(-0.05, 0.05), rng=rng, rho=track.rho,
-            step=track.step, scale=parameters.get("scale", 1.0), dt=parameters.get("dt", 0.0),
+        seen = logs.seen_rod(
+            motion, track, zero=rng.uniform(-0.05, 0.05), rng=rng,
+            scale=parameters.get("scale", 1.0), dt=parameters.get("dt", 0.0),
         )  # fmt: skip
         log = protocol.records.get("motor_log")
         motor = logs.motor_log(motion, rate=log.rate, force_noise=log.force_noise, rng=rng) if log else None
-        out.append(Recorded(jump, phi, seen, motor))
+        out.append(Recorded(jump, phi, seen.columns, motor, seen.error, seen.sigma))
     return out

@@ -31,7 +31,8 @@ from .protocol_sweeps import Intrusion, Jump
 from .recordings import of_intrusion, of_jump
 
 PROTOCOL, TRUTH = "protocol.toml", "truth.json"
-LONG = ("film", "bed", "grain_film", "crater", "fits")  # truth of recordings that the campaign's truth.json leaves out
+# truth of recordings that the campaign's truth.json leaves out
+LONG = ("film", "track", "bed", "grain_film", "crater", "fits")
 
 
 def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs: Runner | None = None) -> int:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from itertools import accumulate
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .jumper import Motion
+from .protocol_keys import RodTrack
+from .track_noise import Errors, errors
 
 Array = NDArray[np.float64]
 
@@ -38,6 +41,37 @@ def contact_log(motion: Motion, *, rate: float) -> dict[str, Array]:
     return {"time_s": t, "contact": (motion.at("contact", t) > 0.5).astype(float)}
 
 
+@dataclass(frozen=True)
+class Seen:
+    """A rod as a tracker reports it. columns: time_s, height_m and, where it is stated, sigma_m. error: its truth.
+
+    sigma: standard deviation of this track [m], rounding included, wander and outliers not: what sigma_m states.
+    """
+
+    columns: dict[str, Array]
+    error: Errors
+    sigma: float
+
+
+def seen_rod(
+    motion: Motion, how: RodTrack, *, zero: float, rng: np.random.Generator, scale: float = 1.0, dt: float = 0.0
+) -> Seen:
+    """The rod's track and what is wrong with it.
+
+    zero: height of the camera's origin [m]; scale: reported / true height (camera_scale); dt: a frame stamped t shows
+    t + dt [s] (time_offset); scale and clock errors of `how` come on top.
+    """
+    t = _ticks(motion, how.rate)
+    error = errors(t.size, how, rng)
+    shown = t + dt + how.clock_offset + how.clock_drift * t
+    height = scale * (1.0 + how.scale_error) * (motion.at("rod", shown) - zero) + error.jitter + error.wander
+    if how.step:
+        height = np.rint(height / how.step) * how.step
+    sigma = math.sqrt(error.noise**2 + how.step**2 / 12)
+    columns = {"time_s": t, "height_m": height} | ({"sigma_m": np.full(t.size, sigma)} if how.stated else {})
+    return Seen(columns, error, sigma)
+
+
 def rod_track(
     motion: Motion,
     *,
@@ -47,21 +81,7 @@ def rod_track(
     rng: np.random.Generator,
     scale: float = 1.0,
     dt: float = 0.0,
-    rho: float = 0.0,
-    step: float = 0.0,
+    **how: Any,
 ) -> dict[str, Array]:
-    """Columns time_s, height_m, sigma_m: the rod as a tracker reports it, at `rate` [1/s].
-
-    noise: its standard deviation [m]; rho: its correlation from one sample to the next (0: white), falling as rho^n;
-    zero: height of the camera's origin [m]; scale: reported / true height (camera_scale); dt: a frame stamped t shows
-    t + dt [s] (time_offset); step: heights are rounded to multiples of it [m], and sigma_m holds that too.
-    """
-    t = _ticks(motion, rate)
-    error = rng.normal(0.0, noise, len(t))
-    if rho:
-        error[1:] *= math.sqrt(1 - rho * rho)
-        error = np.fromiter(accumulate(error, lambda before, fresh: rho * before + fresh), float, len(t))
-    height = scale * (motion.at("rod", t + dt) - zero) + error
-    if step:
-        height = np.rint(height / step) * step
-    return {"time_s": t, "height_m": height, "sigma_m": np.full(len(t), math.sqrt(noise**2 + step**2 / 12))}
+    """Columns of `seen_rod`. how: the other keys of [record.rod_track]: rho, step, family, drift, ratio, stated, ..."""
+    return seen_rod(motion, RodTrack(rate, noise, **how), zero=zero, rng=rng, scale=scale, dt=dt).columns

@@ -96,12 +96,22 @@ class IntrusionSweep:
 
 @dataclass(frozen=True)
 class RodTrack:
-    """rod_track.csv: a tracked rod with noise e_n = rho e_(n-1) + white, of the standard deviation asked for."""
+    """rod_track.csv: a tracked rod with noise e_n = rho e_(n-1) + fresh, of the standard deviation asked for."""
 
     rate: float = param(200.0, "1/s", "samples a second", lo=0, open_lo=True)
     noise: float = param(5e-5, "m", "standard deviation", lo=0)
     rho: float = param(0.0, "", "correlation of neighbouring samples", lo=0, hi=0.99)
     step: float = param(0.0, "m", "heights are rounded to multiples of it (0: not)", lo=0)
+    family: str = param(
+        "white", "", "Gaussian, Student's t with 3 degrees of freedom, or Gaussian with 0.5 % of outliers of 8 to 60 "
+        "standard deviations", choices=("white", "t3", "outliers"),
+    )  # fmt: skip
+    drift: float = param(0.0, "m", "root mean square of a slow wander of each track over its record", lo=0)
+    ratio: float = param(1.0, "", "noisiest / quietest track; each has its own factor about `noise`", lo=1, hi=1e4)
+    stated: bool = param(True, "", "whether the table has a column sigma_m")
+    scale_error: float = param(0.0, "", "reported / true height - 1, of all tracks", lo=-0.5, hi=0.5)
+    clock_offset: float = param(0.0, "s", "a frame stamped t shows t + clock_offset + clock_drift t", lo=-1, hi=1)
+    clock_drift: float = param(0.0, "s/s", "see clock_offset", lo=-0.1, hi=0.1)
 
 
 @dataclass(frozen=True)

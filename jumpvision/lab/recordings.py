@@ -43,11 +43,11 @@ def of_jump(
     at_camera = {"scale": parameters.get("scale", 1.0), "dt": parameters.get("dt", 0.0)}
     if track := records.get("rod_track"):
         true["camera_zero_m"] = rng.uniform(-0.05, 0.05)
-        columns = logs.rod_track(
-            motion, rate=track.rate, noise=track.noise, zero=true["camera_zero_m"], rng=rng,
-            rho=track.rho, step=track.step, **at_camera,
-        )  # fmt: skip
-        write.table(folder / "rod_track.csv", columns)
+        seen = logs.seen_rod(motion, track, zero=true["camera_zero_m"], rng=rng, **at_camera)
+        true["track"] = {"sigma_m": seen.sigma, "noise_m": seen.error.noise, "outliers": seen.error.outliers}
+        if track.drift:
+            true["track"]["drift_m"] = seen.error.wander
+        write.table(folder / "rod_track.csv", seen.columns)
         sections["rod_track"] = {"file": "rod_track.csv"}
     if film := records.get("rod_film"):
         more, true["film"] = write_rod_film(folder, motion, film, protocol.cameras["camera"], rng, **at_camera)
