@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,18 @@ class ZeroCrossing:
     n: int
     chi2: float
     reason: str = ""
+    sigma_common: float = 0.0  # the part of sigma that all points share
+
+    def with_common(self, common: float) -> ZeroCrossing:
+        """The same with one more standard uncertainty, which all points share; the interval widened on both sides."""
+        if not common:
+            return self
+        wide = TWO_SIDED_95 * common
+        return replace(
+            self, sigma=math.hypot(self.sigma, common), sigma_common=math.hypot(self.sigma_common, common),
+            low95=self.value - math.hypot(self.value - self.low95, wide),
+            high95=self.value + math.hypot(self.high95 - self.value, wide),
+        )  # fmt: skip
 
 
 def critical_fraction(phi: ArrayLike, phi_sigma: ArrayLike, volume: ArrayLike, volume_sigma: ArrayLike) -> ZeroCrossing:
