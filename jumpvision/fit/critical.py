@@ -9,9 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
 
-from jumpvision.fit.estimate import checked, checked_sigma, scatter_factor
-
-TWO_SIDED_95 = 1.959964  # standard deviations
+from jumpvision.fit.estimate import TWO_SIDED_95, checked, checked_sigma, scatter_factor, widened
 
 
 @dataclass(frozen=True)
@@ -35,11 +33,10 @@ class ZeroCrossing:
         """The same with one more standard uncertainty, which all points share; the interval widened on both sides."""
         if not common:
             return self
-        wide = TWO_SIDED_95 * common
+        low, high = widened(self.value, self.low95, self.high95, common)
         return replace(
             self, sigma=math.hypot(self.sigma, common), sigma_common=math.hypot(self.sigma_common, common),
-            low95=self.value - math.hypot(self.value - self.low95, wide),
-            high95=self.value + math.hypot(self.high95 - self.value, wide),
+            low95=low, high95=high,
         )  # fmt: skip
 
 

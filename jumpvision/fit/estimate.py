@@ -62,6 +62,17 @@ def independent(sigma: ArrayLike, common: ArrayLike) -> Array:
     return np.where(c > 0.0, rest, s)
 
 
+TWO_SIDED_95 = 1.959964  # standard deviations
+
+
+def widened(value: float, low: float, high: float, sigma: float) -> tuple[float, float]:
+    """The 95 % interval (low, high) of a value with one more normal error of this standard uncertainty."""
+    if not sigma:
+        return low, high
+    wide = TWO_SIDED_95 * sigma
+    return value - math.hypot(value - low, wide), value + math.hypot(high - value, wide)
+
+
 DIFFERENCES = float(np.sqrt(np.finfo(float).eps))  # relative error of derivatives by differences
 
 
