@@ -87,9 +87,9 @@ def final_flight(flights: Flights, *, after: float) -> int | None:
 def flight_height(time: float, sigma: float, *, gravity: float, gravity_sigma: float = 0.0) -> Estimate:
     """g t_f^2 / 8 [m], gravity [m/s^2] along the rail: the apex above a lift-off and a landing at the same height."""
     height = gravity * time**2 / 8.0
-    spread = math.hypot(gravity * time / 4.0 * sigma, time**2 / 8.0 * gravity_sigma)
     reason = "" if math.isfinite(height) else "no complete flight"
-    return Estimate(height, spread, "m", 1, 0.0, reason)
+    estimate = Estimate(height, gravity * time / 4.0 * sigma, "m", 1, 0.0, reason)
+    return estimate.with_common(time**2 / 8.0 * gravity_sigma)  # one gravity for all jumps
 
 
 def track_flights(
