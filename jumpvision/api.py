@@ -154,10 +154,11 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
 
 def diagnose(campaign: Folder, *, results: PathLike | None = None, workers: int = 1) -> dict[str, Any]:
     """What the campaign's [model] gets wrong, where and why, and what mending it gains: diagnosis.json as a dict."""
+    from .question import STAGES
     from .question.run import question
     from .report.diagnosis import diagnosis_picture
 
-    found, outcomes, plan = _outcomes(campaign, ("rod", "bed"), results, workers, pictures=False)
+    found, outcomes, plan = _outcomes(campaign, STAGES, results, workers, pictures=False)
     data, _ = question(
         found, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=workers, draw=diagnosis_picture,
         say=_warn,

@@ -98,11 +98,12 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
     """
     from .. import show
     from ..experiment import folder_of, is_campaign
+    from ..question import STAGES
     from ..schema import InputError
 
     if not is_campaign(folder_of(path)):
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
-    campaign, outcomes, plan, _ = outcomes_of(path, ("rod", "bed", "flow", "fit"), options)
+    campaign, outcomes, plan, _ = outcomes_of(path, STAGES, options)
     made: list[Path] = []
     data = question_campaign(campaign, outcomes, plan, options, made)
     show.diagnosis(data, made, as_json=options.json)

@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 FEWEST = 20  # samples beyond their coefficients that a noise can be learned from
 APART = 3.0  # sigmas by which sources contradict each other
 STATED = 0.1  # relative standard uncertainty of a sigma that a track states
+FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
 UNCHECKED = 0.3  # the same, where nothing in the campaign checks it
 NORMAL = 3.0  # log-likelihood by which tails must be better than a normal distribution's to be told
 DEGREES = np.geomspace(1.5, 50.0, 40)  # of freedom of Student's t
@@ -194,12 +195,13 @@ def _alone(system: Jumper, weights: Sequence[Array], least: float, coarse: float
 def _tracks(stretches: Sequence[Stretch], stated: Array, frame: float) -> tuple[Array, float]:
     """(factor of each track on the typical noise, standard uncertainty of the mean power for their errors).
 
-    A track's own noise is shrunk to what its statement, or the others, let expect by how much the tracks differ.
+    A track's own noise is shrunk to what its statement, or the others, let expect by how much the tracks differ. None
+    counts as better than FINEST of the typical one.
     """
     count = stated.size
     expected = np.log(stated / np.median(stated)) if np.all(np.isfinite(stated)) else np.zeros(count)
     if samples(stretches) < FEWEST:
-        return np.exp(expected), 0.0
+        return np.maximum(np.exp(expected), FINEST), 0.0
     first = [replace(x, spread=x.spread * math.exp(expected[x.track])) for x in stretches if x.spread is not None]
     noise = estimate(first, frame)
     power, free = np.zeros(count), np.zeros(count)
@@ -216,11 +218,12 @@ def _tracks(stretches: Sequence[Stretch], stated: Array, frame: float) -> tuple[
     centre = float(np.average(apart[own], weights=free[own])) if own.any() else 0.0
     tau = spread_of([(a - centre, e) for a, e in zip(apart[own], error[own])])
     if tau == 0.0:
-        return np.exp(expected), 0.0
+        return np.maximum(np.exp(expected), FINEST), 0.0
     share = np.where(own, tau**2 / (tau**2 + error), 0.0)
     left = np.where(own, share * error, tau**2)  # variance of a track's ln s that is not known
     factor = np.exp(expected + share * (apart - centre) + left)
-    return factor / float(np.exp(np.mean(np.log(factor)))), float(np.sqrt(np.sum(4.0 * left))) / count
+    factor = np.maximum(factor / float(np.median(factor)), FINEST)
+    return factor, float(np.sqrt(np.sum(4.0 * left))) / count
 
 
 def _like(system: Jumper, i: int) -> list[int]:

@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from ..diagnosis.apparatus import is_common
 from ..diagnosis.diagnose import Diagnosis
 from ..diagnosis.fitting import Fit
 from ..diagnosis.gain import Gain
 from ..diagnosis.jumper import Jumper
+from ..diagnosis.learning import Learned
 from ..diagnosis.naming import Explanation, Naming, likely
 from ..physics.model import ROBOT
 from ..physics.parameters import MECHANISMS, ModelParameters
@@ -36,7 +38,6 @@ def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]],
             "rmse_track_m": rmse_track(d.baseline, system),
             "chi2_per_dof": d.detection.chi2_per_dof,
         },
-        "noise": {"sigma_m": d.noise.s, "correlation": d.noise.rho, "samples": d.noise.n},
         "where": [
             {
                 **c.labels, "phase_of_jump": c.part, "mean_residual_m": c.mean_residual, "z_score": c.z_score,
@@ -59,6 +60,62 @@ def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]],
         "extrapolation": {k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if best else {},
         "next_experiment": proposal(d),
     }  # fmt: skip
+
+
+HEAVY = 30.0  # degrees of freedom from which Student's t is as good as normal
+LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
+
+
+def noise_of(learned: Learned, d: Diagnosis) -> dict[str, Any]:
+    """What is known of the noise and from where, with everything about it that a reader must be warned of."""
+    n = learned.noise
+    sources = {
+        k: None if s is None else {"sigma_m": s.sigma, "log_sigma": s.log_sigma, "n": s.n}
+        for k, s in ((k, learned.sources.get(k)) for k in ("stated", "rest", "flight", "repeats"))
+    }
+    names = [j.name for j in learned.system.jumps]
+    unlike = {k: float(f) for k, f in zip(names, learned.tracks) if abs(math.log(f)) > math.log(1.5)}
+    return {
+        "sigma_m": learned.sigma,
+        "correlation": n.rho,
+        "tails": None if learned.tails > HEAVY else {"student_degrees": learned.tails},
+        "drift_m": n.drift,
+        "samples": n.n,
+        "sources": sources,
+        "scatter": {k: s for k, s in learned.scatter.items() if s > 0},
+        "tracks": unlike,
+        "outliers": [{"experiment": e, "time_s": t, "sigmas": z} for e, t, z in learned.outliers],
+        "warnings": [*learned.warnings, *agreement(d)],
+    }
+
+
+def agreement(d: Diagnosis) -> list[str]:
+    """Warnings where the best model agrees with the data too well, or not as well as the noise says."""
+    best = d.naming.best if d.naming and d.naming.named else None
+    test = best.detection if best else d.detection
+    if test is None:
+        return []
+    if test.chi2_per_dof < LOOSE:
+        return [
+            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.2g}: the noise is taken too large, "
+            "and effects may hide in it; look at where it was learned (`sources`)"
+        ]
+    if best and test.discrepant:
+        return [
+            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.3g} (p = {test.p_value:.2g}): more is "
+            "left than the noise explains"
+        ]
+    return []
+
+
+def common_of(d: Diagnosis) -> list[dict[str, Any]]:
+    """What an apparatus has wrong in common: as stated before, and as the jumps have it."""
+    fit = d.naming.best.fit if d.naming and d.naming.named else d.baseline
+    return [
+        {"quantity": p.name, "declared": p.start, "stated_sigma": p.sigma, "value": fit.named[p.name],
+         "sigma": fit.sigma(p.name), "unit": p.unit}
+        for p in fit.parameters if is_common(p.name)
+    ]  # fmt: skip
 
 
 def closest(d: Diagnosis, system: Jumper) -> dict[str, Any] | None:

@@ -1,4 +1,4 @@
-"""The added mass that grain films show, beside the one that the jumps imply: two measurements that share nothing."""
+"""What films and tests measure beside what the jumps alone imply: measurements that share nothing."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ import numpy as np
 
 from ..campaign import Outcome
 from ..diagnosis.diagnose import Diagnosis
-from ..diagnosis.fitting import Fit
+from ..diagnosis.fitting import Fit, Problem
 from ..diagnosis.jumper import Jumper, of_jump
+from ..diagnosis.measured import Measured
 from ..field.momentum import ANGLE
 from ..physics.cone import cone_mass
-from ..physics.model import Model
+from ..physics.model import ROBOT, Model
+from ..physics.parameters import MECHANISMS, ModelParameters
 from ..records import Fits, Flow
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
+CONTRADICT = 3.0  # sigmas
 AXIS = 0.5  # mm, how well the axis of the foot is known
 
 
@@ -57,25 +60,59 @@ def films(outcomes: Mapping[str, Outcome]) -> list[Film]:
     return out
 
 
-def confirmation(d: Diagnosis, system: Jumper, seen: Sequence[Film]) -> list[dict[str, Any]]:
-    """One row a film: its added mass and that of the extended model there [kg], their difference over its sigma."""
-    fit = d.naming.best.fit if d.naming and d.naming.named else d.baseline
-    own = {j.name: j.model for j in system.jumps}
+def jumps_alone(d: Diagnosis, problem: Problem) -> Fit:
+    """The model that is told, fitted to the jumps without what films and tests say of it."""
+    told = d.naming.best.fit if d.naming and d.naming.named else d.baseline
+    if not problem.measured:
+        return told
+    alone = Problem(problem.system, problem.noise, problem.scattered).fit(told.mechanisms, told.named)
+    return told if alone is None else alone
+
+
+def confirmation(alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]) -> list[dict[str, Any]]:
+    """One row for every quantity that films or tests measure and the model has: by them, by the jumps alone.
+
+    z: their difference over the sigma of both; a verdict of `contradict` beyond CONTRADICT.
+    """
+    model = system.build(alone.mechanisms, alone.named)
+    names = {n for t in model.terms for n in MECHANISMS[t].parameters} | set(ROBOT)
     rows = []
+    for m in measured:
+        for k, name in enumerate(m.names):
+            if name in names:
+                free = name in alone.named
+                jumps = alone.named[name] if free else _of(model, name)
+                by = (float(jumps), alone.sigma(name) if free else 0.0)
+                rows.append(_row(name, m.source, by, (float(m.values[k]), m.sigma(name)), _unit(name)))
+    own = {j.name: j.model for j in system.jumps}
     for film in seen:
-        mass, sigma = implied(fit, system, own.get(film.experiment, system.model), film.depth)
-        rows.append(
-            {
-                "experiment": film.experiment,
-                "depth_m": film.depth,
-                "film_kg": film.mass,
-                "film_sigma_kg": film.sigma,
-                "jumps_kg": mass,
-                "jumps_sigma_kg": sigma,
-                "z_score": (film.mass - mass) / math.hypot(sigma, film.sigma),
-            }
-        )
+        by = implied(alone, system, own.get(film.experiment, system.model), film.depth)
+        if by[0] > 0:
+            rows.append(_row("added_mass", f"film {film.experiment}", by, (film.mass, film.sigma), "kg")
+                        | {"experiment": film.experiment, "depth_m": film.depth})  # fmt: skip
     return rows
+
+
+def _row(
+    quantity: str, source: str, jumps: tuple[float, float], film: tuple[float, float], unit: str
+) -> dict[str, Any]:
+    z = (film[0] - jumps[0]) / math.hypot(film[1], jumps[1])
+    return {
+        "quantity": quantity, "unit": unit, "source": source,
+        "by_jumps": jumps[0], "by_jumps_sigma": jumps[1], "by_film": film[0], "by_film_sigma": film[1],
+        "z": z, "verdict": "contradict" if abs(z) > CONTRADICT else "agree",
+    }  # fmt: skip
+
+
+def _of(model: Model, name: str) -> float:
+    """A given value of the model or its robot; NaN where it is not given."""
+    value = getattr(model if name in ROBOT else model.parameters, name)
+    return math.nan if value is None else float(value)
+
+
+def _unit(name: str) -> str:
+    owner = Model if name in ROBOT else ModelParameters
+    return str(owner.__dataclass_fields__[name].metadata["unit"] or "1")
 
 
 def implied(fit: Fit, system: Jumper, own: Model, depth: float) -> tuple[float, float]:

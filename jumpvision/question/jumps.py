@@ -5,25 +5,27 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ..campaign import Outcome
-from ..diagnosis.jumps import Jump
+from ..diagnosis.jumps import Jump, Shared
 from ..experiment import Campaign, Experiment
+from ..logs import read_log
 from ..model_spec import ModelSpec
 from ..params import SimulateParams
 from ..records import BedHeight, RodMotion
 from ..schema import InputError, read
-from ..sections import Actuation, Bed, Motor, MotorLog, Robot
+from ..sections import Actuation, Bed, Motor, MotorLog, Robot, RodTrack, RodVideo
 from ..stage import StageWarning
 from ..stages.bed import packing
+from ..stages.common import shared_of
 from ..stages.simulate import build_model, driver
 
 FEWEST, CONDITIONS = 4, 2  # jumps, and different conditions among them, that can tell anything
 LOGGED = "logged_motion"  # kind of a jump that only a motor log describes, such as a planned one
-NOISIER = 1.5  # times the campaign's median sigma: such a track counts less
 
 
 def questioned(campaign: Campaign) -> list[Experiment]:
@@ -84,7 +86,7 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
                 "needed" + "".join(f"; left out: {why}" for why in left_out)
             ]
         )
-    return _weighted(jumps), left_out
+    return _conditioned(jumps), left_out
 
 
 def spec_of(e: Experiment) -> ModelSpec:
@@ -108,7 +110,8 @@ def _jump(e: Experiment, results: Path) -> Jump:
         warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
         model = build_model(e, e.section(Robot), spec_of(e), section, bed)
         forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams())
-    t, y, sigma = RodMotion.load(results).arrays
+    rod = RodMotion.load(results)
+    t, y, sigma = rod.arrays
     phi = packing(section, bed)[0]
     labels = {
         "kind": law.kind if law else LOGGED,
@@ -123,20 +126,28 @@ def _jump(e: Experiment, results: Path) -> Jump:
     condition = " ".join(str(x) for x in (*known, labels["volume_fraction"]))
     return Jump(
         e.name, model, forcing, stop, t, y, e.header.group or condition, condition,
-        law=log is None, labels=labels, sigma=sigma,
+        law=log is None, labels=labels, sigma=sigma if states_noise(e) else None, shared=common_errors(e, rod),
     )  # fmt: skip
 
 
-def _weighted(jumps: list[Jump]) -> list[Jump]:
-    """Trials of a group share a condition; tracks that state far more noise than most are weighted down."""
-    from dataclasses import replace
-
+def _conditioned(jumps: list[Jump]) -> list[Jump]:
+    """Trials of a group share a condition."""
     condition: dict[str, str] = {}
     for j in jumps:
         condition.setdefault(j.group, j.condition)
-    usual = float(np.median(np.concatenate([j.sigma for j in jumps if j.sigma is not None])))
-    out = []
-    for j in jumps:
-        own = float(np.median(j.sigma)) if j.sigma is not None else usual
-        out.append(replace(j, condition=condition[j.group], spread=own / usual if own > NOISIER * usual else 1.0))
-    return out
+    return [replace(j, condition=condition[j.group]) for j in jumps]
+
+
+def states_noise(e: Experiment) -> bool:
+    """Whether the noise of the track is stated: our own tracks state it, a table may."""
+    table = e.section(RodTrack)
+    if e.section(RodVideo) is not None or table is None:
+        return True
+    return "sigma_m" in read_log(table.path, "time_s", "height_m", optional=("sigma_m",), at_least=8)
+
+
+def common_errors(e: Experiment, rod: RodMotion) -> Shared:
+    """What the recording shares with others of its apparatus."""
+    s = shared_of(e)
+    lens = rod.lens
+    return Shared(s.apparatus, s.scale, s.offset, s.rate, lens if np.any(lens) else None)

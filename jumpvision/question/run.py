@@ -19,7 +19,7 @@ from ..diagnosis.fitting import Problem
 from ..diagnosis.gain import apex
 from ..diagnosis.jumper import Jumper, content
 from ..diagnosis.jumps import Jump
-from ..diagnosis.repeats import learn_noise
+from ..diagnosis.learning import Learned, learn_noise
 from ..diagnosis.shapes import Shaped
 from ..diagnosis.unexplained import unexplained
 from ..experiment import Campaign
@@ -28,16 +28,17 @@ from ..records import plain
 from ..schema import InputError
 from ..sections import PHASES, Actuation
 from ..storage import copy_aside, write_aside
-from .document import document, model_toml
+from .document import common_of, document, model_toml, noise_of, values
 from .energy import ledgers
-from .films import Film, confirmation, films
+from .films import confirmation, films, jumps_alone
 from .jumps import load_jumps, questioned, spec_of
+from .measurements import measurements
 from .sentence import confirmed, sentence
 
 Array = NDArray[np.float64]
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 6  # of the method: another one asks again
+VERSION = 7  # of the method: another one asks again
 FILE, MODEL, PICTURE = "diagnosis.json", "model.toml", "diagnosis.png"
 
 
@@ -74,23 +75,32 @@ def question(
     ranges = {n: (low, high) for n, (low, high) in spec.fit.items()}
     priors = {**spec.sigma, **robot_sigma}
     seen = films(outcomes)
-    entry = cache / "diagnose" / _key(jumps, ranges, priors, seen)
+    beside = measurements(campaign.experiments, outcomes, experiments[0].sections["robot"], jumps[0].model.volume_fraction)
+    entry = cache / "diagnose" / _key(jumps, ranges, priors, (seen, beside))
     names = (FILE, MODEL, PICTURE)[: 3 if draw else 2]
     if not all((entry / n).exists() for n in names):
         laws = [law for e in experiments if (law := e.section(Actuation)) is not None and law.moves]
         system = Jumper(jumps, ranges, priors, workers)
         try:
-            noise, scatter = learn_noise(system)
+            learned = learn_noise(system)
         except ValueError as e:
             raise InputError([f"{campaign.path}: {e}"]) from None
+        system = learned.system
         found = diagnose(
-            system, noise, np.random.default_rng(SEED), scatter=scatter, by=("kind",), stops=[j.stop for j in jumps],
-            runnable=proposals(system, laws), say=say,
+            system, learned.noise, np.random.default_rng(SEED), scatter=learned.scatter, measured=beside, by=("kind",),
+            stops=[j.stop for j in jumps], runnable=proposals(system, laws), say=say,
         )  # fmt: skip
-        left = leftover(found, Problem(system, noise, scatter), system, say)
+        problem = Problem(system, learned.noise, learned.scatter, beside)
+        left = leftover(found, problem, system, say)
         data = document(found, system, heights_of(found, system), left)
-        data |= {"energy": ledgers(found, system), "confirmation": confirmation(found, system, seen)}
+        alone = jumps_alone(found, problem)
+        data |= {"noise": noise_of(learned, found), "common": common_of(found)}
+        data |= {"energy": ledgers(found, system), "confirmation": confirmation(alone, system, seen, beside)}
+        if any(r["verdict"] == "contradict" for r in data["confirmation"]) and beside:
+            data["without_films"] = {"parameters": values(alone, system), "chi2": alone.chi2}
         data |= {"sentence": sentence(data), "confirmed": confirmed(data)}
+        for warning in data["noise"]["warnings"]:
+            say(f"warning: {warning}")
         best = found.naming.best.fit if found.naming and found.naming.named else found.baseline
         write_aside(entry / MODEL, model_toml(best, system, data["sentence"] + " Made by jumpvision diagnose."))
         if draw:
@@ -112,12 +122,15 @@ def leftover(d: Diagnosis, problem: Problem, system: Jumper, say: Callable[[str]
     return found.document()
 
 
-def _key(jumps: Sequence[Jump], ranges: Mapping[str, Any], priors: Mapping[str, float], seen: Sequence[Film]) -> str:
+def _key(jumps: Sequence[Jump], ranges: Mapping[str, Any], priors: Mapping[str, float], seen: Any) -> str:
     """Digest of everything that the diagnosis depends on."""
+    seen = [repr(x) for x in seen]  # arrays to the last bit that repr shows
     digest = hashlib.sha256(f"{VERSION} {__version__} {ranges} {priors} {seen}".encode())
     for j in jumps:
-        said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()), j.spread)
-        digest.update(repr(said).encode() + j.t.tobytes() + j.y.tobytes() + content(j.forcing))
+        said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()))
+        arrays = (j.t, j.y, j.sigma, j.shared.lens)
+        digest.update(repr(said).encode() + b"".join(b"-" if a is None else a.tobytes() for a in arrays))
+        digest.update(content(j.forcing) + repr(replace(j.shared, lens=None)).encode())
     return digest.hexdigest()[:24]
 
 

@@ -76,13 +76,23 @@ def generic(data: Mapping[str, Any], does: str) -> str:
 
 
 def confirmed(data: Mapping[str, Any]) -> str | None:
-    """The cone's mass by two measurements in plain words; None where there is no film or no cone was named."""
-    if "added_mass" not in data["named"] or not data["confirmation"]:
+    """The measurements by films and tests beside the jumps, in plain words; None where there are none."""
+    rows = data["confirmation"]
+    bad = [r for r in rows if r["verdict"] == "contradict"]
+    if bad:
+        told = "; ".join(
+            f"{r['quantity']} is {measured(r['by_film'], r['by_film_sigma'])} by {r['source']}, "
+            f"{measured(r['by_jumps'], r['by_jumps_sigma'])} by the jumps alone ({abs(r['z']):.1f} sigma apart)"
+            for r in bad
+        )
+        return f"Films and jumps contradict each other: {told}."
+    masses = [r for r in rows if r["quantity"] == "added_mass"]
+    if "added_mass" not in data["named"] or not masses:
         return None
-    row = max(data["confirmation"], key=lambda r: r["film_kg"])
-    film, jumps = (measured(1e3 * row[f"{k}_kg"], 1e3 * row[f"{k}_sigma_kg"]) for k in ("film", "jumps"))
+    row = max(masses, key=lambda r: r["by_film"])
+    film, jumps = (measured(1e3 * row[f"by_{k}"], 1e3 * row[f"by_{k}_sigma"]) for k in ("film", "jumps"))
     return (
-        f"The jumps imply {jumps} g of sand moving with the foot {1e3 * row['depth_m']:.0f} mm deep; "
+        f"The jumps alone imply {jumps} g of sand moving with the foot {1e3 * row['depth_m']:.0f} mm deep; "
         f"the grain film {row['experiment']} shows {film} g."
     )
 

@@ -192,18 +192,20 @@ def _force(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
 
 
 def _films(ax: Any, data: Mapping[str, Any]) -> None:
-    """The cone's mass as grain films show it, beside that which the jumps imply."""
-    rows = data["confirmation"]
+    """What films and tests measure of the model, over what the jumps alone imply."""
+    rows = [r for r in data["confirmation"] if r["by_jumps"]]
     if not rows:
         ax.set_axis_off()
-        ax.text(0.5, 0.5, "no grain film to confirm it with", ha="center", va="center", color=QUIET)
+        ax.text(0.5, 0.5, "no film or test to confirm it with", ha="center", va="center", color=QUIET)
         return
-    x = np.arange(len(rows))
-    for shift, key, color, label in ((-0.1, "film", MEASURED, "grain film"), (0.1, "jumps", GREEN, "the jumps imply")):
-        mass, sigma = (1e3 * np.array([r[f"{key}{s}_kg"] for r in rows]) for s in ("", "_sigma"))
-        ax.errorbar(x + shift, mass, 1.96 * sigma, fmt="o", ms=5, capsize=3, color=color, label=label)
-    ax.set_xticks(x, [f"{r['experiment']}\n{1e3 * r['depth_m']:.0f} mm deep" for r in rows])
-    ax.set_xlim(-0.6, len(rows) - 0.4)
-    ax.set_ylim(0, 1.25e3 * max(max(r["film_kg"], r["jumps_kg"]) for r in rows))
-    ax.set(title="mass moving with the foot", ylabel="added mass, 95 % [g]")
+    place = np.arange(len(rows))
+    jumps = np.array([r["by_jumps"] for r in rows])
+    for shift, key, color, label in ((-0.12, "film", MEASURED, "film or test"), (0.12, "jumps", GREEN, "jumps alone")):
+        value, sigma = (np.array([r[f"by_{key}{s}"] for r in rows]) / jumps for s in ("", "_sigma"))
+        ax.errorbar(value, place + shift, xerr=1.96 * np.abs(sigma), fmt="o", ms=5, capsize=3, color=color, label=label)
+    apart = ["  contradict" if r["verdict"] == "contradict" else "" for r in rows]
+    ax.set_yticks(place, [f"{r['quantity'].replace('_', ' ')}{a}" for r, a in zip(rows, apart)])
+    ax.axvline(1.0, color=QUIET, lw=0.8)
+    ax.invert_yaxis()
+    ax.set(title="measured by other means", xlabel="over the jumps' value; bars 95 %")
     ax.legend()

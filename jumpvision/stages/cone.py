@@ -201,6 +201,9 @@ def grown_cone(
             math.degrees(cone.theta), math.degrees(float(wide[2])), "degree", curve.n, cone.chi2, cone.reason
         ),
     }
+    for name, (i, j) in {"C_mu": (0, 1), "C_theta": (0, 2), "mu_theta": (1, 2)}.items():
+        shared = cone.covariance[i, j] * max(1.0, cone.chi2) / (wide[i] * wide[j])
+        out[f"correlation_{name}"] = Estimate(float(shared), NAN, "", curve.n, cone.chi2, cone.reason)
     # density goes with phi, and so does the mass: of the two only the slope at the surface has its error
     out["cone_slope_kg_m"] = scaled(out["cone_slope_kg_m"], phi_share)
     if not f.attrs["scale_share"]:
@@ -210,4 +213,4 @@ def grown_cone(
         "cone_slope_kg_m": other.slope - curve.slope, "mu_over_tan_theta": other.narrowing - curve.narrowing,
         "C": moved.C - cone.C, "mu_cone": moved.mu - cone.mu, "theta_cone_deg": math.degrees(moved.theta - cone.theta),
     }  # fmt: skip
-    return {k: e.with_common(abs(changes[k])) for k, e in out.items()}
+    return {k: e.with_common(abs(changes[k])) if k in changes else e for k, e in out.items()}
