@@ -31,6 +31,8 @@ from .shared_world import Film, World, physical, stated, world
 
 LOW, HIGH, LEAST = 0.86, 0.94, 0.80  # bars: coverage of all named parameters, and of each one at least
 PLANTED, FLAGGED, FALSE = 5.0, 0.95, 0.02  # sigma of a planted contradiction; bars
+API = (("jumpvision.diagnosis.jumps", "Shared"), ("jumpvision.diagnosis.measured", "Measured"),
+       ("jumpvision.diagnosis.measured", "confirmation"))  # fmt: skip
 ROBOT = ("spring_stiffness", "gravity")  # with stated sigmas in every campaign
 
 
@@ -57,20 +59,20 @@ def part(module: str, name: str) -> Any:
 
 def sharing(jumps: Sequence[Jump]) -> list[Jump]:
     """The jumps, each with what is stated of the camera that all share."""
-    shared = part("jumpvision.diagnosis.jumps", "Shared")(**stated())
+    shared = part(*API[0])(**stated())
     changed: dict[str, Any] = {"shared": shared}
     return [replace(j, **changed) for j in jumps]
 
 
 def measured(film: Film) -> Any:
     """A film as the analysis takes it."""
-    record = part("jumpvision.diagnosis.measured", "Measured")
+    record = part(*API[1])
     return record(film.names, film.values, film.covariance, film.source)
 
 
 def confirmation(d: Diagnosis, system: Any, film: Any) -> list[dict[str, Any]]:
     """Rows with quantity, by_jumps, by_film, z, verdict."""
-    rows: list[dict[str, Any]] = part("jumpvision.diagnosis.measured", "confirmation")(d, system, [film])
+    rows: list[dict[str, Any]] = part(*API[2])(d, system, [film])
     return rows
 
 
@@ -248,6 +250,12 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--rows", help="file of one JSON line a campaign; those already there are not made again")
     args = parser.parse_args()
+    if not args.undeclared:
+        try:
+            for module, name in API:
+                part(module, name)
+        except ImportError as e:
+            parser.error(f"{e}; only --undeclared can be asked without it")
     cases = [Case(i, args.undeclared) for i in range(args.campaigns)]
     print(report(gather(cases, run, args.rows, args.workers)))
 

@@ -262,7 +262,7 @@ def split(rows: Sequence[Row], cell: Cell) -> tuple[list[Row], list[Row]]:
 
 
 def verdict(rows: Sequence[Row], asked: Sequence[Cell]) -> list[str]:
-    """Cells beyond their bar, said to be so where the interval leaves no doubt; why campaigns failed."""
+    """Cells beyond their bar, `surely` where the interval leaves no doubt; cells whose learned s is off; failures."""
     out = []
     for cell in asked:
         good, _ = split(rows, cell)
@@ -275,6 +275,9 @@ def verdict(rows: Sequence[Row], asked: Sequence[Cell]) -> list[str]:
         surely = low > bar if high else up < bar
         if beyond:
             out.append(f"* {cell.name}: {share(count, len(good))}, bar {100 * bar:g} %{': surely' if surely else ''}")
+        if cell.table == "null":
+            off = float(np.median(np.concatenate([r["ratio"] for r in good])))
+            out += [f"* {cell.name}: learned s {off:.3f} times the true one"] if abs(off - 1.0) > NEAR else []
     reasons = Counter(r["failed"] for r in rows if "failed" in r)
     return out + [f"* failed {n} times: {why}" for why, n in reasons.most_common()]
 
