@@ -32,6 +32,7 @@ def intrusion_rows(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str
             "experiment": e.name,
             "foot_radius_m": robot.foot_radius if robot else None,
             "volume_fraction": summary.get("volume_fraction") or (bed.volume_fraction if bed else None),
+            "sigma_common_volume_fraction": summary.get("sigma_common_volume_fraction"),
             "p_one_slope": record["p_one_slope"],
         }
         for name in COLUMNS:
@@ -41,11 +42,21 @@ def intrusion_rows(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str
     return rows
 
 
+def phi_share(rows: list[dict[str, Any]]) -> float:
+    """Relative uncertainty that the volume fractions of all rows share, by the scale of the bed's camera.
+
+    It moves every place on the axis of volume fractions alike and does not average out over the rows.
+    """
+    known = [r for r in rows if r["volume_fraction"]]
+    shares = [(r.get("sigma_common_volume_fraction") or 0.0) / r["volume_fraction"] for r in known]
+    return sum(shares) / len(shares) if shares else 0.0
+
+
 def intrusion_laws(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Exponents over the feet, bends over the packing (k1 per foot area, ripples), and the cone's misfit by radius."""
     import numpy as np
 
-    from .fit.estimate import Estimate
+    from .fit.estimate import Estimate, widened
     from .fit.kink import bend_of
     from .fit.scaling import radius_exponent
 
@@ -68,6 +79,11 @@ def intrusion_laws(rows: list[dict[str, Any]]) -> dict[str, Any]:
     )  # of a variance below 0 the amplitude is 0, its sigma the largest
     spread = np.where(ripple > sigma, sigma / np.maximum(amplitude, 1e-12), np.sqrt(2.0 * sigma))
     laws["phi_c_from_ripple"], *out["phi_c_from_ripple_ci95"] = bend_of(phi, amplitude, spread, unit="", flat=True)
+    share = phi_share(rows)
+    for name in ("phi_c_from_k1", "phi_c_from_ripple"):
+        common, (low, high) = share * laws[name].value, out[f"{name}_ci95"]
+        out[f"{name}_ci95"] = list(widened(laws[name].value, low, high, common))
+        laws[name] = laws[name].with_common(common) if share else laws[name]
     return {
         "laws": {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in laws.items()},
         **out,
@@ -85,6 +101,7 @@ def bed_laws(rows: list[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Any]
 
     import numpy as np
 
+    from .fit.estimate import widened
     from .physics.packing_laws import fit_packing_law
 
     feet = Counter(r["foot_radius_m"] for r in rows if r["foot_radius_m"] and r["volume_fraction"] is not None)
@@ -92,6 +109,7 @@ def bed_laws(rows: list[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Any]
         return {}, {}
     foot = feet.most_common(1)[0][0]
     known = [r for r in rows if r["foot_radius_m"] == foot and r["volume_fraction"] is not None]
+    share = phi_share(known)
     laws: dict[str, Any] = {"foot_radius": foot}
     numbers: dict[str, Any] = {}
     for name in LAWFUL:
@@ -104,9 +122,13 @@ def bed_laws(rows: list[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Any]
         law = fit.law if kinked else fit.line
         laws[name] = {"phi": list(law.phi), "value": list(law.value)}
         at = zip(("phi_c", "value_c", "slope_below", "slope_above"), np.sqrt(np.diag(fit.covariance)))
-        numbers[name] = {n: {"value": getattr(fit, n), "sigma": float(x)} for n, x in at} | {
-            "phi_c_ci95": list(fit.interval), "p_straight": fit.p_straight, "chi2": fit.chi2, "n": fit.n,
-            "kinked": kinked,
+        common = {n: share * abs(getattr(fit, n)) for n in ("phi_c", "slope_below", "slope_above")} | {"value_c": 0.0}
+        numbers[name] = {
+            n: {"value": getattr(fit, n), "sigma": float(np.hypot(x, common[n])), "sigma_common": common[n]}
+            for n, x in at
+        } | {
+            "phi_c_ci95": list(widened(fit.phi_c, *fit.interval, common["phi_c"])), "p_straight": fit.p_straight,
+            "chi2": fit.chi2, "n": fit.n, "kinked": kinked,
         }  # fmt: skip
     return (laws, numbers) if numbers else ({}, {})
 

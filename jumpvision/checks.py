@@ -1,15 +1,16 @@
-"""What `check` says beyond the validity of a folder: the geometry of its bed, before anything is measured."""
+"""What `check` says beyond the validity of a folder: the geometry of its bed, and what is taken as exact."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from typing import Any
 
 from .experiment import Experiment
 from .model_spec import ModelSpec
 from .params import GeometryParams
 from .schema import read
-from .sections import Actuation, Bed, Fan, NotApplicable, Robot
+from .sections import Actuation, Bed, Calibration, Fan, NotApplicable, Robot
 from .stage import StageWarning
 from .stages.geometry import geometry
 
@@ -27,3 +28,20 @@ def check_geometry(experiment: Experiment) -> tuple[dict[str, Any] | None, list[
         except NotApplicable:
             return None, []
     return found.values, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+
+
+def exact_scales(experiments: Iterable[Experiment]) -> str:
+    """One note on all sections whose scale is taken as exact, "" where none is; marks bring their own uncertainty."""
+    bare: dict[str, None] = {}
+    for e in experiments:
+        calibration = e.section(Calibration)
+        for name, section in e.sections.items():
+            marked = calibration is not None and calibration.marks and name not in ("crater_depth", "piv_field")
+            if getattr(section, "scale", None) and not section.scale_sigma and not marked:
+                bare[f"[{name}]"] = None
+    if not bare:
+        return ""
+    return (
+        f"the scale of {', '.join(bare)} is taken as exact, so no sigma holds its error, which all experiments share: "
+        "give scale_sigma (m/px, its standard uncertainty), or marks in [calibration]"
+    )

@@ -59,6 +59,8 @@ class Table(Record):
     table: pd.DataFrame
     columns: ClassVar[tuple[str, ...]]
 
+    further: ClassVar[tuple[str, ...]] = ()  # columns that are not in every file
+
     def __post_init__(self) -> None:
         missing = [c for c in self.columns if c not in self.table.columns]
         if missing:
@@ -116,6 +118,7 @@ class Track(Table):
     others: tuple[pd.DataFrame, ...] = ()
 
     file = "track.csv"
+    further = ("sigma_common_m", "exposure_shift_m", "lens_m")
     columns = ("frame", "time_s", "x_px", "y_px", "sigma_px", "height_m", "sigma_m", "flag")
 
     def save(self, folder: Path) -> None:
@@ -137,15 +140,50 @@ class Track(Table):
 
 
 class RodMotion(Table):
-    """Height of the rod [m] against time, zero at rest, only where it is known."""
+    """Height of the rod [m] against time, zero at rest, only where it is known.
+
+    sigma_m is all of a height's standard uncertainty, sigma_common_m the part that other recordings share; lens_m the
+    signed change of the height by one standard uncertainty of the lens' k1, where that is stated.
+    """
 
     file = "rod.csv"
     columns = ("time_s", "height_m", "sigma_m")
+    further = ("sigma_common_m", "lens_m")
 
     @property
     def arrays(self) -> tuple[Any, Any, Any]:
-        """time [s], height [m], sigma [m] as numpy arrays."""
-        return tuple(self.table[c].to_numpy(float) for c in self.columns)
+        """time [s], height [m] and the independent part of sigma [m], by which fits weight, as numpy arrays."""
+        from .fit.estimate import independent
+
+        time, height, sigma = (self.table[c].to_numpy(float) for c in self.columns)
+        return time, height, independent(sigma, self.common)
+
+    @property
+    def common(self) -> Any:
+        """The part of sigma [m] that other recordings share, (n,); zeros in a file from before it was stated."""
+        return self._further("sigma_common_m")
+
+    @property
+    def lens(self) -> Any:
+        """Signed change of each height [m] by one standard uncertainty of k1, (n,); zeros where it is exact."""
+        return self._further("lens_m")
+
+    @property
+    def scale_share(self) -> float:
+        """Relative standard uncertainty of all heights above rest (scale and tilt), from the one farthest from rest."""
+        import numpy as np
+
+        from .fit.estimate import independent
+
+        height = np.abs(self.table.height_m.to_numpy(float))
+        far = int(np.argmax(height))
+        by_scale = independent(self.common, np.abs(self.lens))[far]
+        return float(by_scale / height[far]) if height[far] > 0.0 else 0.0
+
+    def _further(self, column: str) -> Any:
+        import numpy as np
+
+        return self.table[column].to_numpy(float) if column in self.table else np.zeros(len(self.table))
 
 
 class BedHeight(Values):

@@ -39,7 +39,7 @@ def test_the_same_as_jump_by_jump(ground, shift):
     tracks = Tracks(jumps, stops, times)
     out = np.full(tracks.t.size, -1.0)
     which, models = [0, 2, 3, 1], [model, other, model, other]
-    tracks.heights(which, models, shift, out, rtol=1e-8, atol=1e-10)
+    tracks.heights(which, models, tracks.t + shift, out, rtol=1e-8, atol=1e-10)
     for i, m in zip(which, models):
         t = times[i] + shift
         lead = [jumps[i].start] if t[0] > jumps[i].start else []
@@ -50,7 +50,7 @@ def test_the_same_as_jump_by_jump(ground, shift):
 def test_only_the_jumps_asked_for_are_written():
     tracks = Tracks(forcings()[:2], [0.4, 0.6], [np.arange(0.0, 0.5, 2e-3)] * 2)
     out = np.full(tracks.t.size, -1.0)
-    tracks.heights([1], [SAND], 0.0, out, rtol=1e-7, atol=1e-9)
+    tracks.heights([1], [SAND], tracks.t, out, rtol=1e-7, atol=1e-9)
     assert np.all(out[tracks.places[0]] == -1.0) and np.all(out[tracks.places[1]] > -1.0)
 
 
@@ -59,11 +59,11 @@ def test_a_bed_that_cannot_carry_gives_nan_and_a_loop_with_a_lag_is_refused():
     tracks = Tracks(forcings()[:1], [0.4], [np.arange(0.0, 0.5, 2e-3)])
     out = np.zeros(tracks.t.size)
     weak = dataclasses.replace(soft, parameters=dataclasses.replace(soft.parameters, k1=1.0))
-    tracks.heights([0], [weak], 0.0, out, rtol=1e-7, atol=1e-9)
+    tracks.heights([0], [weak], tracks.t, out, rtol=1e-7, atol=1e-9)
     assert np.isnan(out).all()
     lag = dataclasses.replace(
         HARD, terms=("motor_lag",), parameters=dataclasses.replace(HARD.parameters, tau=4e-3)
     )  # fmt: skip
     looped = Tracks(forcings()[3:], [0.4], [np.arange(0.0, 0.5, 2e-3)])
     with pytest.raises(ValueError, match="motor_lag"):
-        looped.heights([0], [lag], 0.0, out, rtol=1e-7, atol=1e-9)
+        looped.heights([0], [lag], looped.t, out, rtol=1e-7, atol=1e-9)

@@ -61,7 +61,8 @@ for _name, _text in {
 
 @app.command
 def check(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """Validate a folder: every problem with file, section, key, value and remedy; walls, floor and air of the bed.
+    """Validate a folder: every problem with file, section, key, value and remedy; walls, floor and air of the bed;
+    a scale that is taken as exact.
 
     Example: jumpvision check data_samples/loose_sand
     """
@@ -70,19 +71,22 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     campaign = open_folder(path, options)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
-    from ..checks import check_geometry
+    from ..checks import check_geometry, exact_scales
 
     found = {e.name: check_geometry(e) for e in campaign.experiments}
     data = {
         "path": str(path), "problems": [], "experiments": rows,
         "geometry": (numbers := {n: values for n, (values, _) in found.items() if values is not None}),
         "warnings": [f"{n}: {text}" for n, (_, texts) in found.items() for text in texts],
+        "notes": [text for text in (exact_scales(campaign.experiments),) if text],
     }  # fmt: skip
     show.result(data, rows, as_json=options.json)
     if not options.json:
         show.geometry(numbers)
     for text in data["warnings"]:
         show.line(f"warning: {text}")
+    for text in data["notes"]:
+        show.line(f"note: {text}")
     return DONE
 
 

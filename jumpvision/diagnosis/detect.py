@@ -60,14 +60,9 @@ class Span:
     """
 
     def __init__(self, fit: Fit, without: str | None = None) -> None:
-        priors = [(i, p) for i, p in enumerate(fit.parameters) if math.isfinite(p.sigma)]
-        self.lengths = [r.size for r in fit.residuals]
-        self.extra = len(priors)
-        pull = np.array([(p.start - fit.values[i]) / p.sigma for i, p in priors])
+        rows, pull = fit.known.rows, fit.known.pull(fit.values)
+        self.lengths, self.extra = [r.size for r in fit.residuals], pull.size
         self.residual = np.concatenate([*fit.residuals, pull])
-        rows = np.zeros((self.extra, len(fit.parameters)))
-        for k, (i, p) in enumerate(priors):
-            rows[k, i] = 1.0 / p.sigma
         # a parameter at the end of its range cannot take up what would push it further
         free = [not p.at_end(x) and p.name != without for p, x in zip(fit.parameters, fit.values)]
         matrix = np.vstack([*fit.jacobian, rows])[:, free]
@@ -143,9 +138,11 @@ def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.rando
     residual = span.off(span.residual)
     dof = max(problem.n + span.extra - span.basis.shape[1], 1)
     chi2 = float(residual @ residual)
-    spread = math.sqrt(2.0 / dof + (2.0 / problem.noise.n if problem.noise.n else 0.0))  # the noise is an estimate too
+    noise = problem.noise  # which is an estimate too
+    doubt = noise.log_power**2 or (2.0 / noise.n if noise.n else 0.0)
+    spread = math.sqrt((noise.kurtosis - 1.0) / dof + doubt)
     p_chi2 = float(stats.norm.sf(math.log(chi2 / dof) / spread + 0.5 * spread)) if chi2 > 0 else 1.0
-    score, tau = np.array([d.vector @ residual for d in found]), problem.noise.log_sigma
+    score, tau = np.array([d.vector @ residual for d in found]), noise.log_sigma
     p_score = 1.0
     if found:
         matrix = np.stack([d.vector for d in found], axis=1)

@@ -11,6 +11,7 @@ from .detect import Detection, detect, directions
 from .fitting import Fit, Problem
 from .gain import Gain, extrapolation, gain
 from .locating import Cell, locate
+from .measured import Measured
 from .naming import Naming, name
 from .noise import Noise
 from .proposing import Proposal, Runnable, propose
@@ -44,17 +45,19 @@ def diagnose(
     rng: np.random.Generator,
     *,
     scatter: Mapping[str, float] | None = None,
+    measured: Sequence[Measured] = (),
     by: Sequence[str] = (),
     stops: Sequence[float] | None = None,
     runnable: Sequence[Runnable] = (),
     say: Say = lambda text: None,
 ) -> Diagnosis:
     """Questions a system. by: labels of the observations to report by. stops: time after which each one's apex counts.
-    scatter: standard deviations of what differs from trial to trial (System.scatter).
+    scatter: standard deviations of what differs from trial to trial (System.scatter). measured: of parameters, by other
+    means.
 
     Raises ValueError when the baseline cannot be followed on the data.
     """
-    problem = Problem(system, noise, scatter)
+    problem = Problem(system, noise, scatter, measured)
     say("fitting the baseline")
     base = fit_baseline(problem, rng)
     say("testing it")

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from .measured import Known, Measured, known
 from .noise import Noise, whiten
 from .system import Observation, Parameter, System, parameters
+from .wander import shapes
 
 Array = NDArray[np.float64]
 
@@ -20,7 +22,7 @@ ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 VALLEY = 0.02  # nor is a damped one, unless the free step promised more than this: then it creeps along a valley
 
 
-Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its trial's scatter, and their size
+Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its scatter and wander, and their size
 
 
 class Whitening:
@@ -30,6 +32,8 @@ class Whitening:
         self.weights = noise.weights(o.t, o.spread)
         level = whiten(*self.weights, np.ones(o.t.size))
         self.level = level / np.linalg.norm(level)
+        columns = shapes(o.t, noise.reach) * noise.drift if noise.drift > 0 else np.zeros((o.t.size, 0))
+        self.wander = self.levelled(columns)
 
     def levelled(self, r: Array) -> Array:
         """Columns r (n,) or (n, k) whitened, their unknown zero level projected out."""
@@ -47,13 +51,19 @@ class Whitening:
         return white + q @ ((shrink[:, None] if white.ndim == 2 else shrink) * (q.T @ white))
 
 
+def _axes(columns: Array) -> tuple[Array, Array]:
+    """Orthonormal directions (n, k) of what is spread along columns (n, k), and how far (k,)."""
+    q, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return q, size
+
+
 @dataclass
 class Fit:
     """A fitted model. values: parameters in their order; covariance of them by the curvature at the end.
 
     residuals: whitened, one array an observation; jacobian: d(whitened prediction)/d(parameters), the same rows.
     chi2: residuals and priors, chi2_first where the fit began; converged: no step was worth taking any more.
-    log_evidence: Laplace's approximation, up to a constant that all models share.
+    log_evidence: Laplace's approximation, up to a constant that all models share. known: priors and measurements.
     """
 
     mechanisms: tuple[str, ...]
@@ -67,6 +77,7 @@ class Fit:
     frame: Frame = field(default_factory=list)
     chi2_first: float = math.inf
     converged: bool = False
+    known: Known = field(default_factory=lambda: Known(np.zeros((0, 0)), np.zeros(0)))
 
     @property
     def at_low(self) -> dict[str, float]:
@@ -85,14 +96,22 @@ class Fit:
 class Problem:
     """A system with its noise: residuals, derivatives and fits over all or some observations.
 
-    scatter: standard deviation of what differs from trial to trial, by the names of System.scatter.
+    scatter: standard deviation of what differs from trial to trial, by the names of System.scatter. measured: what is
+    known of parameters by other means than these motions.
     """
 
-    def __init__(self, system: System, noise: Noise, scatter: Mapping[str, float] | None = None) -> None:
-        self.system, self.noise = system, noise
+    def __init__(
+        self,
+        system: System,
+        noise: Noise,
+        scatter: Mapping[str, float] | None = None,
+        measured: Sequence[Measured] = (),
+    ) -> None:
+        self.system, self.noise, self.measured = system, noise, tuple(measured)
         self.scattered = {n: s for n, s in (scatter or {}).items() if s > 0}
         self.all = tuple(range(len(system.observations)))
         self.whitening = [Whitening(noise, o) for o in system.observations]
+        self.steady = [_axes(w.wander) for w in self.whitening]
 
     @property
     def n(self) -> int:
@@ -102,19 +121,16 @@ class Problem:
     def frame(
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int] | None = None
     ) -> Frame:
-        """How trials scatter about this model, observation by observation."""
+        """How trials scatter about this model, and tracks wander, observation by observation."""
         which = self.all if which is None else which
-        observations = self.system.observations
-        effects = self.system.scatter(mechanisms, values, which) if self.scattered else {}
+        if not self.scattered:
+            return [self.steady[i] for i in which]
+        effects = self.system.scatter(mechanisms, values, which)
         out: Frame = []
         for k, i in enumerate(which):
-            o = observations[i]
             columns = [np.nan_to_num(effects[n][k]) * s for n, s in self.scattered.items() if n in effects]
-            if columns:
-                q, size, _ = np.linalg.svd(self.whitening[i].levelled(np.stack(columns, axis=1)), full_matrices=False)
-                out.append((q, size))
-            else:
-                out.append((np.zeros((o.t.size, 0)), np.zeros(0)))
+            white = self.whitening[i].levelled(np.stack(columns, axis=1))
+            out.append(_axes(np.hstack([white, self.whitening[i].wander])))
         return out
 
     def residuals(
@@ -168,8 +184,8 @@ class Problem:
         """chi^2 of residuals and priors at some values, without a fit; inf where the model cannot be followed."""
         free = parameters(self.system, mechanisms)
         r = self.residuals(mechanisms, {p.name: values.get(p.name, p.start) for p in free}, which)
-        pull = sum(((values.get(p.name, p.start) - p.start) / p.sigma) ** 2 for p in free)
-        return math.inf if r is None else float(sum(a @ a for a in r) + pull)
+        pull = known(free, self.measured).pull(np.array([values.get(p.name, p.start) for p in free]))
+        return math.inf if r is None else float(sum(a @ a for a in r) + pull @ pull)
 
     def fit(
         self,
@@ -183,7 +199,7 @@ class Problem:
         names = [p.name for p in free]
         axes = Axes(free)
         x = axes.inward(np.array([(start or {}).get(p.name, p.start) for p in free], float))
-        centre, weight = np.array([p.start for p in free]), np.array([1.0 / p.sigma**2 for p in free])
+        before = known(free, self.measured)
 
         def residuals(x: Array, frame: Frame) -> list[Array] | None:
             return self.residuals(mechanisms, dict(zip(names, axes.values(x).tolist())), which, frame)
@@ -192,7 +208,8 @@ class Problem:
             return self.frame(mechanisms, dict(zip(names, axes.values(x).tolist())), which)
 
         def cost(r: list[Array], x: Array) -> float:
-            return float(sum(a @ a for a in r) + np.sum(weight * (axes.values(x) - centre) ** 2))
+            pull = before.pull(axes.values(x))
+            return float(sum(a @ a for a in r) + pull @ pull)
 
         frame = framed(x)
         if (r := residuals(x, frame)) is None:
@@ -203,8 +220,8 @@ class Problem:
         for _ in range(iterations if free else 0):
             rate = axes.rate(x)
             scales = np.array([p.scale for p in free]) / rate
-            hessian = (sum((j.T @ j for j in jac), np.diag(weight)) * rate).T * rate
-            slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) - weight * (axes.values(x) - centre))
+            hessian = (sum((j.T @ j for j in jac), before.precision) * rate).T * rate
+            slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) + before.rows.T @ before.pull(axes.values(x)))
             gain = 0.0
             for _ in range(12):
                 step = _bounded(hessian, slope, damping, scales, x, axes.low, axes.high)
@@ -227,7 +244,7 @@ class Problem:
                 break
         else:
             converged = not free
-        fit = self._finish(mechanisms, free, axes.values(x), r, jac, best, weight)
+        fit = self._finish(mechanisms, free, axes.values(x), r, jac, best, before)
         fit.chi2_first, fit.converged, fit.frame = first, converged, frame
         fit.log_evidence -= 0.5 * sum(float(np.sum(np.log1p(size * size))) for _, size in frame)
         return fit
@@ -240,9 +257,9 @@ class Problem:
         r: list[Array],
         jac: list[Array],
         chi2: float,
-        weight: Array,
+        before: Known,
     ) -> Fit:
-        hessian = sum((j.T @ j for j in jac), np.zeros((x.size, x.size))) + np.diag(weight)
+        hessian = sum((j.T @ j for j in jac), np.zeros((x.size, x.size))) + before.precision
         # a parameter that the data do not touch is as wide as its range
         width = np.array([p.high - p.low for p in free])
         full: Array = np.asarray(hessian + np.diag(12.0 / width**2))
@@ -251,7 +268,8 @@ class Problem:
         if x.size:
             prior = sum(math.log(p.width) for p in free)
             evidence += 0.5 * (x.size * math.log(2 * math.pi) - np.linalg.slogdet(full)[1]) - prior
-        return Fit(mechanisms, free, x, r, jac, chi2, covariance, float(evidence))
+            evidence -= before.log_chance
+        return Fit(mechanisms, free, x, r, jac, chi2, covariance, float(evidence), known=before)
 
 
 class Axes:

@@ -19,6 +19,7 @@ from jumpvision.physics.model import BED, ROBOT, Model
 from jumpvision.physics.tracks import Tracks
 from jumpvision.schema import InputError
 
+from .apparatus import common, groups, is_common, value
 from .jumps import Jump, coarseness, observation
 from .system import Observation, Parameter
 from .vocabulary import candidates
@@ -48,7 +49,9 @@ class Jumper:
         self.jumps = list(jumps)
         self.model = self.jumps[0].model
         self.workers, self.pool = workers, ThreadPoolExecutor(workers)
-        self.baseline = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
+        own = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
+        self.baseline = (*own, *common(self.jumps))
+        self.apparatus = groups(self.jumps)
         drives = all(j.law for j in self.jumps)
         self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
         self.observations: list[Observation] = []
@@ -57,7 +60,7 @@ class Jumper:
         for jump, motion in zip(self.jumps, motions):
             self.observations.append(observation(jump, motion, coarse))
         # trials made alike are simulated once
-        keys = [_key(j, o.t) for j, o in zip(self.jumps, self.observations)]
+        keys = [(_key(j, o.t), k) for j, o, k in zip(self.jumps, self.observations, self.apparatus)]
         self.like = [keys.index(k) for k in keys]
         own = [_own(j.model) for j in self.jumps]
         self.same_model = [own.index(o) for o in own]
@@ -65,26 +68,35 @@ class Jumper:
             [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
         )
 
+    def weighted(self, factors: Sequence[Array]) -> Jumper:
+        """The same jumps with a factor on the noise of every reading: by jump, (n,) as its track."""
+        out = copy.copy(self)
+        out.observations = [
+            replace(o, spread=f[np.searchsorted(j.t, o.t)])
+            for o, j, f in zip(self.observations, self.jumps, factors)
+        ]
+        return out
+
     def _free(self, name: str, limits: tuple[float, float] | None, sigma: float | None) -> Parameter:
         owner: Any = self.model if name in ROBOT else self.model.parameters
         meta = type(owner).__dataclass_fields__[name].metadata
-        value = getattr(owner, name)
-        if value is None and limits is None:
+        given = getattr(owner, name)
+        if given is None and limits is None:
             raise InputError([f"[model.sigma] {name}: a prior on a value that the model does not give; give {name}"])
-        value = 0.5 * sum(limits) if value is None and limits else float(value)
+        start = 0.5 * sum(limits) if given is None and limits else float(given)
         least = meta.get("lo")
         spread = sigma or math.inf
         if limits is None:
             assert sigma is not None
-            limits = (value - 8 * sigma, value + 8 * sigma)
+            limits = (start - 8 * sigma, start + 8 * sigma)
             limits = (max(limits[0], float(least)) if least is not None else limits[0], limits[1])
         scale = min(0.1 * (limits[1] - limits[0]), spread if math.isfinite(spread) else math.inf)
-        return Parameter(name, value, limits[0], limits[1], scale, spread, meta["unit"])
+        return Parameter(name, start, limits[0], limits[1], scale, spread, meta["unit"])
 
     def build(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Model:
         """The model of the first jump with these mechanisms and values. Raises InputError where it cannot be."""
         base = self.model
-        values = {n: v for n, v in values.items() if n not in SCATTER}
+        values = {n: v for n, v in values.items() if n not in SCATTER and not is_common(n)}
         terms = list(base.terms)
         for name in mechanisms:
             gone = self.candidates[name].replaces
@@ -104,18 +116,29 @@ class Jumper:
         runs = sorted({self.like[i] for i in which})
         used = {k: of_jump(model, self.jumps[k].model, values) for k in {self.same_model[i] for i in runs}}
         out = np.full(self.tracks.t.size, np.nan)
-        shift = model.time_shift - values.get("start", 0.0)
+        times = self.tracks.t + (model.time_shift - values.get("start", 0.0))
+        for i in runs:
+            k, here = self.apparatus[i], self.tracks.places[i]
+            times[here] += value(values, "offset", k) + value(values, "rate", k) * self.tracks.t[here]
 
         def follow(some: Sequence[int]) -> None:
             models = [used[self.same_model[i]] for i in some]
-            self.tracks.heights(some, models, shift, out, rtol=RTOL, atol=ATOL)
+            self.tracks.heights(some, models, times, out, rtol=RTOL, atol=ATOL)
 
         try:
             list(self.pool.map(follow, [part for k in range(self.workers) if (part := runs[k :: self.workers])]))
         except ValueError:
             out[:] = np.nan
         out *= model.camera_factor
-        return [out[self.tracks.places[self.like[i]]] for i in which]
+        return [self._seen(i, out[self.tracks.places[self.like[i]]], values) for i in which]
+
+    def _seen(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
+        """True heights of an observation as its apparatus reports them [m]."""
+        k, jump, o = self.apparatus[i], self.jumps[i], self.observations[i]
+        height = height * value(values, "scale", k)
+        if jump.shared.lens is not None:
+            height = height + value(values, "lens", k) * jump.shared.lens[np.searchsorted(jump.t, o.t)]
+        return height
 
     def scatter(
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]

@@ -26,11 +26,27 @@ DITHER = 1.0  # rounding steps: readings at rest that scatter by more leave noth
 
 
 @dataclass(frozen=True)
+class Shared:
+    """Errors that all jumps recorded with one apparatus share, as standard uncertainties about what is declared.
+
+    scale: of reported over true height; offset [s], rate: of the clock, a frame stamped t shows t + offset + rate t;
+    lens: (n,) change of the reported height [m] by one sigma of the lens.
+    """
+
+    apparatus: str = ""
+    scale: float = 0.0
+    offset: float = 0.0
+    rate: float = 0.0
+    lens: Array | None = None
+
+
+@dataclass(frozen=True)
 class Jump:
     """One measured jump: rod height above rest y (n,) [m] at t (n,) [s], what drove it, the model questioned.
 
     stop: when the motor stops [s]. labels: kind, frequency, phi, ... to report by. law: the command is what drives.
-    sigma: (n,) noise that the track itself states [m], if any. spread: factor on the campaign's noise.
+    sigma: (n,) noise that the track itself states [m], if any. shared: what it has in common with others of its
+    apparatus.
     """
 
     name: str
@@ -44,7 +60,7 @@ class Jump:
     law: bool
     labels: Mapping[str, Any] = field(default_factory=dict)
     sigma: Array | None = None
-    spread: float = 1.0
+    shared: Shared = field(default_factory=Shared)
 
 
 def coarseness(jumps: Sequence[Jump]) -> float:
@@ -67,8 +83,7 @@ def observation(jump: Jump, motion: Motion, coarse: float) -> Observation:
         keep = keep[step_apart(motion.rod[-jump.t.size :][keep], coarse)]
     parts = parts_of(motion, jump)[-jump.t.size :][keep]
     return Observation(
-        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts,
-        spread=np.full(keep.size, jump.spread) if jump.spread != 1.0 else None,
+        jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts
     )  # fmt: skip
 
 

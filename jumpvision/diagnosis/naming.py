@@ -207,8 +207,8 @@ def _pairs(problem: Problem, base: Fit, singles: Sequence[Fit], tests: dict[tupl
 def held_out_score(problem: Problem, fit: Fit) -> float:
     """Log-likelihood of each condition as predicted from the others, summed; by the curvature at the full fit."""
     n = len(fit.parameters)
-    prior = np.array([1.0 / p.sigma**2 + 12.0 / (p.high - p.low) ** 2 for p in fit.parameters])
-    hessian = sum((j.T @ j for j in fit.jacobian), np.diag(prior) if n else np.zeros((0, 0)))
+    wide = np.array([12.0 / (p.high - p.low) ** 2 for p in fit.parameters])
+    hessian = sum((j.T @ j for j in fit.jacobian), fit.known.precision + np.diag(wide) if n else np.zeros((0, 0)))
     total = 0.0
     conditions: dict[str, list[int]] = {}
     for i, o in enumerate(problem.system.observations):

@@ -1,8 +1,9 @@
 """The noise of a set of tracks, learned where no model is needed, and what it makes of residuals.
 
-Noise is taken as a first-order autoregression: standard deviation s, correlation rho from one frame to the next. It is
-estimated by restricted maximum likelihood from stretches whose true course is known up to a few linear coefficients:
-rest (a constant), flight (a polynomial), the difference of two trials made alike (a constant).
+Noise is taken as a first-order autoregression: standard deviation s, correlation rho from one frame to the next; beside
+it each track may wander slowly (`wander`). Both are estimated by restricted maximum likelihood from stretches whose
+true course is known up to a few linear coefficients: rest (a line), flight (a polynomial), the difference of two trials
+made alike (a constant).
 """
 
 from __future__ import annotations
@@ -13,18 +14,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Noise on a smooth course: y (n,) at the times t (n,) [s]; design (n, k): what the course may be made of."""
+    """Noise on a smooth course: y (n,) at the times t (n,) [s]; design (n, k): what the course may be made of.
+
+    spread: (n,) factor on the noise, where samples differ; track: whose it is (the later one of a difference).
+    """
 
     t: Array
     y: Array
     design: Array
+    spread: Array | None = None
+    track: int = -1
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,8 @@ class Noise:
     """s: standard deviation [unit of y]; rho: correlation over `frame` [s]; n: samples it was learned from.
 
     log_sigma: standard uncertainty of the logarithm of the noise power at low frequencies, where a model's errors lie.
+    log_power: that of the power at all frequencies (0: by n alone). kurtosis: of the whitened noise, 3 where normal.
+    drift: rms of the slow wander of a track [unit of y], its memory `reach` [s].
     """
 
     s: float
@@ -39,6 +47,10 @@ class Noise:
     frame: float
     log_sigma: float = 0.0
     n: int = 0
+    log_power: float = 0.0
+    kurtosis: float = 3.0
+    drift: float = 0.0
+    reach: float = math.inf
 
     def weights(self, t: Array, spread: Array | None = None) -> tuple[Array, Array]:
         """a (n,), b (n - 1,) of `whiten`: a[i] r[i] - b[i - 1] r[i - 1]."""
@@ -66,7 +78,7 @@ def frame_of(times: Sequence[Array]) -> float:
     return float(np.median(np.concatenate([np.diff(t) for t in times if t.size > 1])))
 
 
-RHO = np.linspace(0.0, 0.97, 98)  # noise of cameras is not anticorrelated
+TOP = 0.97  # the greatest correlation; noise of cameras is not anticorrelated
 
 
 def estimate(stretches: Sequence[Stretch], frame: float, floor: float = 0.0) -> Noise:
@@ -75,39 +87,54 @@ def estimate(stretches: Sequence[Stretch], frame: float, floor: float = 0.0) -> 
     Raises ValueError when the stretches hold fewer than 20 samples beyond their coefficients.
     """
     usable = [x for x in stretches if x.t.size > x.design.shape[1] + 2]
-    free = sum(x.t.size - x.design.shape[1] for x in usable)
-    if free < 20:
+    if (free := samples(usable)) < 20:
         raise ValueError(
             f"noise: {free} samples at rest, in flight or repeated; at least 20 are needed: "
             "film the robot at rest before the motor starts, or repeat trials (same `group`)"
         )
-    score = np.array([_profile(usable, float(rho), frame, free) for rho in RHO])
-    best = int(np.argmin(score[:, 0]))
-    rho = float(RHO[best])
-    if 0 < best < RHO.size - 1:  # vertex of the parabola through the three best
-        a, b, c = score[best - 1 : best + 2, 0]
-        if (bend := a - 2 * b + c) > 0:
-            rho += 0.5 * float(a - c) / float(bend) * float(RHO[1] - RHO[0])
-    rho = min(max(rho, 0.0), float(RHO[-1]))
-    s = max(math.sqrt(_profile(usable, rho, frame, free)[1]), floor)
+    grid = np.linspace(0.0, TOP, 15)
+    score = [_profile(usable, float(rho), frame, free)[0] for rho in grid]
+    best = int(np.argmin(score))
+    ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)])
+    found = minimize_scalar(
+        lambda rho: _profile(usable, rho, frame, free)[0], bounds=ends, method="bounded", options={"xatol": 1e-3}
+    )
+    rho = float(found.x) if found.fun < score[best] else float(grid[best])
+    return of_power(_profile(usable, rho, frame, free)[1], rho, frame, free, floor)
+
+
+def of_power(power: float, rho: float, frame: float, free: int, floor: float = 0.0) -> Noise:
+    """Noise of this variance and correlation, both learned from `free` samples."""
     # power at low frequency ~ s_e^2 / (1 - rho)^2: var(ln s_e^2) = 2/n, var(rho) = (1 - rho^2)/n
     log_sigma = math.sqrt(2.0 / free + 4.0 * (1.0 + rho) / (1.0 - rho) / free)
-    return Noise(s, rho, frame, log_sigma, free)
+    return Noise(max(math.sqrt(power), floor), rho, frame, log_sigma, free)
+
+
+def samples(stretches: Sequence[Stretch]) -> int:
+    """Samples beyond the coefficients of their courses."""
+    return sum(x.t.size - x.design.shape[1] for x in stretches)
+
+
+def whitened(x: Stretch, rho: float, frame: float) -> tuple[Array, float]:
+    """(the noise of a stretch as independent numbers of the variance s^2, less its course; -2 ln of what scales it)."""
+    unit = Noise(1.0, rho, frame)
+    white, design = unit.whiten(x.t, x.y, x.spread), unit.whiten(x.t, x.design, x.spread)
+    steps = rho ** (np.diff(x.t) / frame) if rho > 0 else np.zeros(x.t.size - 1)
+    logs = float(np.sum(np.log1p(-steps * steps)))
+    if design.shape[1]:
+        q, upper = np.linalg.qr(design)
+        white = white - q @ (q.T @ white)
+        logs += 2.0 * float(np.sum(np.log(np.abs(np.diag(upper)))))
+    return white, logs
 
 
 def _profile(stretches: Sequence[Stretch], rho: float, frame: float, free: int) -> tuple[float, float]:
     """-2 ln of the restricted likelihood at its best s, and that s^2."""
-    unit = Noise(1.0, rho, frame)
     total, logs = 0.0, 0.0
     for x in stretches:
-        white, design = unit.whiten(x.t, x.y), unit.whiten(x.t, x.design)
-        steps = rho ** (np.diff(x.t) / frame) if rho > 0 else np.zeros(x.t.size - 1)
-        logs += float(np.sum(np.log1p(-steps * steps)))
-        if design.shape[1]:
-            q, upper = np.linalg.qr(design)
-            white = white - q @ (q.T @ white)
-            logs += 2.0 * float(np.sum(np.log(np.abs(np.diag(upper)))))
-        total += float(white @ white)
+        white, log = whitened(x, rho, frame)
+        total, logs = total + float(white @ white), logs + log
+    total = max(total, np.finfo(float).tiny)
     return free * math.log(total / free) + logs, total / free
 
 
@@ -164,10 +191,10 @@ def of_rounded(s: float, step: float) -> float:
 
 def coefficients(noise: Noise, x: Stretch) -> tuple[Array, Array]:
     """Coefficients (k,) of a stretch's design by generalised least squares, and their variances (k,)."""
-    design = noise.whiten(x.t, x.design)
+    design = noise.whiten(x.t, x.design, x.spread)
     scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     inverse = np.linalg.pinv((design / scale).T @ (design / scale), rcond=1e-10)
-    c = inverse @ (design / scale).T @ noise.whiten(x.t, x.y)
+    c = inverse @ (design / scale).T @ noise.whiten(x.t, x.y, x.spread)
     return c / scale, np.diag(inverse) / scale**2
 
 

@@ -76,7 +76,7 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
     fits: models beside which a shape is tried: the baseline, and the best of the vocabulary, which may hold a part of
     the truth or only imitate it; the pair that explains most is told.
     """
-    whole = Problem(shapes, problem.noise, problem.scattered)
+    whole = Problem(shapes, problem.noise, problem.scattered, problem.measured)
     seen = {}
     tried: list[tuple[Fit, Fit]] = []
     for fit in fits:

@@ -23,7 +23,8 @@ class Agreement:
     """Arrays (c,) over the conditions, in the unit of the values.
 
     trials: how many were combined. measured, model: their means; sigma: of measured, with the scatter of trials beyond
-    their stated errors (scatter: its standard deviation; dof: repeats it was learned from, inf without any).
+    their stated errors (scatter: its standard deviation; dof: repeats it was learned from, inf without any) and with
+    what all trials of one apparatus share (sigma_common).
     model_sigma: of the model, from its uncertain parameters. z: difference measured - model over both, as a normal
     deviate; p its two-sided probability, p_holm that corrected for the number of conditions (Holm).
     chi2: of all differences with their correlations, about c where they agree, and its p_value.
@@ -41,6 +42,7 @@ class Agreement:
     p_holm: Array
     chi2: float
     p_value: float
+    sigma_common: Array
 
     @property
     def difference(self) -> Array:
@@ -55,12 +57,15 @@ def agreement(
     steps: ArrayLike,
     *,
     rng: np.random.Generator,
+    shared: ArrayLike = (),
 ) -> Agreement:
     """Trials (n,) against a model whose parameters are uncertain.
 
     measured with standard uncertainties sigma > 0, model: (n,), one unit. condition: (n,), 0..c-1, the trials that are
     repeats of one another. steps: (n, p), change of the model by one standard uncertainty of each parameter; an error
-    of a parameter is one and the same for all trials, so it correlates the conditions.
+    of a parameter is one and the same for all trials, so it correlates the conditions. shared: (n, q), change of
+    measured by one standard uncertainty of each error of the apparatus (a scale, a lens), which sigma does not hold:
+    neither do these average out over trials.
 
     Trials of a condition scatter by sigma and by a start-up scatter beside it, estimated by Paule and Mandel (1982):
     in a condition of OWN trials or more from itself, else pooled over those with fewer. Where it was learned from
@@ -78,7 +83,10 @@ def agreement(
     mean, predicted = (np.bincount(at, w * x).astype(np.float64) for x in (h, m))
     off = mean - predicted
     by_step = np.array([np.bincount(at, w * x) for x in steps.T]).reshape(-1, count.size).T
-    cov = np.diag(u**2) + by_step @ by_step.T
+    seen = np.asarray(shared, float).reshape(h.size, -1)
+    by_apparatus = np.array([np.bincount(at, w * x) for x in seen.T]).reshape(-1, count.size).T
+    all_steps = np.hstack([by_step, by_apparatus])
+    cov = np.diag(u**2) + all_steps @ all_steps.T
     total = np.sqrt(np.diag(cov))
     ratio, welch = off / total, dof * (total / u) ** 4
     p = 2.0 * stats.t.sf(np.abs(ratio), welch)
@@ -92,10 +100,12 @@ def agreement(
         spread = rng.chisquare(known, (DRAWS, count.size)) / known
         spread = np.where(np.isinf(dof), 1.0, np.take_along_axis(spread, np.tile(learned, (DRAWS, 1)), axis=1))
         d = u * rng.standard_normal((DRAWS, count.size)) / np.sqrt(spread)
-        d += rng.standard_normal((DRAWS, by_step.shape[1])) @ by_step.T
+        d += rng.standard_normal((DRAWS, all_steps.shape[1])) @ all_steps.T
         p_value = (1 + int(np.sum(np.einsum("ij,jk,ik->i", d, inverse, d) >= chi2))) / (DRAWS + 1)
     model_sigma = np.sqrt(np.sum(by_step**2, axis=1))
-    return Agreement(count, mean, u, scatter, dof, predicted, model_sigma, z, p, holm(p), chi2, p_value)
+    common = np.sqrt(np.sum(by_apparatus**2, axis=1))
+    sigma_of = np.hypot(u, common)
+    return Agreement(count, mean, sigma_of, scatter, dof, predicted, model_sigma, z, p, holm(p), chi2, p_value, common)
 
 
 def _scatter(

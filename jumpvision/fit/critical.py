@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
 
-from jumpvision.fit.estimate import checked, checked_sigma, scatter_factor
-
-TWO_SIDED_95 = 1.959964  # standard deviations
+from jumpvision.fit.estimate import TWO_SIDED_95, checked, checked_sigma, scatter_factor, widened
 
 
 @dataclass(frozen=True)
@@ -29,6 +27,17 @@ class ZeroCrossing:
     n: int
     chi2: float
     reason: str = ""
+    sigma_common: float = 0.0  # the part of sigma that all points share
+
+    def with_common(self, common: float) -> ZeroCrossing:
+        """The same with one more standard uncertainty, which all points share; the interval widened on both sides."""
+        if not common:
+            return self
+        low, high = widened(self.value, self.low95, self.high95, common)
+        return replace(
+            self, sigma=math.hypot(self.sigma, common), sigma_common=math.hypot(self.sigma_common, common),
+            low95=low, high95=high,
+        )  # fmt: skip
 
 
 def critical_fraction(phi: ArrayLike, phi_sigma: ArrayLike, volume: ArrayLike, volume_sigma: ArrayLike) -> ZeroCrossing:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted value with its standard uncertainty.
+    """A fitted value with its standard uncertainty, all of it; sigma_common: the part shared with other experiments.
 
     unit: "" for a pure number. n: samples used. chi2: sum of squared residuals over sigma (not divided by the
     degrees of freedom). reason: empty when good, else why value and sigma are NaN.
@@ -27,9 +27,14 @@ class Estimate:
     n: int
     chi2: float
     reason: str = ""
+    sigma_common: float = 0.0
+
+    def with_common(self, common: float) -> Estimate:
+        """The same with one more standard uncertainty [unit] that other experiments share, independent of the rest."""
+        return replace(self, sigma=math.hypot(self.sigma, common), sigma_common=math.hypot(self.sigma_common, common))
 
     def entry(self) -> dict[str, float | str | int | None]:
-        """The entry of fits.json: value, sigma, unit, n, chi2; a NaN becomes None, as JSON has no NaN."""
+        """The entry of fits.json: value, sigma, sigma_common, unit, n, chi2; a NaN becomes None, as JSON has no NaN."""
 
         def finite(a: float) -> float | None:
             return float(a) if math.isfinite(a) else None
@@ -37,10 +42,35 @@ class Estimate:
         return {
             "value": finite(self.value),
             "sigma": finite(self.sigma),
+            "sigma_common": finite(self.sigma_common),
             "unit": self.unit,
             "n": int(self.n),
             "chi2": finite(self.chi2),
         }
+
+
+APART = 1e-8  # of the common part: a smaller independent one is lost in the sum of their squares
+
+
+def independent(sigma: ArrayLike, common: ArrayLike) -> Array:
+    """The part of sigma that is not common, in its unit and of their shape: sqrt(sigma^2 - common^2).
+
+    sigma itself, to the last bit, where nothing is common; at least APART of common, which is what doubles can tell.
+    """
+    s, c = np.asarray(sigma, dtype=float), np.asarray(common, dtype=float)
+    rest = np.sqrt(np.maximum((s - c) * (s + c), (APART * c) ** 2))
+    return np.where(c > 0.0, rest, s)
+
+
+TWO_SIDED_95 = 1.959964  # standard deviations
+
+
+def widened(value: float, low: float, high: float, sigma: float) -> tuple[float, float]:
+    """The 95 % interval (low, high) of a value with one more normal error of this standard uncertainty."""
+    if not sigma:
+        return low, high
+    wide = TWO_SIDED_95 * sigma
+    return value - math.hypot(value - low, wide), value + math.hypot(high - value, wide)
 
 
 DIFFERENCES = float(np.sqrt(np.finfo(float).eps))  # relative error of derivatives by differences

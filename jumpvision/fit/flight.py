@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
@@ -86,9 +87,9 @@ def final_flight(flights: Flights, *, after: float) -> int | None:
 def flight_height(time: float, sigma: float, *, gravity: float, gravity_sigma: float = 0.0) -> Estimate:
     """g t_f^2 / 8 [m], gravity [m/s^2] along the rail: the apex above a lift-off and a landing at the same height."""
     height = gravity * time**2 / 8.0
-    spread = math.hypot(gravity * time / 4.0 * sigma, time**2 / 8.0 * gravity_sigma)
     reason = "" if math.isfinite(height) else "no complete flight"
-    return Estimate(height, spread, "m", 1, 0.0, reason)
+    estimate = Estimate(height, gravity * time / 4.0 * sigma, "m", 1, 0.0, reason)
+    return estimate.with_common(time**2 / 8.0 * gravity_sigma)  # one gravity for all jumps
 
 
 def track_flights(
@@ -131,19 +132,26 @@ def track_flights(
     return _flights(rows)
 
 
-def _flights_of(t: Array, h: Array, sigma: Array, gravity: float, shortest: float) -> list[tuple[float, ...]]:
+def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple[int, int]]:
+    """(first, one past the last) sample of every stretch in which h is a parabola of curvature -gravity.
+
+    t [s] increasing, h [m] up, sigma [m] > 0, shape (n,), all finite, without gaps. A stretch is made of the windows of
+    `track_flights`; its outermost ones may hang over the end of the flight by a few samples that they do not notice.
+    """
     width = _window(t, sigma, gravity)
     if width is None:
         return []
     y = h + 0.5 * gravity * (t - t[0]) ** 2
-    limit = float(chdtri(width - 2, ALLOWED))
+    passes = _straight(*(sliding_window_view(a, width) for a in (t, y, sigma))) <= chdtri(width - 2, ALLOWED)
     flying = np.zeros(t.size, dtype=bool)
-    for i in range(t.size - width + 1):
-        k = slice(i, i + width)
-        if _straight(t[k], y[k], sigma[k])[2] <= limit:
-            flying[k] = True
+    for i in np.flatnonzero(passes):
+        flying[i : i + width] = True
+    return _runs(flying)
+
+
+def _flights_of(t: Array, h: Array, sigma: Array, gravity: float, shortest: float) -> list[tuple[float, ...]]:
     rows: list[tuple[float, ...]] = []
-    for i, j in _runs(flying):
+    for i, j in in_flight(t, h, sigma, gravity=gravity):
         if t[j - 1] - t[i] < 0.5 * shortest:
             continue
         # the outermost window may hang over the edge by a few samples that it does not notice: the edge fit finds them
@@ -170,14 +178,14 @@ def _window(t: Array, sigma: Array, gravity: float) -> int | None:
     return None
 
 
-def _straight(t: Array, y: Array, sigma: Array) -> tuple[float, float, float]:
-    """(value at t[0], slope, chi2) of the weighted straight line."""
-    w, d = sigma**-2, t - t[0]
-    s, sx, sxx = w.sum(), (w * d).sum(), (w * d * d).sum()
+def _straight(t: Array, y: Array, sigma: Array) -> Array:
+    """chi2 (windows,) of the weighted straight line through every row of t, y, sigma (windows, n)."""
+    w, d = sigma**-2, t - t[:, :1]
+    s, sx, sxx = (np.sum(a, axis=1) for a in (w, w * d, w * d * d))
+    sy, sxy = (np.sum(a, axis=1) for a in (w * y, w * d * y))
     det = s * sxx - sx * sx
-    sy, sxy = (w * y).sum(), (w * d * y).sum()
     a, b = (sxx * sy - sx * sxy) / det, (s * sxy - sx * sy) / det
-    return float(a), float(b), float(np.sum(w * (y - a - b * d) ** 2))
+    return np.asarray(np.sum(w * (y - a[:, None] - b[:, None] * d) ** 2, axis=1))
 
 
 def _edge(t: Array, h: Array, sigma: Array, i: int, j: int, gravity: float) -> tuple[float, float]:

@@ -9,12 +9,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..schema import InputError
 from ..sections import PHASES
+from ..vision.camera import READING, marks_share
 from .recognise import FILMS, Recording, ball, opened
 
 Values = dict[str, tuple[Any, str]]
 FRAMES = 5  # that a ball's diameter is averaged over
+BALL_SHARE = 0.01  # relative standard uncertainty of a scale by the diameter that a ball is seen with
 RISE = 0.02  # of the amplitude: the motor has started
 
 
@@ -66,7 +70,11 @@ def with_picks(folder: Path, recording: Recording, picks: Picks) -> tuple[Record
         notes += why
     if picks.marks and picks.distance:
         length = math.dist(picks.marks[:2], picks.marks[2:])
-        values["scale"] = (_digits(1e-3 * picks.distance / length), f"{picks.distance:g} mm over {length:.1f} px")
+        scale = 1e-3 * picks.distance / length
+        values["scale"] = (_digits(scale), f"{picks.distance:g} mm over {length:.1f} px")
+        ends = np.array([complex(*picks.marks[:2]), complex(*picks.marks[2:])])
+        clicks = f"each click good to {READING:g} px a coordinate, the distance exact"
+        values["scale_sigma"] = (_rounded(scale * marks_share(ends, math.nan)), clicks)
     if recording.section == "grain_video" and picks.foot:
         values["axis_column"], values["foot_row"] = ((round(v, 2), "as picked") for v in picks.foot)
     if recording.section == "grain_video" and picks.roi:
@@ -93,6 +101,7 @@ def _ball(path: Path, picks: Picks) -> tuple[Values, Values, list[str]]:
     if picks.ball_diameter:
         why = f"the ball's {picks.ball_diameter:g} mm over {d:.2f} px: good to 1 %; two marks are better"
         values["scale"] = (_digits(1e-3 * picks.ball_diameter / d), why)
+        values["scale_sigma"] = (_rounded(BALL_SHARE * 1e-3 * picks.ball_diameter / d), f"{BALL_SHARE:.0%} of it")
     track: Values = {"seed": ([round(column, 1), round(row, 1)], "column, row in the first frame")} if seed else {}
     if polarity == "dark":
         track["polarity"] = ("dark", "the ball is darker than what is behind it")
@@ -101,6 +110,10 @@ def _ball(path: Path, picks: Picks) -> tuple[Values, Values, list[str]]:
         track,
         [f"a {polarity} ball {d:.1f} px wide at column {column:.1f}, row {row:.1f} of the first frame"],
     )
+
+
+def _rounded(sigma: float) -> float:
+    return float(f"{sigma:.2g}")
 
 
 def _digits(value: float) -> float:

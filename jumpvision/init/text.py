@@ -13,12 +13,12 @@ from .measure import Values
 from .recognise import Recording
 
 OPEN = {  # keys that a stage will ask for, or that most people want, by section
-    "rod_video": ("frame_rate", "scale", "ball_diameter", "exposure", "start"),
-    "grain_video": ("frame_rate", "scale", "foot_row", "axis_column", "start"),
-    "bed_image": ("scale", "floor_row"),
-    "crater_image": ("scale", "laser_angle"),
-    "crater_depth": ("scale", "height_scale"),
-    "piv_field": ("length", "speed", "up", "scale", "frame_rate", "foot_row", "axis_column"),
+    "rod_video": ("frame_rate", "scale", "scale_sigma", "ball_diameter", "exposure", "start"),
+    "grain_video": ("frame_rate", "scale", "scale_sigma", "foot_row", "axis_column", "start"),
+    "bed_image": ("scale", "scale_sigma", "floor_row"),
+    "crater_image": ("scale", "scale_sigma", "laser_angle"),
+    "crater_depth": ("scale", "scale_sigma", "height_scale"),
+    "piv_field": ("length", "speed", "up", "scale", "scale_sigma", "frame_rate", "foot_row", "axis_column"),
 }
 ROBOT = ("motor_mass", "rod_mass", "foot_mass", "spring_stiffness", "spring_damping", "foot_radius", "gravity")
 BED = ("solid_volume", "length", "width", "grain_density", "grain_diameter")

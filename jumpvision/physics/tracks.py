@@ -40,11 +40,11 @@ class Tracks:
         self.places = [slice(a["time"], a["time_end"]) for a in self.about]
 
     def heights(
-        self, which: Sequence[int], models: Sequence[Model], shift: float, out: Array, *, rtol: float, atol: float
+        self, which: Sequence[int], models: Sequence[Model], t: Array, out: Array, *, rtol: float, atol: float
     ) -> None:
-        """Writes x_r above rest [m] at the times + shift [s] of the jumps `which`, models[k] that of which[k].
+        """Writes x_r above rest [m] at the times t [s] of the jumps `which`, models[k] that of which[k].
 
-        out: as long as all times together, `places` says whose is what; NaN where a motion cannot be followed. rtol,
+        t, out: as long as all times together, `places` says whose is what; NaN where a motion cannot be followed. rtol,
         atol as in `jump.simulate`. Lets other threads run.
         """
         packed: dict[int, NDArray[Any]] = {}
@@ -54,5 +54,5 @@ class Tracks:
             if isinstance(forcing, Loop):
                 limit_loop(constants[k : k + 1], forcing, models[k])
         compiled.tracks_solver()(
-            constants, np.asarray(which, np.int64), self.about, self.rows, self.edges, self.t, shift, rtol, atol, out
+            constants, np.asarray(which, np.int64), self.about, self.rows, self.edges, t, rtol, atol, out
         )

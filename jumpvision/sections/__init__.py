@@ -13,6 +13,7 @@ from .recordings import (
     SPEEDS,
     BedImage,
     Calibration,
+    Clock,
     ContactLog,
     CraterDepth,
     CraterImage,
@@ -34,6 +35,7 @@ __all__ = [
     "Bed",
     "BedImage",
     "Calibration",
+    "Clock",
     "ContactLog",
     "CraterDepth",
     "CraterImage",
@@ -59,7 +61,7 @@ __all__ = [
 SECTIONS: dict[str, type[Section]] = {
     s.name: s
     for s in (
-        Robot, Motor, Actuation, Bed, Fan, RodVideo, Calibration, BedImage, GrainVideo, RodTrack, MotorLog, ContactLog,
-        IntrusionLog, SpringLog, CraterDepth, PivField, CraterImage,
+        Robot, Motor, Actuation, Bed, Fan, RodVideo, Calibration, Clock, BedImage, GrainVideo, RodTrack, MotorLog,
+        ContactLog, IntrusionLog, SpringLog, CraterDepth, PivField, CraterImage,
     )
 }  # fmt: skip

@@ -11,6 +11,10 @@ from ..schema import param
 from .base import FileSection, Section
 
 SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
+SCALE_SIGMA: dict[str, Any] = {
+    "default": 0.0, "unit": "m/px", "lo": 0.0,
+    "meaning": "standard uncertainty of the scale, one and the same for all that name it; 0 takes it as exact",
+}  # fmt: skip
 RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
 CLOCK: dict[str, Any] = {
     "default": "file", "unit": "", "choices": ("file", "declared"),
@@ -26,12 +30,33 @@ SPEEDS = ("px/frame", "px/s", "m/s", "cm/s", "mm/s", "um/s")
 
 
 @dataclass(frozen=True)
+class Clock(Section):
+    """How well the recordings' clocks are known: one error of each for all experiments that share the apparatus."""
+
+    name: ClassVar[str] = "clock"
+    offset_sigma: float = param(0.0, "s", "standard uncertainty of every recording's start on the common clock", lo=0)
+    rate_sigma: float = param(0.0, "", "relative standard uncertainty of the cameras' frame rate", lo=0, hi=0.1)
+
+
+def scale_problems(section: Any) -> list[str]:
+    """A scale that is not even known to its own size: most likely a share was given in place of metres per pixel."""
+    scale, sigma = section.scale, section.scale_sigma
+    if scale is None or sigma < scale:
+        return []
+    return [
+        f"scale_sigma = {sigma:g}: must be below scale = {scale:g} m/px (it is in m/px as well: 1 % of this scale is "
+        f"{0.01 * scale:g})"
+    ]
+
+
+@dataclass(frozen=True)
 class RodVideo(FileSection):
     """Film of a ball on the rod."""
 
     name: ClassVar[str] = "rod_video"
     frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
     ball_diameter: float | None = param(None, "m", "diameter of the ball", lo=0, hi=0.5, open_lo=True)
     exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
@@ -43,7 +68,9 @@ class RodVideo(FileSection):
     def check(self) -> list[str]:
         """Every entry reads 'first:last reason' or 'frame reason'."""
         bad = [e for e in self.exclude_frames if not _EXCLUDE.match(e)]
-        return [f"exclude_frames entry {e!r}: must read 'first:last reason', e.g. '120:135 lamp flicker'" for e in bad]
+        return scale_problems(self) + [
+            f"exclude_frames entry {e!r}: must read 'first:last reason', e.g. '120:135 lamp flicker'" for e in bad
+        ]
 
     def excluded(self) -> dict[int, str]:
         """Reason by frame number."""
@@ -70,6 +97,8 @@ class Calibration(Section):
     centre: tuple[float, ...] = param((), "px", "column, row of the distortion centre; default the image centre")
     marks: tuple[tuple[float, ...], ...] = param((), "", "[[px, py, x_m, y_m], ...]: known points (x right, y up)")
     tilt: float = param(0.0, "rad", "angle of the rail against the image axis, counter-clockwise", lo=-1.6, hi=1.6)
+    lens_sigma: float = param(0.0, "1/px^2", "standard uncertainty of k1", lo=0, hi=1)
+    tilt_sigma: float = param(0.0, "rad", "standard uncertainty of tilt", lo=0, hi=0.5)
 
     def check(self) -> list[str]:
         """Two numbers in the centre, four in a mark, two marks or none."""
@@ -87,6 +116,7 @@ class BedImage(FileSection):
 
     name: ClassVar[str] = "bed_image"
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
     floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
     use: str = param("last", "", "picture of a series that gives the experiment's volume fraction",
                      choices=("first", "last"))  # fmt: skip
@@ -97,6 +127,10 @@ class BedImage(FileSection):
     frame_rate: float | None = param(None, "1/s", "of a series without time stamps; default one picture a second",
                                      **RATE)  # fmt: skip
 
+    def check(self) -> list[str]:
+        """The scale is known to better than itself."""
+        return scale_problems(self)
+
 
 @dataclass(frozen=True)
 class GrainVideo(FileSection):
@@ -105,6 +139,7 @@ class GrainVideo(FileSection):
     name: ClassVar[str] = "grain_video"
     frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
     scale: float | None = param(None, "m/px", "metres per pixel; without it the field is in px", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
     foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
     axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
     roi: tuple[float, ...] = param(
@@ -118,18 +153,22 @@ class GrainVideo(FileSection):
 
     def check(self) -> list[str]:
         """A region has two corners, in order."""
-        corners = self.roi
+        corners, out = self.roi, scale_problems(self)
         if corners and (len(corners) != 4 or corners[0] >= corners[2] or corners[1] >= corners[3]):
-            return [
+            out.append(
                 f"roi = {list(corners)}: must be [first column, first row, last column, last row], first below last"
-            ]
-        return []
+            )
+        return out
 
 
+@dataclass(frozen=True)
 class RodTrack(FileSection):
     """time_s,height_m[,sigma_m]: an already tracked rod."""
 
-    name = "rod_track"
+    name: ClassVar[str] = "rod_track"
+    scale_sigma: float = param(
+        0.0, "", "relative standard uncertainty of the scale behind the heights, alike in all of them", lo=0, hi=0.5
+    )
 
 
 class MotorLog(FileSection):
@@ -172,6 +211,7 @@ class CraterDepth(FileSection):
 
     name: ClassVar[str] = "crater_depth"
     scale: float | None = param(None, "m/px", "metres per pixel", lo=0, hi=0.1, open_lo=True)
+    scale_sigma: float = param(**SCALE_SIGMA)
     height_scale: float = param(1.0, "m", "height of one stored unit, up: 0.001 for mm, negative for a distance from a "
                                 "camera above", lo=-1000, hi=1000)  # fmt: skip
     axis: tuple[float, ...] = param((), "px", "column, row of the crater's axis; default: found")
@@ -179,7 +219,8 @@ class CraterDepth(FileSection):
     def check(self) -> list[str]:
         """An axis is a point; a height of zero is none."""
         out = [f"axis = {list(self.axis)}: must be [column, row]"] if len(self.axis) not in (0, 2) else []
-        return out + (["height_scale = 0: must not be zero"] if self.height_scale == 0.0 else [])
+        out += ["height_scale = 0: must not be zero"] if self.height_scale == 0.0 else []
+        return out + scale_problems(self)
 
 
 @dataclass(frozen=True)
@@ -194,6 +235,7 @@ class PivField(FileSection):
     up: str = param("file", "", "which way y and v count up in the file; default: what the file says, PIVlab text: -y",
                     choices=("file", "+y", "-y"))  # fmt: skip
     scale: float | None = param(None, "m/px", "metres per pixel, for a file in pixels", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
     frame_rate: float | None = param(None, "1/s", "of the film that was matched, where the file counts frames", **RATE)
     gap: int = param(1, "frames", "between the two images of a pair", lo=1, hi=1000)
     stride: int = param(1, "frames", "from a pair to the next: 1 for 1-2, 2-3, ...; 2 for 1-2, 3-4, ...", lo=1, hi=1000)
@@ -209,6 +251,10 @@ class PivField(FileSection):
     sigma: float | None = param(None, "speed", "standard uncertainty of u and v, in the file's unit; default: the "
                                 "file's, else from the scatter of neighbours", lo=0, hi=1e6, open_lo=True)  # fmt: skip
 
+    def check(self) -> list[str]:
+        """The scale is known to better than itself."""
+        return scale_problems(self)
+
 
 @dataclass(frozen=True)
 class CraterImage(FileSection):
@@ -216,6 +262,7 @@ class CraterImage(FileSection):
 
     name: ClassVar[str] = "crater_image"
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
     laser_angle: float = param(
         0.5 * math.pi, "rad", "between line of sight and laser sheet: height = rows x scale / sin(laser_angle)",
         lo=0.0, hi=0.5 * math.pi + 1e-6, open_lo=True,
@@ -225,3 +272,7 @@ class CraterImage(FileSection):
     )
     saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
                                      lo=0, hi=65536, open_lo=True)  # fmt: skip
+
+    def check(self) -> list[str]:
+        """The scale is known to better than itself."""
+        return scale_problems(self)

@@ -21,7 +21,7 @@ from ..stage import stage
 Array = NDArray[np.float64]
 
 
-@stage(version=6)
+@stage(version=7)
 def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
     field = piv.field
@@ -83,6 +83,7 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
             "axis_off_m": AXIS_OFF,
             "foot_radius_m": robot.foot_radius if robot and robot.foot_radius else math.nan,
             "min_speed": flow.field.attrs["min_speed"],
+            "scale_share": flow.field.attrs["scale_share"],
         },
     )
     return Column(data)

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from ..field.momentum import ANGLE
 from ..fit.column import beta_sensitivity
-from ..fit.cone_fit import fit_mass_curve, solve_cone
-from ..fit.estimate import Estimate
+from ..fit.cone_fit import Cone, MassCurve, fit_mass_curve, solve_cone
+from ..fit.estimate import Estimate, independent
 from ..fit.front import fit_mu
 from ..fit.line import Line, fit_line
 from ..fit.mean import near_the_median, plain_mean, weighted_mean
 from ..records import Column, Flow
 from ..sections import Bed
+from .common import scaled
 
 NAN = math.nan
 STRAY = 4.0  # robust sigmas from the median beyond which a frame's angle does not count
@@ -37,7 +38,10 @@ def pushing(column: Column) -> NDArray[np.bool_]:
 
 
 def cone_fits(column: Column) -> dict[str, Estimate]:
-    """beta and theta: means over the frames in which the foot pushes; mu: slope of jammed thickness over depth."""
+    """beta and theta: means over the frames in which the foot pushes; mu: slope of jammed thickness over depth.
+
+    Angles and the ratio mu know no scale; the decay per metre does, and beta, by the layer that is given in metres.
+    """
     c = column.field
     use = pushing(column)
     side, contour = sides(c, use)
@@ -64,6 +68,12 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
         slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
         per_mm = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["log_a"].n, NAN)
         out["beta_deg_per_mm_layer"] = per_mm
+        share = c.attrs["scale_share"]
+        out["log_a"] = scaled(out["log_a"], share)
+        # a^(Dz) with a decay known to a share is a^(Dz) with a layer known to that share
+        layer = slope * c.attrs["layer_m"]
+        out["beta_deg"] = out["beta_deg"].with_common(share * abs(math.degrees(layer)))
+    out["mu_intercept_m"] = scaled(out["mu_intercept_m"], c.attrs["scale_share"])
     return out
 
 
@@ -124,18 +134,21 @@ def broader_than_column(c: xr.Dataset, theta: Estimate, side: str) -> NDArray[np
 def mass_fits(flow: Flow) -> dict[str, Estimate]:
     """Largest grain momentum, and the added mass at that moment from a straight line through the frames around it."""
     f = flow.field
+    noise = {k: independent(f[f"{k}_sigma"], f[f"{k}_sigma_common"]) for k in ("momentum", "added_mass")}
     momentum = f.momentum.values
     if not np.isfinite(f.added_mass.values).any():
         return {}
     peak = int(np.nanargmax(np.where(np.isfinite(f.added_mass.values), momentum, -np.inf)))
-    out = {"peak_momentum": Estimate(float(momentum[peak]), float(f.momentum_sigma[peak]), "kg m/s", 1, 0.0)}
+    largest = Estimate(float(momentum[peak]), float(noise["momentum"][peak]), "kg m/s", 1, 0.0)
+    out = {"peak_momentum": largest.with_common(float(f.momentum_sigma_common[peak]))}
     near = slice(max(0, peak - AROUND_PEAK), peak + AROUND_PEAK + 1)
-    t, m, s = (a[near] for a in (f.t.values - f.t.values[peak], f.added_mass.values, f.added_mass_sigma.values))
+    t, m, s = (a[near] for a in (f.t.values - f.t.values[peak], f.added_mass.values, noise["added_mass"]))
     ok = np.isfinite(m) & (s > 0)
     line = fit_line(t[ok], m[ok], s[ok])
     # border and gap below the face are filled alike in neighbouring frames: their mean is no better than one of them
     sigma = max(line.intercept_sigma, float(np.median(s[ok]))) if ok.any() else NAN
-    out["added_mass_kg"] = Estimate(line.intercept, sigma, "kg", line.n, line.chi2, line.reason)
+    mass = Estimate(line.intercept, sigma, "kg", line.n, line.chi2, line.reason)
+    out["added_mass_kg"] = scaled(mass, f.added_mass.attrs["share"])
     share = f.jammed_share.values[near][ok]
     spread = float(np.std(share, ddof=1) / math.sqrt(share.size)) if share.size > 1 else NAN
     out["jammed_share"] = Estimate(float(np.mean(share)), spread, "", share.size, 0.0)
@@ -145,29 +158,41 @@ def mass_fits(flow: Flow) -> dict[str, Estimate]:
 
 
 def grown_cone(
-    column: Column, flow: Flow, known: dict[str, Estimate], R: float | None, phi: float | None, section: Bed | None
-) -> dict[str, Estimate]:
-    """C, mu and theta of the saturating cone (33) from added mass against depth, front and outline together."""
+    column: Column, flow: Flow, known: dict[str, Estimate], R: float | None, phi: float | None, section: Bed | None,
+    phi_share: float = 0.0,
+) -> dict[str, Estimate]:  # fmt: skip
+    """C, mu and theta of the saturating cone (33) from added mass against depth, front and outline together.
+
+    phi_share: relative uncertainty of phi that other experiments share; that of the film's lengths is the flow's.
+    """
     f, use = flow.field, pushing(column)
     if not R or phi is None or not np.isfinite(f.added_mass.values[use]).any():
         return {}
-    mass, sigma = f.added_mass.values[use], f.added_mass_sigma.values[use]
-    curve = fit_mass_curve(f.foot_depth.values[use], mass, np.where(sigma > 0.0, sigma, np.nan), R=R)
+    mass = f.added_mass.values[use]
+    sigma = independent(f.added_mass_sigma, f.added_mass_sigma_common)[use]
     density = (section or Bed()).grain_density * phi * ANGLE[f.attrs["disc"]] / ANGLE["full"]
     mu, theta = known["mu"], known["theta_deg"]
-    cone = solve_cone(
-        curve,
-        R=R,
-        density=density,
-        mu=None if mu.reason else (mu.value, mu.sigma),
-        theta=None if theta.reason else (math.radians(theta.value), math.radians(theta.sigma)),
-    )
+
+    def fitted(stretch: float) -> tuple[MassCurve, Cone]:
+        """With every length of the film times `stretch`: masses go with its cube, R and the depth at first stay."""
+        first = f.attrs["initial_depth_m"]
+        depth, cube = first + stretch * (f.foot_depth.values[use] - first), stretch**3
+        curve = fit_mass_curve(depth, cube * mass, cube * np.where(sigma > 0.0, sigma, np.nan), R=R)
+        return curve, solve_cone(
+            curve,
+            R=R,
+            density=density,
+            mu=None if mu.reason else (mu.value, mu.sigma),
+            theta=None if theta.reason else (math.radians(theta.value), math.radians(theta.sigma)),
+        )
+
+    curve, cone = fitted(1.0)
     wide = np.sqrt(np.diag(cone.covariance) * max(1.0, cone.chi2))  # the scatter factor of one degree of freedom
     slope_sigma, narrow_sigma = np.sqrt(np.diag(curve.covariance))
     # face, border and gap are off alike in all frames: what they change in one they change in slope and C
     alike = float(np.nanmedian(np.where(mass > 0.0, sigma / np.abs(mass), np.nan)))
     wide[0], slope_sigma = math.hypot(wide[0], alike * cone.C), math.hypot(slope_sigma, alike * curve.slope)
-    return {
+    out = {
         "cone_slope_kg_m": Estimate(curve.slope, float(slope_sigma), "kg/m", curve.n, curve.chi2, curve.reason),
         "mu_over_tan_theta": Estimate(curve.narrowing, float(narrow_sigma), "", curve.n, curve.chi2, curve.reason),
         "C": Estimate(cone.C, float(wide[0]), "", curve.n, cone.chi2, cone.reason),
@@ -176,3 +201,13 @@ def grown_cone(
             math.degrees(cone.theta), math.degrees(float(wide[2])), "degree", curve.n, cone.chi2, cone.reason
         ),
     }
+    # density goes with phi, and so does the mass: of the two only the slope at the surface has its error
+    out["cone_slope_kg_m"] = scaled(out["cone_slope_kg_m"], phi_share)
+    if not f.attrs["scale_share"]:
+        return out
+    other, moved = fitted(1.0 + f.attrs["scale_share"])
+    changes = {
+        "cone_slope_kg_m": other.slope - curve.slope, "mu_over_tan_theta": other.narrowing - curve.narrowing,
+        "C": moved.C - cone.C, "mu_cone": moved.mu - cone.mu, "theta_cone_deg": math.degrees(moved.theta - cone.theta),
+    }  # fmt: skip
+    return {k: e.with_common(abs(changes[k])) for k, e in out.items()}

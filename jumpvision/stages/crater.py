@@ -17,14 +17,14 @@ from ..records import BedHeight, CraterShape
 from ..sections import Bed, Calibration, CraterDepth, CraterImage, need
 from ..stage import StageWarning, stage
 from ..vision.laser_line import laser_line
-from .bed import packing
+from .bed import packing, packing_common
 from .films import open_pictures
 from .view import view_of
 
 Array = NDArray[np.float64]
 
 
-@stage(version=1, any_of=("line", "depth"))
+@stage(version=2, any_of=("line", "depth"))
 def crater(
     line: CraterImage | None,
     depth: CraterDepth | None,
@@ -35,22 +35,28 @@ def crater(
     p: CraterParams,
 ) -> CraterShape:
     """Volume change [m^3], negative where the bed was compacted; a depth map goes before a laser line."""
-    found, seen = from_map(depth, p) if depth is not None else from_line(line, calibration, p)  # type: ignore[arg-type]
+    found, share, seen = from_map(depth, p) if depth is not None else from_line(line, calibration, p)  # type: ignore[arg-type]
     if found.reason:
         raise ValueError(f"{(depth or line).path}: {found.reason}")  # type: ignore[union-attr]
     phi, phi_sigma = packing(section, bed)
+    common = share * abs(found.volume)
     return CraterShape(
         {
-            "volume_m3": found.volume, "sigma_m3": found.sigma, "noise_sigma_m3": found.noise_sigma,
+            "volume_m3": found.volume, "sigma_m3": math.hypot(found.sigma, common), "sigma_common_m3": common,
+            "noise_sigma_m3": found.noise_sigma,
             "half_difference_m3": found.half_difference, "depth_m": found.depth, "rim_height_m": found.rim_height,
             "radius_m": found.radius, "axis_m": found.axis, "volume_fraction": phi, "sigma_volume_fraction": phi_sigma,
+            "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
             "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma}, **seen,
         }
     )  # fmt: skip
 
 
-def from_line(section: CraterImage, calibration: Calibration | None, p: CraterParams) -> tuple[Crater, dict[str, Any]]:
-    """The crater along the laser line, and where the line was seen."""
+def from_line(
+    section: CraterImage, calibration: Calibration | None, p: CraterParams
+) -> tuple[Crater, float, dict[str, Any]]:
+    """The crater along the laser line, the relative uncertainty of its volume that others share, and where the line
+    was seen. The one scale gives height and radius."""
     with open_pictures(section) as frames:
         view, picture = view_of(calibration, section, frames.shape), frames[0]
     whole = picture.dtype.kind == "u"
@@ -73,15 +79,16 @@ def from_line(section: CraterImage, calibration: Calibration | None, p: CraterPa
     found = line_crater(
         even, np.interp(even, x, height), np.interp(even, x, seen.sigma * view.scale * rise), axis=axis, radius=p.radius
     )
-    return found, {"line": {"column_px": seen.column, "row_px": seen.row, "sigma_px": seen.sigma}}
+    where = {"line": {"column_px": seen.column, "row_px": seen.row, "sigma_px": seen.sigma}}
+    return found, 3.0 * view.scale_share, where
 
 
-def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, dict[str, Any]]:
-    """The crater in a depth map."""
+def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, dict[str, Any]]:
+    """The crater in a depth map, whose heights do not come from its pixels; the rest as in `from_line`."""
     (scale,) = need(section, "scale")
     z = read_map(section) * section.height_scale
     axis = (section.axis[0] * scale, -section.axis[1] * scale) if section.axis else None
-    return map_crater(z, scale, axis=axis, radius=p.radius), {}
+    return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, {}
 
 
 def read_map(section: CraterDepth) -> Array:

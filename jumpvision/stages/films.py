@@ -114,7 +114,7 @@ def straight_grains(section: GrainVideo, calibration: Calibration | None) -> tup
     # a lens can be undone without a scale: one pixel is then the unit
     view = view_of(calibration, section if section.scale else replace(section, scale=SCALE_OF_PIXELS), film.shape)
     known = view.scale if section.scale or calibration.marks else None
-    straight = replace(section, scale=known)
+    straight = replace(section, scale=known, scale_sigma=view.scale_sigma)
     if section.foot_row is not None and section.axis_column is not None:
         seen = np.array([section.axis_column]), np.array([section.foot_row])
         column, row = straight_points(view, film.shape, view.scale, *seen)

@@ -18,11 +18,12 @@ from ..logs import read_log
 from ..params import FitParams
 from ..physics.oscillator import foot_frequency, foot_ripple
 from ..records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion, SpringTest
-from ..sections import Actuation, Bed, ContactLog, MotorLog, NotApplicable, Robot
+from ..sections import Actuation, Bed, Clock, ContactLog, MotorLog, NotApplicable, Robot
 from ..stage import stage
 from .actuator import actuator_fits
-from .bed import packing
+from .bed import packing, packing_common
 from .body import hanging_foot, total_mass
+from .common import scaled, timed
 from .cone import cone_fits, grown_cone, mass_fits
 from .motor import position_at
 from .ring import ring_fits
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 NAN = math.nan
 
 
-@stage(version=11, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
+@stage(version=12, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
 def fit(
     experiment: Experiment,
     rod: RodMotion | None,
@@ -45,22 +46,26 @@ def fit(
     log: MotorLog | None,
     section: Bed | None,
     bed: BedHeight | None,
+    clock: Clock | None = None,
     *,
     p: FitParams,
 ) -> Fits:
-    """{name: {value, sigma, unit, n, chi2}}; a fit that the data do not allow has null and its `reason`."""
+    """{name: {value, sigma, sigma_common, unit, n, chi2}}; a fit that the data do not allow has null and its `reason`.
+
+    Fits weight by the noise; what scale, lens, clock and gravity add alike to all experiments is added to their sigma.
+    """
     out: dict[str, Estimate] = {}
     flights = find_flights(rod, contact, robot, law, log, p)
     if flights is not None:
         jumps = longer_than(flights, p.shortest_flight)
         out["n_jumps"] = Estimate(float(len(jumps)), 0.0, "", len(jumps), 0.0)
         if contact is not None or experiment.ground == "hard":
-            out |= flight_fits(jumps, robot, law)
+            out |= flight_fits(jumps, robot, law, clock, begin_of(rod, contact))
             if len(jumps) > 1 and experiment.ground == "hard":
                 out["restitution"] = restitution(jumps, after=law.stop if law and law.moves else -math.inf)
     if rod is not None:
-        out |= height_fits(rod, robot, law)
-        out |= ring_fits(rod, flights, robot, law, p)
+        out |= height_fits(rod, robot, law, clock)
+        out |= ring_fits(rod, flights, robot, law, p, clock)
     if log is not None and law is not None and law.moves:
         out |= actuator_fits(log, law)
     if column is not None:
@@ -69,7 +74,8 @@ def fit(
         out |= mass_fits(flow)
     phi = packing(section, bed)[0]
     if column is not None and flow is not None:
-        out |= grown_cone(column, flow, out, robot.foot_radius if robot else None, phi, section)
+        radius, phi_share = robot.foot_radius if robot else None, packing_common(section, bed)
+        out |= grown_cone(column, flow, out, radius, phi, section, phi_share)
     if column is not None and phi is not None:
         out |= theory(phi, p)
     if not (out or rod or contact or column or flow or intrusion or spring):
@@ -78,6 +84,14 @@ def fit(
     for made in (intrusion, spring):
         entries |= made.values["fits"] if made else {}
     return Fits(entries)
+
+
+def begin_of(rod: RodMotion | None, contact: ContactLog | None) -> float:
+    """First time [s] of the recording that the flights are found in."""
+    if contact is not None:
+        return float(read_log(contact.path, "time_s", "contact").time_s.iloc[0])
+    assert rod is not None
+    return float(rod.arrays[0][0])
 
 
 def find_flights(
@@ -120,8 +134,10 @@ def longer_than(flights: Flights, shortest: float) -> Flights:
     return Flights(*(getattr(flights, k)[keep] for k in ("lift_off", "lift_off_sigma", "landing", "landing_sigma")))
 
 
-def flight_fits(flights: Flights, robot: Robot | None, law: Actuation | None) -> dict[str, Estimate]:
-    """First lift-off, and the longest flight that ends after the forcing.
+def flight_fits(
+    flights: Flights, robot: Robot | None, law: Actuation | None, clock: Clock | None, begin: float
+) -> dict[str, Estimate]:
+    """First lift-off, and the longest flight that ends after the forcing. begin [s]: of the recording.
 
     Not from a track on sand: there the spring lets go of the foot so gently that the rod shows it 10 ms early or late.
     """
@@ -129,19 +145,20 @@ def flight_fits(flights: Flights, robot: Robot | None, law: Actuation | None) ->
     begun = np.flatnonzero(np.isfinite(flights.lift_off))
     if begun.size:
         first = begun[0]
-        out["lift_off_s"] = Estimate(flights.lift_off[first], flights.lift_off_sigma[first], "s", 1, 0.0)
+        lift_off = Estimate(flights.lift_off[first], flights.lift_off_sigma[first], "s", 1, 0.0)
+        out["lift_off_s"] = timed(lift_off, clock, begin)
     final = final_flight(flights, after=law.stop if law and law.moves else -math.inf)
     if final is not None:
         time, sigma = float(flights.time[final]), float(flights.time_sigma[final])
-        out["flight_time_s"] = Estimate(time, sigma, "s", 1, 0.0)
-        if robot is not None:
-            out["flight_height_m"] = flight_height(
-                time, sigma, gravity=robot.gravity, gravity_sigma=robot.sigma.gravity
-            )
+        rate = clock.rate_sigma if clock else 0.0
+        out["flight_time_s"] = scaled(Estimate(time, sigma, "s", 1, 0.0), rate)
+        if robot is not None:  # g t^2 / 8
+            height = flight_height(time, sigma, gravity=robot.gravity, gravity_sigma=robot.sigma.gravity)
+            out["flight_height_m"] = scaled(height, 2.0 * rate)
     return out
 
 
-def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None) -> dict[str, Estimate]:
+def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None, clock: Clock | None) -> dict[str, Estimate]:
     """Jump height after the motor stops, and the rise while it runs, above the rest height."""
     if law is None or not law.moves:
         return {}
@@ -152,11 +169,20 @@ def height_fits(rod: RodMotion, robot: Robot | None, law: Actuation | None) -> d
     foot = hanging_foot(robot)
     swing = foot_frequency(*foot[:3]) if foot else None
     found = jump_height(t, h, sigma, motor_stop=law.stop, rest=rest, foot_frequency=swing)
+    height = Estimate(found.value, found.sigma, "m", found.n, found.chi2, found.reason)
+    rise = Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN)
+    apex = Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason)
+    running = np.where(t <= law.stop, h, -np.inf)
     return {
-        "jump_height_m": Estimate(found.value, found.sigma, "m", found.n, found.chi2, found.reason),
-        "apex_time_s": Estimate(found.time, NAN, "s", found.n, found.chi2, found.reason),
-        "motor_rise_m": Estimate(found.motor_rise, found.motor_rise_sigma, "m", found.n, NAN),
+        "jump_height_m": seen_by_lens(scaled(height, rod.scale_share), rod.lens, t, found.time),
+        "apex_time_s": timed(apex, clock, float(t[0])),
+        "motor_rise_m": seen_by_lens(scaled(rise, rod.scale_share), rod.lens, t, float(t[np.argmax(running)])),
     }
+
+
+def seen_by_lens(height: Estimate, lens: Array, t: Array, when: float) -> Estimate:
+    """A height above rest [m] at a time [s], with the lens' part of it. lens (n,) [m]: at the times t [s]."""
+    return height.with_common(abs(float(np.interp(when, t, lens)))) if lens.any() else height
 
 
 def theory(phi: float, p: FitParams) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
@@ -13,22 +14,25 @@ from ..field.gradients import gradients
 from ..field.momentum import added_mass, grain_momentum
 from ..params import FlowParams
 from ..records import BedHeight, Flow, Piv
-from ..sections import Bed, GrainVideo, PivField, Robot
+from ..sections import Bed, Clock, GrainVideo, PivField, Robot
 from ..stage import StageWarning, stage
-from .bed import packing
+from .bed import packing, packing_common
 
 Array = NDArray[np.float64]
 JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.3.5)
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=5)
+@stage(version=6)
 def flow(
     piv: Piv, film: GrainVideo | None, section: Bed | None, bed: BedHeight | None, given: PivField | None = None,
-    robot: Robot | None = None, *,
+    robot: Robot | None = None, clock: Clock | None = None, *,
     p: FlowParams,
 ) -> Flow:  # fmt: skip
-    """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known."""
+    """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known.
+
+    The sigmas over t are all of a value's uncertainty; `*_sigma_common`, what other films of this camera share.
+    """
     field, source = piv.field, given or film
     assert source is not None  # the field comes from one of them
     overlap = field.attrs["window_px"] / field.attrs["step_px"]
@@ -54,11 +58,16 @@ def flow(
             "initial_depth_m": p.initial_depth,
             "disc": source.foot,
             "source": field.attrs["source"],
+            "scale_share": field.attrs["scale_share"],
         },
     )
     data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
-    for name, (values, unit) in under_the_foot(field, source, section, bed, robot, p, overlap).items():
+    found_there = under_the_foot(field, source, section, bed, robot, p, overlap)
+    shares = shares_of(field.attrs["scale_share"], clock.rate_sigma if clock else 0.0, packing_common(section, bed))
+    for name, (values, unit) in with_shares(found_there, shares).items():
         data[name] = ("t", values, {"units": unit})
+    for name, share in shares.items():
+        data[name].attrs["share"] = share
     if np.isfinite(data.added_mass).any():
         phi = packing(section, bed)[0]
         assert phi is not None
@@ -108,6 +117,30 @@ def under_the_foot(
         "jammed_share": (jammed, "1"),
         "added_mass": (mass, "kg"), "added_mass_sigma": (mass_sigma, "kg"),
     }  # fmt: skip
+
+
+def shares_of(scale: float, rate: float, phi: float) -> dict[str, float]:
+    """Relative uncertainty of each value over t that other films share, from those of lengths, frame rate and phi.
+
+    A speed goes with scale and rate; the momentum rho phi int v r dr dh with the scale's fourth power, the rate and
+    phi; momentum over speed with the scale's third power and phi.
+    """
+    return {
+        "foot_speed": math.hypot(scale, rate), "momentum": math.hypot(4.0 * scale, rate, phi),
+        "added_mass": math.hypot(3.0 * scale, phi),
+    }  # fmt: skip
+
+
+def with_shares(over_t: dict[str, tuple[Array, str]], shares: dict[str, float]) -> dict[str, tuple[Array, str]]:
+    """The values over t with `*_sigma_common` from these shares, and `*_sigma` that hold it."""
+    out = dict(over_t)
+    for name, share in shares.items():
+        values, unit = over_t[name]
+        common = share * np.abs(values)
+        out[f"{name}_sigma_common"] = common, unit
+        if f"{name}_sigma" in over_t:
+            out[f"{name}_sigma"] = np.hypot(over_t[f"{name}_sigma"][0], common), unit
+    return out
 
 
 def jammed_share(

@@ -30,7 +30,7 @@ PART, LONG = 16, 64  # pairs a process matches at a time; from so many on severa
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=9, any_of=("film", "field"))
+@stage(version=10, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
     p: PivParams,
@@ -181,6 +181,7 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
         attrs={
             "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
             "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
+            "scale_share": film.scale_sigma / film.scale if film.scale else 0.0,
             "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
             "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
             "gap_frames": p.gap, "baseline_frames": p.baseline, "ensemble_pairs": p.ensemble,

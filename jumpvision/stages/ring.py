@@ -16,9 +16,10 @@ from ..fit.ringdown import ring_down, swings_until
 from ..params import FitParams
 from ..physics.oscillator import lift_off_amplitude
 from ..records import RodMotion
-from ..sections import Actuation, Robot
+from ..sections import Actuation, Clock, Robot
 from ..stage import StageWarning
 from .body import total_mass
+from .common import scaled, timed
 
 Array = NDArray[np.float64]
 NAN = math.nan
@@ -27,8 +28,9 @@ REFUSED = 1e-4  # chance below which a user is told that the decay is not viscou
 
 
 def ring_fits(
-    rod: RodMotion, flights: Flights | None, robot: Robot | None, law: Actuation | None, p: FitParams
-) -> dict[str, Estimate]:
+    rod: RodMotion, flights: Flights | None, robot: Robot | None, law: Actuation | None, p: FitParams,
+    clock: Clock | None = None,
+) -> dict[str, Estimate]:  # fmt: skip
     """Free oscillation on the ground after the last landing (or of the whole track with actuation kind "none").
 
     Nothing where it is not known when the motor rests: a driven motion is no ring-down.
@@ -57,7 +59,8 @@ def ring_fits(
     if not ring.reason and limit is not None and ring.amplitude > limit:
         reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
         return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}
-    out = ring.estimates()
+    rate = clock.rate_sigma if clock else 0.0
+    out = {k: scaled(e, rate) if e.unit in ("Hz", "rad/s") else e for k, e in ring.estimates().items()}
     if not ring.reason:
         out |= decay_fits(t[ringing], h[ringing], sigma[ringing])
         if p.ring_method == "peaks":
@@ -70,7 +73,13 @@ def ring_fits(
             "ring_offset_m": (ring.offset, ring.offset_sigma, "m"), "ring_start_s": (times[0], 0.0, "s"),
             "ring_stop_s": (times[-1], 0.0, "s"),
         }  # fmt: skip
-        out |= {k: Estimate(float(v), float(s), unit, ring.n, ring.chi2) for k, (v, s, unit) in values.items()}
+        rows = {k: Estimate(float(v), float(s), unit, ring.n, ring.chi2) for k, (v, s, unit) in values.items()}
+        lens, begin = rod.lens[ringing], float(t[0])
+        bend = abs(float(np.polyfit(h[ringing], lens, 1)[0])) if lens.any() else 0.0  # by the lens, over the swing
+        rows["ring_amplitude_m"] = scaled(rows["ring_amplitude_m"], rod.scale_share, bend)
+        offset = scaled(rows["ring_offset_m"], rod.scale_share)
+        rows["ring_offset_m"] = offset.with_common(abs(float(lens.mean()))) if lens.any() else offset
+        out |= rows | {k: timed(rows[k], clock, begin) for k in ("ring_start_s", "ring_stop_s")}
     return out
 
 

@@ -6,31 +6,47 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ..fit.estimate import independent
 from ..fit.mean import difference_noise
 from ..logs import read_log
 from ..records import RodMotion, Track
 from ..sections import Actuation, RodTrack
 from ..stage import stage
+from .common import with_common
 from .track import with_rest_zero
 
 
-@stage(version=1, any_of=("track", "table"))
+@stage(version=2, any_of=("track", "table"))
 def rod(track: Track | None, table: RodTrack | None, actuation: Actuation | None) -> RodMotion:
     """The film's good frames where there is a film, else the table; height zero at rest before the motor starts."""
     if track is not None:
-        return RodMotion(track.good[list(RodMotion.columns)].reset_index(drop=True))
-    return RodMotion(with_rest_zero(from_table(table), actuation))  # type: ignore[arg-type]
+        kept = [c for c in track.table if c in RodMotion.columns + RodMotion.further]
+        return RodMotion(track.good[kept].reset_index(drop=True))
+    assert table is not None
+    return RodMotion(with_common(with_rest_zero(from_table(table), actuation), table.scale_sigma))
 
 
 def from_table(table: RodTrack) -> pd.DataFrame:
-    """A track made elsewhere; without sigma_m its noise is estimated from third differences."""
-    d = read_log(table.path, "time_s", "height_m", optional=("sigma_m",), at_least=8)
+    """A track made elsewhere, sigma_m its noise, estimated from third differences where it is not given.
+
+    A table of ours has sigma_common_m too, which its sigma_m holds.
+    """
+    d = read_log(table.path, "time_s", "height_m", optional=("sigma_m", "sigma_common_m"), at_least=8)
     height = d.height_m.to_numpy()
     sigma = d.sigma_m.to_numpy() if "sigma_m" in d else np.full(len(d), noise_of(height))
     if (sigma <= 0).any():
         i = int(np.flatnonzero(sigma <= 0)[0])
         raise ValueError(f"{table.path}: row {i + 1}, sigma_m = {sigma[i]:g}: must be above 0 m")
-    return pd.DataFrame({"time_s": d.time_s, "height_m": height, "sigma_m": sigma})
+    motion = pd.DataFrame({"time_s": d.time_s, "height_m": height, "sigma_m": sigma})
+    if "sigma_m" not in d or "sigma_common_m" not in d:
+        return motion
+    common = d.sigma_common_m.to_numpy()
+    if (bad := np.flatnonzero((common < 0) | (common > sigma))).size:
+        raise ValueError(
+            f"{table.path}: row {bad[0] + 1}, sigma_common_m = {common[bad[0]]:g}: must be a part of sigma_m = "
+            f"{sigma[bad[0]]:g}, in [0, sigma_m] m"
+        )
+    return motion.assign(sigma_m=independent(sigma, common), sigma_common_m=common)
 
 
 def noise_of(height: NDArray[np.float64]) -> float:

@@ -10,7 +10,7 @@ from ..experiment import Experiment
 from ..records import BedHeight, Fits, Simulation, Summary
 from ..sections import Actuation, Bed
 from ..stage import stage
-from .bed import packing
+from .bed import packing, packing_common
 
 FROM_FITS = {  # key of summary.json: name in fits.json
     "flight_height_m": "flight_height_m", "flight_time_s": "flight_time_s", "lift_off_s": "lift_off_s", "mu": "mu",
@@ -19,7 +19,7 @@ FROM_FITS = {  # key of summary.json: name in fits.json
 }  # fmt: skip
 
 
-@stage(version=2, any_of=("fits", "bed"))
+@stage(version=3, any_of=("fits", "bed"))
 def summary(
     experiment: Experiment,
     law: Actuation | None,
@@ -28,7 +28,8 @@ def summary(
     bed: BedHeight | None,
     section: Bed | None,
 ) -> Summary:
-    """Heights as PHYSICS names them; every value with `<key>_sigma` beside it (`sigma_m` for the jump height)."""
+    """Heights as PHYSICS names them; every value with `<key>_sigma` beside it (`sigma_m` for the jump height), and
+    `<key>_sigma_common` (`sigma_common_m`), the part of it that other experiments share."""
     f = fits.values if fits else {}
     phi, phi_sigma = packing(section, bed)
 
@@ -40,12 +41,14 @@ def summary(
         "kind": law.kind if law else None,
         "jump_height_m": get("jump_height_m"),
         "sigma_m": get("jump_height_m", "sigma"),
+        "sigma_common_m": get("jump_height_m", "sigma_common"),
         "n_jumps": None if get("n_jumps") is None else int(get("n_jumps")),
         "volume_fraction": phi,
         "sigma_volume_fraction": phi_sigma,
+        "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
     }
     for key, name in FROM_FITS.items():
-        out[key], out[f"{key}_sigma"] = get(name), get(name, "sigma")
+        out |= {key: get(name), f"{key}_sigma": get(name, "sigma"), f"{key}_sigma_common": get(name, "sigma_common")}
     out["simulated_height_m"] = simulated_height(simulation, law) if simulation else None
     return Summary(out)
 

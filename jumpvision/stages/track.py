@@ -18,28 +18,40 @@ from ..stage import StageWarning, stage
 from ..vision.ball import BallTrack
 from ..vision.camera import Camera
 from .ball_film import BallFilm
+from .common import height_share, with_common
 from .films import open_film
-from .view import view_of
+from .view import other_lens, view_of
 
 SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
 
-@stage(version=3)
+@stage(version=4)
 def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
     """Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN."""
-    first, *others = (with_rest_zero(motion, actuation) for motion in from_film(film, calibration, p))
+    motions, share = from_film(film, calibration, p)
+    first, *others = (with_common(with_rest_zero(motion, actuation), share) for motion in motions)
     return Track(first, tuple(others))
 
 
-def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> list[pd.DataFrame]:
-    """Columns of Track for every ball, height along the rail from the camera's own zero."""
+def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> tuple[list[pd.DataFrame], float]:
+    """Columns of Track for every ball, height along the rail from the camera's own zero, sigma_m the noise alone; and
+    the relative uncertainty that all heights share."""
     balls = BallFilm(film, p, partial(view_of, calibration, film))
     with open_film(film, balls.see if balls.ready else None) as frames:
         tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
-        exposure = balls.exposure(frames)
+        other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)
         time = frames.time + exposure / 2
-    motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
-    return [at_mid_exposure(motion, exposure, p.exposure_correction) for motion in motions]
+    motions = [through(other, ball_motion(film, ball, time, view, k + 1)) for k, ball in enumerate(tracks)]
+    corrected = [at_mid_exposure(motion, exposure, p.exposure_correction) for motion in motions]
+    return corrected, height_share(view, calibration)
+
+
+def through(other: Camera | None, motion: pd.DataFrame) -> pd.DataFrame:
+    """The motion with lens_m [m]: by how much the other camera sees each height higher; as it is without one."""
+    if other is None:
+        return motion
+    x, y = (motion[c].to_numpy(float) for c in ("x_px", "y_px"))
+    return motion.assign(lens_m=other.height(x, y) - motion.height_m.to_numpy(float))
 
 
 def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataFrame:
@@ -109,5 +121,6 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
         )
     if not rest.any():
         rest[np.flatnonzero(good)[0]] = True
-    zero = weighted_mean(motion.height_m[rest], motion.sigma_m[rest], "m").value
-    return motion.assign(height_m=motion.height_m - zero)
+    zeros = {c: weighted_mean(motion[c][rest], motion.sigma_m[rest], "m").value
+             for c in ("height_m", "lens_m") if c in motion}  # fmt: skip
+    return motion.assign(**{c: motion[c] - zero for c, zero in zeros.items()})

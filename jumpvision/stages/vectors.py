@@ -63,7 +63,9 @@ def foreign_field(section: PivField, robot: Robot | None) -> Piv:
         attrs={
             "delta_t": dt, "files": [section.file], "pivpy_schema_version": "1",
             "source": f"{section.file}, read by jumpvision {__version__}", "foot": section.foot,
-            "scale_m_per_px": pixel if metric else np.nan, "window_px": window, "step_px": window / overlap,
+            "scale_m_per_px": pixel if metric else np.nan,
+            "scale_share": section.scale_sigma / section.scale if section.scale else 0.0,
+            "window_px": window, "step_px": window / overlap,
             "error_px": window,  # how far a foreign program's errors are alike is not known
             # the picture is not known: it is taken to end half a window beyond the outermost vectors
             "origin_column_px": -x.min() / pixel + 0.5 * window - 0.5,

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from ..campaign import Outcome, Plan, run_campaign
 from ..experiment import Campaign, Experiment, open_campaign
 from ..fit.agreement import Agreement, agreement
+from ..fit.estimate import independent
 from ..model_spec import ModelSpec
 from ..params import SimulateParams
 from ..physics.parameters import ModelParameters
@@ -30,6 +31,7 @@ from ..records import RodMotion
 from ..schema import InputError, check_value
 from ..sections import Actuation, Motor, MotorLog, Robot
 from ..stage import StageWarning
+from ..stages.common import shared_of
 from ..stages.simulate import simulate
 from ..stages.summary import simulated_height
 from .axes import AXES
@@ -47,11 +49,16 @@ MARGIN = 0.08  # of the range of the points, around that map
 
 @dataclasses.dataclass(frozen=True)
 class Jump:
-    """One measured jump: height with its sigma and the model's [m]; steps: of the model per sigma of a parameter."""
+    """One measured jump: height with its sigma and the model's [m]; steps: of the model per sigma of a parameter.
+
+    sigma is all of the height's uncertainty, common the part of it that other jumps of the `apparatus` share.
+    """
 
     experiment: Experiment
     height: float
     sigma: float
+    common: float
+    apparatus: str
     model: float
     steps: dict[str, float]
 
@@ -99,8 +106,14 @@ def compare(
     at = np.array([keys.index(j.condition) for j in jumps])
     names = list(dict.fromkeys(n for j in jumps for n in j.steps))
     steps = np.array([[j.steps.get(n, 0.0) for n in names] for j in jumps]).reshape(len(jumps), len(names))
-    height, sigma, model = (np.array([getattr(j, n) for j in jumps]) for n in ("height", "sigma", "model"))
-    found = agreement(height, sigma, model, at, steps, rng=np.random.default_rng(0))
+    height, sigma, common, model = (
+        np.array([getattr(j, n) for j in jumps]) for n in ("height", "sigma", "common", "model")
+    )
+    shared = [common * np.array([j.apparatus == one for j in jumps]) for one in {j.apparatus: None for j in jumps}]
+    found = agreement(
+        height, independent(sigma, common), model, at, steps, rng=np.random.default_rng(0),
+        shared=np.transpose(shared) if common.any() else (),
+    )  # fmt: skip
     robot = machine("hard", jumps[0].experiment.path, overrides)
     data = _dataset(campaign, robot, jumps, at, steps, names, found)
     return data, rows(data)
@@ -133,7 +146,8 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
     if log is not None:  # smoothed by its encoder's step: twice that shows what smoothing does, 0 where the law drives
         coarse = dataclasses.replace(p, encoder_step=2.0 * p.encoder_step)
         steps["motor_log of " + ", ".join(f"{x:g}" for x in law_of(e).values())] = height(robot, spec, coarse) - model
-    return Jump(e, o.summary["jump_height_m"], o.summary["sigma_m"], model, steps)
+    seen, sigma, common = (o.summary[k] for k in ("jump_height_m", "sigma_m", "sigma_common_m"))
+    return Jump(e, seen, sigma, common, shared_of(e).apparatus, model, steps)
 
 
 Version = tuple[Robot, ModelSpec]
@@ -169,6 +183,7 @@ def _dataset(
     by_condition: dict[str, tuple[Any, str, str]] = {
         "measured_height_m": (found.measured, "m", "jump_height, mean of the trials"),
         "measured_sigma_m": (found.sigma, "m", "its standard uncertainty, with the scatter of trials"),
+        "measured_sigma_common_m": (found.sigma_common, "m", "the part of it that conditions of one apparatus share"),
         "simulated_height_m": (found.model, "m", "jump_height of the simulation, mean over the trials' own parameters"),
         "model_sigma_m": (
             found.model_sigma,

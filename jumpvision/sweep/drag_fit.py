@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..campaign import Plan, run_campaign
 from ..experiment import Experiment, open_campaign
+from ..fit.estimate import independent
 from ..physics.force_models import fitted_parameter
 from ..physics.packing_laws import fit_packing_law
 from ..physics.points import OF_MODEL, resolve, simulated_points
@@ -29,15 +30,16 @@ from .study import Rows, Study
 Array = NDArray[np.float64]
 
 TRIED = {"b": np.geomspace(0.6, 120.0, 25), "alpha": np.geomspace(5.0, 1000.0, 25)}
-SEEN = ("volume_fraction", "jump_height_m", "sigma_m")
+SEEN = ("volume_fraction", "jump_height_m", "sigma_m", "sigma_common_m")
 APART = 0.002  # of volume fraction: beds further apart are different packings
 LEAST = 5  # packings that a law needs
 
 
 def measured(
     path: Path, *, overrides: Mapping[str, Mapping[str, Any]], results: Path, workers: int, say: Say
-) -> tuple[list[Experiment], dict[str, Array], Array, Array, Array]:
-    """The campaign's jumps: experiments, the numbers of their laws, volume fraction, height and its sigma [m] (n,)."""
+) -> tuple[list[Experiment], dict[str, Array], Array, Array, Array, Array]:
+    """The campaign's jumps: experiments, the numbers of their laws, volume fraction, height, its sigma and the part of
+    it that they share [m] (n,)."""
     campaign = open_campaign(path, overrides=overrides)
     if hard := [e for e in campaign.experiments if e.ground != "granular"]:
         raise InputError([f"{e.path}: ground = '{e.ground}': this fit is of granular ground" for e in hard])
@@ -54,8 +56,8 @@ def measured(
     if not used:
         raise InputError([f"{campaign.path}: no experiment has a measured jump height and a volume fraction"])
     at = {n: np.array([r[n] for r in rows], float) for n in rows[0]}
-    phi, height, sigma = (at.pop(n) for n in SEEN)
-    return used, at, phi, height, sigma
+    phi, height, sigma, common = (at.pop(n) for n in SEEN)
+    return used, at, phi, height, sigma, common
 
 
 def drag_fit(
@@ -67,7 +69,9 @@ def drag_fit(
     laws: the other parameters of the bed against phi. The data set has the jumps (dimension `jump`) and the packings;
     of five or more a law of phi is fitted. InputError where a campaign has no jump, or its model no drag.
     """
-    used, at, phi, height, sigma = measured(path, overrides=overrides, results=results, workers=workers, say=say)
+    used, at, phi, height, sigma, common = measured(
+        path, overrides=overrides, results=results, workers=workers, say=say
+    )
     robot = machine("granular", used[0].path, overrides, model_file=model_file, laws=laws)
     name = "b" if "depth_drag" in robot.model else "alpha"
     if not {"depth_drag", "inertial_drag"} & set(robot.model.terms):
@@ -83,14 +87,21 @@ def drag_fit(
     heights = np.stack([x["jump_height_m"] for x in found])
     order = np.argsort(phi)
     groups = np.split(order, np.flatnonzero(np.diff(phi[order]) > APART) + 1)
-    fits = np.array([fitted_parameter(tried, heights[:, g], height[g], sigma[g]) for g in groups])
+    own = independent(sigma, common)
+    fits, moved = (
+        np.array([fitted_parameter(tried, heights[:, g], seen[g], own[g]) for g in groups])
+        for seen in (height, height + common)  # what the jumps share moves all of them, and the parameter
+    )
+    shift = np.abs(moved[:, 0] - fits[:, 0])
+    total = np.hypot(fits[:, 1], shift)
     packing = np.array([phi[g].mean() for g in groups])
     unit, per = ("1", "") if name == "b" else ("kg/m", " kg/m")
     best = {n: np.stack([x[n] for x in found])[np.argmin(np.abs(tried - np.nanmedian(fits[:, 0])))] for n in found[0]}
     data = dataset(
         robot, {"jump": [e.name for e in used], "packing": packing}, ("jump",), best,
         {"value": (("packing",), fits[:, 0], unit, f"{name} fitted to the measured jumps"),
-         "value_sigma": (("packing",), fits[:, 1], unit, "its standard uncertainty, widened by the scatter"),
+         "value_sigma": (("packing",), total, unit, "its standard uncertainty, widened by the scatter"),
+         "value_sigma_common": (("packing",), shift, unit, "the part of it that all packings share"),
          "chi2": (("packing",), fits[:, 2], "1", "of its heights"),
          "n": (("packing",), np.array([g.size for g in groups]), "1", "jumps"),
          "phi_of_jump": (("jump",), phi, "1", "volume fraction"),
@@ -101,7 +112,7 @@ def drag_fit(
     study = Study(dataclasses.replace(robot, thesis=False), {}, {}, workers, say)
     numbers = [
         study.number(f"{name} at phi {x:.4f}, {g.size} jumps", f"{value:.3g} ± {s:.2g}{per}, chi2 {c:.3g}")
-        for x, g, (value, s, c) in zip(packing, groups, fits)
+        for x, g, (value, _, c), s in zip(packing, groups, fits, total)
     ]
     known = np.isfinite(fits[:, :2]).all(axis=1)
     if known.sum() >= LEAST:

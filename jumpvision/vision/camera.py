@@ -12,6 +12,7 @@ from scipy.special import fdtrc
 Array = NDArray[np.float64]
 UP = {"-y": 1j, "+y": -1j, "-x": -1.0, "+x": 1.0}  # image directions as complex numbers, x right, y up
 OFF = 0.3  # px rms, by which marks are missed when they are clicked: less is no sign of perspective
+READING = 0.5  # px, standard uncertainty of each coordinate of a mark that is clicked
 SURE = 0.01  # chance of calling marks on a plane seen straight on a perspective view
 
 
@@ -23,6 +24,7 @@ class Camera:
     rail: unit vector of the rail's upward direction. homography: (3, 3), (column, row, 1) to (x, y, 1) w in metres, in
     place of a and b where the marks show perspective (a is then the mean scale).
     residual_px: rms distance of the marks from where the map puts them [px]; NaN where it has none to spare.
+    scale_sigma: standard uncertainty of the scale [m/px], the same in every picture of this camera.
     """
 
     a: complex
@@ -33,6 +35,12 @@ class Camera:
     centre: tuple[float, float]
     homography: Array | None = None
     residual_px: float = math.nan
+    scale_sigma: float = 0.0
+
+    @property
+    def scale_share(self) -> float:
+        """Relative standard uncertainty of the scale."""
+        return self.scale_sigma / self.scale
 
     @property
     def scale(self) -> float:
@@ -73,18 +81,19 @@ def camera(
     k1: float,
     k2: float,
     centre: tuple[float, float],
+    scale_sigma: float = 0.0,
 ) -> Camera:
     """The camera of a film.
 
-    scale: [m/px], not needed with marks. up: image direction of physical up, "-y" | "+y" | "-x" | "+x".
-    tilt: angle of the rail against that direction, counter-clockwise [rad].
+    scale, scale_sigma: [m/px], not needed with marks, which measure both (`marks_share`). up: image direction of
+    physical up, "-y" | "+y" | "-x" | "+x". tilt: angle of the rail against that direction, counter-clockwise [rad].
     marks: (n, 4) px, py [px], x, y [m] (y up); a similarity is fitted to two or more of them, and `up` is then +y. From
     four marks on it gives way to a homography (perspective) where it leaves more than OFF px rms and, from five on,
     where the homography is better by an F test at SURE.
     Raises ValueError without scale and marks.
     """
     turn = np.exp(1j * tilt)
-    bare = Camera(scale or 1.0, 0.0, UP[up] * turn, k1, k2, centre)
+    bare = Camera(scale or 1.0, 0.0, UP[up] * turn, k1, k2, centre, scale_sigma=scale_sigma)
     known = np.asarray(marks, float)
     if known.size:
         column, row = bare.undistorted(known[:, 0], known[:, 1])
@@ -96,20 +105,35 @@ def camera(
         off = np.abs(design @ [a, b] - true) / abs(a)
         spare = 2 * len(known) - 4
         left = float(np.sqrt(np.sum(off**2) / spare)) if spare else math.nan
-        flat = Camera(complex(a), complex(b), 1j * turn, k1, k2, centre, None, left)
+        spread = abs(a) * marks_share(column - 1j * row, left)
+        flat = Camera(complex(a), complex(b), 1j * turn, k1, k2, centre, None, left, spread)
         if len(known) < 4 or left <= OFF:
             return flat
         h = _homography(np.column_stack([column, row]), known[:, 2:])
-        tilted = Camera(complex(a), complex(b), 1j * turn, k1, k2, centre, h)
+        spread = abs(a) * marks_share(column - 1j * row, math.nan)
+        tilted = Camera(complex(a), complex(b), 1j * turn, k1, k2, centre, h, scale_sigma=spread)
         rest = float(np.sum(np.abs(tilted._plane(known[:, 0], known[:, 1]) - true) ** 2)) / abs(a) ** 2
         spare -= 4
         if spare == 0:
             return tilted
         gain = (float(np.sum(off**2)) - rest) / 4.0 / max(rest / spare, 1e-300)
-        return replace(tilted, residual_px=math.sqrt(rest / spare)) if fdtrc(4, spare, gain) < SURE else flat
+        if fdtrc(4, spare, gain) >= SURE:
+            return flat
+        left = math.sqrt(rest / spare)
+        return replace(tilted, residual_px=left, scale_sigma=abs(a) * marks_share(column - 1j * row, left))
     if scale is None:
         raise ValueError("scale: missing; give the metres per pixel, or two marks in [calibration]")
     return bare
+
+
+def marks_share(place: NDArray[np.complex128], residual: float) -> float:
+    """Relative standard uncertainty of the scale of marks at `place` (n,) [px], from the least squares of a similarity.
+
+    residual [px]: of each coordinate, from more marks than the map needs; NaN without any to spare (two marks): then
+    READING. The known distances count as exact.
+    """
+    noise = residual if math.isfinite(residual) else READING
+    return noise / float(np.sqrt(np.sum(np.abs(place - place.mean()) ** 2)))
 
 
 def _homography(pixel: Array, metre: Array) -> Array:
