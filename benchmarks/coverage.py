@@ -8,7 +8,6 @@ errors (scale, clock), nor of films: coverage must then fall below the bar, whic
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,10 +16,12 @@ from typing import Any
 import numpy as np
 
 from jumpvision.diagnosis.diagnose import Diagnosis, diagnose
-from jumpvision.diagnosis.fitting import Fit
-from jumpvision.diagnosis.jumps import Jump
+from jumpvision.diagnosis.fitting import Fit, Problem
+from jumpvision.diagnosis.jumps import Jump, Shared
+from jumpvision.diagnosis.measured import Measured
 from jumpvision.lab.blind import campaign
 from jumpvision.lab.seal import answer_of, score
+from jumpvision.question import films
 from jumpvision.question.document import Z90, document
 from jumpvision.question.run import heights_of
 
@@ -31,7 +32,7 @@ from .shared_world import Film, World, physical, stated, world
 
 LOW, HIGH, LEAST = 0.86, 0.94, 0.80  # bars: coverage of all named parameters, and of each one at least
 PLANTED, FLAGGED, FALSE = 5.0, 0.95, 0.02  # sigma of a planted contradiction; bars
-ROBOT = ("spring_stiffness", "gravity")  # with stated sigmas in every campaign
+STATED = ("spring_stiffness", "gravity", "scale[0]", "offset[0]", "rate[0]")  # of the apparatus, in every campaign
 
 
 @dataclass(frozen=True)
@@ -46,34 +47,6 @@ class Case:
         return f"{'undeclared' if self.undeclared else 'declared'} #{self.number}"
 
 
-# --------------------------------------------------------------------------------------------------- the analysis asked
-def part(module: str, name: str) -> Any:
-    """A name of the package. Raises ImportError that names both where it is not there (yet)."""
-    try:
-        return getattr(importlib.import_module(module), name)
-    except AttributeError as e:
-        raise ImportError(f"{module}.{name}: not there") from e
-
-
-def sharing(jumps: Sequence[Jump]) -> list[Jump]:
-    """The jumps, each with what is stated of the camera that all share."""
-    shared = part("jumpvision.diagnosis.jumps", "Shared")(**stated())
-    changed: dict[str, Any] = {"shared": shared}
-    return [replace(j, **changed) for j in jumps]
-
-
-def measured(film: Film) -> Any:
-    """A film as the analysis takes it."""
-    record = part("jumpvision.diagnosis.measured", "Measured")
-    return record(film.names, film.values, film.covariance, film.source)
-
-
-def confirmation(d: Diagnosis, system: Any, film: Any) -> list[dict[str, Any]]:
-    """Rows with quantity, by_jumps, by_film, z, verdict."""
-    rows: list[dict[str, Any]] = part("jumpvision.diagnosis.measured", "confirmation")(d, system, [film])
-    return rows
-
-
 @dataclass(frozen=True)
 class Question:
     """A campaign as the analysis is asked about it."""
@@ -83,15 +56,43 @@ class Question:
     fit: dict[str, Any]
     priors: dict[str, float]
 
-    def answer(self, film: Film | None) -> tuple[Diagnosis, Any, Any]:
-        """(diagnosis, system, the film as the analysis took it)."""
-        taken = None if film is None else measured(film)
-        more = {} if taken is None else {"measured": [taken]}
-        jumps = self.jumps if self.case.undeclared else sharing(self.jumps)
-        system, noise, scatter, _ = questioned(jumps, self.fit, self.priors, **more)
-        rng = np.random.default_rng([182, self.case.number])
-        d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
-        return d, system, taken
+    def answer(self, film: Film | None) -> Answer:
+        """The campaign questioned, with a film of it or without."""
+        shared = Shared() if self.case.undeclared else Shared(**stated())
+        jumps = [replace(j, shared=shared) for j in self.jumps]
+        learned = questioned(jumps, self.fit, self.priors)
+        beside = [] if film is None else [Measured(film.names, film.values, film.covariance, film.source)]
+        problem = Problem(learned.system, learned.noise, learned.scatter, beside)
+        rng, stops = np.random.default_rng([182, self.case.number]), [j.stop for j in jumps]
+        d = diagnose(
+            learned.system, learned.noise, rng, scatter=learned.scatter, measured=beside, by=("kind",), stops=stops
+        )
+        return Answer(d, problem)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A diagnosis, and the problem that it answers."""
+
+    diagnosis: Diagnosis
+    problem: Problem
+
+    @property
+    def system(self) -> Any:
+        return self.problem.system
+
+    @property
+    def best(self) -> Fit:
+        """The fit that the diagnosis stands by."""
+        d = self.diagnosis
+        return d.naming.best.fit if d.naming and d.naming.named else d.baseline
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the confirmation says that film and jumps contradict each other."""
+        alone = films.jumps_alone(self.diagnosis, self.problem)
+        rows = films.confirmation(alone, self.system, [], self.problem.measured)
+        return any(r["verdict"] == "contradict" for r in rows)
 
 
 # ----------------------------------------------------------------------------------------------------------------- rows
@@ -101,33 +102,22 @@ def run(case: Case) -> Row:
     rng = np.random.default_rng([183, case.number])
     question = Question(case, *jumps_of(w.setting, campaign(w.setting, rng)))
     out: Row = {"kind": w.kind, "hidden": list(w.setting.hidden), "common": w.common}
-    d, system, _ = question.answer(None)
-    out["alone"] = scored(d, system, w)
+    alone = question.answer(None)
+    out["alone"] = scored(alone, w)
     if case.undeclared:
         return out
-    with_film, system, taken = question.answer(w.film)
-    out["filmed"] = scored(with_film, system, w)
-    out["flagged"] = flagged(confirmation(with_film, system, taken))
-    if planted := contradiction(d, w.film, rng):
+    filmed = question.answer(w.film)
+    out |= {"filmed": scored(filmed, w), "flagged": filmed.contradicts}
+    if planted := contradiction(alone.best, w.film, rng):
         name, off = planted
-        shifted, system, taken = question.answer(off)
-        out |= {"planted": name, "found": flagged(confirmation(shifted, system, taken))}
+        out |= {"planted": name, "found": question.answer(off).contradicts}
     return out
 
 
-def best_of(d: Diagnosis) -> Fit:
-    """The fit that a diagnosis stands by."""
-    return d.naming.best.fit if d.naming and d.naming.named else d.baseline
-
-
-def contradiction(d: Diagnosis, film: Film, rng: np.random.Generator) -> tuple[str, Film] | None:
-    """(parameter, the film with it off by PLANTED sigma of film minus jumps); None where the jumps say none of them.
-
-    d: the diagnosis of the jumps alone.
-    """
-    fit = best_of(d)
-    for name in rng.permutation([n for n in film.names if n in fit.named]).tolist():
-        by = PLANTED * math.hypot(film.sigma(name), fit.sigma(name))
+def contradiction(alone: Fit, film: Film, rng: np.random.Generator) -> tuple[str, Film] | None:
+    """(parameter, the film with it off by PLANTED sigma of film minus jumps); None where the jumps say none of them."""
+    for name in rng.permutation([n for n in film.names if n in alone.named]).tolist():
+        by = PLANTED * math.hypot(film.sigma(name), alone.sigma(name))
         for sign in rng.permutation([-1.0, 1.0]):
             off = film.shifted(name, float(sign) * by)
             if physical(name, float(off.values[film.names.index(name)])):
@@ -135,14 +125,11 @@ def contradiction(d: Diagnosis, film: Film, rng: np.random.Generator) -> tuple[s
     return None
 
 
-def flagged(rows: Sequence[dict[str, Any]]) -> bool:
-    """Whether the confirmation says that film and jumps contradict each other."""
-    return any(r["verdict"] == "contradict" for r in rows)
-
-
-def scored(d: Diagnosis, system: Any, w: World) -> Row:
+def scored(answer: Answer, w: World) -> Row:
     """The outcome, and whether every 90 % interval holds the truth: of parameters as they are printed, of right names
-    and of those beside wrong or missing ones; of the baseline's fitted ones; of the robot's stated ones."""
+    and of those beside wrong or missing ones; of the baseline's fitted ones; of what is stated of the
+    apparatus."""
+    d, system, fit = answer.diagnosis, answer.system, answer.best
     unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
     data = document(d, system, heights_of(d, system), unexplained)
     named = {
@@ -151,7 +138,6 @@ def scored(d: Diagnosis, system: Any, w: World) -> Row:
         if cause["mechanism"] in set(data["named"]) & set(w.setting.hidden)
         for name, p in cause["parameters"].items()
     }
-    fit = best_of(d)
     others = {p.name: p for p in fit.parameters if p.name not in named and p.name in w.true}
     half = {n: Z90 * fit.sigma(n) for n in others}
     rest = {n: (max(fit.named[n] - half[n], p.low), min(fit.named[n] + half[n], p.high)) for n, p in others.items()}
@@ -163,7 +149,7 @@ def scored(d: Diagnosis, system: Any, w: World) -> Row:
         "named parameters": printed if outcome == "right" else [],
         "partly named": printed if outcome != "right" else [],
         "fitted parameters": [held(n, ends, w) for n, ends in fitted.items()],
-        "stated parameters": [held(n, rest[n], w) for n in ROBOT if n in rest],
+        "stated parameters": [held(n, ends, w) for n, ends in rest.items() if n in STATED],
         "chi2_per_dof": d.detection.chi2_per_dof,
     }  # fmt: skip
 
@@ -183,7 +169,7 @@ def report(rows: Sequence[Row]) -> str:
         ("named parameters", "all named parameters (bar 86-94 %)"),
         ("partly named", "those beside a wrong or missing name"),
         ("fitted parameters", "all fitted ones of the baseline"),
-        ("stated parameters", "the robot's stated ones"),
+        ("stated parameters", "what is stated of the apparatus"),
     ):
         alone, filmed = (intervals_of(good, k, group) for k in ("alone", "filmed"))
         lines.append(f"| {title} | {cover(alone)} | {cover(filmed)} |")

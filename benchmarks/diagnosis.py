@@ -23,8 +23,8 @@ from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper import Jumper
 from jumpvision.diagnosis.jumps import Jump
+from jumpvision.diagnosis.learning import learn_noise
 from jumpvision.diagnosis.naming import confidence_set
-from jumpvision.diagnosis.repeats import learn_noise
 from jumpvision.lab.blind import ROBOTS, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
 from jumpvision.physics.forcing import from_log
@@ -100,8 +100,8 @@ def run(case: Case) -> dict[str, Any]:
     )  # fmt: skip
     jumps, fit, priors = jumps_of(setting, campaign(setting, rng))
     began = time.perf_counter()
-    system = Jumper(jumps, fit, priors, workers=1)
-    noise, scatter = learn_noise(system)
+    learned = learn_noise(Jumper(jumps, fit, priors, workers=1))
+    system, noise, scatter = learned.system, learned.noise, learned.scatter
     out: dict[str, Any] = {"table": case.table, "hidden": "+".join(case.hidden) or "nothing", "noise": case.noise,
                            "ground": case.ground, "seed": case.seed, "s": noise.s, "rho": noise.rho,
                            "scatter": scatter}  # fmt: skip

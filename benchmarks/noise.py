@@ -22,7 +22,8 @@ from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper import Jumper
 from jumpvision.diagnosis.jumps import Jump
-from jumpvision.diagnosis.repeats import learn_noise
+from jumpvision.diagnosis.learning import Learned, learn_noise
+from jumpvision.diagnosis.noise import Noise
 from jumpvision.lab.blind import Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
 from jumpvision.lab.track_noise import NU
@@ -104,25 +105,14 @@ class Case:
         return campaign(setting, np.random.default_rng([*self.seed, 2]))
 
 
-# --------------------------------------------------------------------------------------------------- the analysis asked
-def questioned(
-    jumps: list[Jump], fit: dict[str, Any], priors: dict[str, float], **more: Any
-) -> tuple[Any, Any, Any, Any]:
-    """(system, noise, scatter, what was learned of the noise: a record, or None where it says only the first two).
-    more: what else the system is told, such as films (`measured`)."""
-    system: Any = Jumper(jumps, fit, priors, workers=1, **more)
-    learned: Any = learn_noise(system)
-    if isinstance(learned, tuple):
-        return system, *learned, None
-    return learned.system, learned.noise, learned.scatter, learned
+def questioned(jumps: list[Jump], fit: dict[str, Any], priors: dict[str, float]) -> Learned:
+    """The jumps as a system that is asked, with what is learned of their noise."""
+    return learn_noise(Jumper(jumps, fit, priors, workers=1))
 
 
-def said(jumps: Sequence[Jump], noise: Any, learned: Any) -> Array:
-    """(jump,) half width [m] that is said to hold 68.27 % of a track's errors."""
-    if learned is None:
-        return np.array([noise.s * j.spread for j in jumps])
-    own = np.broadcast_to(np.asarray(learned.spread_of_tracks, float), len(jumps))
-    return np.asarray(learned.sigma_m * own)
+def spoilt(noise: Noise, by: float) -> Noise:
+    """A noise with a wrong standard deviation; its wander stays."""
+    return replace(noise, s=noise.s * by)
 
 
 def true_half_width(recorded: Sequence[Recorded], family: str) -> Array:
@@ -146,14 +136,13 @@ def null(case: Case) -> Row:
     setting = case.setting()
     recorded = case.tracks(setting)
     jumps, fit, priors = jumps_of(setting, recorded)
-    system, noise, scatter, learned = questioned(jumps, fit, priors)
-    noise = replace(noise, s=noise.s * case.cell.spoil)
-    problem = Problem(system, noise, scatter)
+    learned = questioned(jumps, fit, priors)
+    problem = Problem(learned.system, spoilt(learned.noise, case.cell.spoil), learned.scatter)
     base = fit_baseline(problem, rng)
     found = detect(problem, base, directions(problem, base), rng)
     return {
-        **about(case, noise, learned),
-        "ratio": list(said(jumps, noise, learned) / true_half_width(recorded, case.cell.family)),
+        **about(case, learned),
+        "ratio": list(learned.sigma * learned.tracks / true_half_width(recorded, case.cell.family)),
         "alarm": found.discrepant, "p": found.p_value, "p_chi2": found.p_chi2, "p_score": found.p_score,
         "chi2_per_dof": found.chi2_per_dof,
     }  # fmt: skip
@@ -164,14 +153,14 @@ def power(case: Case) -> Row:
     rng = np.random.default_rng([*case.seed, 3])
     setting, level, reached = hide(case)
     jumps, fit, priors = jumps_of(setting, case.tracks(setting))
-    system, noise, scatter, learned = questioned(jumps, fit, priors)
-    noise = replace(noise, s=noise.s * case.cell.spoil)
-    d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
+    learned = questioned(jumps, fit, priors)
+    system, stops = learned.system, [j.stop for j in jumps]
+    d = diagnose(system, learned.noise, rng, scatter=learned.scatter, by=("kind",), stops=stops)
     unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
     data = document(d, system, heights_of(d, system), unexplained)
     outcome = score(data, answer_of(setting))["outcome"]
     return {
-        **about(case, noise, learned), "hidden": setting.hidden[0], "strength": level, "noncentrality": reached,
+        **about(case, learned), "hidden": setting.hidden[0], "strength": level, "noncentrality": reached,
         "detected": not d.adequate, "outcome": outcome, "named": data["named"], "p": d.detection.p_value,
         "chi2_per_dof": d.detection.chi2_per_dof,
     }  # fmt: skip
@@ -194,12 +183,14 @@ def hide(case: Case) -> tuple[Setting, float, float]:
     raise Unreachable(f"{case.key}: no effect can be made as plain as {TARGET:g}")
 
 
-def about(case: Case, noise: Any, learned: Any) -> Row:
+def about(case: Case, learned: Learned) -> Row:
     """What a row of either table says of the campaign and of the noise that was learned."""
-    out = {"cell": case.cell.name, "ground": case.ground, "noise": case.noise, "s": noise.s, "rho": noise.rho}
-    if learned is not None:
-        out |= {"warnings": list(learned.warnings), "drift": learned.drift_m, "tails": str(learned.tails)}
-    return out
+    noise = learned.noise
+    return {
+        "cell": case.cell.name, "ground": case.ground, "noise": case.noise, "s": noise.s, "rho": noise.rho,
+        "drift": noise.drift, "sigma": learned.sigma, "tails": learned.tails, "outliers": len(learned.outliers),
+        "warnings": list(learned.warnings), "log_sigma": noise.log_sigma,
+    }  # fmt: skip
 
 
 # --------------------------------------------------------------------------------------------------------------- tables
@@ -262,7 +253,7 @@ def split(rows: Sequence[Row], cell: Cell) -> tuple[list[Row], list[Row]]:
 
 
 def verdict(rows: Sequence[Row], asked: Sequence[Cell]) -> list[str]:
-    """Cells beyond their bar, said to be so where the interval leaves no doubt; why campaigns failed."""
+    """Cells beyond their bar, `surely` where the interval leaves no doubt; cells whose learned s is off; failures."""
     out = []
     for cell in asked:
         good, _ = split(rows, cell)
@@ -275,6 +266,9 @@ def verdict(rows: Sequence[Row], asked: Sequence[Cell]) -> list[str]:
         surely = low > bar if high else up < bar
         if beyond:
             out.append(f"* {cell.name}: {share(count, len(good))}, bar {100 * bar:g} %{': surely' if surely else ''}")
+        if cell.table == "null":
+            off = float(np.median(np.concatenate([r["ratio"] for r in good])))
+            out += [f"* {cell.name}: learned s {off:.3f} times the true one"] if abs(off - 1.0) > NEAR else []
     reasons = Counter(r["failed"] for r in rows if "failed" in r)
     return out + [f"* failed {n} times: {why}" for why, n in reasons.most_common()]
 

@@ -128,13 +128,17 @@ def with_common_errors(setting: Setting, rng: np.random.Generator) -> tuple[Sett
 
 
 def truth(setting: Setting) -> dict[str, float]:
-    """Every true parameter, the robot's own stiffness and gravity among them."""
+    """Every true parameter; the robot's own stiffness and gravity and the camera's errors by the analysis' names."""
     p = setting.protocol
-    robot = {
+    track = p.records["rod_track"]
+    apparatus = {
         "spring_stiffness": p.robot.spring_stiffness + p.parameters["dk"],
         "gravity": p.robot.gravity + p.parameters["dg"],
+        "scale[0]": 1.0 + track.scale_error,
+        "offset[0]": track.clock_offset,
+        "rate[0]": track.clock_drift,
     }
-    return {**p.parameters, **robot}
+    return {**p.parameters, **apparatus}
 
 
 def film(kind: str, true: Mapping[str, float], rng: np.random.Generator) -> Film:

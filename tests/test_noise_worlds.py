@@ -252,9 +252,9 @@ def test_the_world_is_made_with_its_common_errors():
 
 
 def test_the_oracle_sees_an_exactly_known_effect():
-    """A wrong scale of jumps whose baseline fits nothing: the heights less their level in noise units, squared, by hand.
-    It grows as the square of the scale's error; t of 3 degrees of freedom tells twice as much; a static force cannot be
-    left out."""
+    """A wrong scale of jumps whose baseline fits nothing: the heights less their level in noise units, squared.
+    It grows as the square of the scale's error; t of 3 degrees of freedom tells twice as much; a static force cannot
+    be left out."""
 
     def drawn(family: str, strength: float) -> blind.Setting:
         return blind.draw(
