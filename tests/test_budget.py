@@ -179,6 +179,7 @@ def test_what_experiments_share_is_told_by_their_apparatus(tmp_path):
         "d": text.format(5e-6) + "[calibration]\ntilt = 0.2\ntilt_sigma = 0.1\n",
         "e": text.format(5e-6) + "[calibration]\nk1 = 1e-9\nmarks = [[0, 0, 0.0, 0.0], [0, 500, 0.0, -0.25]]\n",
         "f": '[rod_track]\nfile = "rod.avi"\nscale_sigma = 0.02\n', "g": "[robot]\nmotor_mass = 1.0\n",
+        "h": text.format(5e-6) + "[calibration]\ntilt = 0.0\n",
     }  # fmt: skip
     found = {}
     for name, body in bodies.items():
@@ -188,7 +189,7 @@ def test_what_experiments_share_is_told_by_their_apparatus(tmp_path):
         found[name] = shared_of(open_experiment(tmp_path / name))
     a = found["a"]
     assert (a.scale, a.offset, a.rate) == (pytest.approx(0.01), 1e-3, 2e-4)
-    assert a == found["b"] and a.apparatus != found["c"].apparatus
+    assert a == found["b"] == found["h"] and a.apparatus != found["c"].apparatus
     assert found["d"].scale == pytest.approx(math.hypot(0.01, foreshortening(0.1)))
     assert found["e"].scale == pytest.approx(READING * math.sqrt(2.0) / 500.0, rel=1e-4)  # the lens moves the marks
     assert (found["f"].scale, found["g"].scale) == (0.02, 0.0)
