@@ -14,6 +14,8 @@ from .sections import Actuation, Bed, Calibration, Fan, NotApplicable, Robot
 from .stage import StageWarning
 from .stages.geometry import geometry
 
+UNMARKED = "rod_track", "crater_depth", "piv_field"  # of which no picture is read that marks could stand in
+
 
 def check_geometry(experiment: Experiment) -> tuple[dict[str, Any] | None, list[str]]:
     """(values of geometry.json, warnings) from the folder's numbers alone; None where they do not suffice."""
@@ -36,12 +38,13 @@ def exact_scales(experiments: Iterable[Experiment]) -> str:
     for e in experiments:
         calibration = e.section(Calibration)
         for name, section in e.sections.items():
-            marked = calibration is not None and calibration.marks and name not in ("crater_depth", "piv_field")
-            if getattr(section, "scale", None) and not section.scale_sigma and not marked:
+            marked = calibration is not None and calibration.marks and name not in UNMARKED
+            scaled = name == "rod_track" or getattr(section, "scale", None)
+            if scaled and not section.scale_sigma and not marked:
                 bare[f"[{name}]"] = None
     if not bare:
         return ""
     return (
         f"the scale of {', '.join(bare)} is taken as exact, so no sigma holds its error, which all experiments share: "
-        "give scale_sigma (m/px, its standard uncertainty), or marks in [calibration]"
+        "give scale_sigma (its standard uncertainty, m/px; of [rod_track] a share), or marks in [calibration]"
     )

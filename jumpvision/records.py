@@ -299,13 +299,13 @@ class SpringTest(Values):
 
 
 class Fits(Values):
-    """Every fit: {name: {value, sigma, unit, n, chi2}}."""
+    """Every fit: {name: {value, sigma, sigma_common, unit, n, chi2}}, sigma_common the part that experiments share."""
 
     file = "fits.json"
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row a fit: value, sigma, unit, n, chi2."""
+        """One row a fit: value, sigma, sigma_common, unit, n, chi2."""
         import pandas as pd
 
         return pd.DataFrame.from_dict(self.values, orient="index")

@@ -87,10 +87,12 @@ def test_the_tutorial_from_end_to_end(tmp_path):
             done = subprocess.run(command, cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True)
             assert done.returncode == 0, code + done.stderr
             said += done.stdout
-    assert re.search(r"stutter-8.2Hz-1 +33\.\d+ ± 0\.000\d+ +33\.1", said)  # as the page prints it
+    assert re.search(r"stutter-8.2Hz-1 +33\.\d\d ± 0\.33 +33\.1", said)  # as the page prints it
     truth = json.loads((SAMPLES / "hard_ground" / "truth.json").read_text())["summary"]["jump_height_m"]
     found = json.loads((tmp_path / "results" / "my_jumps" / "stutter-8.2Hz-1" / "summary.json").read_text())
     assert 0.005 < found["jump_height_m"] / truth - 1 < 0.012  # the page: 0.9 % by the ball's diameter
+    assert abs(found["jump_height_m"] - truth) < found["sigma_m"]  # which states 1 %
+    assert found["sigma_common_m"] / found["jump_height_m"] == pytest.approx(0.01, rel=0.01)
     assert (tmp_path / "results" / "my_jumps" / "report.html").exists()
 
 

@@ -89,10 +89,11 @@ def track_picture(track: Track, film: RodVideo) -> TrackPicture:
         return TrackPicture(png(figure))
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actuation | None) -> JumpPicture:
     """Measured and simulated height of the rod, and what the model leaves over."""
-    t, h, sigma = rod.arrays
+    t, h, _ = rod.arrays
+    sigma = rod.table.sigma_m.to_numpy(float)  # all of it: a wrong scale is a difference to the model too
     with styled() as Figure:
         rows = 2 if simulation else 1
         figure = Figure(figsize=(8.6, 2.4 + 1.5 * rows), layout="constrained")

@@ -35,7 +35,9 @@ class Clock(Section):
 
     name: ClassVar[str] = "clock"
     offset_sigma: float = param(0.0, "s", "standard uncertainty of every recording's start on the common clock", lo=0)
-    rate_sigma: float = param(0.0, "", "relative standard uncertainty of the cameras' frame rate", lo=0, hi=0.1)
+    rate_sigma: float = param(
+        0.0, "", "relative standard uncertainty of the rate of cameras and contact log", lo=0, hi=0.1
+    )
 
 
 def scale_problems(section: Any) -> list[str]:

@@ -39,17 +39,16 @@ def shared_of(experiment: Experiment) -> Shared:
     The lens is not in it: its error differs from height to height, and stands in rod.csv (lens_m).
     """
     film, table = experiment.section(RodVideo), experiment.section(RodTrack)
-    calibration, clock = experiment.section(Calibration), experiment.section(Clock) or Clock()
+    calibration = experiment.section(Calibration) or Calibration()
+    clock = experiment.section(Clock) or Clock()
     scale, camera = 0.0, {}
     if film is not None:
-        camera = {"rod_video": [film.scale, film.scale_sigma], "calibration": calibration and asdict(calibration)}
-        marks = calibration.marks if calibration else ()
+        camera = {"rod_video": [film.scale, film.scale_sigma], "calibration": asdict(calibration)}
+        marks = calibration.marks
         if film.scale or marks:
             # an undistorted mark is moved by the centre, but hardly the scale: the film need not be opened for it
-            middle = (
-                (sum(m[0] for m in marks) / len(marks), sum(m[1] for m in marks) / len(marks)) if marks else NOWHERE
-            )
-            scale = height_share(bare_view(calibration, film, middle), calibration)
+            column, row = np.mean(marks, axis=0)[:2] if marks else NOWHERE
+            scale = height_share(bare_view(calibration, film, (float(column), float(row))), calibration)
     elif table is not None:
         scale, camera = table.scale_sigma, {"rod_track": [table.scale_sigma]}
     return Shared(scale, clock.offset_sigma, clock.rate_sigma, json.dumps(camera, sort_keys=True))
