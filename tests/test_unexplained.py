@@ -12,7 +12,7 @@ from jumpvision.diagnosis.diagnose import fit_baseline
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper import Jumper
 from jumpvision.diagnosis.jumps import Jump
-from jumpvision.diagnosis.repeats import learn_noise
+from jumpvision.diagnosis.learning import learn_noise
 from jumpvision.diagnosis.shapes import Shaped, generic, unit
 from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.lab.jumper import simulate
@@ -57,8 +57,9 @@ def campaign(ground: str, hidden: dict[str, float], term: str | None, rng: np.ra
 
 def described(system: Jumper, rng: np.random.Generator):
     """(whether the baseline fails, what is said of what it leaves)."""
-    noise, scatter = learn_noise(system)
-    problem = Problem(system, noise, scatter)
+    learned = learn_noise(system)
+    system = learned.system
+    problem = Problem(system, learned.noise, learned.scatter)
     base = fit_baseline(problem, rng)
     found = detect(problem, base, directions(problem, base), rng)
     return found.discrepant, unexplained(problem, [base], Shaped(system), rng)

@@ -49,8 +49,8 @@ class Jumper:
         self.jumps = list(jumps)
         self.model = self.jumps[0].model
         self.workers, self.pool = workers, ThreadPoolExecutor(workers)
-        own = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
-        self.baseline = (*own, *common(self.jumps))
+        free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
+        self.baseline = (*free, *common(self.jumps))
         self.apparatus = groups(self.jumps)
         drives = all(j.law for j in self.jumps)
         self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
@@ -72,8 +72,7 @@ class Jumper:
         """The same jumps with a factor on the noise of every reading: by jump, (n,) as its track."""
         out = copy.copy(self)
         out.observations = [
-            replace(o, spread=f[np.searchsorted(j.t, o.t)])
-            for o, j, f in zip(self.observations, self.jumps, factors)
+            replace(o, spread=f[np.searchsorted(j.t, o.t)]) for o, j, f in zip(self.observations, self.jumps, factors)
         ]
         return out
 

@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 FEWEST = 20  # samples beyond their coefficients that a noise can be learned from
 APART = 3.0  # sigmas by which sources contradict each other
 STATED = 0.1  # relative standard uncertainty of a sigma that a track states
+ENOUGH = 8  # jumps that tell the frequency of the foot in flight
 FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
 UNCHECKED = 0.3  # the same, where nothing in the campaign checks it
 NORMAL = 3.0  # log-likelihood by which tails must be better than a normal distribution's to be told
@@ -181,14 +182,16 @@ def _alone(system: Jumper, weights: Sequence[Array], least: float, coarse: float
                 quiet["rest"].append(replace(x, track=i))
         about.append(max(sigma, np.finfo(float).tiny))
 
-    def aloft(ring: float) -> list[Stretch]:
+    every = range(len(system.jumps))
+
+    def aloft(ring: float, which: Sequence[int]) -> list[Stretch]:
         return [
-            replace(x, track=i)
-            for i, (j, w, s) in enumerate(zip(system.jumps, weights, about))
-            for x in flights(j, w, s, coarse, ring)
+            replace(x, track=i) for i in which for x in flights(system.jumps[i], weights[i], about[i], coarse, ring)
         ]
 
-    quiet["flight"] = aloft(ring_of(system.jumps, aloft))
+    some = every[:: max(1, len(every) // ENOUGH)]
+    ring = ring_of(lambda a: aloft(a, some)) if any(j.model.m_f > 0 for j in system.jumps) else 1.0
+    quiet["flight"] = aloft(ring, every)
     return quiet
 
 

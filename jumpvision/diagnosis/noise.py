@@ -92,12 +92,12 @@ def estimate(stretches: Sequence[Stretch], frame: float, floor: float = 0.0) -> 
             f"noise: {free} samples at rest, in flight or repeated; at least 20 are needed: "
             "film the robot at rest before the motor starts, or repeat trials (same `group`)"
         )
-    grid = np.linspace(0.0, TOP, 15)
+    grid = np.linspace(0.0, TOP, 9)
     score = [_profile(usable, float(rho), frame, free)[0] for rho in grid]
     best = int(np.argmin(score))
     ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)])
     found = minimize_scalar(
-        lambda rho: _profile(usable, rho, frame, free)[0], bounds=ends, method="bounded", options={"xatol": 1e-3}
+        lambda rho: _profile(usable, rho, frame, free)[0], bounds=ends, method="bounded", options={"xatol": 3e-3}
     )
     rho = float(found.x) if found.fun < score[best] else float(grid[best])
     return of_power(_profile(usable, rho, frame, free)[1], rho, frame, free, floor)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from jumpvision.fit.flight import in_flight
 from jumpvision.physics.oscillator import foot_ripple
@@ -65,7 +65,9 @@ def flights(jump: Jump, factor: Array, sigma: float, coarse: float, ring: float)
                 here = here[step_apart(_smooth(t[here], y[here]), coarse)]
             if (x := _course(jump, t[here], y[here], factor[here], ring)) is not None:
                 out.append(x)
-    return out[:FIRST]
+            if len(out) == FIRST:
+                return out
+    return out
 
 
 def _fall(t: Array, y: Array) -> float:
@@ -73,10 +75,8 @@ def _fall(t: Array, y: Array) -> float:
     return -2.0 * float(np.polyfit(t - t.mean(), y, 2)[0])
 
 
-def ring_of(jumps: Sequence[Jump], stretches: Callable[[float], list[Stretch]]) -> float:
-    """The foot's frequency over the model's that suits the flights of all jumps best."""
-    if all(j.model.m_f <= 0 for j in jumps):
-        return 1.0
+def ring_of(stretches: Callable[[float], list[Stretch]]) -> float:
+    """The foot's frequency over the model's that suits the flights best."""
     found = {a: stretches(a) for a in RINGS}
     return min(RINGS, key=lambda a: sum(_squares(x) for x in found[a]) / max(samples(found[a]), 1))
 
@@ -96,7 +96,7 @@ def _course(jump: Jump, t: Array, y: Array, factor: Array, ring: float) -> Stret
         if free < 4:
             return None
         left, less = _squares(x), _squares(higher)
-        if stats.f.sf((left - less) / 2.0 / max(less / free, 1e-300), 2, free) > ALLOWED:
+        if special.fdtrc(2, free, (left - less) / 2.0 / max(less / free, 1e-300)) > ALLOWED:
             return x
         t, y, factor = t[1:-1], y[1:-1], factor[1:-1]
     return None

@@ -69,7 +69,9 @@ def jumps_alone(d: Diagnosis, problem: Problem) -> Fit:
     return told if alone is None else alone
 
 
-def confirmation(alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]) -> list[dict[str, Any]]:
+def confirmation(
+    alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]
+) -> list[dict[str, Any]]:
     """One row for every quantity that films or tests measure and the model has: by them, by the jumps alone.
 
     z: their difference over the sigma of both; a verdict of `contradict` beyond CONTRADICT.

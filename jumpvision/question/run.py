@@ -19,7 +19,7 @@ from ..diagnosis.fitting import Problem
 from ..diagnosis.gain import apex
 from ..diagnosis.jumper import Jumper, content
 from ..diagnosis.jumps import Jump
-from ..diagnosis.learning import Learned, learn_noise
+from ..diagnosis.learning import learn_noise
 from ..diagnosis.shapes import Shaped
 from ..diagnosis.unexplained import unexplained
 from ..experiment import Campaign
@@ -75,7 +75,8 @@ def question(
     ranges = {n: (low, high) for n, (low, high) in spec.fit.items()}
     priors = {**spec.sigma, **robot_sigma}
     seen = films(outcomes)
-    beside = measurements(campaign.experiments, outcomes, experiments[0].sections["robot"], jumps[0].model.volume_fraction)
+    phi = jumps[0].model.volume_fraction
+    beside = measurements(campaign.experiments, outcomes, experiments[0].sections["robot"], phi)
     entry = cache / "diagnose" / _key(jumps, ranges, priors, (seen, beside))
     names = (FILE, MODEL, PICTURE)[: 3 if draw else 2]
     if not all((entry / n).exists() for n in names):
