@@ -276,8 +276,8 @@ def _only_stated(stated: Array, frame: float, free: int, warnings: list[str]) ->
             "are needed: film the robot at rest before the motor starts, repeat trials (same `group`), or give sigma_m"
         )
     warnings.append(
-        f"the noise, {1e3 * source.sigma:.3g} mm, is what the tracks state; nothing in the campaign checks it: film the "
-        "robot at rest before the motor starts, or repeat trials (same `group`)"
+        f"the noise, {1e3 * source.sigma:.3g} mm, is what the tracks state; nothing in the campaign checks it: "
+        "film the robot at rest before the motor starts, or repeat trials (same `group`)"
     )
     return Noise(source.sigma, 0.0, frame, 2.0 * UNCHECKED, round(0.5 / UNCHECKED**2))
 
@@ -304,8 +304,8 @@ def _combined(
     if (said := sources["repeats"]) is not None and (fly := sources["flight"]) is not None:
         if abs(z := _apart(said, fly)) > APART:
             warnings.append(
-                f"the noise is {1e3 * said.sigma:.3g} mm between repeated trials but {1e3 * fly.sigma:.3g} mm in flight "
-                f"({abs(z):.0f} sigma apart): trials of a `group` may not be alike"
+                f"the noise is {1e3 * said.sigma:.3g} mm between repeated trials but {1e3 * fly.sigma:.3g} mm in "
+                f"flight ({abs(z):.0f} sigma apart): trials of a `group` may not be alike"
             )
         elif least > 0:  # what trials share by rounding is in the source, not in the stretches
             n = np.array([said.n, fly.n])

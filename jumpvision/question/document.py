@@ -102,8 +102,8 @@ def agreement(d: Diagnosis) -> list[str]:
         ]
     if best and test.discrepant:
         return [
-            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.3g} (p = {test.p_value:.2g}): more is "
-            "left than the noise explains"
+            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.3g} (p = {test.p_value:.2g}): more "
+            "is left than the noise explains"
         ]
     return []
 
