@@ -61,7 +61,9 @@ def test_the_hidden_cone_of_the_samples_is_named(diagnosed):
 def test_the_grain_film_confirms_the_mass_that_the_jumps_imply(diagnosed):
     """Two measurements of one cone: truth.json has the mass under half a foot and how much of it is in view."""
     _, d = diagnosed
-    (row,) = d["confirmation"]
+    rows = {r["quantity"]: r for r in d["confirmation"]}
+    assert set(rows) == {"C", "mu", "theta", "added_mass"}
+    row = rows["added_mass"]
     pairs = json.loads((SAMPLES / "loose_sand" / row["experiment"] / "truth.json").read_text())["grain_film"]["pairs"]
     depth = np.array(pairs["foot_depth_m"])
     first = slice(0, int(np.argmax(depth)))  # on the way down
@@ -69,11 +71,36 @@ def test_the_grain_film_confirms_the_mass_that_the_jumps_imply(diagnosed):
         2 * np.interp(row["depth_m"], depth[first], np.array(pairs[k])[first])
         for k in ("added_mass_kg", "added_mass_in_view_kg")
     )
-    assert row["film_kg"] == pytest.approx(seen, abs=3 * row["film_sigma_kg"])
-    assert row["film_sigma_kg"] < 0.03 * seen
-    assert row["jumps_kg"] == pytest.approx(true, rel=0.03)
-    assert abs(row["z_score"]) < 3
+    assert row["by_film"] == pytest.approx(seen, abs=3 * row["by_film_sigma"])
+    assert row["by_film_sigma"] < 0.03 * seen
+    assert row["by_jumps"] == pytest.approx(true, rel=0.03)
+    assert all(abs(r["z"]) < 3 and r["verdict"] == "agree" for r in rows.values())
     assert row["experiment"] in d["confirmed"] and "sand moving with the foot" in d["confirmed"]
+
+
+def test_the_film_sharpens_the_cone_that_the_jumps_imply(diagnosed):
+    """truth.json: C 2.7, mu 2, theta 60 deg. Jumps alone know mu to 5 % and more, jumps and film to about 1 %."""
+    _, d = diagnosed
+    truth = {"C": 2.7, "mu": 2.0, "theta": math.radians(60.0)}
+    p = {k: v for c in d["causes"] for k, v in c["parameters"].items()}
+    alone = {r["quantity"]: r for r in d["confirmation"]}
+    for name, true in truth.items():
+        assert p[name]["low"] - 0.2 * (p[name]["high"] - p[name]["low"]) < true  # 95 % about a 90 % interval
+        assert p[name]["high"] + 0.2 * (p[name]["high"] - p[name]["low"]) > true
+        assert p[name]["high"] - p[name]["low"] < 0.5 * 3.3 * alone[name]["by_jumps_sigma"]
+        assert alone[name]["by_jumps"] == pytest.approx(true, abs=3 * alone[name]["by_jumps_sigma"])
+
+
+def test_what_is_known_of_the_noise_stands_with_its_sources(diagnosed):
+    """truth.json: white noise of 0.05 mm, stated; the film's own is far smaller."""
+    _, d = diagnosed
+    noise = d["noise"]
+    assert noise["sigma_m"] == pytest.approx(5e-5, rel=0.05)
+    assert set(noise["sources"]) == {"stated", "rest", "flight", "repeats"}
+    for source in noise["sources"].values():
+        assert source["sigma_m"] == pytest.approx(5e-5, rel=3 * source["log_sigma"])
+    assert noise["tails"] is None and noise["correlation"] < 0.15 and noise["drift_m"] < 1e-4
+    assert noise["warnings"] == [] and "stutter-7.0Hz-film" in noise["tracks"]
 
 
 def test_the_energies_of_both_models_close(diagnosed):

@@ -79,4 +79,4 @@ def known(free: Sequence[Parameter], measured: Sequence[Measured]) -> Known:
             np.linalg.slogdet(whole)[1] - np.linalg.slogdet(m.covariance)[1]
         )
         centre, spread = centre + gain @ off, spread - gain @ select @ spread
-    return Known(np.array(rows).reshape(-1, len(free)), np.array(target), log_chance)
+    return Known(np.array(rows).reshape(len(rows), len(free)), np.array(target), log_chance)

@@ -21,8 +21,8 @@ ALIKE = 0.01  # relative difference of foot radius, or volume fraction, up to wh
 def measurements(
     experiments: Sequence[Experiment], outcomes: Mapping[str, Outcome], robot: Robot, phi: float | None
 ) -> list[Measured]:
-    """Of all experiments with a foot and a bed like those of the jumps: the cone by grain films (C, mu, theta together),
-    the static force by intrusions, the spring by its own test. Several of a kind are averaged, their common errors not.
+    """Of all experiments with a foot and a bed like those of the jumps: the cone by grain films (C, mu, theta), the
+    static force by intrusions, the spring by its own test. Several of a kind are averaged, what they share is not.
     """
     found: dict[str, list[tuple[str, Measured, np.ndarray[Any, Any]]]] = {}
     for e in experiments:
