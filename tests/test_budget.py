@@ -591,3 +591,31 @@ def test_summary_and_table_show_the_common_part(tmp_path):
     assert d["sigma_common_volume_fraction"] == pytest.approx(2e-3, rel=1e-12)
     assert found["apex_time_s"].sigma_common == 1e-3
     assert {"sigma_common_m", "mu_sigma_common", "sigma_common_volume_fraction"} <= set(JUMP_COLUMNS) & set(d)
+
+
+def test_a_campaign_on_disk_states_both_parts_everywhere(tmp_path):
+    """Three jumps by one camera, from tables: files of each, table of all, and the comparison with the simulation."""
+    root = tmp_path / "c"
+    root.mkdir()
+    robot = "[robot]\nmotor_mass = 1.003\nrod_mass = 0.175\nspring_stiffness = 5760.6\ngravity = 2.7\n"
+    (root / "campaign.toml").write_text(f'ground = "hard"\n{robot}[clock]\noffset_sigma = 1e-3\n')
+    for k in range(3):
+        (root / f"e{k}").mkdir()
+        recorded(FILM, None, k).table[["time_s", "height_m", "sigma_m"]].to_csv(root / f"e{k}" / "t.csv", index=False)
+        law = '[actuation]\nkind = "stutter"\nfrequency = 8.0\namplitude = 0.01\nstart = 0.3\n'
+        (root / f"e{k}" / "experiment.toml").write_text(f'{law}[rod_track]\nfile = "t.csv"\nscale_sigma = 0.01\n')
+    results = tmp_path / "r"
+    assert main(["run", str(root), "--results", str(results), "--workers", "1", "--no-pictures"]) == 0
+    table = pd.read_csv(results / "jumps.csv")
+    assert table.sigma_common_m.values == pytest.approx(0.01 * table.jump_height_m.values, rel=1e-9)
+    assert np.all(table.sigma_m > table.sigma_common_m)
+    entry = json.loads((results / "e0" / "fits.json").read_text())["jump_height_m"]
+    told = json.loads((results / "e0" / "summary.json").read_text())
+    assert entry["sigma_common"] == told["sigma_common_m"] == pytest.approx(table.sigma_common_m[0], rel=1e-12)
+    assert {"sigma_m", "sigma_common_m"} <= set(pd.read_csv(results / "e0" / "rod.csv"))
+    call = ["sweep", "hard", "--analysis", "comparison", "--campaign", str(root), "--results", str(tmp_path / "s")]
+    assert main([*call, "--workers", "1"]) == 0
+    with xr.open_dataset(tmp_path / "s" / "comparison.nc") as data:
+        assert data.trials.values.tolist() == [3]
+        assert float(data.measured_sigma_common_m[0]) == pytest.approx(float(table.sigma_common_m.mean()), rel=1e-3)
+        assert float(data.measured_sigma_m[0]) > 0.01 * float(data.measured_height_m[0])  # three trials, one scale
