@@ -70,10 +70,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Case:
-    """One campaign of a cell, its number from 0 on: grounds and noise levels alternate."""
+    """One campaign of a cell, its number from 0 on: grounds and noise levels alternate. naming: what is hidden is to be
+    named too, which takes ten times as long."""
 
     cell: Cell
     number: int
+    naming: bool = True
 
     @property
     def key(self) -> str:
@@ -155,13 +157,16 @@ def power(case: Case) -> Row:
     jumps, fit, priors = jumps_of(setting, case.tracks(setting))
     learned = questioned(jumps, fit, priors)
     system, stops = learned.system, [j.stop for j in jumps]
+    told = {**about(case, learned), "hidden": setting.hidden[0], "strength": level, "noncentrality": reached}
+    if not case.naming:
+        found = tested(Problem(system, learned.noise, learned.scatter), rng)
+        return {**told, "detected": found.discrepant, "p": found.p_value, "chi2_per_dof": found.chi2_per_dof}
     d = diagnose(system, learned.noise, rng, scatter=learned.scatter, by=("kind",), stops=stops)
     unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
     data = document(d, system, heights_of(d, system), unexplained)
     outcome = score(data, answer_of(setting))["outcome"]
     return {
-        **about(case, learned), "hidden": setting.hidden[0], "strength": level, "noncentrality": reached,
-        "detected": not d.adequate, "outcome": outcome, "named": data["named"], "p": d.detection.p_value,
+        **told, "detected": not d.adequate, "outcome": outcome, "named": data["named"], "p": d.detection.p_value,
         "chi2_per_dof": d.detection.chi2_per_dof,
     }  # fmt: skip
 
@@ -239,10 +244,11 @@ def power_table(rows: Sequence[Row], asked: Sequence[Cell]) -> list[str]:
     lines = []
     for cell in asked:
         good, bad = split(rows, cell)
-        seen, named = sum(r["detected"] for r in good), sum(r["outcome"] in ("right", "twin") for r in good)
+        seen, asked_names = sum(r["detected"] for r in good), [r["outcome"] for r in good if "outcome" in r]
+        named = sum(o in ("right", "twin") for o in asked_names)
         lines.append((seen / max(len(good), 1), -len(bad),
                       f"| {cell.family} | {cell.trials} | {len(good) + len(bad)} | {share(seen, len(good))} "
-                      f"| {share(named, len(good))} | {len(bad)} |"))  # fmt: skip
+                      f"| {share(named, len(asked_names))} | {len(bad)} |"))  # fmt: skip
     return head + [line for *_, line in sorted(lines)] if lines else []
 
 

@@ -113,7 +113,8 @@ def learn_noise(system: Jumper) -> Learned:
         noise = _with_stated(noise, sources, stated, scale, kurtosis, warnings)
         sigma, tails = _tails(used, noise)
     sources["stated"] = _source_stated(stated)
-    drifting = [*pairs, *(x for x in alone["rest"] if x.track not in repeated)]
+    still = [replace(x, design=x.design[:, :1]) for x in alone["rest"] if x.track not in repeated]
+    drifting = [*pairs, *still]
     reach = wander.reach_of([j.t for j in jumps])
     noise = replace(
         noise,

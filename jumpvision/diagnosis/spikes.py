@@ -1,9 +1,8 @@
 """Single readings that stand off their neighbours: found without fitting any model, listed and weighted down.
 
-A reading is held against the cubic through two neighbours on either side, (-1, 4, ., 4, -1)/6 (the first and last
-ones against the median of their neighbours), of what is left beside
-a rough prediction; how far it may stand off is learned from the same track's bulk. A model that errs errs smoothly, and
-so takes no part in it.
+A reading is held against the cubic through two neighbours on either side, (-1, 4, ., 4, -1)/6 (the first ones, at
+rest, against the median of the next), of what is left beside a rough prediction; how far it may stand off is learned
+from the same track's bulk. A model that errs errs smoothly, and so takes no part in it.
 """
 
 from __future__ import annotations
@@ -22,13 +21,12 @@ OWN = math.sqrt(1.0 + 34.0 / 36.0)  # white noise of 1 makes deviations of this
 
 
 def deviation(r: Array) -> Array:
-    """r (n,) less the cubic through its four neighbours; less the median of the next five for the first and last two."""
+    """r (n,) less the cubic through its four neighbours; the first two less the median of the next five, the last 0."""
     out = np.zeros_like(r)
     if r.size >= 8:
         out[2:-2] = r[2:-2] - (4.0 * (r[1:-3] + r[3:-1]) - r[:-4] - r[4:]) / 6.0
         for k in (0, 1):
             out[k] = r[k] - np.median(r[k + 1 : k + 6])
-            out[-1 - k] = r[-1 - k] - np.median(r[-6 - k : -1 - k])
     return out
 
 
