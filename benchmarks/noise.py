@@ -1,6 +1,6 @@
 """What a diagnosis says of the noise, and what it then calls discrepant, in worlds whose noise it does not know.
 
-`python -m benchmarks.noise [--each N] [--power N] [--cells TEXT] [--spoil F] [--workers N] [--rows FILE]` prints the
+`python -m benchmarks.noise [--each N] [--power N] [--named N] [--cells TEXT] [--spoil F] [--workers N] [--rows FILE]` prints the
 tables of `docs/benchmarks.md`; with --rows it takes up where it stopped. --cells: only those whose name holds every
 word of TEXT, e.g. "null 1 24 t3". --spoil: multiplies the learned s before the test: the false alarms must then fail.
 """
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from jumpvision.diagnosis.detect import detect, directions
+from jumpvision.diagnosis.detect import Detection, detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper import Jumper
@@ -140,14 +140,19 @@ def null(case: Case) -> Row:
     jumps, fit, priors = jumps_of(setting, recorded)
     learned = questioned(jumps, fit, priors)
     problem = Problem(learned.system, spoilt(learned.noise, case.cell.spoil), learned.scatter)
-    base = fit_baseline(problem, rng)
-    found = detect(problem, base, directions(problem, base), rng)
+    found = tested(problem, rng)
     return {
         **about(case, learned),
         "ratio": list(learned.sigma * learned.tracks / true_half_width(recorded, case.cell.family)),
         "alarm": found.discrepant, "p": found.p_value, "p_chi2": found.p_chi2, "p_score": found.p_score,
         "chi2_per_dof": found.chi2_per_dof,
     }  # fmt: skip
+
+
+def tested(problem: Problem, rng: np.random.Generator) -> Detection:
+    """Whether the declared model, fitted, is called discrepant."""
+    base = fit_baseline(problem, rng)
+    return detect(problem, base, directions(problem, base), rng)
 
 
 def power(case: Case) -> Row:
@@ -290,6 +295,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--each", type=int, default=100, help="campaigns of each cell of nulls")
     parser.add_argument("--power", type=int, default=40, help="campaigns of each cell with a hidden effect")
+    parser.add_argument("--named", type=int, default=4, help="of these: whose effect is named too")
     parser.add_argument("--cells", default="", help="words that the name of a cell must hold")
     parser.add_argument("--spoil", type=float, default=1.0, help="factor on the learned s")
     parser.add_argument("--workers", type=int, default=2)
@@ -299,7 +305,7 @@ def main() -> None:
     if not asked:
         parser.error(f"--cells {args.cells!r}: none of these: {', '.join(c.name for c in cells(args.spoil))}")
     number = {"null": args.each, "power": args.power}
-    cases = [Case(c, i) for c in asked for i in range(number[c.table])]
+    cases = [Case(c, i, i < args.named) for c in asked for i in range(number[c.table])]
     print(report(gather(cases, run, args.rows, args.workers), asked))
 
 
