@@ -1,8 +1,9 @@
 """What a diagnosis says of the noise, and what it then calls discrepant, in worlds whose noise it does not know.
 
-`python -m benchmarks.noise [--each N] [--power N] [--named N] [--cells TEXT] [--spoil F] [--workers N] [--rows FILE]` prints the
-tables of `docs/benchmarks.md`; with --rows it takes up where it stopped. --cells: only those whose name holds every
-word of TEXT, e.g. "null 1 24 t3". --spoil: multiplies the learned s before the test: the false alarms must then fail.
+`python -m benchmarks.noise [--each N] [--power N] [--named N] [--cells TEXT] [--spoil F] [--workers N] [--rows FILE]`
+prints the tables of `docs/benchmarks.md`; with --rows it takes up where it stopped. --cells: only those whose name
+holds every word of TEXT, e.g. "null 1 24 t3". --spoil: multiplies the learned s before the test: the false alarms must
+then fail.
 """
 
 from __future__ import annotations

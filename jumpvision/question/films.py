@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from ..campaign import Outcome
-from ..diagnosis.diagnose import Diagnosis
 from ..diagnosis.fitting import Fit, Problem
 from ..diagnosis.jumper import Jumper, of_jump
 from ..diagnosis.measured import Measured
@@ -60,9 +59,8 @@ def films(outcomes: Mapping[str, Outcome]) -> list[Film]:
     return out
 
 
-def jumps_alone(d: Diagnosis, problem: Problem) -> Fit:
+def jumps_alone(told: Fit, problem: Problem) -> Fit:
     """The model that is told, fitted to the jumps without what films and tests say of it."""
-    told = d.naming.best.fit if d.naming and d.naming.named else d.baseline
     if not problem.measured:
         return told
     alone = Problem(problem.system, problem.noise, problem.scattered).fit(told.mechanisms, told.named)

@@ -94,7 +94,8 @@ def question(
         problem = Problem(system, learned.noise, learned.scatter, beside)
         left = leftover(found, problem, system, say)
         data = document(found, system, heights_of(found, system), left)
-        alone = jumps_alone(found, problem)
+        best = found.naming.best.fit if found.naming and found.naming.named else found.baseline
+        alone = jumps_alone(best, problem)
         data |= {"noise": noise_of(learned, found), "common": common_of(found)}
         data |= {"energy": ledgers(found, system), "confirmation": confirmation(alone, system, seen, beside)}
         if any(r["verdict"] == "contradict" for r in data["confirmation"]) and beside:
@@ -102,7 +103,6 @@ def question(
         data |= {"sentence": sentence(data), "confirmed": confirmed(data)}
         for warning in data["noise"]["warnings"]:
             say(f"warning: {warning}")
-        best = found.naming.best.fit if found.naming and found.naming.named else found.baseline
         write_aside(entry / MODEL, model_toml(best, system, data["sentence"] + " Made by jumpvision diagnose."))
         if draw:
             (entry / PICTURE).write_bytes(draw(found, system, data))
