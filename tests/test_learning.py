@@ -1,4 +1,4 @@
-"""The noise of a campaign from what needs no model, on drawn courses and on the laboratory's jumps, each trial single."""
+"""The noise of a campaign from what needs no model, on drawn courses and on the laboratory's jumps, trials single."""
 
 from __future__ import annotations
 

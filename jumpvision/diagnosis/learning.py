@@ -21,7 +21,6 @@ from .noise import (
     TOP,
     Noise,
     Stretch,
-    coefficients,
     estimate,
     frame_of,
     of_rounded,
@@ -124,7 +123,7 @@ def learn_noise(system: Jumper) -> Learned:
         reach=reach,
     )
     names = list(STEPS)[: 2 if system.model.ground == "granular" else 1]
-    found_by = [coefficients(noise, steadied(x)) for x in pairs]
+    found_by = [wander.coefficients(noise, x) for x in pairs]
     scatter = {n: spread_of([(c[k + 1], v[k + 1]) for c, v in found_by]) for k, n in enumerate(names)} if pairs else {}
     if noise.rho > TOP - 0.01:
         warnings.append(

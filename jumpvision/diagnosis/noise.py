@@ -191,11 +191,14 @@ def of_rounded(s: float, step: float) -> float:
 
 def coefficients(noise: Noise, x: Stretch) -> tuple[Array, Array]:
     """Coefficients (k,) of a stretch's design by generalised least squares, and their variances (k,)."""
-    design = noise.whiten(x.t, x.design, x.spread)
+    return solved(noise.whiten(x.t, x.y, x.spread), noise.whiten(x.t, x.design, x.spread))
+
+
+def solved(y: Array, design: Array) -> tuple[Array, Array]:
+    """Coefficients (k,) of a design (n, k) that y (n,), of independent unit variance, is made of; their variances."""
     scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     inverse = np.linalg.pinv((design / scale).T @ (design / scale), rcond=1e-10)
-    c = inverse @ (design / scale).T @ noise.whiten(x.t, x.y, x.spread)
-    return c / scale, np.diag(inverse) / scale**2
+    return inverse @ (design / scale).T @ y / scale, np.diag(inverse) / scale**2
 
 
 def spread_of(found: Sequence[tuple[float, float]]) -> float:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .noise import Noise, Stretch
+from .noise import Noise, Stretch, solved
 
 Array = NDArray[np.float64]
 
@@ -53,3 +53,12 @@ def learn(stretches: Sequence[Stretch], noise: Noise, reach: float) -> float:
         score += 0.5 * np.sum(-np.log(gain) + part**2 * gain, axis=1)
     weight = np.exp(-(score - score.min())) * np.gradient(GRID)
     return noise.s * float(np.sqrt(np.sum(weight * GRID**2) / np.sum(weight)))
+
+
+def coefficients(noise: Noise, x: Stretch) -> tuple[Array, Array]:
+    """Coefficients (k,) of a stretch's design by generalised least squares beside noise and wander, their variances."""
+    y, design = noise.whiten(x.t, x.y, x.spread), noise.whiten(x.t, x.design, x.spread)
+    slow = noise.whiten(x.t, shapes(x.t, noise.reach), x.spread) * noise.drift
+    q, size, _ = np.linalg.svd(slow, full_matrices=False)
+    shrink = 1.0 / np.sqrt(1.0 + size * size) - 1.0
+    return solved(y + q @ (shrink * (q.T @ y)), design + q @ (shrink[:, None] * (q.T @ design)))

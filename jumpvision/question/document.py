@@ -85,7 +85,7 @@ def noise_of(learned: Learned, d: Diagnosis) -> dict[str, Any]:
         "scatter": {k: s for k, s in learned.scatter.items() if s > 0},
         "tracks": unlike,
         "outliers": [{"experiment": e, "time_s": t, "sigmas": z} for e, t, z in learned.outliers],
-        "warnings": [*learned.warnings, *agreement(d)],
+        "warnings": [*learned.warnings, *agreement(d), *unrepeated(learned, d)],
     }
 
 
@@ -106,6 +106,16 @@ def agreement(d: Diagnosis) -> list[str]:
             "is left than the noise explains"
         ]
     return []
+
+
+def unrepeated(learned: Learned, d: Diagnosis) -> list[str]:
+    """The warning that a misfit may be what differs from trial to trial, where no trial was repeated."""
+    if d.adequate or learned.sources.get("repeats"):
+        return []
+    return [
+        "no condition was recorded twice: how much its trials would differ is not known, and a part of the misfit may "
+        "be just that; repeat two or three conditions (same `group`)"
+    ]
 
 
 def common_of(d: Diagnosis) -> list[dict[str, Any]]:
