@@ -116,17 +116,17 @@ def parameter_rows(diagnosis: Mapping[str, Any], campaign: Campaign) -> list[dic
 
 
 def unit_of(unit: str) -> str:
-    """"" for a number without unit."""
+    """As a person writes it: nothing for a number without unit."""
     return "" if unit == "1" else unit
 
 
 def said_true(cause: Mapping[str, Any], truth: Truth) -> str:
-    """The true parameters of a model in words, those outside the 95 % interval marked."""
+    """The true parameters of a model in words, and which of them lie outside the 95 % interval."""
     words = [(name, *true_words(name, p, truth)) for name, p in cause["parameters"].items()]
-    return ", ".join(
-        f"{name} {true}" if true == ABSENT else f"{name} = {true}" + ("" if mark in ("", INSIDE) else f", {mark}")
-        for name, true, mark in words if true
-    )  # fmt: skip
+    said = [f"{name} {true}" if true == ABSENT else f"{name} = {true}" for name, true, _ in words if true]
+    bad = [f"{name} {mark}" for name, _, mark in words if mark.startswith(OUTSIDE)]
+    judged_all = f"all {INSIDE}" if any(mark for *_, mark in words) else ""
+    return "; ".join(x for x in (", ".join(said), ", ".join(bad) or judged_all) if x)
 
 
 def confirmation_rows(diagnosis: Mapping[str, Any], campaign: Campaign) -> list[dict[str, str]]:
@@ -161,7 +161,7 @@ def _finer(row: Mapping[str, Any]) -> float | None:
 def _both(row: Mapping[str, Any], true: float | None) -> str:
     """Whether a truth lies inside the 95 % intervals of film and jumps; who has it outside is told."""
     marks = {k: judged(off(row[f"by_{k}"], row[f"by_{k}_sigma"], true)) for k in ("film", "jumps")}
-    bad = [f"{mark} of {row['source'].split()[0] if k == 'film' else 'the jumps'}"
+    bad = [f"{mark} by {row['source'].split()[0] if k == 'film' else 'the jumps'}"
            for k, mark in marks.items() if mark.startswith(OUTSIDE)]  # fmt: skip
     return "; ".join(bad) or (INSIDE if any(marks.values()) else "")
 

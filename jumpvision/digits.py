@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import floor, isfinite, log10
+from math import isfinite
 
 
 def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> str:
@@ -23,4 +23,5 @@ def with_digits_of(value: float, sigma: float | None, factor: float = 1.0) -> st
     """A value to the second figure of an uncertainty, to stand beside what has it."""
     if not sigma or not isfinite(sigma):
         return plain_number(value, factor)
-    return f"{value * factor:.{max(0, 1 - floor(log10(sigma * factor)))}f}"
+    power = int(f"{sigma * factor:.1e}".partition("e")[2])  # of the rounded sigma: 0.0998 is 0.10
+    return f"{value * factor:.{max(0, 1 - power)}f}"
