@@ -48,7 +48,7 @@ def judged(sigmas: float | None) -> str:
 
 @dataclass(frozen=True)
 class Truth:
-    """What truth.json of a campaign states of its mechanisms. parameters: SI units; experiments: each with its own."""
+    """What truth.json of a campaign states of its mechanisms. parameters: by name, SI units."""
 
     terms: tuple[str, ...]
     parameters: Mapping[str, Any]
