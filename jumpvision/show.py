@@ -8,7 +8,8 @@ import time
 from pathlib import Path
 from typing import Any, Self
 
-from .campaign import Outcome, truth_of
+from .beside import chance, confirmation_rows, details, models, overview, parameter_rows, unit_of
+from .campaign import Outcome
 from .experiment import Campaign
 from .records import plain
 
@@ -93,74 +94,6 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> str:
-    """`12.34 ± 0.05`: two significant figures of the uncertainty; "" when unknown."""
-    from math import floor, isfinite, log10
-
-    if value is None:
-        return ""
-    value *= factor
-    if not sigma or not isfinite(sigma):
-        return f"{value:#.4g}"
-    sigma *= factor
-    digits = max(0, 1 - floor(log10(sigma)))
-    return f"{value:.{digits}f} ± {sigma:.{digits}f}"
-
-
-QUANTITIES = (  # summary key, its sigma, heading, factor
-    ("jump_height_m", "sigma_m", "height [mm]", 1e3),
-    ("simulated_height_m", None, "model [mm]", 1e3),
-    ("volume_fraction", "sigma_volume_fraction", "phi", 1.0),
-    ("mu", "mu_sigma", "mu", 1.0),
-    ("beta_deg", "beta_deg_sigma", "beta [deg]", 1.0),
-    ("added_mass_kg", "added_mass_kg_sigma", "added mass [kg]", 1.0),
-    ("frequency_hz", "frequency_hz_sigma", "ring-down [Hz]", 1.0),
-    ("zeta", "zeta_sigma", "zeta", 1.0),
-)
-
-
-def known_truth(campaign: Campaign) -> dict[str, dict[str, Any]]:
-    """The summaries that synthetic folders state, by experiment."""
-    return {e.name: truth_of(e.path).get("summary", {}) for e in campaign.experiments}
-
-
-def overview(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
-    """One row an experiment: jump height, model and bed, with the truth beside them where the folder is synthetic."""
-    truth = known_truth(campaign)
-    rows = []
-    for o in outcomes:
-        row: dict[str, Any] = {"experiment": o.name}
-        for key, sigma, heading, factor in QUANTITIES[:3]:
-            if any(x.summary.get(key) is not None for x in outcomes):
-                row[heading] = measured(o.summary.get(key), o.summary.get(sigma) if sigma else None, factor)
-                if any(key in t for t in truth.values()):
-                    row[f"true {heading.split()[0]}"] = plain_number(truth[o.name].get(key), factor)
-        rows.append(row)
-    return rows
-
-
-def details(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
-    """One row a quantity that only some experiments have: the cone from grain films, the ring-down."""
-    truth = known_truth(campaign)
-    synthetic = any(truth.values())
-    return [
-        {
-            "experiment": o.name,
-            "quantity": heading,
-            "measured": measured(o.summary[key], o.summary.get(sigma), factor),
-            **({"true": plain_number(truth[o.name].get(key), factor)} if synthetic else {}),
-        }
-        for o in outcomes
-        for key, sigma, heading, factor in QUANTITIES[3:]
-        if o.summary.get(key) is not None
-    ]
-
-
-def plain_number(value: float | None, factor: float = 1.0) -> str:
-    """Four significant figures; "" when unknown."""
-    return "" if value is None else f"{value * factor:#.4g}"
-
-
 CERTAIN = 99.0  # log10 of odds: more says nothing
 
 
@@ -169,27 +102,28 @@ def said(diagnosis: dict[str, Any]) -> list[str]:
     return [text for text in (diagnosis["sentence"], diagnosis.get("confirmed")) if text]
 
 
-def models(causes: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Causes without those that name a model again by another of its mechanisms."""
-    first: dict[frozenset[str], dict[str, Any]] = {}
-    for c in causes:
-        first.setdefault(frozenset([c["mechanism"], *c["with"]]), c)
-    for key, c in first.items():
-        first[key] = c | {"parameters": {k: v for d in causes if {d["mechanism"], *d["with"]} == key
-                                         for k, v in d["parameters"].items()}}  # fmt: skip
-    return list(first.values())
+def found_beside_truth(data: dict[str, Any], campaign: Campaign) -> None:
+    """The parameters of the named mechanisms, and what films or tests measure of them, each beside the truth."""
+    for title, rows in (
+        ("parameters of the named mechanisms", parameter_rows(data, campaign)),
+        ("measured by films or tests, and by the jumps alone", confirmation_rows(data, campaign)),
+    ):
+        if rows:
+            print()
+            table(rows, title)
 
 
-def diagnosis(data: dict[str, Any], made: list[Path], *, as_json: bool) -> None:
-    """What `diagnose` found: the sentence, the causes, the gain."""
+def diagnosis(data: dict[str, Any], campaign: Campaign, made: list[Path], *, as_json: bool) -> None:
+    """What `diagnose` found: the sentence, the parameters beside the truth, the causes, the gain."""
     if as_json:
         print(json.dumps(plain(data), indent=1))
         return
-    print("\n".join(said(data)) + "\n")
+    print("\n".join(said(data)))
+    found_beside_truth(data, campaign)
     rows = []
     for c in models(data["causes"]):
         values = ", ".join(
-            f"{n} = {p['value']:.4g} ({p['low']:.4g} to {p['high']:.4g}) {p['unit']}"
+            f"{n} = {p['value']:.4g} ({p['low']:.4g} to {p['high']:.4g}) {unit_of(p['unit'])}".rstrip()
             for n, p in c["parameters"].items()
         )
         rows.append(
@@ -201,6 +135,7 @@ def diagnosis(data: dict[str, Any], made: list[Path], *, as_json: bool) -> None:
             }
         )
     if rows:
+        print()
         table(rows)
     if g := data["gain"]:
         line(
@@ -253,8 +188,11 @@ def outcome(
         if rows_of_details := details(campaign, outcomes):
             print()
             table(rows_of_details)
+        if text := chance(campaign, outcomes):
+            print("\n" + text)
     if diagnosis and not as_json:
         print("\n" + "\n".join(said(diagnosis)))
+        found_beside_truth(diagnosis, campaign)
     for o in outcomes:
         for text in o.warnings:
             line(f"warning: {o.name}: {text}")

@@ -14,7 +14,7 @@ import jumpvision
 
 ROOT = Path(jumpvision.__file__).parent
 FLOORS = [  # from the ground up; a module may import its own floor's package and what lies below
-    {"schema", "progress", "storage", "parts", "reprs"},
+    {"schema", "progress", "storage", "parts", "reprs", "digits"},
     {"frames", "vision", "field", "fit", "physics", "dem"},  # core: rooms beside each other
     {"diagnosis", "planning"},
     {"sections", "params", "logs", "local_page"},
@@ -25,6 +25,7 @@ FLOORS = [  # from the ground up; a module may import its own floor's package an
     {"campaign", "craters", "checks", "cache"},
     {"sweep", "question", "across", "cluster"},
     {"plans"},
+    {"beside"},  # found beside the truth: above every analysis, so that none can read it
     {"show", "doctor"},
     {"report", "demo"},
     {"api", "init"},
@@ -68,6 +69,13 @@ def test_imports_point_down(file):
             assert here == "cli", f"{here} imports the laboratory"
         else:
             assert name == here or LEVEL[name] < LEVEL[here], f"{here} imports {name}, which is not below it"
+
+
+def test_only_what_shows_reads_a_truth():
+    """The reader of truth.json is named by the two files that show it, and where it stands."""
+    ours = [f for f in FILES if f.relative_to(ROOT).parts[0] != "lab"]
+    readers = {str(f.relative_to(ROOT)) for f in ours if "truth_of" in f.read_text()}
+    assert readers == {"campaign.py", "beside.py", "report/page.py"}
 
 
 @pytest.mark.parametrize("file", [f for f in FILES if f.relative_to(ROOT).parts[0] in CORE], ids=lambda f: f.stem)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import sys
@@ -49,6 +50,15 @@ def test_the_printed_table_is_the_readmes():
     table = re.search(r"<!-- table -->\n```text\n(.*?)```", README, flags=re.S).group(1)
     for word in ("height [mm]", "true height", "model [mm]", "phi", "mu", "beta [deg]", "added mass [kg]"):
         assert word in table
+    assert "The truth is inside 95 % of " in table
+    named = re.search(r"<!-- parameters -->\n```text\n(.*?)```", README, flags=re.S).group(1)
+    for head in ("parameter ", "quantity "):
+        (columns,) = (line for line in named.splitlines() if line.startswith(head))
+        assert " true " in columns and columns.index("true") < columns.index("truth is")
+    for name, true in json.loads((ROOT / "data_samples/loose_sand/truth.json").read_text())["parameters"].items():
+        rows = [line for line in named.splitlines() if line.split(" ")[0] == name]
+        assert all(f"{true:.4g}" in line and "side 95 %" in line for line in rows), name
+        assert len(rows) == {"b": 1, "C": 2, "mu": 2, "theta": 2}.get(name, 0)
     names = {f.parent.name for f in (ROOT / "data_samples" / "loose_sand").glob("*/experiment.toml")}
     assert names <= set(re.findall(r"^\S+", table, flags=re.M))
 

@@ -17,6 +17,7 @@ import xarray as xr
 from jumpvision.campaign import Outcome, jumps_table
 from jumpvision.cli import main
 from jumpvision.experiment import open_campaign
+from jumpvision.report.campaign_charts import heights_chart
 from jumpvision.report.cone_film import ConeDrawing
 from jumpvision.report.overlays import STRIP, webm
 from jumpvision.report.page import NAME, write_report
@@ -132,7 +133,11 @@ def diagnosis_of(rows):
     ]  # fmt: skip
     cell = {"z_score": 9.0, "samples": 40}
     return {
-        "verdict": "discrepant", "p_value": 0.0, "sentence": SENTENCE, "heights": heights, "noise": {"sigma_m": 5e-5},
+        "verdict": "discrepant", "p_value": 0.0, "sentence": SENTENCE, "heights": heights, "named": ["added_mass"],
+        "noise": {"sigma_m": 5e-5, "warnings": [], "sources": {
+            "stated": None, "rest": {"sigma_m": 5e-5, "log_sigma": 0.02, "n": 950}, "flight": None, "repeats": None}},
+        "confirmation": [{"quantity": "C", "unit": "1", "source": "film stutter-1", "z": -0.447, "verdict": "agree",
+                          "by_film": 2.6, "by_film_sigma": 0.1, "by_jumps": 2.7, "by_jumps_sigma": 0.2}],
         "baseline": {"rmse_height_m": 0.0099},
         "where": [
             {"kind": "stutter", "phase_of_jump": "landing", "mean_residual_m": -0.006, "p_value": 1e-5, **cell},
@@ -196,6 +201,47 @@ def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
     assert [f[0] for f in facts] == ["20.000 ± 0.020", "+14.5"]
     said, facts = experiment_words(None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.01999}, {})
     assert said.endswith("the model says 19.99 mm, the same within 2σ.") and facts[1][0] == "−0.010 ± 0.020"
+
+
+@pytest.mark.parametrize(
+    ("true", "said"),
+    # C = 2.7, 90 % from 2.4 to 3.0: sigma 0.3 / 1.645 = 0.182, 95 % to 3.057; by film 2.6 ± 0.1, 95 % to 2.796
+    [(2.75, ("C = 2.75; all inside 95 %", "inside 95 %")),
+     (3.03, ("C = 3.03; all inside 95 %", "outside 95 % (4.3 sigma) by film")),
+     (3.10, ("C = 3.10; C outside 95 % (2.2 sigma)", "outside 95 % (5.0 sigma) by film; outside 95 % (2.0 sigma) by"))],
+)  # fmt: skip
+def test_the_truth_stands_beside_the_named_parameters_only_where_it_is_stated(tmp_path, true, said):
+    campaign, outcomes, results = campaign_of(tmp_path)
+    rows = jumps_table(campaign, outcomes)
+    recorded = write_report(campaign, outcomes, rows, results, single=False, diagnosis=diagnosis_of(rows)).read_text()
+    assert "Measured by films or tests" in recorded and "2.60 ± 0.10" in recorded and "-0.4" in recorded
+    assert ">true<" not in recorded and "95 %" not in recorded
+    truth = {"terms": ["added_mass"], "parameters": {"C": true}}
+    (campaign.path / "truth.json").write_text(json.dumps(truth))  # the page is made anew though no result changed
+    text = write_report(campaign, outcomes, rows, results, single=False, diagnosis=diagnosis_of(rows)).read_text()
+    assert len(re.findall(">true<", text)) == 2
+    model, film = said
+    assert f'<td class="words">{model}</td>' in text and f"<td>{film}" in text
+
+
+def test_the_extended_model_is_drawn_against_the_apex_that_it_was_fitted_to():
+    """The highest jump may come before the motor's stop, which the diagnosis does not count: 20 mm, later 18 mm."""
+    rows = [{"experiment": str(k), "kind": "single", "frequency_hz": 5.0 + k, "jump_height_m": 0.020, "sigma_m": 1e-5,
+             "simulated_height_m": 0.025} for k in range(2)]  # fmt: skip
+    found = {"heights": [{"experiment": str(k), "measured_m": 0.018, "extended_m": 0.0181} for k in range(2)]}
+    model, better = heights_chart(rows, found)["panels"][1]["series"]
+    assert (model["x"], model["y"]) == ([25.0, 25.0], [20.0, 20.0])
+    assert (better["x"], better["y"]) == ([18.1, 18.1], [18.0, 18.0])
+
+
+def test_the_noise_stands_with_its_sources_and_its_warnings_at_the_head(tmp_path):
+    campaign, outcomes, results = campaign_of(tmp_path)
+    rows = jumps_table(campaign, outcomes)
+    found = diagnosis_of(rows)
+    found["noise"]["warnings"] = ["the noise is 0.08 mm in flight but 0.05 mm at rest"]
+    text = write_report(campaign, outcomes, rows, results, single=False, diagnosis=found).read_text()
+    assert "Noise: 0.05 mm a frame; at rest 0.0500 ± 0.0010 mm (n = 950)." in text  # 2 % of 0.05 mm; the others unknown
+    assert found["noise"]["warnings"][0] in text[: text.index("</header>")]
 
 
 def test_every_page_stands_alone(pages):

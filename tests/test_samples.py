@@ -179,6 +179,10 @@ def test_the_printed_table_shows_the_truth_beside_the_result(results):
     text = (results / "loose_sand.out").read_text()
     for word in ("height [mm]", "true height", "phi", "mu", "beta [deg]", "added mass [kg]", "true"):
         assert word in text
+    named = text.partition("parameters of the named mechanisms")[2]
+    rows = {line.split()[0]: line for line in named.splitlines() if line.strip()}
+    for name, true in {"b": "17.2", "added": "0.150"}.items():
+        assert true in rows[name] and "side 95 %" in rows[name]
 
 
 def test_contract(results):

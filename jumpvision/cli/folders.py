@@ -106,7 +106,7 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
     campaign, outcomes, plan, _ = outcomes_of(path, STAGES, options)
     made: list[Path] = []
     data = question_campaign(campaign, outcomes, plan, options, made)
-    show.diagnosis(data, made, as_json=options.json)
+    show.diagnosis(data, campaign, made, as_json=options.json)
     return FAILED if any(o.errors for o in outcomes) else DONE
 
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ..digits import measured
 from ..logs import read_log
 from ..records import Fits
 from ..sections import Actuation, MotorLog, NotApplicable
-from ..show import measured
 from ..stage import stage
 from ..stages.motor import commanded, read_motor
 from .pictures import Picture, png

@@ -28,7 +28,8 @@ def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Mapping[str, Any
     if not known:
         return None
     label, unit, factor = ALONG[along]
-    extended = {h["experiment"]: h["extended_m"] for h in (diagnosis or {}).get("heights", [])}
+    asked = {h["experiment"]: h for h in (diagnosis or {}).get("heights", [])}  # apexes after the motor's stop
+    extended = {name: h["extended_m"] for name, h in asked.items()}
     left, right = [], []
     legend: list[dict[str, Any]] = []
     for kind in sorted({str(r["kind"]) for r in known}):
@@ -39,11 +40,14 @@ def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Mapping[str, Any
         look: dict[str, Any] = {"mark": mark, "label": names(mine)}
         x, measured = column(mine, along, factor), column(mine, "jump_height_m", 1e3)
         model = column(mine, "simulated_height_m", 1e3)
-        better = np.array([extended.get(r["experiment"]) or np.nan for r in mine], float) * 1e3
+        better, reached = (
+            np.array([asked.get(r["experiment"], {}).get(k) or np.nan for r in mine], float) * 1e3
+            for k in ("extended_m", "measured_m")
+        )
         styles: dict[str, dict[str, Any]] = {"model": {"hollow": True, "size": 5}, "extended model": {"size": 3}}
-        for (name, how), heights in zip(styles.items(), (model, better)):
+        for (name, how), heights, jumped in zip(styles.items(), (model, better), (measured, reached)):
             if np.isfinite(heights).any():
-                right.append(series(f"{word}, {name}", role, heights, measured, tags=[word, name], **how, **look))
+                right.append(series(f"{word}, {name}", role, heights, jumped, tags=[word, name], **how, **look))
         if np.isfinite(model).any():
             left.append(
                 series(f"{word}, model", role, x, model, tags=[word, "model"], hollow=True, size=5, joined=True, **look)
@@ -67,7 +71,7 @@ def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Mapping[str, Any
         )
     words = "Filled: measured, bars ±2σ; open: the model." if right else "Bars are ±2σ."
     if any(extended.values()):
-        words += " Small on the right: the extended model."
+        words += " Small on the right: the extended model, both apexes after the motor's stop."
     legend += [{"name": "measured", "role": "ink"}, {"name": "model", "role": "ink", "hollow": True}] if right else []
     legend += [{"name": "extended model", "role": "ink", "size": 3}] if any(extended.values()) else []
     return chart("Jump heights", panels, words) | {"legend": legend}

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ..digits import measured
 from ..fit.critical import ZeroCrossing
 from ..records import CraterShape
 from ..sections import CraterDepth, CraterImage
-from ..show import measured
 from ..stage import stage
 from ..stages.crater import read_map
 from ..stages.films import open_pictures

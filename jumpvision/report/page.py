@@ -15,12 +15,13 @@ from typing import Any
 
 from .. import __version__
 from ..across import actuator_bandwidth, actuator_rows, intrusion_laws, intrusion_rows
-from ..campaign import Outcome
+from ..beside import Truth, chance, confirmation_rows, details, is_named, models, overview, said_true
+from ..campaign import Outcome, truth_of
 from ..craters import craters_table, zero_crossing
+from ..digits import measured
 from ..experiment import Campaign
 from ..records import plain
 from ..sections import Actuation
-from ..show import details, measured, models, overview
 from ..storage import write_aside
 from .actuator import actuator
 from .campaign_charts import diagnosis_charts, heights_chart, parameters
@@ -30,7 +31,7 @@ from .experiment_charts import experiment_charts
 from .intrusions import resistances
 from .media import film, inline, poster, preview
 from .pictures import drawn
-from .words import campaign_words, experiment_words
+from .words import campaign_words, experiment_words, noise_words
 
 NAME = "report.html"
 PICTURES = {  # file: (heading, what it shows)
@@ -74,7 +75,8 @@ def write_report(
             o.errors.append(f"{o.results / NAME}: {e.strerror or e}; free or change it and run again")
     if single:
         return outcomes[0].results / NAME
-    key = digest_of([*keys, json.dumps(plain([rows, diagnosis, dict(campaign.excluded)]))])
+    true = [dict(truth_of(campaign.path)), chance(campaign, outcomes)]
+    key = digest_of([*keys, json.dumps(plain([rows, diagnosis, dict(campaign.excluded), true]))])
     if not made_from(results / NAME, key):
         write_campaign(campaign, outcomes, rows, results, diagnosis, key)
     return results / NAME
@@ -93,6 +95,7 @@ def write_campaign(
     swept = len({r["frequency_hz"] for r in driven}) > 2
     sentence, facts = campaign_words(rows, diagnosis, crossing, len(intruded))
     heights = heights_chart(rows, diagnosis)
+    truth = Truth.of(campaign)
     shown = richest(outcomes)
     cone = shown.results / "cone.webm" if shown is not None else None
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
@@ -109,7 +112,10 @@ def write_campaign(
         diagnosis=inline((results / "diagnosis.png").read_bytes())
         if diagnosis and (results / "diagnosis.png").exists()
         else None,
-        causes=[c | {"said": parameters(c)} for c in models(diagnosis["causes"])] if diagnosis else [],
+        causes=causes_shown(diagnosis, truth) if diagnosis else [],
+        synthetic=truth is not None,
+        beside=confirmation_rows(diagnosis, campaign) if diagnosis else [],
+        noise=noise_words(diagnosis["noise"]) if diagnosis else "",
         confirmed=diagnosis.get("confirmed") if diagnosis else None,
         model=diagnosis,
         critical=inline(drawn(critical, craters, crossing)) if packed else None,
@@ -117,6 +123,7 @@ def write_campaign(
         actuator=inline(drawn(actuator, driven, actuator_bandwidth(driven))) if swept else None,
         table=linked(overview(campaign, outcomes), outcomes),
         details=details(campaign, outcomes),
+        chance=chance(campaign, outcomes),
         shown=shown,
         previews=[
             {"src": preview(shown.results / f), "heading": PICTURES.get(f, ("Intrusion", ""))[0]}
@@ -131,6 +138,14 @@ def write_campaign(
         count=len(outcomes),
     )
     write_aside(results / NAME, text)
+
+
+def causes_shown(diagnosis: dict[str, Any], truth: Truth | None) -> list[dict[str, Any]]:
+    """The models that were tried with their parameters in words; of the named one the truth too, where it is stated."""
+    return [
+        c | {"said": parameters(c), "true": said_true(c, truth) if truth and is_named(c, diagnosis) else ""}
+        for c in models(diagnosis["causes"])
+    ]
 
 
 def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..digits import measured
 from ..records import Fits, SpringTest
-from ..show import measured
 from ..stage import stage
 from .pictures import Picture, png
 from .style import MEASURED, MODEL, QUIET, styled

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..show import measured
+from ..digits import measured
 from .charts import column
 
 Numbers = list[tuple[str, str, str]]  # value, unit, what it is
@@ -56,6 +56,19 @@ def campaign_words(
     done = sum(not r.get("problem") for r in rows)
     what = f"{intruded} slow intrusions" if intruded else f"{done} experiments"
     return f"{what} analysed.", []
+
+
+def noise_words(noise: Mapping[str, Any]) -> str:
+    """What is known of the noise of a frame, and from which sources."""
+    known = {k: s for k, s in noise["sources"].items() if s}
+    sources = "; ".join(
+        f"{SOURCES[k]} {measured(s['sigma_m'], s['sigma_m'] * s['log_sigma'], 1e3)} mm (n = {s['n']})"
+        for k, s in known.items()
+    )
+    return f"Noise: {1e3 * noise['sigma_m']:.3g} mm a frame" + (f"; {sources}." if sources else ".")
+
+
+SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
 
 
 def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Mapping[str, Any]) -> tuple[str, Numbers]:

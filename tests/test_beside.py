@@ -1,0 +1,168 @@
+"""What was found beside the truth: shown where truth.json states it, marked where it is outside 95 %, else nothing."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+from conftest import SAMPLES
+
+from jumpvision import show
+from jumpvision.beside import Truth, chance, confirmation_rows, parameter_rows, true_mass
+from jumpvision.campaign import Outcome
+from jumpvision.digits import measured
+from jumpvision.experiment import open_campaign
+from jumpvision.report.page import causes_shown
+
+SAND = SAMPLES / "loose_sand"
+FILM = "stutter-7.0Hz-film"
+TRUE = {"b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.radians(60.0)}  # of truth.json
+Z90 = 1.645
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    return open_campaign(SAND)
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Two experiments of the samples without any truth.json, as recordings are."""
+    for name in ("stutter-7.0Hz-1", FILM):
+        shutil.copytree(SAND / name, tmp_path / "sand" / name, ignore=shutil.ignore_patterns("truth.json"))
+    shutil.copy(SAND / "campaign.toml", tmp_path / "sand")
+    return open_campaign(tmp_path / "sand")
+
+
+def parameter(value, sigma, unit="1"):
+    """A parameter of diagnosis.json."""
+    return {"value": value, "low": value - Z90 * sigma, "high": value + Z90 * sigma, "unit": unit}
+
+
+def confirmed(quantity, film, jumps, **more):
+    """A row of `confirmation`: (value, sigma) by film and by the jumps."""
+    z = (film[0] - jumps[0]) / math.hypot(film[1], jumps[1])
+    return {"quantity": quantity, "unit": "1", "source": f"film {FILM}", "by_film": film[0], "by_film_sigma": film[1],
+            "by_jumps": jumps[0], "by_jumps_sigma": jumps[1], "z": z, "verdict": "agree", **more}  # fmt: skip
+
+
+def diagnosed(named, parameters, rows=()):
+    """The parts of diagnosis.json that are shown; one cause for each mechanism of the named model, and a rival."""
+    common = {"probability": 0.9, "delta_score": 100.0}
+    causes = [{"mechanism": m, "with": [n for n in named if n != m], "parameters": parameters, **common} for m in named]
+    rival = {"mechanism": "tilt", "with": [], "parameters": {"dg": parameter(0.1, 0.01, "m/s^2")}, **common}
+    return {"sentence": "Said.", "confirmed": None, "named": list(named), "causes": [*causes, rival],
+            "confirmation": list(rows), "gain": None, "next_experiment": None}  # fmt: skip
+
+
+def test_the_truth_stands_beside_each_parameter_and_is_marked_outside_95_per_cent(campaign):
+    off = {"b": 1.95, "C": -1.95, "mu": 1.97, "theta": -3.0}  # sigmas, about the 1.96 of 95 %
+    d = diagnosed(["depth_drag", "added_mass"], {n: parameter(TRUE[n] + 0.02 * z, 0.02) for n, z in off.items()})
+    rows = {r["parameter"]: r for r in parameter_rows(d, campaign)}
+    assert set(rows) == set(TRUE)  # not the rival's dg
+    assert {n: r["true"] for n, r in rows.items()} == {"b": "17.200", "C": "2.700", "mu": "2.000", "theta": "1.047"}
+    assert rows["b"]["fitted"] == "17.239 ± 0.020" and rows["b"]["90 %"] == "17.206 to 17.272"
+    assert {n: r["truth is"] for n, r in rows.items()} == {
+        "b": "inside 95 %", "C": "inside 95 %", "mu": "outside 95 % (2.0 sigma)", "theta": "outside 95 % (3.0 sigma)",
+    }  # fmt: skip
+    shown = [c["true"] for c in causes_shown(d, Truth.of(campaign))]
+    assert shown[1:] == [""] and shown[0].endswith("; mu outside 95 % (2.0 sigma), theta outside 95 % (3.0 sigma)")
+
+
+def test_as_many_digits_as_the_uncertainty_is_worth():
+    assert measured(12.3456, 0.0123) == "12.346 ± 0.012"
+    assert measured(12.3456, 0.0998) == "12.35 ± 0.10"  # two figures once rounded
+    assert measured(1234.5, 120.0) == "1234 ± 120" and measured(0.0123456, 2e-5, 1e3) == "12.346 ± 0.020"
+    assert measured(1.5, None) == measured(1.5, math.nan) == "1.500" and measured(None, 0.1) == ""
+
+
+def test_an_interval_cut_by_the_parameters_range_is_as_wide_as_its_other_half(campaign):
+    p = parameter(17.2 + 0.03, 0.02)
+    for cut in ({"low": p["value"] - 0.001}, {"high": p["value"] + 0.001}):
+        (row,) = parameter_rows(diagnosed(["depth_drag"], {"b": p | cut}), campaign)
+        assert row["truth is"] == "inside 95 %"  # 1.5 sigma; 49 sigma of the short half
+
+
+def test_what_the_truth_lacks_and_what_has_no_one_value_are_not_judged(campaign, tmp_path):
+    (row,) = parameter_rows(diagnosed(["viscous_friction"], {"c_v": parameter(1.0, 0.1)}), campaign)
+    assert (row["true"], row["truth is"]) == ("does not act", "")
+    law = {"terms": ["depth_drag"], "parameters": {"b": [[0.57, 17.2], [0.63, 40.0]]}}
+    (tmp_path / "truth.json").write_text(json.dumps(law))
+    bare = type(campaign)(tmp_path, ())
+    asked = diagnosed(["depth_drag"], {"b": parameter(17.2, 0.1)})
+    (row,) = parameter_rows(asked, bare)
+    assert (row["true"], row["truth is"]) == ("", "")
+    (tmp_path / "truth.json").write_text(json.dumps({"terms": ["inertial_drag"], "parameters": {"b": 17.2}}))
+    (row,) = parameter_rows(asked, bare)  # a number that no mechanism of the truth uses
+    assert (row["true"], row["truth is"]) == ("does not act", "")
+
+
+def test_nothing_is_said_of_a_truth_where_none_is_stated(recorded, capsys):
+    d = diagnosed(["depth_drag"], {"b": parameter(17.0, 0.02)}, [confirmed("C", (2.7, 0.1), (2.6, 0.1))])
+    assert not {"true", "truth is"} & {k for r in parameter_rows(d, recorded) for k in r}
+    assert not {"true", "truth is"} & {k for r in confirmation_rows(d, recorded) for k in r}
+    summary = {"jump_height_m": 0.02, "sigma_m": 1e-5}
+    assert chance(recorded, [Outcome(FILM, recorded.path, summary=summary)]) == ""
+    show.diagnosis(d, recorded, [], as_json=False)
+    text = capsys.readouterr().out
+    assert "17.000 ± 0.020" in text and "true" not in text and "95 %" not in text
+
+
+def test_film_and_jumps_are_each_held_against_the_truth(campaign):
+    """0.2 off: 2 sigma of the film's 0.1, 1 sigma of the jumps' 0.2."""
+    rows = [confirmed("C", (2.8, 0.1), (2.6, 0.2)), confirmed("mu", (2.2, 0.1), (1.8, 0.2)),
+            confirmed("b", (17.2, 0.1), (17.8, 0.2)), confirmed("mu", (2.1, 0.1), (3.0, 0.0))]  # fmt: skip
+    shown = confirmation_rows(diagnosed([], {}, rows), campaign)
+    assert [r["truth is"] for r in shown] == [
+        "inside 95 %", "outside 95 % (2.0 sigma) by film", "outside 95 % (3.0 sigma) by the jumps", "inside 95 %",
+    ]  # fmt: skip
+    assert [r["z"] for r in shown[:3]] == ["+0.9", "+1.8", "-2.7"]
+    assert shown[3]["jumps alone"] == "3.000"  # given, not fitted: nothing to judge
+
+
+def test_the_true_mass_is_that_of_the_laboratorys_film(campaign):
+    """Twice what the film's own truth has under half the foot, in every pair of frames in which the grains move.
+
+    Over a pair the foot goes dz, so its middle is off the curve by at most |m''| dz^2 / 8, m'' = -C phi rho mu 2 pi r
+    mu / tan(theta) with r < R; dz is the largest step from one pair to the next.
+    """
+    truth = json.loads((SAND / FILM / "truth.json").read_text())
+    pairs = {k: np.array(truth["grain_film"]["pairs"][k]) for k in ("foot_depth_m", "added_mass_kg", "grains_move")}
+    down = pairs["grains_move"] & (np.arange(pairs["grains_move"].size) < np.argmax(pairs["foot_depth_m"]))
+    depth, mass = pairs["foot_depth_m"][down], 2.0 * pairs["added_mass_kg"][down]
+    assert depth.size > 10
+    bend = 2.7 * 571.0 * 2.0 * 2.0 * math.pi * 0.0381 * 2.0 / math.tan(TRUE["theta"])
+    off = bend * np.max(np.diff(depth)) ** 2 / 8
+    assert off < 0.01 * mass.min()
+    for z, m in zip(depth, mass, strict=True):
+        row = confirmed("added_mass", (0.1, 0.01), (0.1, 0.01), experiment=FILM, depth_m=float(z))
+        assert true_mass(row, campaign, Truth.of(campaign)) == pytest.approx(m, abs=off)
+
+
+def test_values_outside_95_per_cent_are_told_with_what_chance_leaves(campaign):
+    true = json.loads((SAND / FILM / "truth.json").read_text())["summary"]
+    good = {"jump_height_m": true["jump_height_m"] + 1.9e-5, "sigma_m": 1e-5, "mu": 2.0 - 0.019, "mu_sigma": 0.01}
+    outcomes = [Outcome(FILM, SAND, summary=good)]
+    assert chance(campaign, outcomes) == "The truth is inside 95 % of 2 of the 2 values with an uncertainty."
+    outcomes[0].summary["mu"] = 2.0 - 0.03
+    assert chance(campaign, outcomes) == (
+        "The truth is inside 95 % of 1 of the 2 values with an uncertainty, outside 95 % of "
+        f"{FILM} mu (3.0 sigma): by chance about 0.1 would be."
+    )
+
+
+def test_the_terminal_shows_the_tables_and_json_nothing_but_json(campaign, capsys):
+    row = confirmed("added_mass", (0.146, 0.003), (0.1503, 0.0002), experiment=FILM, depth_m=0.023) | {"unit": "kg"}
+    d = diagnosed(["depth_drag"], {"b": parameter(17.3, 0.02)}, [row])
+    outcomes = [Outcome(FILM, SAND, summary={"jump_height_m": 0.0067, "sigma_m": 1e-5})]
+    show.diagnosis(d, campaign, [], as_json=False)
+    show.outcome(campaign, outcomes, [], SAND, [], as_json=False, single=False, diagnosis=d)
+    text = capsys.readouterr().out
+    assert text.count("outside 95 % (5.0 sigma)") == 2 and text.count("added mass, 23.0 mm deep") == 2
+    show.diagnosis(d, campaign, [], as_json=True)
+    assert json.loads(capsys.readouterr().out) == d
+    show.outcome(campaign, outcomes, [], SAND, [], as_json=True, single=False, diagnosis=d)
+    assert json.loads(capsys.readouterr().out)["diagnosis"] == d
