@@ -98,6 +98,9 @@ def learn_noise(system: Jumper) -> Learned:
     # a repeated track's rest is in its differences already
     repeated = {x.track for x in pairs} | {i for x in pairs for i in _like(system, x.track)}
     used = [*parts["repeats"], *parts["flight"], *(x for x in parts["rest"] if x.track not in repeated)]
+    # a track that is finer than it may count tells nothing of the others
+    usual = [x for x in used if scale[x.track] > FINEST]
+    used = usual if samples(usual) >= FEWEST else used
     if samples(used) < FEWEST:
         noise = _only_stated(stated, frame, samples(used), warnings)
         sources: dict[str, Source | None] = dict.fromkeys(("rest", "flight", "repeats"))
