@@ -101,15 +101,16 @@ def question(
         if any(r["verdict"] == "contradict" for r in data["confirmation"]) and beside:
             data["without_films"] = {"parameters": values(alone, system), "chi2": alone.chi2}
         data |= {"sentence": sentence(data), "confirmed": confirmed(data)}
-        for warning in data["noise"]["warnings"]:
-            say(f"warning: {warning}")
         write_aside(entry / MODEL, model_toml(best, system, data["sentence"] + " Made by jumpvision diagnose."))
         if draw:
             (entry / PICTURE).write_bytes(draw(found, system, data))
         write_aside(entry / FILE, json.dumps(plain(data), indent=1) + "\n")  # last: the entry is whole
     for n in names:
         copy_aside(entry / n, results / n)
-    return json.loads((entry / FILE).read_text(encoding="utf-8")), [results / n for n in names]
+    data = json.loads((entry / FILE).read_text(encoding="utf-8"))
+    for warning in data["noise"]["warnings"]:
+        say(f"warning: {warning}")
+    return data, [results / n for n in names]
 
 
 def leftover(d: Diagnosis, problem: Problem, system: Jumper, say: Callable[[str], None]) -> dict[str, Any] | None:
