@@ -12,7 +12,7 @@ from benchmarks.diagnosis import jumps_of
 from jumpvision.diagnosis import apparatus, spikes, wander
 from jumpvision.diagnosis.detect import Span, detect, directions
 from jumpvision.diagnosis.diagnose import fit_baseline
-from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.fitting import Problem, _axes, _joined
 from jumpvision.diagnosis.jumper import Jumper
 from jumpvision.diagnosis.jumps import Shared
 from jumpvision.diagnosis.learning import learn_noise
@@ -304,3 +304,12 @@ def test_a_measurement_sharpens_the_fit_and_stands_in_its_residuals(clean):
     expected = (plain.sigma(k) ** -2 + 2.0**-2) ** -0.5
     assert tested.sigma(k) == pytest.approx(expected, rel=0.02)
     assert Span(tested).extra == Span(plain).extra + 1
+
+
+def test_axes_of_scatter_and_wander_are_those_of_both_together():
+    rng = np.random.default_rng(7)
+    slow, scatter = rng.standard_normal((50, 4)), rng.standard_normal((50, 2)) * 5.0
+    q, size = _joined(scatter, _axes(slow))
+    both = np.hstack([scatter, slow])
+    assert q.T @ q == pytest.approx(np.eye(size.size), abs=1e-12)
+    assert (q * size**2) @ q.T == pytest.approx(both @ both.T, abs=1e-10)

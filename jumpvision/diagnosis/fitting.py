@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
+DROWNED = 0.05  # noise units: a wander of less is not seen beside the noise
 VALLEY = 0.02  # nor is a damped one, unless the free step promised more than this: then it creeps along a valley
 
 
@@ -52,9 +53,20 @@ class Whitening:
 
 
 def _axes(columns: Array) -> tuple[Array, Array]:
-    """Orthonormal directions (n, k) of what is spread along columns (n, k), and how far (k,)."""
+    """Orthonormal directions (n, k) of what is spread along columns (n, m), and how far (k,); not those that the noise
+    drowns."""
     q, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return q, size
+    return q[:, size > DROWNED], size[size > DROWNED]
+
+
+def _joined(columns: Array, axes: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The axes of what is spread along columns (n, m) and, independently, along given axes (n, k)."""
+    q, size = axes
+    along = q.T @ columns
+    rest, upper = np.linalg.qr(columns - q @ along)
+    turned, sizes, _ = np.linalg.svd(np.block([[along, np.diag(size)], [upper, np.zeros((upper.shape[0], size.size))]]))
+    sizes = sizes[: turned.shape[1]]
+    return np.hstack([q, rest]) @ turned[:, : sizes.size], sizes
 
 
 @dataclass
@@ -129,8 +141,7 @@ class Problem:
         out: Frame = []
         for k, i in enumerate(which):
             columns = [np.nan_to_num(effects[n][k]) * s for n, s in self.scattered.items() if n in effects]
-            white = self.whitening[i].levelled(np.stack(columns, axis=1))
-            out.append(_axes(np.hstack([white, self.whitening[i].wander])))
+            out.append(_joined(self.whitening[i].levelled(np.stack(columns, axis=1)), self.steady[i]))
         return out
 
     def residuals(

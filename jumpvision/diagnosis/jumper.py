@@ -48,6 +48,7 @@ class Jumper:
     ) -> None:
         self.jumps = list(jumps)
         self.model = self.jumps[0].model
+        self.scattering = SCATTER
         self.workers, self.pool = workers, ThreadPoolExecutor(workers)
         free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
         self.baseline = (*free, *common(self.jumps))
@@ -68,9 +69,13 @@ class Jumper:
             [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
         )
 
-    def weighted(self, factors: Sequence[Array]) -> Jumper:
-        """The same jumps with a factor on the noise of every reading: by jump, (n,) as its track."""
+    def weighted(self, factors: Sequence[Array], scattering: Sequence[str] = SCATTER) -> Jumper:
+        """The same jumps with a factor on the noise of every reading: by jump, (n,) as its track.
+
+        scattering: what is found to differ from trial to trial; nothing else is asked for then.
+        """
         out = copy.copy(self)
+        out.scattering = tuple(scattering)
         out.observations = [
             replace(o, spread=f[np.searchsorted(j.t, o.t)]) for o, j, f in zip(self.observations, self.jumps, factors)
         ]
@@ -143,9 +148,12 @@ class Jumper:
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
     ) -> dict[str, list[Array]]:
         """`start`: when the motor starts [s]; `bed`: stiffness of the sand, as a factor."""
-        at = self.predict(mechanisms, values, which)
         steps = {"start": 1e-5, **({"bed": 1e-3} if self.model.ground == "granular" else {})}
-        out = {}
+        steps = {n: h for n, h in steps.items() if n in self.scattering}
+        out: dict[str, list[Array]] = {}
+        if not steps:
+            return out
+        at = self.predict(mechanisms, values, which)
         for name, step in steps.items():
             moved = self.predict(mechanisms, {**values, name: step}, which)
             out[name] = [(b - a) / step for a, b in zip(at, moved)]

@@ -134,7 +134,7 @@ def learn_noise(system: Jumper) -> Learned:
             "flight moves; film a longer rest, or repeat trials (same `group`)"
         )
     return Learned(
-        noise, scatter, system.weighted(factors), sigma, tails, scale, sources, tuple(warnings), tuple(outliers)
+        noise, scatter, system.weighted(factors, [n for n, s in scatter.items() if s > 0]), sigma, tails, scale, sources, tuple(warnings), tuple(outliers)
     )  # fmt: skip
 
 
