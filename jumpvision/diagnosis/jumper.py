@@ -48,7 +48,7 @@ class Jumper:
     ) -> None:
         self.jumps = list(jumps)
         self.model = self.jumps[0].model
-        self.scattering = SCATTER
+        self.scattering: tuple[str, ...] = SCATTER
         self.workers, self.pool = workers, ThreadPoolExecutor(workers)
         free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
         self.baseline = (*free, *common(self.jumps))

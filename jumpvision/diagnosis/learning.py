@@ -128,13 +128,14 @@ def learn_noise(system: Jumper) -> Learned:
     names = list(STEPS)[: 2 if system.model.ground == "granular" else 1]
     found_by = [wander.coefficients(noise, x) for x in pairs]
     scatter = {n: spread_of([(c[k + 1], v[k + 1]) for c, v in found_by]) for k, n in enumerate(names)} if pairs else {}
+    differing = [n for n, s in scatter.items() if s > 0]
     if noise.rho > TOP - 0.01:
         warnings.append(
             f"the correlation of the noise lies at the end of its range ({noise.rho:.2f}): what is taken for rest or "
             "flight moves; film a longer rest, or repeat trials (same `group`)"
         )
     return Learned(
-        noise, scatter, system.weighted(factors, [n for n, s in scatter.items() if s > 0]), sigma, tails, scale, sources, tuple(warnings), tuple(outliers)
+        noise, scatter, system.weighted(factors, differing), sigma, tails, scale, sources, tuple(warnings), tuple(outliers)
     )  # fmt: skip
 
 
