@@ -11,12 +11,14 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 Array = NDArray[np.float64]
 
 BULK = 2.5  # robust sigmas beyond which a reading's weight falls, as Huber (1964) has it
 LISTED = 5.0  # from which it is called an outlier
 ROUNDS = 12
+NEAR = 7  # readings of a running median, which two that stand off do not move
 OWN = math.sqrt(1.0 + 34.0 / 36.0)  # white noise of 1 makes deviations of this
 
 
@@ -41,9 +43,11 @@ def factors(r: Array, least: float) -> tuple[Array, Array]:
     sigma = max(float(np.median(np.abs(deviation(r)[2:-2]))) / 0.6745 if r.size > 8 else 0.0, OWN * least)
     if not sigma > 0.0:
         return np.ones_like(r), np.zeros_like(r)
+    bulk = max(float(np.median(np.abs(r - median_filter(r, NEAR)))) / 0.6745, least)
     for _ in range(ROUNDS):
         off = deviation(calm)
-        size = np.abs(off)
+        # a reading between two that stand off deviates from the cubic, but not from the median about it
+        size = np.where(np.abs(calm - median_filter(calm, NEAR)) > BULK * bulk, np.abs(off), 0.0)
         peak = (size > BULK * sigma) & (size >= np.maximum(np.roll(size, 1), np.roll(size, -1)))
         if not peak.any():
             break
