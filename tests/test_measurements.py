@@ -1,0 +1,59 @@
+"""What films and tests say beside the jumps: averaged by what is their own, and contradictions said in words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from jumpvision.diagnosis.measured import Measured
+from jumpvision.question.films import CONTRADICT, _row
+from jumpvision.question.measurements import CONE, _read, _together
+from jumpvision.question.sentence import confirmed
+
+FITS = {
+    "C": {"value": 2.7, "sigma": 0.05, "sigma_common": 0.03},
+    "mu_cone": {"value": 2.0, "sigma": 0.02, "sigma_common": 0.0},
+    "theta_cone_deg": {"value": 60.0, "sigma": 0.5, "sigma_common": 0.0},
+    "correlation_C_mu": {"value": -0.5},
+    "correlation_mu_theta": {"value": 0.4},
+}
+
+
+def test_a_film_is_read_with_its_correlations_and_what_it_shares():
+    seen, shared = _read(FITS, CONE, "film a")
+    assert seen.names == ("C", "mu", "theta")
+    assert seen.values == pytest.approx([2.7, 2.0, np.radians(60.0)])
+    assert np.sqrt(np.diag(seen.covariance)) == pytest.approx([0.05, 0.02, np.radians(0.5)])
+    own = seen.covariance - shared
+    assert own[0, 1] == pytest.approx(-0.5 * 0.04 * 0.02)  # sqrt(0.05^2 - 0.03^2) = 0.04
+    assert own[1, 2] == pytest.approx(0.4 * 0.02 * np.radians(0.5))
+    assert shared[0, 0] == pytest.approx(0.03**2) and shared[1, 1] == 0.0
+    assert _read({"C": {"value": None, "sigma": None}}, CONE, "film b") is None
+
+
+def test_what_films_share_is_not_averaged_and_scatter_beyond_their_sigma_widens_the_mean():
+    def films(offsets):
+        return [
+            ("x", Measured(("C",), np.array([2.7 + d]), np.array([[0.05**2]]), "film x"), np.array([[0.03**2]]))
+            for d in offsets
+        ]
+
+    alike = _together("film", films(np.zeros(100)))
+    assert alike.source == "100 grain films"
+    assert alike.sigma("C") == pytest.approx(np.hypot(0.03, 0.04 / 10.0))  # not 0.05 / 10
+    apart = _together("film", films([-0.2, 0.2, -0.2, 0.2]))
+    chi2 = 4 * (0.2 / 0.04) ** 2
+    assert apart.sigma("C") == pytest.approx(np.hypot(0.03, 0.04 / 2.0 * np.sqrt(chi2 / 3)))
+
+
+@pytest.mark.parametrize("off, verdict", [(2.9, "agree"), (-3.1, "contradict")])
+def test_a_contradiction_is_said_with_both_numbers(off, verdict):
+    film = (2.0 + off * np.hypot(0.02, 0.03), 0.03)
+    row = _row("mu", "film a", (2.0, 0.02), film, "1")
+    assert row["z"] == pytest.approx(off) and (abs(off) > CONTRADICT) == (row["verdict"] == "contradict")
+    assert row["verdict"] == verdict
+    text = confirmed({"confirmation": [row], "named": ["added_mass"]})
+    if verdict == "contradict":
+        assert "contradict each other: mu is 1.89 ± 0.03 by film a, 2.00 ± 0.02 by the jumps alone (3.1 sigma" in text
+    else:
+        assert text is None  # no mass beside it
