@@ -12,7 +12,8 @@ from ..campaign import Outcome
 from ..diagnosis.measured import Measured
 from ..experiment import Experiment
 from ..records import Fits
-from ..sections import Bed, Robot
+from ..sections import Actuation, Bed, Robot
+from ..stages.body import total_mass
 
 CONE = {"C": ("C", 1.0), "mu": ("mu_cone", 1.0), "theta": ("theta_cone_deg", math.pi / 180.0)}  # fits.json, to SI
 ALIKE = 0.01  # relative difference of foot radius, or volume fraction, up to which two experiments tell of one model
@@ -22,7 +23,8 @@ def measurements(
     experiments: Sequence[Experiment], outcomes: Mapping[str, Outcome], robot: Robot, phi: float | None
 ) -> list[Measured]:
     """Of all experiments with a foot and a bed like those of the jumps: the cone by grain films (C, mu, theta), the
-    static force by intrusions, the spring by its own test. Several of a kind are averaged, what they share is not.
+    static force by intrusions, the spring by its own test, its damping by ring-downs without a motor. Several of a kind
+    are averaged, what they share is not.
     """
     found: dict[str, list[tuple[str, Measured, np.ndarray[Any, Any]]]] = {}
     for e in experiments:
@@ -30,10 +32,12 @@ def measurements(
         if outcome is None or not (outcome.results / Fits.file).exists() or not _alike(e, robot, phi):
             continue
         fits = Fits.load(outcome.results).values
-        for kind, names in (("film", CONE), ("intrusion", _own("k1", "k2", "delta")),
-                            ("spring test", _own("spring_stiffness"))):  # fmt: skip
-            if kind == "intrusion" and "intrusion_log" not in e.sections:
-                continue
+        kinds = {"film": CONE, "spring test": _own("spring_stiffness")}
+        if "intrusion_log" in e.sections:
+            kinds["intrusion"] = _own("k1", "k2", "delta")
+        if (damping := _damping(e)) is not None:
+            kinds["ring-down"] = {"spring_damping": ("zeta", damping)}
+        for kind, names in kinds.items():
             if (seen := _read(fits, names, f"{kind} {e.name}")) is not None:
                 found.setdefault(kind, []).append((e.name, *seen))
     return [_together(kind, seen) for kind, seen in found.items()]
@@ -41,6 +45,15 @@ def measurements(
 
 def _own(*names: str) -> dict[str, tuple[str, float]]:
     return {n: (n, 1.0) for n in names}
+
+
+def _damping(e: Experiment) -> float | None:
+    """2 sqrt(k M) [N s/m], which makes zeta the spring's damping; None where a motor moves or the robot is not known."""
+    robot, law = e.section(Robot), e.section(Actuation)
+    mass = total_mass(robot)
+    if robot is None or not robot.spring_stiffness or mass is None or (law is not None and law.moves):
+        return None
+    return 2.0 * math.sqrt(robot.spring_stiffness * mass)
 
 
 def _alike(e: Experiment, robot: Robot, phi: float | None) -> bool:
