@@ -48,7 +48,7 @@ def _own(*names: str) -> dict[str, tuple[str, float]]:
 
 
 def _damping(e: Experiment) -> float | None:
-    """2 sqrt(k M) [N s/m], which makes zeta the spring's damping; None where a motor moves or the robot is not known."""
+    """2 sqrt(k M) [N s/m], by which zeta is the spring's damping; None where a motor moves or the robot is unknown."""
     robot, law = e.section(Robot), e.section(Actuation)
     mass = total_mass(robot)
     if robot is None or not robot.spring_stiffness or mass is None or (law is not None and law.moves):
