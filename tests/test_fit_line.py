@@ -60,7 +60,7 @@ def test_nothing_to_fit_is_a_value_and_a_bad_sigma_an_error():
 
 def test_entry_has_exactly_the_keys_of_the_contract_and_no_nan():
     entry = Estimate(math.nan, 1.0, "m", 3, 2.0, "why").entry()
-    assert entry == {"value": None, "sigma": 1.0, "unit": "m", "n": 3, "chi2": 2.0}
+    assert entry == {"value": None, "sigma": 1.0, "sigma_common": 0.0, "unit": "m", "n": 3, "chi2": 2.0}
     json.dumps(entry, allow_nan=False)
 
 

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 CONFIDENCE = 0.9  # of the set of models that is kept
 FIRSTS, SECONDS = 4, 4  # pairs tried: the best single ones, each with those its residuals ask for
+SHORT = 1.0  # of chi^2 by which a fit is said to have stopped short
 WORTH = 3.0  # of log evidence that a second mechanism must bring
 LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
 Z90 = 1.645  # half width of a 90 % interval, in sigmas
@@ -74,6 +75,9 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
         models += pairs
         for fit in worth[:2]:
             tests[fit.mechanisms] = detect(problem, fit, directions(problem, fit), rng)
+            for better in simpler(problem, fit, singles):
+                models = [f for f in models if f.mechanisms != better.mechanisms] + [better]
+                tests[better.mechanisms] = detect(problem, better, directions(problem, better), rng)
     weight = np.array([f.log_evidence for f in models])
     weight = np.exp(weight - weight.max())
     weight /= weight.sum()
@@ -93,6 +97,13 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
     test = nearly.detection or detect(problem, nearly.fit, directions(problem, nearly.fit), rng)
     nearly = replace(nearly, detection=test)
     return Naming(nearly.mechanisms, nearly, tried, _twins(problem, nearly, tried), left[nearly.mechanisms])
+
+
+def simpler(problem: Problem, pair: Fit, singles: Sequence[Fit]) -> list[Fit]:
+    """Single mechanisms of a pair that fit better from the pair's values than they did alone: they had stopped short."""
+    chi2 = {f.mechanisms: f.chi2 for f in singles}
+    again = [problem.fit((m,), pair.named) for m in pair.mechanisms]
+    return [f for f in again if f is not None and f.chi2 < chi2.get(f.mechanisms, math.inf) - SHORT]
 
 
 Start = tuple[tuple[str, ...], dict[str, float]]

@@ -83,7 +83,7 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
             "axis_off_m": AXIS_OFF,
             "foot_radius_m": robot.foot_radius if robot and robot.foot_radius else math.nan,
             "min_speed": flow.field.attrs["min_speed"],
-            "scale_share": flow.field.attrs["scale_share"],
+            "scale_share": flow.field.attrs.get("scale_share", 0.0),
         },
     )
     return Column(data)

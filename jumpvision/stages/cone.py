@@ -68,12 +68,12 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
         slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
         per_mm = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["log_a"].n, NAN)
         out["beta_deg_per_mm_layer"] = per_mm
-        share = c.attrs["scale_share"]
+        share = c.attrs.get("scale_share", 0.0)
         out["log_a"] = scaled(out["log_a"], share)
         # a^(Dz) with a decay known to a share is a^(Dz) with a layer known to that share
         layer = slope * c.attrs["layer_m"]
         out["beta_deg"] = out["beta_deg"].with_common(share * abs(math.degrees(layer)))
-    out["mu_intercept_m"] = scaled(out["mu_intercept_m"], c.attrs["scale_share"])
+    out["mu_intercept_m"] = scaled(out["mu_intercept_m"], c.attrs.get("scale_share", 0.0))
     return out
 
 
@@ -206,7 +206,7 @@ def grown_cone(
         out[f"correlation_{name}"] = Estimate(float(shared), NAN, "", curve.n, cone.chi2, cone.reason)
     # density goes with phi, and so does the mass: of the two only the slope at the surface has its error
     out["cone_slope_kg_m"] = scaled(out["cone_slope_kg_m"], phi_share)
-    if not f.attrs["scale_share"]:
+    if not f.attrs.get("scale_share"):
         return out
     other, moved = fitted(1.0 + f.attrs["scale_share"])
     changes = {

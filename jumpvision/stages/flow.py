@@ -58,12 +58,14 @@ def flow(
             "initial_depth_m": p.initial_depth,
             "disc": source.foot,
             "source": field.attrs["source"],
-            "scale_share": field.attrs["scale_share"],
+            "scale_share": field.attrs.get("scale_share", 0.0),
         },
     )
     data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
     found_there = under_the_foot(field, source, section, bed, robot, p, overlap)
-    shares = shares_of(field.attrs["scale_share"], clock.rate_sigma if clock else 0.0, packing_common(section, bed))
+    shares = shares_of(
+        field.attrs.get("scale_share", 0.0), clock.rate_sigma if clock else 0.0, packing_common(section, bed)
+    )
     for name, (values, unit) in with_shares(found_there, shares).items():
         data[name] = ("t", values, {"units": unit})
     for name, share in shares.items():
