@@ -100,7 +100,7 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
 
 
 def simpler(problem: Problem, pair: Fit, singles: Sequence[Fit]) -> list[Fit]:
-    """Single mechanisms of a pair that fit better from the pair's values than they did alone: they had stopped short."""
+    """Single mechanisms of a pair that fit better from the pair's values than alone: they had stopped short."""
     chi2 = {f.mechanisms: f.chi2 for f in singles}
     again = [problem.fit((m,), pair.named) for m in pair.mechanisms]
     return [f for f in again if f is not None and f.chi2 < chi2.get(f.mechanisms, math.inf) - SHORT]
