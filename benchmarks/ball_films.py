@@ -17,8 +17,8 @@ from scipy.ndimage import gaussian_filter
 
 from benchmarks.ball import BACK, CONTRAST, disc_image
 from jumpvision.frames import open_frames
-from jumpvision.vision.ball import BallSettings
-from jumpvision.vision.ball_film import FilmTracker, track_film
+from jumpvision.vision.ball.film import FilmTracker, track_film
+from jumpvision.vision.ball.track import BallSettings
 
 SHAPE, D, N = (480, 640), 19.0, 600
 PERIOD = 200  # frames drawn; the film repeats them

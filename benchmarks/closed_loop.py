@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jumpvision.lab.dem_film import DiscCamera
-from jumpvision.records import Column
-from jumpvision.stages.cone import broader_than_column, cone_fits, front_line, pushing, sides
+from jumpvision.lab.films.discs import DiscCamera
+from jumpvision.results.records import Column
+from jumpvision.stages.grains.cone import broader_than_column, cone_fits, front_line, pushing, sides
 
 sys.path.insert(0, "tests")
 import dem_scene as loop

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.signal import savgol_filter
 
-from jumpvision.lab.crater_picture import laser_picture
-from jumpvision.lab.sensor import record
+from jumpvision.lab.films.bed import laser_picture
+from jumpvision.lab.films.optics import record
 from jumpvision.vision.laser_line import laser_line
 
 Array = NDArray[np.float64]

@@ -18,22 +18,22 @@ from typing import Any
 
 import numpy as np
 
+from jumpvision.campaign.diagnose import heights_of
+from jumpvision.campaign.document import document
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper import Jumper
-from jumpvision.diagnosis.jumps import Jump
-from jumpvision.diagnosis.learning import learn_noise
+from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.diagnosis.naming import confidence_set
+from jumpvision.diagnosis.noise.learning import learn_noise
+from jumpvision.inputs.sections import Actuation
 from jumpvision.lab.blind import ROBOTS, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
+from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import from_log
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
-from jumpvision.question.document import document
-from jumpvision.question.run import heights_of
-from jumpvision.sections import Actuation
-from jumpvision.stages.motor import commanded
+from jumpvision.stages.rod import commanded
 
 ENCODER = 6.25e-6  # m
 NOISES = {  # nuisance of the false-alarm table: rho, rounding step [m]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from jumpvision.diagnosis.detect import directions
 from jumpvision.diagnosis.diagnose import Diagnosis, diagnose
 from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.noise import Noise, Stretch, coefficients, estimate, spread_of
+from jumpvision.diagnosis.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
 from jumpvision.diagnosis.particle import Body, quiet
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 

@@ -20,9 +20,9 @@ import xarray as xr
 
 from jumpvision.cli import main as command
 from jumpvision.lab import write
-from jumpvision.lab.grain_record import film_brief, write_grain_film
+from jumpvision.lab.films.grain_record import film_brief, write_grain_film
+from jumpvision.lab.jumper import Law
 from jumpvision.lab.jumper import simulate as jump
-from jumpvision.lab.mechanisms import Law
 from jumpvision.lab.protocol_keys import GrainCamera
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
 

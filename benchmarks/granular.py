@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from jumpvision.mechanisms.cone import cone_mass
+from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.batch import jump_batch
-from jumpvision.physics.cone import cone_mass
+from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.forcing import Segments, sinusoid
-from jumpvision.physics.hard import sine_rows
-from jumpvision.physics.jump import equilibrium, simulate
-from jumpvision.physics.ledger import energy_ledger
+from jumpvision.physics.hard.jump import sine_rows
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
+from jumpvision.physics.sand.jump import equilibrium, simulate
 
 ROBOT = {
     "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,

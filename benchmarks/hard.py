@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.hard import hard_jump, hard_map, hard_sweep
+from jumpvision.physics.hard.jump import hard_jump, hard_map, hard_sweep
 
 THESIS = {
     "motor_mass": 1.003,

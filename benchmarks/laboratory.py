@@ -10,15 +10,15 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from jumpvision.dem.under_foot import discs_under_foot
+from jumpvision.dem.motion import discs_under_foot
 from jumpvision.lab import blind
 from jumpvision.lab.campaign import jump_of, write_campaign
-from jumpvision.lab.grain_film import GrainCamera, View
-from jumpvision.lab.grain_flow import Flow
-from jumpvision.lab.grain_quick import QuickGrainCamera
+from jumpvision.lab.films.flow import Flow
+from jumpvision.lab.films.grains import GrainCamera, View
+from jumpvision.lab.films.optics import record, record_bright
+from jumpvision.lab.films.quick import QuickGrainCamera
+from jumpvision.lab.films.rod import write_rod_film
 from jumpvision.lab.protocol_keys import Camera, RodFilm
-from jumpvision.lab.rod_record import write_rod_film
-from jumpvision.lab.sensor import record, record_bright
 
 
 def grain_rate(quick: bool, *, frames: int = 30) -> float:

@@ -17,23 +17,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from x.diagnosis import jumps_of
+from x.oracle import Oracle, Unreachable, level_for
+from x.rows import Row, gather, interval, share
 
+from jumpvision.campaign.diagnose import heights_of
+from jumpvision.campaign.document import document
 from jumpvision.diagnosis.detect import Detection, detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper import Jumper
-from jumpvision.diagnosis.jumps import Jump
-from jumpvision.diagnosis.learning import Learned, learn_noise
-from jumpvision.diagnosis.noise import Noise
+from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.jumper.jumps import Jump
+from jumpvision.diagnosis.noise.learning import Learned, learn_noise
+from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.lab.blind import Recorded, Setting, campaign, choices, draw
+from jumpvision.lab.recordings import NU
 from jumpvision.lab.seal import answer_of, score
-from jumpvision.lab.track_noise import NU
-from jumpvision.question.document import document
-from jumpvision.question.run import heights_of
-
-from .diagnosis import jumps_of
-from .oracle import Oracle, Unreachable, level_for
-from .rows import Row, gather, interval, share
 
 Array = NDArray[np.float64]
 

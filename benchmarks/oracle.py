@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from jumpvision.lab.blind import DT, EFFECTS, EVERY, Recorded, Setting
 from jumpvision.lab.campaign import jump_of
-from jumpvision.lab.mechanisms import AT_THE_CAMERA, STATIC
+from jumpvision.lab.jumper import AT_THE_CAMERA, STATIC
 from jumpvision.lab.protocol import CAMERA_PARAMETERS, Protocol
-from jumpvision.lab.track_noise import NU, SHARE, slow
+from jumpvision.lab.recordings import NU, SHARE, slow
 
 Array = NDArray[np.float64]
 

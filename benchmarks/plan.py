@@ -26,16 +26,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.lab.jumper import Motor, Robot, Samples
 from jumpvision.lab.jumper import simulate as lab_jump
-from jumpvision.lab.mechanisms import Motor, Robot, Samples
+from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import MECHANISMS, ModelParameters
 from jumpvision.planning.guess import guessed, starts
 from jumpvision.planning.jumper import Drive
 from jumpvision.planning.plan import Plan, Planner
 from jumpvision.planning.spread import drawn
 from jumpvision.planning.transcription import Limits
-from jumpvision.plans import rigid, samples
+from jumpvision.studies.plan import rigid, samples
 
 ROBOT = {
     "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,

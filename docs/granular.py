@@ -8,8 +8,8 @@ from typing import Any
 
 from PIL import Image
 
-from jumpvision.report.sweeps import picture
-from jumpvision.sweep.run import GRANULAR, run
+from jumpvision.report.studies.sweeps import picture
+from jumpvision.studies.run import GRANULAR, run
 
 PAGE = Path(__file__).with_name("granular.md")
 IMAGES = PAGE.parent / "images"

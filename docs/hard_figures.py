@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from jumpvision.lab import logs, write
-from jumpvision.lab.jumper import simulate
-from jumpvision.lab.mechanisms import Law
+from jumpvision.lab import recordings as logs
+from jumpvision.lab import write
+from jumpvision.lab.jumper import Law, simulate
 from jumpvision.lab.samples import HARD_ROBOT
-from jumpvision.report.sweeps import picture
-from jumpvision.sweep.comparison import compare
-from jumpvision.sweep.run import ANALYSES, run
+from jumpvision.report.studies.sweeps import picture
+from jumpvision.studies.comparison import compare
+from jumpvision.studies.run import ANALYSES, run
 
 IMAGES = Path(__file__).with_name("images")
 WIDTH, COLOURS = 1000, 256  # of a picture: the width of a page, and a palette that keeps its maps

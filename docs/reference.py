@@ -13,11 +13,12 @@ TARGET = Path(__file__).with_name("api.md")
 ROOT = Path(jumpvision.__file__).parent
 ROOMS = {  # what a heading covers, in the order of the page
     "For notebooks": ["api.py"],
-    "Folders": ["experiment.py", "records.py", "schema.py"],
+    "Folders": ["inputs/experiment.py", "results/records.py", "base/schema.py"],
     "Films (`jumpvision.frames`)": ["frames"],
     "Pictures to pixels (`jumpvision.vision`)": ["vision"],
-    "Velocity fields (`jumpvision.field`)": ["field"],
-    "Fits (`jumpvision.fit`)": ["fit"],
+    "Velocity fields of grains (`jumpvision.grains`)": ["grains"],
+    "Estimates (`jumpvision.estimate`)": ["estimate"],
+    "Mechanisms (`jumpvision.mechanisms`)": ["mechanisms"],
     "The jumper (`jumpvision.physics`)": ["physics"],
     "Grains as discs (`jumpvision.dem`)": ["dem"],
     "Diagnosis (`jumpvision.diagnosis`)": ["diagnosis"],
@@ -27,8 +28,8 @@ HEAD = """# API reference
 
 Made by `python docs/reference.py` from the docstrings. The functions for notebooks are introduced in
 [notebook.md](notebook.md). The rooms below them are core code: arrays in, arrays out, nothing read, written or drawn;
-import them from their module, e.g. `from jumpvision.fit.decay import ...`. Pixels and frames in `vision`, SI units from
-`field` on."""
+import them from their module, e.g. `from jumpvision.estimate.decay import ...`. Pixels and frames in `vision`,
+SI units from `grains` on."""
 
 
 def files(name: str) -> list[Path]:

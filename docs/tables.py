@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from jumpvision.params import PARAMS
-from jumpvision.physics.parameters import MECHANISMS, ModelParameters
-from jumpvision.schema import table_of
-from jumpvision.sections import SECTIONS, Header, RobotSigma
+from jumpvision.base.schema import table_of
+from jumpvision.inputs.parameters import PARAMS
+from jumpvision.inputs.sections import SECTIONS, Header, RobotSigma
+from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 
 TARGET = Path(__file__).with_name("keys.md")
 

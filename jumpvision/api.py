@@ -20,27 +20,24 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from . import records
-from .experiment import Campaign, Experiment, folder_of, is_campaign, merged, open_campaign
-from .experiment import open_experiment as _open_experiment
-from .model_spec import model_tables
-from .overrides import parse
-from .schema import InputError
+from jumpvision.base.schema import InputError
+from jumpvision.inputs.experiment import Campaign, Experiment, folder_of, is_campaign, merged, open_campaign
+from jumpvision.inputs.experiment import open_experiment as _open_experiment
+from jumpvision.inputs.model import model_tables
+from jumpvision.inputs.overrides import parse
+from jumpvision.report.figures import PICTURES
+
+from .results import records
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from .campaign import Plan
+    from jumpvision.workflow.run import Plan
 
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
 R = TypeVar("R", bound=records.Record)
-
-FIGURES = (
-    "pictures", "grains", "craters", "air", "intrusions", "spring", "actuator", "overlay", "overlays", "cone_film",
-)  # fmt: skip
-PICTURES = tuple(f"jumpvision.report.{m}" for m in FIGURES)  # register figures
 
 
 def open(
@@ -140,7 +137,7 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
     """
     import pandas as pd
 
-    from .campaign import jumps_table, write_jumps
+    from jumpvision.workflow.run import jumps_table, write_jumps
 
     campaign, outcomes, plan = _outcomes(folder, None, results, workers, pictures=pictures)
     rows = jumps_table(campaign, outcomes)
@@ -154,9 +151,8 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
 
 def diagnose(campaign: Folder, *, results: PathLike | None = None, workers: int = 1) -> dict[str, Any]:
     """What the campaign's [model] gets wrong, where and why, and what mending it gains: diagnosis.json as a dict."""
-    from .question import STAGES
-    from .question.run import question
-    from .report.diagnosis import diagnosis_picture
+    from jumpvision.campaign.diagnose import STAGES, question
+    from jumpvision.report.figures.diagnosis import diagnosis_picture
 
     found, outcomes, plan = _outcomes(campaign, STAGES, results, workers, pictures=False)
     data, _ = question(
@@ -181,7 +177,7 @@ def sweep(
 
     axes and analyses are those of `jumpvision sweep --help`; an axis is (low, high, number), one value, or "LO:HI:N".
     """
-    from .sweep.run import run as run_sweep
+    from jumpvision.studies.run import run as run_sweep
 
     given = {k: ":".join(map(str, v)) if isinstance(v, tuple | list) else str(v) for k, v in axes.items()}
     data, _ = run_sweep(
@@ -205,7 +201,7 @@ def plan(
     """(motor trajectory time_s, command_m, or None where none is found; plan.json's numbers) for an apex [m], or the
     highest jump. limits: max_force, max_speed, stroke, max_power, by, in place of the motor's.
     """
-    from .plans import check_call, make_plan, planned_robot, samples, seeded
+    from jumpvision.studies.plan import check_call, make_plan, planned_robot, samples, seeded
 
     check_call(ground, apex, limits)
     tables = {n: t for n, t in parse(tuple(set)).items() if t}
@@ -239,9 +235,9 @@ def _places(experiment: Experiment, results: PathLike | None) -> tuple[Path, Pat
 
 
 def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
-    from .campaign import write_provenance
-    from .pipeline import Workspace
-    from .stage import STAGES
+    from jumpvision.workflow.run import write_provenance
+    from jumpvision.workflow.stage import STAGES
+    from jumpvision.workflow.workspace import Workspace
 
     importlib.import_module("jumpvision.stages")
     experiment = _opened(folder)
@@ -260,9 +256,9 @@ def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
 
 def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) -> list[bytes]:
     """The PNG figures that show a record, drawn or from the cache."""
-    from .pipeline import Workspace
-    from .sections import NotApplicable
-    from .stage import STAGES
+    from jumpvision.inputs.sections import NotApplicable
+    from jumpvision.workflow.stage import STAGES
+    from jumpvision.workflow.workspace import Workspace
 
     for module in PICTURES:
         importlib.import_module(module)
@@ -278,7 +274,7 @@ def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) 
 def _outcomes(
     folder: Folder, stages: tuple[str, ...] | None, results: PathLike | None, workers: int, *, pictures: bool
 ) -> tuple[Campaign, list[Any], Plan]:
-    from .campaign import Plan, run_campaign, run_single
+    from jumpvision.workflow.run import Plan, run_campaign, run_single
 
     found = _opened(folder)
     campaign = found if isinstance(found, Campaign) else Campaign(found.path, (found,))

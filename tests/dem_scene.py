@@ -16,14 +16,12 @@ import xarray as xr
 from jumpvision.cli import main
 from jumpvision.dem.discs import Discs
 from jumpvision.dem.field import as_piv
-from jumpvision.dem.motion import Motion
-from jumpvision.dem.under_foot import discs_under_foot
+from jumpvision.dem.motion import Motion, discs_under_foot
 from jumpvision.lab import write
-from jumpvision.lab.dem_film import DiscCamera
-from jumpvision.lab.disc_record import disc_momentum
-from jumpvision.lab.grain_film import View
+from jumpvision.lab.films.discs import DiscCamera, disc_momentum
+from jumpvision.lab.films.grains import View
+from jumpvision.lab.jumper import Law as Drive
 from jumpvision.lab.jumper import simulate as jump
-from jumpvision.lab.mechanisms import Law as Drive
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3

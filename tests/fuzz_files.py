@@ -121,16 +121,16 @@ polarity = "dark"
 def reader(name: str) -> Callable[[Path], None]:
     """What reads a file of this name; returning or a clear error is right, all else is a finding."""
     if name == "experiment.toml":
-        from jumpvision.experiment import open_experiment
+        from jumpvision.inputs.experiment import open_experiment
 
         return lambda path: open_experiment(path.parent) and None  # type: ignore[return-value]
     if name == "motor.csv":
-        from jumpvision.logs import read_log
+        from jumpvision.inputs.logs import read_log
 
         return lambda path: read_log(path, "time_s", "position_m") is None and None  # type: ignore[return-value]
     if name.startswith("map."):
-        from jumpvision.sections import CraterDepth
-        from jumpvision.stages.crater import read_map
+        from jumpvision.inputs.sections import CraterDepth
+        from jumpvision.stages.bed.crater import read_map
 
         return lambda path: read_map(CraterDepth(file=path.name, path=path)) is None and None  # type: ignore[return-value]
     return read_film
@@ -156,8 +156,8 @@ def worker(folder: Path, name: str, first: int, last: int) -> None:
 
     import jumpvision.frames.tiff
     import jumpvision.frames.video
+    from jumpvision.base.schema import InputError
     from jumpvision.frames import FrameError
-    from jumpvision.schema import InputError
 
     assert numba is not None and jumpvision is not None
     warnings.simplefilter("ignore")

@@ -16,8 +16,8 @@ from conftest import ROOT, SAMPLES
 
 import jumpvision as jv
 from jumpvision import api
+from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.schema import InputError
 
 PAGE = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
 
@@ -72,7 +72,7 @@ def test_folders_and_records_show_themselves(cells, samples):
 
 
 def test_names_are_escaped():
-    from jumpvision.reprs import page, table
+    from jumpvision.base.notebook import page, table
 
     assert "<script>" not in page("<script>", table([{"a": "<script>"}]))
 
@@ -105,13 +105,13 @@ def test_bad_calls_name_the_remedy(samples):
 def test_folders_with_the_name_of_a_stage_are_that_stage_too():
     """`jumpvision.fit` is a folder of the package; once something of it is imported, Python puts it in place."""
     code = "import jumpvision as jv\n{}\nassert callable(jv.fit) and callable(jv.sweep) and jv.fit.__path__"
-    for before in ("", "import jumpvision.fit.peaks, jumpvision.sweep.axes"):
+    for before in ("", "import jumpvision.estimate.ringdown, jumpvision.studies.axes"):
         subprocess.run([sys.executable, "-c", code.format(before)], check=True)
 
 
 def test_every_stage_that_can_be_asked_for_alone_is_a_function():
-    from jumpvision.stage import STAGES
     from jumpvision.stages import __all__ as stages
+    from jumpvision.workflow.stage import STAGES
 
     assert {s.name for s in STAGES.values() if not s.picture} >= set(stages)
     for name in (*stages, "open", "run", "diagnose", "sweep", "plan"):

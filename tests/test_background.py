@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.lab.rod_film import balls
-from jumpvision.vision.background import Background, SceneSum
-from jumpvision.vision.ball import BallSettings
-from jumpvision.vision.ball_film import track_film
+from jumpvision.lab.films.rod import balls
+from jumpvision.vision.ball.background import Background, SceneSum
+from jumpvision.vision.ball.film import track_film
+from jumpvision.vision.ball.track import BallSettings
 
 SHAPE, RADIUS, COLUMN = (110, 52), 8.0, 24.3
 SETTINGS = BallSettings(

@@ -10,14 +10,14 @@ import pytest
 from test_ball import BACK, CONTRAST, ball_image, camera
 
 import jumpvision.stages  # noqa: F401  registers them
-from jumpvision.experiment import open_experiment
 from jumpvision.frames import open_frames
-from jumpvision.pipeline import Workspace
-from jumpvision.records import Track
-from jumpvision.report.overlay import TrackFilm
-from jumpvision.sections import NotApplicable
-from jumpvision.vision.ball import BallSettings
-from jumpvision.vision.ball_film import FilmTracker, track_film
+from jumpvision.inputs.experiment import open_experiment
+from jumpvision.inputs.sections import NotApplicable
+from jumpvision.report.figures.overlay import TrackFilm
+from jumpvision.results.records import Track
+from jumpvision.vision.ball.film import FilmTracker, track_film
+from jumpvision.vision.ball.track import BallSettings
+from jumpvision.workflow.workspace import Workspace
 
 D, N = 14.0, 40
 

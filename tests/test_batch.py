@@ -8,14 +8,14 @@ import pytest
 from test_granular import BED, SAND, case
 
 from benchmarks.granular import random_values
+from jumpvision.base.schema import InputError
+from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.batch import jump_batch
 from jumpvision.physics.forcing import Segments
-from jumpvision.physics.half_cycles import half_cycle_rows
-from jumpvision.physics.hard import sine_rows
-from jumpvision.physics.jump import simulate
+from jumpvision.physics.hard.analysis import half_cycle_rows
+from jumpvision.physics.hard.jump import sine_rows
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
-from jumpvision.schema import InputError
+from jumpvision.physics.sand.jump import simulate
 
 
 @pytest.mark.parametrize("name", ["cone", "everything", "hard, foot with mass"])

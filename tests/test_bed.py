@@ -10,8 +10,8 @@ import pytest
 
 from jumpvision.cli import main
 from jumpvision.lab import write
-from jumpvision.lab.bed_picture import bed_picture
-from jumpvision.lab.sensor import record
+from jumpvision.lab.films.bed import bed_picture
+from jumpvision.lab.films.optics import record
 
 SCALE, FLOOR = 5e-4, 420.0
 

@@ -11,15 +11,15 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.physics.alpha import SINGLE, STUTTER
-from jumpvision.physics.cone import cone_mass
-from jumpvision.physics.force_models import fitted_drag, force_model
+from jumpvision.mechanisms.cone import cone_mass
+from jumpvision.physics.batch import resolve, simulated_points
 from jumpvision.physics.forcing import delayed, sinusoid
-from jumpvision.physics.jump import simulate
-from jumpvision.physics.packing_laws import fit_packing_law
-from jumpvision.physics.points import resolve, simulated_points
-from jumpvision.sweep.laws import EXAMPLE, read_laws
-from jumpvision.sweep.machine import machine
+from jumpvision.physics.hard.analysis import SINGLE, STUTTER
+from jumpvision.physics.model import fitted_drag, force_model
+from jumpvision.physics.packing import fit_packing_law
+from jumpvision.physics.sand.jump import simulate
+from jumpvision.studies.axes import EXAMPLE, read_laws
+from jumpvision.studies.machine import machine
 
 ROBOT = machine("granular", None, {})
 CONE = ROBOT.model

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from conftest import SAMPLES
 
-from jumpvision import show
-from jumpvision.beside import Truth, chance, confirmation_rows, parameter_rows, true_mass
-from jumpvision.campaign import Outcome
-from jumpvision.digits import measured
-from jumpvision.experiment import open_campaign
-from jumpvision.report.page import causes_shown
+from jumpvision.base.numbers import measured
+from jumpvision.campaign.beside import Truth, chance, confirmation_rows, parameter_rows, true_mass
+from jumpvision.cli import terminal as show
+from jumpvision.inputs.experiment import open_campaign
+from jumpvision.report.pages.page import causes_shown
+from jumpvision.workflow.run import Outcome
 
 SAND = SAMPLES / "loose_sand"
 FILM = "stutter-7.0Hz-film"

@@ -18,21 +18,18 @@ from test_bed import FLOOR, side_view
 from test_crater import write_line
 from test_vectors import folder_of, made
 
-from jumpvision import craters
-from jumpvision.across import bed_laws, intrusion_laws
-from jumpvision.campaign import JUMP_COLUMNS
+from jumpvision.base.schema import InputError
+from jumpvision.campaign import craters
+from jumpvision.campaign.across import bed_laws, intrusion_laws
 from jumpvision.cli import main
-from jumpvision.experiment import open_experiment
-from jumpvision.fit.agreement import agreement
-from jumpvision.fit.estimate import Estimate, independent
-from jumpvision.fit.flight import Flights
+from jumpvision.estimate.estimate import Estimate, independent
+from jumpvision.estimate.flight import Flights
+from jumpvision.estimate.mean import agreement
 from jumpvision.init.measure import Picks, with_picks
 from jumpvision.init.recognise import Recording
-from jumpvision.lab import write
-from jumpvision.params import BedParams, FitParams
-from jumpvision.records import BedHeight, Fits, Flow, RodMotion, Track
-from jumpvision.schema import InputError
-from jumpvision.sections import (
+from jumpvision.inputs.experiment import open_experiment
+from jumpvision.inputs.parameters import BedParams, FitParams
+from jumpvision.inputs.sections import (
     Actuation,
     Bed,
     BedImage,
@@ -42,17 +39,19 @@ from jumpvision.sections import (
     RobotSigma,
     RodTrack,
     RodVideo,
-)  # fmt: skip
-from jumpvision.stages.bed import bed, packing_common
-from jumpvision.stages.common import foreshortening, height_share, shared_of, with_common
-from jumpvision.stages.cone import grown_cone
+)
+from jumpvision.lab import write
+from jumpvision.results.records import BedHeight, Fits, Flow, RodMotion, Track
+from jumpvision.stages.bed.height import bed, packing_common
 from jumpvision.stages.fit import flight_fits, height_fits
+from jumpvision.stages.grains.cone import grown_cone
+from jumpvision.stages.recordings import foreshortening, height_share, other_lens, shared_of, view_of, with_common
 from jumpvision.stages.ring import ring_fits
 from jumpvision.stages.rod import rod
 from jumpvision.stages.summary import summary
 from jumpvision.stages.track import ball_motion, through, with_rest_zero
-from jumpvision.stages.view import other_lens, view_of
 from jumpvision.vision.camera import READING, camera
+from jumpvision.workflow.run import JUMP_COLUMNS
 
 SHAPE = (600, 200)  # rows, columns [px]
 FILM = RodVideo(file="rod.avi", scale=5e-4, ball_diameter=0.0095)

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from test_field import window_noise
 
-from jumpvision.field.bands import cone_outline, shear_bands
-from jumpvision.field.gradients import gradients
-from jumpvision.field.strain import shear_rate, shear_rate_sigma
-from jumpvision.fit.cone_fit import fit_mass_curve, mass_curve, solve_cone
-from jumpvision.physics.cone import cone_mass
+from jumpvision.grains.cone import fit_mass_curve, mass_curve, solve_cone
+from jumpvision.grains.gradients import gradients, shear_rate, shear_rate_sigma
+from jumpvision.grains.sides import cone_outline, shear_bands
+from jumpvision.mechanisms.cone import cone_mass
 
 R, C, MU, THETA, DENSITY = 0.0381, 2.7, 2.0, math.radians(60.0), 285.0
 Z = np.linspace(0.004, 0.030, 25)

@@ -8,11 +8,10 @@ import xarray as xr
 from scipy.ndimage import gaussian_filter
 from test_field import window_noise
 
-from jumpvision.field.bands import cone_outline
-from jumpvision.field.cone_side import cone_side
-from jumpvision.fit.mean import near_the_median
-from jumpvision.records import Column
-from jumpvision.stages.cone import cone_fits, sides
+from jumpvision.estimate.mean import near_the_median
+from jumpvision.grains.sides import cone_outline, cone_side
+from jumpvision.results.records import Column
+from jumpvision.stages.grains.cone import cone_fits, sides
 
 R, FOOT, STEP, WINDOW = 0.0381, 0.5, 2.4e-3, 7.2e-3
 FINE = 3e-4  # m: the fields are drawn and blurred by 1 mm on this grid, and read off every 8th point

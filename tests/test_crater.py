@@ -12,12 +12,11 @@ import tifffile
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from jumpvision.cli import main
-from jumpvision.fit.crater import line_crater
-from jumpvision.fit.crater_map import map_crater
-from jumpvision.fit.critical import critical_fraction
+from jumpvision.estimate.crater import critical_fraction, line_crater
+from jumpvision.estimate.crater_map import map_crater
 from jumpvision.lab import write
-from jumpvision.lab.crater_picture import crater_profile, laser_picture
-from jumpvision.lab.sensor import record
+from jumpvision.lab.films.bed import crater_profile, laser_picture
+from jumpvision.lab.films.optics import record
 
 SHAPE = {"depth": 5e-3, "radius": 10e-3, "rim_height": 1.3e-3, "rim_width": 3e-3}
 PITCH = 2e-4

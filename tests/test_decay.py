@@ -8,11 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jumpvision.cli import main
-from jumpvision.fit.decay import LAWS, decay_law
-from jumpvision.fit.flight import Flights, contact_flights
-from jumpvision.fit.peaks import peaks_damping
-from jumpvision.fit.restitution import restitution
-from jumpvision.fit.ringdown import ring_down
+from jumpvision.estimate.decay import LAWS, decay_law
+from jumpvision.estimate.flight import Flights, contact_flights, restitution
+from jumpvision.estimate.ringdown import peaks_damping, ring_down
 
 ZETA, F0 = 0.0083, 11.13
 W0 = 2 * math.pi * F0

@@ -11,10 +11,10 @@ from dem_scene import KINDS, Scene, disc_field, foot_path, run_discs
 from jumpvision.dem.discs import Box
 from jumpvision.dem.field import as_piv, coarse_grain
 from jumpvision.dem.packing import pack
-from jumpvision.params import FlowParams
-from jumpvision.records import Piv
-from jumpvision.sections import Bed, GrainVideo
-from jumpvision.stages.flow import flow
+from jumpvision.inputs.parameters import FlowParams
+from jumpvision.inputs.sections import Bed, GrainVideo
+from jumpvision.results.records import Piv
+from jumpvision.stages.grains.flow import flow
 
 D = 1e-3
 BED = pack(Box(-0.03, 0.03, -0.04, 0.0), 0.78, diameter=D, density=1.0, rng=np.random.default_rng(0))

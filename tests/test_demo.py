@@ -17,16 +17,16 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from jumpvision.base.local_page import static_files
+from jumpvision.base.schema import InputError
 from jumpvision.demo import controls, jumper
 from jumpvision.demo.server import QUESTIONS, Server, keys
-from jumpvision.local_page import static_files
+from jumpvision.inputs.sections import SECTIONS
+from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import delayed, from_log, sinusoid
-from jumpvision.physics.hard import hard_jump, hard_map
-from jumpvision.physics.jump import simulate
+from jumpvision.physics.hard.jump import hard_jump, hard_map
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
-from jumpvision.schema import InputError
-from jumpvision.sections import SECTIONS
+from jumpvision.physics.sand.jump import simulate
 
 ROBOT = {"motor_mass": 1.003, "rod_mass": 0.175, "stiffness": 5760.6, "damping": 1.368, "gravity": 0.276 * 9.81,
          "landing_loss": 0.0}  # fmt: skip

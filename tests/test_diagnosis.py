@@ -12,9 +12,8 @@ from scipy import stats
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem, Whitening
-from jumpvision.diagnosis.gain import apex
 from jumpvision.diagnosis.naming import held_out_score
-from jumpvision.diagnosis.noise import (
+from jumpvision.diagnosis.noise.noise import (
     Noise,
     Stretch,
     coefficients,
@@ -25,7 +24,7 @@ from jumpvision.diagnosis.noise import (
     spread_of,
     step_apart,
 )
-from jumpvision.diagnosis.proposing import expected_log10_odds
+from jumpvision.diagnosis.proposing import apex, expected_log10_odds
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 
 FRAME = 0.005

@@ -19,8 +19,8 @@ from test_readme import PAGES, commands
 from test_vectors import CASES
 
 from jumpvision.cli import main
-from jumpvision.experiment import open_experiment
-from jumpvision.logs import read_log
+from jumpvision.inputs.experiment import open_experiment
+from jumpvision.inputs.logs import read_log
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)

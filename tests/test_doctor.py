@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from jumpvision import doctor
+from jumpvision.cli import machine as doctor
 from jumpvision.cli import main
 
 

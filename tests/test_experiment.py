@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from jumpvision.experiment import is_campaign, open_campaign, open_experiment
-from jumpvision.overrides import parse, read_pipeline
-from jumpvision.schema import InputError
-from jumpvision.sections import Actuation, MissingKey, MotorLog, Robot, need
+from jumpvision.base.schema import InputError
+from jumpvision.inputs.experiment import is_campaign, open_campaign, open_experiment
+from jumpvision.inputs.overrides import parse, read_pipeline
+from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, Robot, need
 
 LOG = "time_s,position_m\n0,0\n0.001,0\n"
 

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from test_ball import BACK, CONTRAST, ball_image, camera, track
 
-from jumpvision.fit.exposure import exposure_shift, shift_sigma
-from jumpvision.stage import StageWarning
+from jumpvision.estimate.height import exposure_shift, shift_sigma
 from jumpvision.stages.track import at_mid_exposure
+from jumpvision.workflow.stage import StageWarning
 
 RATE, T = 200.0, 0.004  # exposed for 80 % of a frame
 

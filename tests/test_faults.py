@@ -20,11 +20,12 @@ import tifffile
 from fault_lab import leftovers, results_of, run_here, write_campaign
 from test_frames_raw import STAMPS_S, STAMPS_US, write_cine, write_mraw, write_seq
 
-from jumpvision import cache, storage
+from jumpvision.base import storage
+from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.experiment import open_experiment
 from jumpvision.frames import FrameError, open_frames
-from jumpvision.schema import InputError
+from jumpvision.inputs.experiment import open_experiment
+from jumpvision.workflow import cache
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
 LAB = Path(__file__).with_name("fault_lab.py")
@@ -304,8 +305,8 @@ class Bomb:
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 def test_no_code_from_data_files(tmp_path, monkeypatch, suffix):
-    from jumpvision.sections import CraterDepth
-    from jumpvision.stages.crater import read_map
+    from jumpvision.inputs.sections import CraterDepth
+    from jumpvision.stages.bed.crater import read_map
 
     monkeypatch.chdir(tmp_path)
     path = tmp_path / f"a{suffix}"
@@ -388,7 +389,7 @@ def test_a_wrong_cache_call_is_refused(work, call, capsys):
 
 def test_an_entry_pruned_while_it_is_used_is_computed_again(work, calm, monkeypatch):
     """Each entry vanishes once between reading it and copying its files."""
-    from jumpvision.pipeline import Workspace
+    from jumpvision.workflow.workspace import Workspace
 
     true, gone = Workspace._publish, set()
 

@@ -5,18 +5,19 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.field.correlation import correlated_variance, overlap
-from jumpvision.field.gradients import gradients
-from jumpvision.field.momentum import added_mass, grain_momentum
-from jumpvision.field.strain import (
+from jumpvision.grains.gradients import (
     axisymmetric_divergence,
+    correlated_variance,
     divergence,
     divergence_sigma,
+    gradients,
+    overlap,
     shear_rate,
     shear_rate_sigma,
     vorticity,
     vorticity_sigma,
 )
+from jumpvision.grains.momentum import added_mass, grain_momentum
 
 DX = 1e-3
 NY, NX = 18, 25

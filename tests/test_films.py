@@ -8,12 +8,12 @@ import pytest
 from conftest import SAMPLES
 
 from jumpvision.frames import FrameError, open_frames
+from jumpvision.inputs.parameters import PivParams
+from jumpvision.inputs.sections import GrainVideo, MissingKey, RodVideo
 from jumpvision.lab import write
-from jumpvision.params import PivParams
-from jumpvision.sections import GrainVideo, MissingKey, RodVideo
-from jumpvision.stage import StageWarning
-from jumpvision.stages import piv
-from jumpvision.stages.films import open_film, open_grains
+from jumpvision.stages.grains import piv
+from jumpvision.stages.recordings import open_film, open_grains
+from jumpvision.workflow.stage import StageWarning
 
 
 @pytest.fixture

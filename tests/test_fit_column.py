@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from jumpvision.fit.column import beta, beta_sensitivity, fit_column
-from jumpvision.fit.front import fit_mu, jammed_thickness
-from jumpvision.fit.line import fit_line
+from jumpvision.estimate.line import fit_line
+from jumpvision.grains.column import beta, beta_sensitivity, fit_column
+from jumpvision.grains.front import fit_mu, jammed_thickness
 
 Z = np.arange(0.5, 80.0) * 1e-3
 V, L = 0.5, 0.046  # 46 mm: a^(8 mm) = 0.84, beta 57 deg

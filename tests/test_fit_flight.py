@@ -6,8 +6,8 @@ import numba as nb
 import numpy as np
 import pytest
 
-from jumpvision.fit.flight import contact_flights, final_flight, flight_height, track_flights
-from jumpvision.fit.height import jump_height, rest_height
+from jumpvision.estimate.flight import contact_flights, final_flight, flight_height, track_flights
+from jumpvision.estimate.height import jump_height, rest_height
 
 FINE, FPS = 20000, 200
 KICK = 0.3

@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.fit.estimate import Estimate, least_squares_fit
-from jumpvision.fit.front import fit_mu
-from jumpvision.fit.line import fit_line
-from jumpvision.fit.packing import cone_growth
+from jumpvision.estimate.estimate import Estimate, least_squares_fit
+from jumpvision.estimate.line import fit_line
+from jumpvision.grains.cone import cone_growth
+from jumpvision.grains.front import fit_mu
 
 
 def test_sigmas_of_a_line_are_its_true_errors():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.fit.ringdown import ring_down, swings_until
+from jumpvision.estimate.ringdown import ring_down, swings_until
 
 ZETA = 0.0083
 

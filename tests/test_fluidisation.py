@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.physics.fluidisation import bed_weight, bottom_height, ergun, operating_point, tortuosity, wu
-from jumpvision.physics.geometry import floor, side_walls
+from jumpvision.physics.air import bed_weight, bottom_height, ergun, floor, operating_point, side_walls, tortuosity, wu
 
 AIR = {"viscosity": 1.82e-5, "density": 1.2}
 
@@ -45,7 +44,7 @@ def test_tortuosity_without_grains_is_one_and_grows():
 
 def test_the_fan_works_where_its_curve_crosses():
     """Drop 1000 v + 1000 v^2 Pa over 1 m, weight 2000 Pa (onset 1 m/s), fan 3000 - 1000 v."""
-    from jumpvision.physics.fluidisation import Drop
+    from jumpvision.physics.air import Drop
 
     drop = Drop(1000.0, 1000.0)
     speed, pressure = np.array([0.0, 3.0]), np.array([3000.0, 0.0])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from jumpvision.vision.foot import track_foot
+from jumpvision.vision.foot_face import track_foot
 
 SHAPE = (130, 200)  # rows, columns
 CENTRE, HALF = 100.0, 60.0

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
-from jumpvision.physics.jump import equilibrium, filmed_height, simulate
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
+from jumpvision.physics.sand.jump import equilibrium, filmed_height, simulate
 
 SAND = {
     "motor_mass": 1.125,

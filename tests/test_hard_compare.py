@@ -13,12 +13,12 @@ import xarray as xr
 from scipy import stats
 
 from jumpvision.cli import main
-from jumpvision.fit.agreement import agreement, excess_scatter, holm
-from jumpvision.lab import logs, write
-from jumpvision.lab.jumper import simulate
-from jumpvision.lab.mechanisms import Law
+from jumpvision.estimate.mean import agreement, excess_scatter, holm
+from jumpvision.lab import recordings as logs
+from jumpvision.lab import write
+from jumpvision.lab.jumper import Law, simulate
 from jumpvision.lab.samples import HARD_ROBOT
-from jumpvision.sweep.comparison import compare
+from jumpvision.studies.comparison import compare
 
 NOISE = 1e-4  # m, of a track at 200 frames a second
 SIGMA = {"spring_stiffness": 40.0, "gravity": 0.01}  # of the robot's values

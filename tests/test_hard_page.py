@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from jumpvision.physics.alpha import SINGLE, STUTTER, best_by_alpha
-from jumpvision.physics.analysis import energy_after_one_cycle
-from jumpvision.physics.hard import hard_sweep, sine_rows
-from jumpvision.sweep.machine import machine
-from jumpvision.sweep.motions import best_jumps
-from jumpvision.sweep.scaling import SEARCH
-from jumpvision.sweep.study import Study
+from jumpvision.physics.hard.analysis import SINGLE, STUTTER, best_by_alpha, energy_after_one_cycle
+from jumpvision.physics.hard.jump import hard_sweep, sine_rows
+from jumpvision.studies.machine import machine
+from jumpvision.studies.motions import best_jumps
+from jumpvision.studies.scaling import SEARCH
+from jumpvision.studies.study import Study
 
 PAGE = (ROOT / "docs" / "hard_ground.md").read_text(encoding="utf-8")
 ROWS = [
@@ -116,7 +115,7 @@ def test_the_estimate_for_large_alpha():
 
 
 def test_every_analysis_has_its_command_and_picture():
-    from jumpvision.sweep.run import ANALYSES, COMPARISON
+    from jumpvision.studies.run import ANALYSES, COMPARISON
 
     for name in ("map", *ANALYSES, COMPARISON):
         assert f"--analysis {name}" in PAGE and f"images/hard_{name}.png" in PAGE

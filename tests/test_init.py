@@ -17,11 +17,11 @@ import pytest
 from conftest import SAMPLES
 
 from jumpvision.cli import main
-from jumpvision.experiment import open_experiment
 from jumpvision.frames import open_frames
 from jumpvision.init.measure import Picks, law
 from jumpvision.init.pick import TOOLS, Server
 from jumpvision.init.recognise import recordings
+from jumpvision.inputs.experiment import open_experiment
 
 FILM = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
 

@@ -8,14 +8,12 @@ import pandas as pd
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.fit.correlated import correlation_time
-from jumpvision.fit.overshoot import overshoot_law
-from jumpvision.fit.ripple import deep_ripple
-from jumpvision.fit.strokes import fresh_samples
-from jumpvision.fit.two_slope import fit_penetration, in_bins
+from jumpvision.estimate.mean import correlation_time
+from jumpvision.estimate.strokes import deep_ripple, fresh_samples, overshoot_law
+from jumpvision.estimate.two_slope import fit_penetration, in_bins
 from jumpvision.lab import write
-from jumpvision.lab.intrusion import Arm, Grains, log
-from jumpvision.sweep.laws import read_laws
+from jumpvision.lab.arm import Arm, Grains, log
+from jumpvision.studies.axes import read_laws
 
 ARM = Arm(surface=0.0007)
 DOWN = [("to", 0.06)]

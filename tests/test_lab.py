@@ -14,19 +14,18 @@ import numpy as np
 import pytest
 from scipy.integrate import quad, solve_ivp
 
-from jumpvision.experiment import open_campaign, open_experiment
+from jumpvision.base.schema import InputError
 from jumpvision.frames.opening import open_frames
+from jumpvision.inputs.experiment import open_campaign, open_experiment
 from jumpvision.lab import samples, write
-from jumpvision.lab.bed_picture import bed_height, bed_picture
-from jumpvision.lab.grain_film import GrainCamera, View, splat
-from jumpvision.lab.grain_flow import Flow
-from jumpvision.lab.jumper import Motion, simulate
-from jumpvision.lab.logs import ENCODER_STEP, contact_log, motor_log, rod_track
-from jumpvision.lab.mechanisms import MECHANISMS, Law, Robot
-from jumpvision.lab.rod_film import balls, exposure_times
+from jumpvision.lab.films.bed import bed_height, bed_picture
+from jumpvision.lab.films.flow import Flow
+from jumpvision.lab.films.grains import GrainCamera, View, splat
+from jumpvision.lab.films.optics import blur, record
+from jumpvision.lab.films.rod import balls, exposure_times
+from jumpvision.lab.jumper import MECHANISMS, Law, Motion, Robot, simulate
+from jumpvision.lab.recordings import ENCODER_STEP, contact_log, motor_log, rod_track
 from jumpvision.lab.samples import write_samples
-from jumpvision.lab.sensor import blur, record
-from jumpvision.schema import InputError
 
 HARD, SAND = samples.HARD_ROBOT, samples.SAND_ROBOT
 CONE = samples.SAND_TRUTH
@@ -530,7 +529,7 @@ def test_laboratory_shares_nothing_with_the_analysis():
                 found = {a.name.split(".")[0] for a in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level != 1:
                 # the modules below both: the shape of error messages, and progress
-                below = ("jumpvision.schema", "jumpvision.progress")
+                below = ("jumpvision.base.schema", "jumpvision.base.progress")
                 found = {(node.module or "").split(".")[0]} if node.module not in below else set()
             else:
                 continue

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jumpvision.experiment import open_campaign
+from jumpvision.base.schema import InputError
+from jumpvision.inputs.experiment import open_campaign
 from jumpvision.lab import blind, seal
-from jumpvision.lab.mechanisms import AT_THE_CAMERA, MECHANISMS, OUTSIDE, truth_of
-from jumpvision.physics.parameters import MECHANISMS as VOCABULARY
-from jumpvision.schema import InputError
+from jumpvision.lab.jumper import AT_THE_CAMERA, MECHANISMS, OUTSIDE, truth_of
+from jumpvision.mechanisms.parameters import MECHANISMS as VOCABULARY
 
 
 def rng(seed: int = 1) -> np.random.Generator:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.dem.under_foot import discs_under_foot
-from jumpvision.experiment import open_campaign
+from jumpvision.dem.motion import discs_under_foot
 from jumpvision.frames.opening import open_frames
+from jumpvision.inputs.experiment import open_campaign
 from jumpvision.lab.campaign import write_campaign
-from jumpvision.lab.intrusion_record import scaled
-from jumpvision.lab.lens import Lens, distorted, lens_of, margin, reflection, shade
+from jumpvision.lab.films.optics import Lens, distorted, lens_of, margin, reflection, shade
+from jumpvision.lab.intrusions import scaled
 from jumpvision.lab.protocol import protocol_of
-from jumpvision.schema import InputError
 
 SLOW = """
 [robot]

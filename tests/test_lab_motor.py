@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jumpvision.lab import samples
-from jumpvision.lab.jumper import Motion, simulate
-from jumpvision.lab.mechanisms import Law, Motor, Samples
+from jumpvision.lab.jumper import Law, Motion, Motor, Samples, simulate
 
 HARD, SAND = samples.HARD_ROBOT, samples.SAND_ROBOT
 

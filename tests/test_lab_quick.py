@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.lab.grain_film import GrainCamera, View
-from jumpvision.lab.grain_flow import Flow
-from jumpvision.lab.grain_quick import QuickGrainCamera, carry
-from jumpvision.lab.sensor import record_bright
+from jumpvision.lab.films.flow import Flow
+from jumpvision.lab.films.grains import GrainCamera, View
+from jumpvision.lab.films.optics import record_bright
+from jumpvision.lab.films.quick import QuickGrainCamera, carry
 
 VIEW = View((220, 310), 3e-4, 42.0, 150.0)
 

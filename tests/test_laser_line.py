@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jumpvision.lab.crater_picture import laser_picture
-from jumpvision.lab.sensor import record
+from jumpvision.lab.films.bed import laser_picture
+from jumpvision.lab.films.optics import record
 from jumpvision.vision.laser_line import laser_line
 
 NX, ROWS = 500, 160

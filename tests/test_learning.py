@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from benchmarks.diagnosis import jumps_of
-from jumpvision.diagnosis import apparatus, spikes, wander
 from jumpvision.diagnosis.detect import Span, detect, directions
 from jumpvision.diagnosis.diagnose import fit_baseline
 from jumpvision.diagnosis.fitting import Problem, _axes, _joined
-from jumpvision.diagnosis.jumper import Jumper
-from jumpvision.diagnosis.jumps import Shared
-from jumpvision.diagnosis.learning import learn_noise
-from jumpvision.diagnosis.measured import Measured, known
-from jumpvision.diagnosis.noise import Noise, Stretch, powers
+from jumpvision.diagnosis.jumper import jumps as apparatus
+from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.jumper.jumps import Measured, Shared, known
+from jumpvision.diagnosis.noise import readings
+from jumpvision.diagnosis.noise.learning import learn_noise
+from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
 from jumpvision.diagnosis.system import Parameter
 from jumpvision.lab.blind import campaign, draw
 
@@ -50,11 +50,11 @@ def test_single_readings_that_stand_off_are_found_with_their_size_and_the_others
     r = rng.standard_normal(400) + 3.0 * np.sin(np.arange(400) / 40.0)
     places, sizes = [0, 57, 130, 134, 300], [30.0, -12.0, 40.0, 25.0, 9.0]
     r[places] += sizes
-    factor, off = spikes.factors(r, 0.0)
-    assert set(np.flatnonzero(off > spikes.LISTED)) == set(places)
+    factor, off = readings.factors(r, 0.0)
+    assert set(np.flatnonzero(off > readings.LISTED)) == set(places)
     # beyond BULK (3.5 sigma of white noise) a reading's factor is its distance over that: 4 is the noise of neighbours
     for i, size in zip(places, sizes):
-        assert factor[i] == pytest.approx(abs(size) / (spikes.BULK * spikes.OWN), abs=4.0 / 3.5)
+        assert factor[i] == pytest.approx(abs(size) / (readings.BULK * readings.OWN), abs=4.0 / 3.5)
     assert np.mean(factor > 1.2) < 0.03
 
 
@@ -65,7 +65,7 @@ def test_the_weights_keep_heavy_tails_from_ruling_chi2():
         chi2 = []
         for _ in range(200):
             r = rng.standard_t(3, 400)
-            chi2.append(np.mean((r / (spikes.factors(r, 0.0)[0] if draws else 1.0)) ** 2))
+            chi2.append(np.mean((r / (readings.factors(r, 0.0)[0] if draws else 1.0)) ** 2))
         spread[name] = np.std(chi2) / np.mean(chi2)
     assert spread["weighted"] < 0.15  # normal: sqrt(2 / 400) = 0.07; a reading counts 3.5 sigma at most: kurtosis < 10
     assert spread["plain"] > 2 * spread["weighted"]
@@ -78,14 +78,14 @@ def test_the_weights_keep_heavy_tails_from_ruling_chi2():
 def test_a_wander_is_learned_in_units_of_the_noise(rms):
     """Ten stretches of a whole record: sines of random period, not the process that the analysis assumes."""
     rng = np.random.default_rng(3)
-    t, noise, reach = np.arange(300) * FRAME, Noise(1.0, 0.0, FRAME), 300 * FRAME / wander.SHARE
+    t, noise, reach = np.arange(300) * FRAME, Noise(1.0, 0.0, FRAME), 300 * FRAME / readings.SHARE
     found = []
     for _ in range(20):
         stretches = []
         for _ in range(10):
             slow = np.sin(2 * np.pi * t / rng.uniform(1.2, 4.0) + rng.uniform(0, 2 * np.pi)) * math.sqrt(2.0)
             stretches.append(Stretch(t, rms * slow + rng.standard_normal(t.size), powers(t, 0)))
-        found.append(wander.learn(stretches, noise, reach))
+        found.append(readings.learn(stretches, noise, reach))
     if rms:
         assert np.median(found) == pytest.approx(rms, rel=0.4)  # a level goes with the zero; ten courses
     else:
@@ -94,7 +94,7 @@ def test_a_wander_is_learned_in_units_of_the_noise(rms):
 
 def test_the_wanders_shapes_have_its_covariance():
     t = np.linspace(0.0, 1.0, 200)
-    columns = wander.shapes(t, 0.3)
+    columns = readings.shapes(t, 0.3)
     assert columns @ columns.T == pytest.approx(np.exp(-0.5 * ((t[:, None] - t) / 0.3) ** 2), abs=1e-3)
     assert columns.shape[1] < 20
 

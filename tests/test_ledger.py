@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from test_granular import HARD, SAND, case
 
-from jumpvision.physics.forcing import delayed, sinusoid
-from jumpvision.physics.jump import simulate
-from jumpvision.physics.ledger import energy_ledger
-from jumpvision.physics.loop import Loop
+from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.physics.energy import energy_ledger
+from jumpvision.physics.forcing import Loop, delayed, sinusoid
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
+from jumpvision.physics.sand.jump import simulate
 
 
 def random_model(rng, loop):

@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 
-from jumpvision.fit.estimate import Estimate
-from jumpvision.fit.flight import contact_flights, final_flight, flight_height
-from jumpvision.fit.height import jump_height, rest_height
-from jumpvision.lab import logs
-from jumpvision.lab.jumper import simulate
-from jumpvision.lab.mechanisms import Law
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.flight import contact_flights, final_flight, flight_height
+from jumpvision.estimate.height import jump_height, rest_height
+from jumpvision.lab import recordings as logs
+from jumpvision.lab.jumper import Law, simulate
 from jumpvision.lab.samples import HARD_ROBOT
 
 

@@ -8,13 +8,12 @@ import pytest
 from test_granular import HARD, SAND, case
 
 from jumpvision.lab import samples
+from jumpvision.lab.jumper import Law, Motor
 from jumpvision.lab.jumper import simulate as laboratory
-from jumpvision.lab.mechanisms import Law, Motor
-from jumpvision.physics.forcing import delayed, sinusoid
-from jumpvision.physics.jump import simulate
-from jumpvision.physics.loop import Loop
+from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.physics.forcing import Loop, delayed, sinusoid
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
+from jumpvision.physics.sand.jump import simulate
 
 
 def test_stiff_loop_moves_as_the_law_to_first_order():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jumpvision.field.profile import central_column
-from jumpvision.fit.mean import difference_noise, weighted_mean
+from jumpvision.estimate.mean import difference_noise, weighted_mean
+from jumpvision.grains.column import central_column
 
 
 def test_the_sigma_of_a_mean_is_its_error():

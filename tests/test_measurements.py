@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jumpvision.diagnosis.measured import Measured
-from jumpvision.question.films import CONTRADICT, _row
-from jumpvision.question.measurements import CONE, _read, _together
-from jumpvision.question.sentence import confirmed
+from jumpvision.campaign.document import confirmed
+from jumpvision.campaign.films import CONTRADICT, _row
+from jumpvision.campaign.jumps import CONE, _read, _together
+from jumpvision.diagnosis.jumper.jumps import Measured
 
 FITS = {
     "C": {"value": 2.7, "sigma": 0.05, "sigma_common": 0.03},

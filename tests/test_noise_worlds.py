@@ -14,10 +14,11 @@ import pytest
 from scipy import stats
 
 from benchmarks import oracle, shared_world
-from jumpvision.lab import blind, logs, track_noise
+from jumpvision.lab import blind
+from jumpvision.lab import recordings as logs
+from jumpvision.lab import recordings as track_noise
 from jumpvision.lab.campaign import write_campaign
-from jumpvision.lab.jumper import Motion
-from jumpvision.lab.mechanisms import truth_of
+from jumpvision.lab.jumper import Motion, truth_of
 from jumpvision.lab.protocol import protocol_of
 from jumpvision.lab.protocol_keys import RodTrack
 

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.lab.jumper import simulate
-from jumpvision.lab.mechanisms import Law
+from jumpvision.lab.jumper import Law, simulate
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH
 from jumpvision.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
 

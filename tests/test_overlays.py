@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jumpvision.report.overlays import STRIP, Drawing, webm
+from jumpvision.report.figures.overlays import STRIP, Drawing, webm
 
 ROWS, COLUMNS, SCALE = 80, 90, 1e-3  # px, px, m/px
 ORIGIN = 45.0, 10.0  # column, row

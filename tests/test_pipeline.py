@@ -15,14 +15,15 @@ from pathlib import Path
 
 import pytest
 
-from jumpvision import pipeline, storage
-from jumpvision import stage as stage_module
-from jumpvision.experiment import open_experiment
-from jumpvision.params import BedParams, FitParams
-from jumpvision.pipeline import NotCached, Workspace
-from jumpvision.records import Values
-from jumpvision.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
-from jumpvision.stage import STAGES, StageWarning, stage
+from jumpvision.base import storage
+from jumpvision.inputs.experiment import open_experiment
+from jumpvision.inputs.parameters import BedParams, FitParams
+from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
+from jumpvision.results.records import Values
+from jumpvision.workflow import stage as stage_module
+from jumpvision.workflow import workspace as pipeline
+from jumpvision.workflow.stage import STAGES, StageWarning, stage
+from jumpvision.workflow.workspace import NotCached, Workspace
 
 CALLS: list[str] = []
 
@@ -249,11 +250,11 @@ def test_two_stages_for_one_record_are_refused():
 
 KILLED = textwrap.dedent("""
     import sys, os, time, pathlib
-    from jumpvision.pipeline import Workspace
-    from jumpvision.stage import stage
-    from jumpvision.records import Values
-    from jumpvision.experiment import open_experiment
-    from jumpvision.sections import MotorLog
+    from jumpvision.workflow.workspace import Workspace
+    from jumpvision.workflow.stage import stage
+    from jumpvision.results.records import Values
+    from jumpvision.inputs.experiment import open_experiment
+    from jumpvision.inputs.sections import MotorLog
 
     class Slow(Values):
         file = "slow.json"

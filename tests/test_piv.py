@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from jumpvision.vision.piv.backend import Backend
-from jumpvision.vision.piv.correlate import correlate, peaks
 from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, piv_pair
-from jumpvision.vision.piv.field import INTERPOLATED, MASKED, NO_TEXTURE, REASONS, VALID
-from jumpvision.vision.piv.prefilter import LIGHT, STRONG, sharp
+from jumpvision.vision.piv.frame import LIGHT, STRONG, sharp
+from jumpvision.vision.piv.pair import INTERPOLATED, MASKED, NO_TEXTURE, REASONS, VALID
+from jumpvision.vision.piv.predict import correlate, peaks
 from jumpvision.vision.piv.validate import normalised_median
 
 SETTINGS = {"window": 24, "step": 8, "passes": (64, 32), "min_correlation": 0.3, "min_texture": 2.0, "outlier": 2.0}

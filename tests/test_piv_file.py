@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jumpvision.records import TOGETHER, Piv, RecordError
+from jumpvision.results.records import TOGETHER, Piv, RecordError
 
 N = 2 * TOGETHER + 3
 

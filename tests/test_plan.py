@@ -18,14 +18,14 @@ import pandas as pd
 import pytest
 from test_granular import SAND
 
+from jumpvision.base.schema import InputError
 from jumpvision.cli import main
+from jumpvision.lab.jumper import Motor, Robot, Samples
 from jumpvision.lab.jumper import simulate as lab_jump
-from jumpvision.lab.mechanisms import Motor, Robot, Samples
+from jumpvision.mechanisms.laws import TERMS
+from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import MECHANISMS, ModelParameters
-from jumpvision.physics.terms import TERMS
-from jumpvision.plans import rigid, samples
-from jumpvision.schema import InputError
+from jumpvision.studies.plan import rigid, samples
 
 casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
 

@@ -13,8 +13,8 @@ from conftest import SAMPLES
 
 from benchmarks import stop_go
 from benchmarks.diagnosis import Case, run
+from jumpvision.campaign.document import sentence
 from jumpvision.cli import main
-from jumpvision.question.sentence import sentence
 
 KEPT = (
     "single-5.5Hz-1", "single-5.5Hz-2", "single-8.5Hz-1", "single-8.5Hz-2", "stutter-5.0Hz-1", "stutter-5.0Hz-2",

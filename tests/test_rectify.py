@@ -9,8 +9,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from test_camera import GRID, PLAIN, oblique
 
 from jumpvision.cli import main
-from jumpvision.vision.camera import camera
-from jumpvision.vision.rectify import straight_map, straight_points
+from jumpvision.vision.camera import camera, straight_map, straight_points
 
 SHAPE = (160, 200)
 CENTRE = np.array([99.5, 79.5])

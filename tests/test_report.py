@@ -14,15 +14,15 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from jumpvision.campaign import Outcome, jumps_table
+from jumpvision.base.storage import write_aside
 from jumpvision.cli import main
-from jumpvision.experiment import open_campaign
-from jumpvision.report.campaign_charts import heights_chart
-from jumpvision.report.cone_film import ConeDrawing
-from jumpvision.report.overlays import STRIP, webm
-from jumpvision.report.page import NAME, write_report
-from jumpvision.report.words import experiment_words
-from jumpvision.storage import write_aside
+from jumpvision.inputs.experiment import open_campaign
+from jumpvision.report.figures.cone_film import ConeDrawing
+from jumpvision.report.figures.overlays import STRIP, webm
+from jumpvision.report.pages.charts import heights_chart
+from jumpvision.report.pages.page import NAME, write_report
+from jumpvision.report.pages.words import experiment_words
+from jumpvision.workflow.run import Outcome, jumps_table
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
 SENTENCE = "The simulation over-predicts stutter jumps by 14.0 ± 0.1 mm because it lacks: added mass."

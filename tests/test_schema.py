@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from jumpvision.params import PARAMS
-from jumpvision.physics.parameters import ModelParameters
-from jumpvision.schema import InputError, param, read, table_of
-from jumpvision.sections import SECTIONS, Header, RodVideo
+from jumpvision.base.schema import InputError, param, read, table_of
+from jumpvision.inputs.parameters import PARAMS
+from jumpvision.inputs.sections import SECTIONS, Header, RodVideo
+from jumpvision.mechanisms.parameters import ModelParameters
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.lab.bed_picture import bed_picture
-from jumpvision.lab.sensor import record
+from jumpvision.lab.films.bed import bed_picture
+from jumpvision.lab.films.optics import record
 from jumpvision.vision.surface import Surface, bed_height, bed_surface, volume_fraction
 
 FLOOR = 170.0

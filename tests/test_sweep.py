@@ -16,24 +16,22 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.physics.alpha import crossing
+from jumpvision.physics.batch import hard_points, resolve, simulated_points
+from jumpvision.physics.energy import powers
 from jumpvision.physics.forcing import Segments, delayed, sinusoid
-from jumpvision.physics.half_cycles import half_cycle_rows
-from jumpvision.physics.hard import hard_jump, hard_sweep, sine_rows
-from jumpvision.physics.hopper import apexes, cycles_in_a_row, distinct
-from jumpvision.physics.jump import simulate
+from jumpvision.physics.hard.analysis import crossing, half_cycle_rows
+from jumpvision.physics.hard.hopper import apexes, cycles_in_a_row, distinct, ringing_rows, scattered
+from jumpvision.physics.hard.jump import hard_jump, hard_sweep, sine_rows
 from jumpvision.physics.model import Model
-from jumpvision.physics.optimum import best_jump
-from jumpvision.physics.points import hard_points, resolve, simulated_points
-from jumpvision.physics.powers import powers
-from jumpvision.physics.scatter import ringing_rows, scattered
-from jumpvision.report.sweeps import picture
-from jumpvision.schema import InputError
-from jumpvision.sweep.axes import AXES, read_axes
-from jumpvision.sweep.dataset import RESULTS, write
-from jumpvision.sweep.machine import machine
-from jumpvision.sweep.run import ANALYSES, run
+from jumpvision.physics.oscillator import best_jump
+from jumpvision.physics.sand.jump import simulate
+from jumpvision.report.studies.sweeps import picture
+from jumpvision.studies.axes import AXES, read_axes
+from jumpvision.studies.compute import RESULTS, write
+from jumpvision.studies.machine import machine
+from jumpvision.studies.run import ANALYSES, run
 
 THESIS = {
     "motor_mass": 1.003,

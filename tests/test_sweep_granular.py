@@ -19,21 +19,21 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jumpvision.base.schema import InputError
 from jumpvision.cli import main
 from jumpvision.lab import samples
+from jumpvision.lab.jumper import Law
 from jumpvision.lab.jumper import simulate as laboratory
-from jumpvision.lab.mechanisms import Law
-from jumpvision.physics.force_models import fitted_drag, fitted_parameter, force_model
+from jumpvision.physics.batch import resolve, simulated_points
 from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.jump import simulate
-from jumpvision.physics.packing_laws import PackingLaw, fit_packing_law
-from jumpvision.physics.points import resolve, simulated_points
-from jumpvision.report.sweeps import picture
-from jumpvision.schema import InputError
-from jumpvision.sweep.dataset import write
-from jumpvision.sweep.laws import EXAMPLE, read_laws
-from jumpvision.sweep.machine import machine
-from jumpvision.sweep.run import GRANULAR, run
+from jumpvision.physics.model import fitted_drag, fitted_parameter, force_model
+from jumpvision.physics.packing import PackingLaw, fit_packing_law
+from jumpvision.physics.sand.jump import simulate
+from jumpvision.report.studies.sweeps import picture
+from jumpvision.studies.axes import EXAMPLE, read_laws
+from jumpvision.studies.compute import write
+from jumpvision.studies.machine import machine
+from jumpvision.studies.run import GRANULAR, run
 
 SMALL = {  # fewer points where the defaults are for a figure
     "height-phi": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from jumpvision.physics import cone, scalar
+from jumpvision.base.schema import InputError
+from jumpvision.mechanisms import cone
+from jumpvision.mechanisms.laws import STATE, STATIC, TERMS
+from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import MECHANISMS, ModelParameters
-from jumpvision.physics.terms import STATE, STATIC, TERMS
-from jumpvision.schema import InputError
+from jumpvision.physics.sand import scalar
 
 FIELDS = ModelParameters.__dataclass_fields__
 ROBOT = {

@@ -10,16 +10,15 @@ import pytest
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import fit_baseline
 from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper import Jumper
-from jumpvision.diagnosis.jumps import Jump
-from jumpvision.diagnosis.learning import learn_noise
-from jumpvision.diagnosis.shapes import Shaped, generic, unit
+from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.jumper.jumps import Jump
+from jumpvision.diagnosis.jumper.shapes import Shaped, generic, unit
+from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.unexplained import unexplained
-from jumpvision.lab.jumper import simulate
-from jumpvision.lab.mechanisms import Law, Robot
+from jumpvision.lab.jumper import Law, Robot, simulate
+from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.model import Model
-from jumpvision.physics.parameters import ModelParameters
 
 ROBOT = Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)
 BED = {"k1": 2100.0, "k2": 1500.0, "delta": 0.012, "alpha": 40.0}

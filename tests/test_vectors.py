@@ -9,13 +9,13 @@ import xarray as xr
 from scipy.io import savemat
 
 import jumpvision.stages  # noqa: F401  registers the stages
+from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.experiment import open_experiment
-from jumpvision.field.correlation import correlated_variance
-from jumpvision.field.plug import follow_plug, scatter_sigma
-from jumpvision.pipeline import Workspace
-from jumpvision.records import Flow, Piv
-from jumpvision.schema import InputError
+from jumpvision.grains.column import follow_plug, scatter_sigma
+from jumpvision.grains.gradients import correlated_variance
+from jumpvision.inputs.experiment import open_experiment
+from jumpvision.results.records import Flow, Piv
+from jumpvision.workflow.workspace import Workspace
 
 RATE, SCALE, STEP = 500.0, 2e-4, 12  # 1/s, m/px, px
 COLUMNS, ROWS = 30.0 + STEP * np.arange(41), 46.0 + STEP * np.arange(30)  # px, of the vectors; rows downwards

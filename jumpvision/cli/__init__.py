@@ -7,7 +7,7 @@ import sys
 
 from cyclopts import CycloptsError
 
-from . import figures, folders, house, init, plan, sweep, synth  # noqa: F401  (each adds its commands to --help)
+from . import folders, init, machine, plan, sweep  # noqa: F401  (each adds its commands to --help)
 from .app import BAD_CALL, DONE, FAILED, app
 
 # before NumPy is imported: the matrices are small, threads of BLAS wait for each other and round by their number
@@ -17,7 +17,7 @@ for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point: 0 done, 1 something failed, 2 wrong call or bad input."""
-    from ..schema import InputError
+    from jumpvision.base.schema import InputError
 
     try:
         return int(app(argv, exit_on_error=False, print_error=False, result_action="return_value") or DONE)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from .. import __version__
+from jumpvision import __version__
 
 DONE, FAILED, BAD_CALL = 0, 1, 2
 

@@ -66,12 +66,12 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
 
     Example: jumpvision check data_samples/loose_sand
     """
-    from .. import show
+    from . import terminal as show
 
     campaign = open_folder(path, options)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
-    from ..checks import check_geometry, exact_scales
+    from jumpvision.campaign.checks import check_geometry, exact_scales
 
     found = {e.name: check_geometry(e) for e in campaign.experiments}
     data = {
@@ -96,10 +96,11 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
 
     Example: jumpvision diagnose data_samples/loose_sand
     """
-    from .. import show
-    from ..experiment import folder_of, is_campaign
-    from ..question import STAGES
-    from ..schema import InputError
+    from jumpvision.base.schema import InputError
+    from jumpvision.campaign.diagnose import STAGES
+    from jumpvision.inputs.experiment import folder_of, is_campaign
+
+    from . import terminal as show
 
     if not is_campaign(folder_of(path)):
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
@@ -117,8 +118,9 @@ def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     Example: jumpvision report data_samples/hard_ground
     """
     if path.suffix == ".nc":
-        from .. import show
-        from ..report.sweep_page import write_sweep
+        from jumpvision.report.pages.sweep import write_sweep
+
+        from . import terminal as show
 
         page = write_sweep(path)
         show.result({"results": str(path.parent), "files": [str(page)]}, [{"file": str(page)}], as_json=options.json)

@@ -1,4 +1,4 @@
-"""A first experiment.toml: `jumpvision init`."""
+"""First folders: an experiment.toml (`init`), or a campaign of the virtual laboratory (`synth`)."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from .app import DONE, app
+from .app import DONE, app, cores
 
 if TYPE_CHECKING:
-    from ..init.measure import Picks
+    from jumpvision.init.measure import Picks
 
 
 def _which(text: str) -> Parameter:
@@ -89,16 +89,17 @@ def init(
     json
         Machine-readable result on stdout.
     """
-    from .. import show
-    from ..init.write import NEW, Choices, init, still_open
-    from ..schema import InputError
+    from jumpvision.base.schema import InputError
+    from jumpvision.init.text import NEW, Choices, init, still_open
+
+    from . import terminal as show
 
     if ground not in ("", "hard", "granular"):
         raise InputError([f"--ground {ground}: must be hard or granular"])
     files = {SECTIONS[k]: f for k in SECTIONS if (f := getattr(which, k))}
     ask = None
     if pick:
-        from ..init.pick import Page
+        from jumpvision.init.pick import Page
 
         ask = Page(port, open_browser=browser, say=show.line).ask
     written = init(folder, Choices(files, _picks(eye), ground), ask)
@@ -117,8 +118,8 @@ def init(
 
 def _picks(eye: Eye) -> dict[str, Picks]:
     """Picks by section from the options. InputError for every one that cannot be read."""
-    from ..init.measure import Picks
-    from ..schema import InputError, closest
+    from jumpvision.base.schema import InputError, closest
+    from jumpvision.init.measure import Picks
 
     if eye.marks_in not in SECTIONS:
         raise InputError([f"--marks-in {eye.marks_in}: unknown{closest(eye.marks_in, SECTIONS)}"])
@@ -141,3 +142,60 @@ def _picks(eye: Eye) -> dict[str, Picks]:
     given["bed_image"] |= {"floor": eye.floor}
     given[SECTIONS[eye.marks_in]] |= {"marks": points.get("marks"), "distance": eye.distance_mm}
     return {s: Picks(**values) for s, values in given.items()}  # type: ignore[arg-type]
+
+
+@app.command
+def synth(
+    kind: str, out: Path, /, *, seed: int = 20140630, workers: int | None = None, ground: str = "granular"
+) -> int:
+    """Virtual laboratory: write experiment folders whose truth is known (truth.json), or play the hidden-effect game.
+
+    Example: jumpvision synth samples my_samples
+
+    Parameters
+    ----------
+    kind
+        hard_ground, loose_sand, samples (both), intrusion, or a protocol.toml of your own; blind writes a campaign
+        with a hidden effect, reveal opens its answer and scores results/OUT/diagnosis.json.
+    out
+        Folder to write into; what is there already is not overwritten (an interrupted protocol is taken up).
+    seed
+        Of the random numbers; the same seed gives the same recordings, however many workers.
+    workers
+        Processes of a protocol; default: the cores.
+    ground
+        Of a blind campaign: hard or granular.
+    """
+    from . import terminal as show
+
+    if kind == "reveal":
+        from jumpvision.lab.seal import reveal
+
+        score = reveal(out)
+        show.result(score, [{"what": k, "value": v} for k, v in score.items()], as_json=False)
+        return DONE
+    show.line(f"writing {kind} to {out} ...")
+    if kind.endswith(".toml") or kind == "blind":
+        from jumpvision.base.progress import HOOK
+
+        with show.Progress(1) as progress:
+            token = HOOK.set(progress.frames)
+            try:
+                if kind == "blind":
+                    from jumpvision.lab.seal import write_blind
+
+                    write_blind(out, seed=seed, ground=ground, workers=workers or cores())
+                else:
+                    from jumpvision.dem.motion import discs_under_foot
+                    from jumpvision.lab.campaign import write_campaign
+
+                    write_campaign(Path(kind), out, seed=seed, workers=workers or cores(), discs=discs_under_foot)
+            finally:
+                HOOK.reset(token)
+        show.line(f"wrote {out}")
+        return DONE
+    from jumpvision.lab import samples
+
+    folders = samples.write_samples(kind, out, seed=seed)
+    show.line(f"wrote {', '.join(str(f) for f in folders)}")
+    return DONE

@@ -73,9 +73,10 @@ def plan(
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # the solver's small matrices: threads cost three times the time
     from dataclasses import asdict
 
-    from .. import show
-    from ..overrides import parse
-    from ..plans import check_call, make_plan, message, planned_robot, seeded, write
+    from jumpvision.inputs.overrides import parse
+    from jumpvision.studies.plan import check_call, make_plan, message, planned_robot, seeded, write
+
+    from . import terminal as show
 
     given = {name: value for name, value in asdict(limits).items() if value is not None}
     check_call(ground, apex, given)
@@ -86,7 +87,7 @@ def plan(
     )
     files = write(found, numbers, results)
     if pictures:
-        from ..report.plan import plan_animation, plan_picture
+        from jumpvision.report.figures.plan import plan_animation, plan_picture
 
         files += [results / "plan.png", results / "plan.html"]
         files[-2].write_bytes(plan_picture(found, planner, numbers))

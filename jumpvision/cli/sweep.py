@@ -1,4 +1,4 @@
-"""Jumps over axes and the analyses of the thesis: `jumpvision sweep`."""
+"""Jumps over axes, the analyses of the thesis (`jumpvision sweep`), publication figures (`jumpvision figures`)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..api import results_of
+from jumpvision.api import results_of
+
 from .app import DONE, app, cores
 
 
@@ -89,12 +90,13 @@ def sweep(
     """
     from dataclasses import asdict
 
-    from .. import show
-    from ..experiment import folder_of
-    from ..overrides import parse
-    from ..progress import HOOK
-    from ..sweep.dataset import write
-    from ..sweep.run import run as run_sweep
+    from jumpvision.base.progress import HOOK
+    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.inputs.overrides import parse
+    from jumpvision.studies.compute import write
+    from jumpvision.studies.run import run as run_sweep
+
+    from . import terminal as show
 
     given = {name: text for name, text in asdict(axes).items() if text is not None}
     results = results or (results_of(folder_of(campaign)) if campaign else Path("results/sweep"))
@@ -111,10 +113,69 @@ def sweep(
     stem = analysis if campaign else "sweep"
     files = [write(data, results, f"{stem}.nc")]
     if pictures:
-        from ..report.sweeps import picture
+        from jumpvision.report.studies.sweeps import picture
 
         files.append(results / f"{stem}.png")
         files[1].write_bytes(picture(data))
     show.result({"results": str(results), "files": [str(f) for f in files], "numbers": rows}, rows, as_json=json)
     show.line(f"results in {results}: {', '.join(f.name for f in files)}")
     return DONE
+
+
+@app.command
+def figures(
+    path: Path,
+    /,
+    *,
+    list_: Annotated[bool, Parameter(name="--list", negative="")] = False,
+    only: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    format: Annotated[tuple[str, ...], Parameter(negative="")] = ("pdf",),
+    results: Path | None = None,
+    out: Path | None = None,
+    json: bool = False,
+) -> int:
+    """The figures of a campaign, an experiment or a sweep for print: PDF, SVG or PNG in one style.
+
+    Example: jumpvision figures results/loose_sand --format pdf,png
+
+    Parameters
+    ----------
+    path
+        A folder of results, a sweep.nc, or the experiment or campaign folder that the results were made from.
+    list_
+        Say which figures there are, and draw none.
+    only
+        Names of the figures to draw, e.g. heights,tracks; default: all.
+    format
+        pdf, svg, png; several as pdf,png.
+    results
+        Where the results lie if PATH is the folder of recordings; default: results/NAME beside it.
+    out
+        Folder for the figures; default: figures in the folder of results.
+    json
+        Machine-readable result on stdout.
+    """
+    from jumpvision.base.schema import InputError
+    from jumpvision.inputs.experiment import is_campaign
+    from jumpvision.report.catalogue import available, draw
+
+    from . import terminal as show
+
+    recordings = path.is_dir() and ((path / "experiment.toml").exists() or is_campaign(path))
+    source = (results or results_of(path)) if recordings else path
+    if not source.exists():
+        raise InputError([f"{source}: no results there; run `jumpvision run {path}` first, or give --results"])
+    if list_:
+        rows = [{"figure": name, "shows": text} for name, (text, _) in available(source).items()]
+        show.result(rows, rows, as_json=json)
+        return DONE
+    folder = out or (source if source.is_dir() else source.parent) / "figures"
+    files = draw(source, folder, _split(only), _split(format))
+    rows = [{"file": str(f)} for f in files]
+    show.result({"figures": [str(f) for f in files]}, rows, as_json=json)
+    return DONE
+
+
+def _split(texts: tuple[str, ...]) -> tuple[str, ...]:
+    """Names given one by one or with commas between them."""
+    return tuple(part for text in texts for part in text.split(",") if part)

@@ -7,13 +7,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from .. import api
+from jumpvision import api
+from jumpvision.report.figures import PICTURES
+
 from .app import DONE, FAILED, Options, cores
 
 
 def open_folder(path: Path, options: Options, pipeline: dict[str, Any] | None = None) -> Any:
     """The campaign at `path`; a single experiment is a campaign of one."""
-    from ..experiment import Campaign
+    from jumpvision.inputs.experiment import Campaign
 
     experiment = api.open(path, set=options.set, model=options.model, pipeline=pipeline)
     if isinstance(experiment, Campaign):
@@ -32,9 +34,10 @@ def work(
     page: bool = False,
     profile: str | None = None,
 ) -> int:
-    from .. import show
-    from ..campaign import jumps_table, write_jumps
-    from ..schema import InputError
+    from jumpvision.base.schema import InputError
+    from jumpvision.workflow.run import jumps_table, write_jumps
+
+    from . import terminal as show
 
     campaign, outcomes, plan, single = outcomes_of(path, stages, options, pipeline, profile)
     if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
@@ -44,22 +47,22 @@ def work(
     diagnosis = None
     if not single and stages is None:
         write_jumps(rows, plan.results)
-        from ..question.jumps import worth_asking
+        from jumpvision.campaign.jumps import worth_asking
 
         if plan.stages is None and worth_asking(campaign):
             diagnosis = question_campaign(campaign, outcomes, plan, options, made)
     if not single:
-        from ..across import write_actuator, write_intrusions
+        from jumpvision.campaign.across import write_actuator, write_intrusions
 
         write_intrusions(campaign, outcomes, plan.results)
         write_actuator(campaign, outcomes, plan.results)
     if not single and (stages is None or "crater" in stages):
-        from ..craters import craters_table, write_craters, zero_crossing
+        from jumpvision.campaign.craters import craters_table, write_craters, zero_crossing
 
         craters = craters_table({o.name: o.results for o in outcomes})
         made += write_craters(craters, zero_crossing(craters), plan.results)
     if page and any(o.steps for o in outcomes):
-        from ..report.page import write_report
+        from jumpvision.report.pages.page import write_report
 
         made.append(write_report(campaign, outcomes, rows, plan.results, single=single, diagnosis=diagnosis))
     show.outcome(campaign, outcomes, rows, plan.results, made, as_json=options.json, single=single, diagnosis=diagnosis)
@@ -74,10 +77,11 @@ def outcomes_of(
     profile: str | None = None,
 ) -> Any:
     """Run the stages; (campaign, outcomes, plan, whether it is a single experiment)."""
-    from .. import show
-    from ..campaign import Plan, run_campaign, run_single
-    from ..experiment import folder_of, is_campaign
-    from ..overrides import read_pipeline
+    from jumpvision.inputs.experiment import folder_of, is_campaign
+    from jumpvision.inputs.overrides import read_pipeline
+    from jumpvision.workflow.run import Plan, run_campaign, run_single
+
+    from . import terminal as show
 
     path = folder_of(path)
     definition = read_pipeline(pipeline) if pipeline else {}
@@ -87,7 +91,7 @@ def outcomes_of(
         results=results,
         cache=options.cache or results / ".cache",
         stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", *(api.PICTURES if options.pictures else ())),
+        modules=("jumpvision.stages", *(PICTURES if options.pictures else ())),
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
@@ -109,8 +113,8 @@ def _hand_over(
     campaign: Any, plan: Any, profile: str, options: Options, pipeline: Path | None, *, single: bool
 ) -> dict[str, list[str]]:
     """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
-    from ..cluster import hand_over
-    from ..schema import InputError
+    from jumpvision.base.schema import InputError
+    from jumpvision.workflow.cluster import hand_over
 
     if single:
         raise InputError([f"--profile {profile}: {campaign.path} is one experiment; give a campaign, or leave it out"])
@@ -122,9 +126,10 @@ def _hand_over(
 
 def question_campaign(campaign: Any, outcomes: Any, plan: Any, options: Options, made: list[Path]) -> dict[str, Any]:
     """Diagnose a campaign whose tracks are there; adds the files written to `made`."""
-    from .. import show
-    from ..question.run import question
-    from ..report.diagnosis import diagnosis_picture
+    from jumpvision.campaign.diagnose import question
+    from jumpvision.report.figures.diagnosis import diagnosis_picture
+
+    from . import terminal as show
 
     data, files = question(
         campaign, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=options.workers or cores(),

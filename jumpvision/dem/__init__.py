@@ -1,0 +1,1 @@
+"""A small discrete-element simulation of discs under a foot."""

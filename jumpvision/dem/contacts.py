@@ -1,12 +1,4 @@
-"""One time step of discs in one pass, and the list of neighbours it goes through (compiled).
-
-State p (n, 6): x, y [m], velocity the dashpots see wx, wy [m/s], radius [m], 1/mass [1/kg]; free discs first, then the
-driven ones (1/mass = 0). Force of discs i and j at distance d, n from j to i, on i (LAMMPS' `gran/hooke`):
-    F = k (r_i + r_j - d) n - gamma m_eff ((v_i - v_j) . n) n,   m_eff = 1/(1/m_i + 1/m_j),
-and beside it the force along the contact of `friction`, compiled in only where there is some (`rough` is not None).
-A pair is listed at its lower number only. When disc i has gone through its list its force is complete and nothing asks
-for its place any more, so it is moved at once: force, kick and drift are one pass over the memory.
-"""
+"""One compiled time step of discs in one pass; friction by sliding springs on demand (Cundall and Strack 1979)."""
 
 from __future__ import annotations
 
@@ -14,8 +6,6 @@ import math
 
 import numba as nb
 import numpy as np
-
-from jumpvision.dem.friction import carried, rub, skid, turn
 
 
 @nb.njit(cache=True)
@@ -238,3 +228,80 @@ def march(  # type: ignore[no-untyped-def]
             rate = max(abs(speed[s]), abs(speed[s + 1]), abs(path[s + 1] - path[s]) / h)
             travel += h * max(math.sqrt(fastest), rate)
     return partner, slide
+
+
+STIFFNESS, DAMPING = 2.0 / 7.0, 0.5  # k_t/k, gamma_t/gamma
+
+
+@nb.njit(cache=True, inline="always")
+def spring(stretch, slip, damping, most, kt):  # type: ignore[no-untyped-def]
+    """Force F_t [N] and stretch [m] at the slip velocity [m/s]; damping [kg/s]; most: mu |F_n| [N]."""
+    force = -kt * stretch - damping * slip
+    if abs(force) > most:
+        force = math.copysign(most, force)
+        stretch = -(force + damping * slip) / kt
+    return force, stretch
+
+
+@nb.njit(cache=True, inline="always")
+def rub(  # type: ignore[no-untyped-def]
+    mu, kt, gt, spin, torque, slide, q, i, j, dx, dy, d, part, wx, wy, ux, uy, mass, normal, past
+):
+    """Force on disc i along its contact q with disc j (-1: driven, does not turn), and its power; adds the torques.
+
+    part: r_i/(r_i + r_j); wx, wy and ux, uy: relative velocity now and over the last step of length past [s] (0: none).
+    """
+    now, half = part * spin[i, 0], part * spin[i, 1]
+    if j >= 0:
+        now += (1.0 - part) * spin[j, 0]
+        half += (1.0 - part) * spin[j, 1]
+    middle = d - 0.5 * past * (dx * ux + dy * uy) / d
+    slip = (dx * wy - dy * wx) / d - d * now
+    stretch = slide[q] + past * ((dx * uy - dy * ux) / middle - middle * half)
+    force, slide[q] = spring(stretch, slip, gt * mass, mu * abs(normal), kt)
+    torque[i] -= part * d * force
+    if j >= 0:
+        torque[j] -= (1.0 - part) * d * force
+    return -force * dy / d, force * dx / d, force * slip
+
+
+@nb.njit(cache=True, inline="always")
+def skid(  # type: ignore[no-untyped-def]
+    mu, kt, gt, spin, torque, held, i, k, nx, ny, lever, wx, wy, ux, uy, mass, normal, past
+):
+    """The same at the flat face k of infinite mass, at `lever` [m] from the disc's centre, of normal nx, ny."""
+    slip = nx * wy - ny * wx - lever * spin[i, 0]
+    middle = lever - 0.5 * past * (nx * ux + ny * uy)
+    stretch = held[i, k] + past * (nx * uy - ny * ux - middle * spin[i, 1])
+    force, held[i, k] = spring(stretch, slip, gt * mass, mu * abs(normal), kt)
+    torque[i] -= lever * force
+    return -force * ny, force * nx, force * slip
+
+
+@nb.njit(cache=True, inline="always")
+def turn(spin, torque, i, r, light, h, begun, move):  # type: ignore[no-untyped-def]
+    """Half kicks of the spin of disc i by its complete torque, as those of its velocity in `contacts.step`."""
+    gain = h * torque[i] * light / (r * r)  # half a step of torque over m r^2/2
+    torque[i] = 0.0
+    w = spin[i, 1]
+    if begun:
+        w += gain
+        spin[i, 0] = w
+    if move:
+        spin[i, 0] = w + 2.0 * gain
+        w += gain
+    spin[i, 1] = w
+
+
+@nb.njit(cache=True)
+def carried(old_start, old_partner, old_slide, start, partner):  # type: ignore[no-untyped-def]
+    """Stretches (len(partner),) of the pairs of a new list, from those of the old one; 0 for pairs that are new."""
+    slide = np.zeros(len(partner))
+    for i in range(len(start) - 1):
+        for a in range(old_start[i], old_start[i + 1]):
+            if old_slide[a] != 0.0:
+                for b in range(start[i], start[i + 1]):
+                    if partner[b] == old_partner[a]:
+                        slide[b] = old_slide[a]
+                        break
+    return slide

@@ -16,16 +16,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..physics.cone import cone_mass, flat_radius
-from ..physics.forcing import Forcing, Segments, from_log
-from ..physics.hard import HardMotion, hard_jump
-from ..physics.jump import Motion, simulate
-from ..physics.points import ROBOT, hard_points, jump_results, law_rows, resolve, simulated_points, until_landed
-from ..physics.powers import powers
-from ..physics.scales import damping_of, gravity_of, natural_frequency
-from ..schema import InputError
-from ..sweep.compute import ATOL, RTOL
-from ..sweep.machine import Machine, machine
+from jumpvision.base.schema import InputError
+from jumpvision.mechanisms.cone import cone_mass, flat_radius
+from jumpvision.physics.batch import (
+    VALUES_OF_ROBOT,
+    hard_points,
+    jump_results,
+    law_rows,
+    resolve,
+    simulated_points,
+    until_landed,
+)
+from jumpvision.physics.energy import powers
+from jumpvision.physics.forcing import Forcing, Segments, from_log
+from jumpvision.physics.hard.jump import HardMotion, hard_jump
+from jumpvision.physics.oscillator import damping_of, gravity_of, natural_frequency
+from jumpvision.physics.sand.jump import Motion, simulate
+from jumpvision.studies.compute import ATOL, RTOL
+from jumpvision.studies.machine import Machine, machine
+
 from .controls import GROUNDS
 
 Array = NDArray[np.float64]
@@ -188,7 +197,7 @@ def _landing(landings: Array, law: Forcing) -> float:
 
 
 def _robot(m: Machine) -> dict[str, float]:
-    return {n: m.values[n] for n in ROBOT}
+    return {n: m.values[n] for n in VALUES_OF_ROBOT}
 
 
 def _cone(m: Machine, *names: str) -> dict[str, float]:

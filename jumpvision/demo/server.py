@@ -12,8 +12,9 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from ..local_page import HOST, LocalHandler, LocalServer, static_files
-from ..schema import InputError
+from jumpvision.base.local_page import HOST, LocalHandler, LocalServer, static_files
+from jumpvision.base.schema import InputError
+
 from . import controls, jumper
 
 LARGEST = 2_000_000  # bytes of a question

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .detect import Detection, detect, directions
+from jumpvision.diagnosis.jumper.jumps import Measured
+from jumpvision.diagnosis.noise.noise import Noise
+
+from .detect import Cell, Detection, detect, directions, locate
 from .fitting import Fit, Problem
-from .gain import Gain, extrapolation, gain
-from .locating import Cell, locate
-from .measured import Measured
 from .naming import Naming, name
-from .noise import Noise
-from .proposing import Proposal, Runnable, propose
+from .proposing import Gain, Proposal, Runnable, extrapolation, gain, propose
 from .system import Parameter, System
 
 STARTS = 6  # of the baseline's fit, over the ranges of its parameters

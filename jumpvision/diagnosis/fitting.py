@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .measured import Known, Measured, known
-from .noise import Noise, whiten
+from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
+from jumpvision.diagnosis.noise.noise import Noise, whiten
+from jumpvision.diagnosis.noise.readings import shapes
+
 from .system import Observation, Parameter, System, parameters
-from .wander import shapes
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from .noise import Noise, Stretch, powers
+from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
+
 from .system import Candidate, Observation, Parameter
 
 Array = NDArray[np.float64]

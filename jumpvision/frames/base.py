@@ -1,4 +1,4 @@
-"""What every film reader gives: frames by number, their times, and what is wrong with the file."""
+"""What every film reader gives: frames by number, their times, what is wrong with the file; films kept as arrays."""
 
 from __future__ import annotations
 

@@ -13,8 +13,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.frames.base import Film, FrameError, Image, check_image, clock, differs, lost
-from jumpvision.frames.packed import frame_bytes, pixel_type, read_pixels
+from .base import Film, FrameError, Image, check_image, clock, differs, lost
+from .packed import frame_bytes, pixel_type, read_pixels
 
 # Places in the setup block [bytes].
 MARK, LENGTH, FRAME_RATE, SHUTTER_US, CFA, REAL_BPP, SHUTTER_NS = 140, 142, 768, 772, 808, 896, 1568

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.frames.base import FrameError, Image
+from .base import FrameError, Image
 
 NATIVE = ("uint8", "uint16", "float32")
 

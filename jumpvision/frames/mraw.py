@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jumpvision.frames.base import Film, FrameError, Image, check_image, clock, lost
-from jumpvision.frames.packed import frame_bytes, pixel_type, read_pixels
+from .base import Film, FrameError, Image, check_image, clock, lost
+from .packed import frame_bytes, pixel_type, read_pixels
 
 # What is needed, by its name in the text header and its place in the XML header.
 FIELDS = {

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from jumpvision.frames.base import Film, FrameError, Image
+from .base import Film, FrameError, Image
 
 READERS: dict[str, tuple[str, str]] = {
     **dict.fromkeys((".avi", ".mp4", ".m4v", ".mkv", ".mov", ".webm"), ("video", "VideoFilm")),
@@ -44,7 +44,7 @@ def open_frames(
         raise FrameError(f"{path}: start = {start!r}; must be a finite number of seconds")
     full = Path(pattern_root or "") / path
     if full.is_dir() or (not full.exists() and any(c in full.name for c in "*?[")):
-        from jumpvision.frames.images import ImageFilm, image_files
+        from .pictures import ImageFilm, image_files
 
         return ImageFilm(full, files=image_files(full), frame_rate=frame_rate, start=start)
     if not full.exists():

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from jumpvision.frames.base import FrameError, Image
+from .base import FrameError, Image
 
 
 def pixel_type(bits: int) -> np.dtype[Any]:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jumpvision.frames.base import Film, FrameError, Image, check_image, clock, lost
-from jumpvision.frames.packed import frame_bytes, pixel_type, read_pixels
+from .base import Film, FrameError, Image, check_image, clock, lost
+from .packed import frame_bytes, pixel_type, read_pixels
 
 STAMP = np.dtype([("s", "<u4"), ("ms", "<u2"), ("us", "<u2")])
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.frames.base import Film, FrameError, Image, check_image, clock, lost
-from jumpvision.frames.grey import native_type, single_channel
+from .base import Film, FrameError, Image, check_image, clock, lost
+from .grey import native_type, single_channel
 
 MAX_COMPRESSION = 2000  # pixel bytes a stored byte; a larger claim is a damaged header
 

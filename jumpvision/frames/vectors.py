@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.schema import InputError
+from jumpvision.base.schema import InputError
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.frames.base import Film, FrameError, Image, Truncated, clock
-from jumpvision.frames.videofile import Step, decode_steps, open_video
-from jumpvision.frames.videogrey import grey, grey_type
-from jumpvision.frames.videoscan import scan_film, shortfall, timeline
+from .base import Film, FrameError, Image, Truncated, clock
+from .decoding import Step, decode_steps, grey, grey_type, open_video
+from .scan import scan_film, shortfall, timeline
 
 KEPT = 8  # images kept: neighbours are asked for again (image pairs)
 AHEAD = 16  # frames; a target this near is reached by decoding on, without seeking

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..schema import InputError
-from ..sections import PHASES
-from ..vision.camera import READING, marks_share
+from jumpvision.base.schema import InputError
+from jumpvision.inputs.sections import PHASES
+from jumpvision.vision.camera import READING, marks_share
+
 from .recognise import FILMS, Recording, ball, opened
 
 Values = dict[str, tuple[Any, str]]
@@ -136,7 +137,7 @@ def law(name: str, log: Path | None) -> Values:
         values["frequency"] = (float(frequency[1]), "by the folder's name")
     if kind is None or frequency is None or log is None:
         return values
-    from ..logs import read_log
+    from jumpvision.inputs.logs import read_log
 
     table = read_log(log, "time_s", "position_m")
     t, x = (table[c].to_numpy(float) for c in ("time_s", "position_m"))

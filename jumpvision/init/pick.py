@@ -12,8 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..local_page import LocalHandler, LocalServer, static_files
-from ..schema import InputError
+from jumpvision.base.local_page import LocalHandler, LocalServer, static_files
+from jumpvision.base.schema import InputError
+
 from .measure import Picks, picks_of
 from .recognise import Recording, opened
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..frames import Film, FrameError, open_frames
-from ..frames.imagefile import SUFFIXES
-from ..frames.opening import READERS
-from ..schema import InputError
+from jumpvision.base.schema import InputError
+from jumpvision.frames import Film, FrameError, open_frames
+from jumpvision.frames.opening import READERS
+from jumpvision.frames.pictures import SUFFIXES
 
 LOGS = {  # section: the columns of its table
     "motor_log": ("time_s", "position_m"),
@@ -121,7 +121,7 @@ def _headers() -> str:
 
 
 def _field(path: Path, name: str) -> Recording:
-    from ..frames.vectors import read_vectors
+    from jumpvision.frames.vectors import read_vectors
 
     v = read_vectors(path)
     units = f"lengths in {v.length or 'an unnamed unit'}, speeds in {v.speed or 'an unnamed unit'}"
@@ -188,7 +188,7 @@ def by_picture(first: Any, n: int) -> str:
 
 def ball(first: Any, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
     """(polarity, column, row, diameter [px]) of the one ball in a picture, or None."""
-    from ..vision.ball import track_ball
+    from jumpvision.vision.ball.track import track_ball
 
     for polarity in ("bright", "dark"):
         t = track_ball([first], diameter=None, polarity=polarity, method="disc", search=1.5, seed=seed, streak=False,

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import logs
+from . import recordings as logs
 from .campaign import jump_of
-from .mechanisms import OUTSIDE, STATIC
+from .jumper import OUTSIDE, STATIC
 from .protocol import Protocol, protocol_of
-from .protocol_sweeps import Jump
-from .track_noise import Errors
+from .protocol_keys import Jump
+from .recordings import Errors
 
 Array = NDArray[np.float64]
 

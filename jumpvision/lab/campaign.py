@@ -17,17 +17,15 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.progress import watch
-from jumpvision.schema import InputError
+from jumpvision.base.progress import watch
+from jumpvision.base.schema import InputError
+from jumpvision.lab.films.discs import Runner
+from jumpvision.lab.films.grain_record import film_brief
 
 from . import write
-from .disc_record import Runner
-from .grain_record import film_brief
-from .jumper import Motion, simulate
-from .mechanisms import Law
+from .jumper import Law, Motion, simulate
 from .protocol import Protocol, critical_fraction, read_parts
-from .protocol_keys import FILMED_BY
-from .protocol_sweeps import Intrusion, Jump
+from .protocol_keys import FILMED_BY, Intrusion, Jump
 from .recordings import of_intrusion, of_jump
 
 PROTOCOL, TRUTH = "protocol.toml", "truth.json"

@@ -14,9 +14,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from jumpvision.schema import InputError, closest, read
+from jumpvision.base.schema import InputError, closest, read
 
-from .mechanisms import AT_THE_CAMERA, KNOWN, Motor, Robot, truth_of
+from .jumper import AT_THE_CAMERA, KNOWN, Motor, Robot, truth_of
 from .protocol_keys import (
     BED_RECORDS,
     CAMERAS,
@@ -25,12 +25,16 @@ from .protocol_keys import (
     RECORDS,
     BedValues,
     Header,
+    Intrusion,
     IntrusionSweep,
+    Jump,
     JumpSweep,
     MotorValues,
     RobotValues,
+    intrusions_of,
+    jumps_of,
+    lists,
 )
-from .protocol_sweeps import Intrusion, Jump, intrusions_of, jumps_of, lists
 
 CAMERA_PARAMETERS = {"camera_scale": "scale", "time_offset": "dt"}
 PARAMETERS = {name for names in KNOWN.values() for name in names} | set(CAMERA_PARAMETERS.values())

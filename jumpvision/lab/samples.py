@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.schema import InputError, closest
+from jumpvision.base.schema import InputError, closest
+from jumpvision.lab.films.bed import bed_height, bed_picture
+from jumpvision.lab.films.grain_record import film_brief, write_grain_film
+from jumpvision.lab.films.optics import record
+from jumpvision.lab.films.rod import exposure_times, rod_film
 
-from . import logs, write
-from .bed_picture import bed_height, bed_picture
-from .grain_record import film_brief, write_grain_film
+from . import recordings as logs
+from . import write
 from .intrusions import intrusion_campaign
-from .jumper import Motion, simulate
-from .mechanisms import Law, Robot
-from .rod_film import exposure_times, rod_film
-from .sensor import record
+from .jumper import Law, Motion, Robot, simulate
 
 Array = NDArray[np.float64]
 

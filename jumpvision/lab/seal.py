@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.schema import InputError, closest
+from jumpvision.base.schema import InputError, closest
 
 from . import write
 from .blind import ROBOTS, Setting, draw
 from .campaign import carry_out, defaults
-from .mechanisms import AT_THE_CAMERA, KNOWN, OUTSIDE
+from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE
 from .protocol import CAMERA_PARAMETERS
 
 

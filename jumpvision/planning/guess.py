@@ -8,11 +8,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.forcing import Forcing, Segments, sinusoid
-from jumpvision.physics.jump import simulate
-from jumpvision.physics.loop import Loop
-from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Jumper
-from jumpvision.planning.transcription import SHORTEST, Guess
+from jumpvision.physics.forcing import Forcing, Loop, Segments, sinusoid
+from jumpvision.physics.sand.jump import simulate
+
+from .jumper import AIR, INTRUDE, STUCK, Jumper
+from .transcription import SHORTEST, Guess
 
 Array = NDArray[np.float64]
 

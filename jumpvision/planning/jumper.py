@@ -1,8 +1,8 @@
-"""The jumper's equations of motion in symbols, one mode at a time, from the force laws of `physics.terms`.
+"""The jumper's equations of motion in symbols, one mode at a time, from the force laws of `mechanisms.laws`.
 
-State [y, w(, X(, V))(, x_f, v_f)] as in `physics.granular`: y = x_r + (m_m/M) X_m the centre of mass of motor and rod,
-w its rate; X, V the motor's position and rate where a feedback loop drives it, X alone where it lags its command; the
-foot where it moves by itself. Modes: STUCK (foot at rest on the ground), INTRUDE, AIR.
+State [y, w(, X(, V))(, x_f, v_f)] as in `physics.sand.granular`: y = x_r + (m_m/M) X_m the centre of mass of motor and
+rod, w its rate; X, V the motor's position and rate where a feedback loop drives it, X alone where it lags its command;
+the foot where it moves by itself. Modes: STUCK (foot at rest on the ground), INTRUDE, AIR.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ import inspect
 from dataclasses import dataclass
 from typing import Any
 
+from jumpvision.mechanisms.laws import STATIC, TERMS, spring
 from jumpvision.physics.model import Model
-from jumpvision.physics.terms import STATIC, TERMS, spring
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
 SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign

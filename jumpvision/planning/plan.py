@@ -10,16 +10,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.physics.forcing import Forcing, Spline
-from jumpvision.physics.jump import Motion, equilibrium, simulate
-from jumpvision.physics.loop import Loop
+from jumpvision.base.schema import InputError, closest
+from jumpvision.physics.forcing import Forcing, Loop, Spline
 from jumpvision.physics.model import Model
-from jumpvision.planning import namespace
-from jumpvision.planning.guess import guessed, starts
-from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper
-from jumpvision.planning.solve import Solution, Solver
-from jumpvision.planning.transcription import OBJECTIVES, Guess, Limits, Programme
-from jumpvision.schema import InputError, closest
+from jumpvision.physics.sand.jump import Motion, equilibrium, simulate
+
+from . import namespace
+from .guess import guessed, starts
+from .jumper import AIR, INTRUDE, STUCK, Drive, Jumper
+from .solve import Solution, Solver
+from .transcription import OBJECTIVES, Guess, Limits, Programme
 
 Array = NDArray[np.float64]
 

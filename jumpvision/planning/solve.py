@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.physics.forcing import Spline
-from jumpvision.planning.transcription import SCALE, SHORTEST, Guess, Limits, Programme
+
+from .transcription import SCALE, SHORTEST, Guess, Limits, Programme
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.schema import InputError
 from jumpvision.physics.forcing import Spline
 from jumpvision.physics.model import Model
-from jumpvision.planning.plan import Planner
-from jumpvision.schema import InputError
+
+from .plan import Planner
 
 Array = NDArray[np.float64]
 

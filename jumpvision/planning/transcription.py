@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Jumper, Memory
+from .jumper import AIR, INTRUDE, STUCK, Jumper, Memory
 
 Array = NDArray[np.float64]
 

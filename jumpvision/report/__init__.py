@@ -1,0 +1,1 @@
+"""Pages, figures and films of what was found."""

@@ -1,9 +1,10 @@
-"""One style for every figure: colour-blind-safe colours, quiet axes, sizes for a page."""
+"""One style for every figure: colour-blind-safe colours, quiet axes, sizes for a page and for print."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 # Okabe & Ito: told apart by every kind of colour vision
@@ -26,3 +27,49 @@ def styled() -> Iterator[Any]:
         }
     ):  # fmt: skip
         yield Figure
+
+
+COLUMN, PAGE = 89.0, 183.0  # mm, widths of one and two columns
+WIDE = 6.7  # inches: a figure drawn wider than this takes two columns
+FORMATS = ("pdf", "svg", "png")
+INCH = 25.4
+
+RC: dict[Any, Any] = {
+    "font.size": 7, "axes.titlesize": 7, "axes.labelsize": 7, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5,
+    "legend.fontsize": 6, "figure.titlesize": 7, "axes.titleweight": "normal", "axes.linewidth": 0.6,
+    "axes.grid": False, "lines.linewidth": 1.0, "lines.markersize": 3.5, "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6, "xtick.major.size": 2.5, "ytick.major.size": 2.5, "legend.handlelength": 1.6,
+    "figure.constrained_layout.w_pad": 0.03, "figure.constrained_layout.h_pad": 0.03,
+    "font.sans-serif": ["Arial", "Helvetica", "Liberation Sans", "DejaVu Sans"], "font.family": "sans-serif",
+    "pdf.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "jumpvision", "savefig.dpi": 600,
+}  # fmt: skip
+
+
+@contextmanager
+def printed() -> Iterator[Any]:
+    """The style for print; gives what makes a figure, at the width of one column or two."""
+    import matplotlib
+
+    with styled() as Figure, matplotlib.rc_context(RC):
+
+        def sized(figsize: tuple[float, float], **more: Any) -> Any:
+            width = (PAGE if figsize[0] > WIDE else COLUMN) / INCH
+            return Figure(figsize=(width, figsize[1] * width / figsize[0]), **more)
+
+        yield sized
+
+
+def save(figure: Any, file: Path) -> None:
+    """Write a figure without a date, so that the same data give the same file; texts set in points are held at 7 pt."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_fontsize(min(text.get_fontsize(), 7.0))
+    meta = {"pdf": {"CreationDate": None}, "svg": {"Date": None}, "png": {"Software": None}}
+    file.parent.mkdir(parents=True, exist_ok=True)
+    aside = file.with_name(f".{file.name}.tmp")
+    try:
+        figure.savefig(aside, format=file.suffix[1:], metadata=meta[file.suffix[1:]])
+        aside.replace(file)
+    finally:
+        aside.unlink(missing_ok=True)

@@ -2,13 +2,13 @@
 
 from .track import track  # isort: skip
 from .rod import rod  # isort: skip
-from .bed import bed  # isort: skip
-from .geometry import geometry  # isort: skip
-from .crater import crater  # isort: skip
-from .piv import piv  # isort: skip
-from .flow import flow  # isort: skip
-from .column import column  # isort: skip
-from .intrusion import intrusion  # isort: skip
+from .bed.height import bed  # isort: skip
+from .bed.geometry import geometry  # isort: skip
+from .bed.crater import crater  # isort: skip
+from .grains.piv import piv  # isort: skip
+from .grains.flow import flow  # isort: skip
+from .grains.column import column  # isort: skip
+from .bed.intrusion import intrusion  # isort: skip
 from .spring import spring  # isort: skip
 from .fit import fit  # isort: skip
 from .simulate import simulate  # isort: skip

@@ -8,25 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..experiment import Experiment
-from ..fit.estimate import Estimate
-from ..fit.flight import Flights, contact_flights, final_flight, flight_height, track_flights
-from ..fit.height import jump_height, rest_height
-from ..fit.packing import cone_growth
-from ..fit.restitution import restitution
-from ..logs import read_log
-from ..params import FitParams
-from ..physics.oscillator import foot_frequency, foot_ripple
-from ..records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion, SpringTest
-from ..sections import Actuation, Bed, Clock, ContactLog, MotorLog, NotApplicable, Robot
-from ..stage import stage
-from .actuator import actuator_fits
-from .bed import packing, packing_common
-from .body import hanging_foot, total_mass
-from .common import scaled, timed
-from .cone import cone_fits, grown_cone, mass_fits
-from .motor import position_at
-from .ring import ring_fits
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
+from jumpvision.estimate.height import jump_height, rest_height
+from jumpvision.grains.cone import cone_growth
+from jumpvision.inputs.experiment import Experiment
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.parameters import FitParams
+from jumpvision.inputs.sections import Actuation, Bed, Clock, ContactLog, MotorLog, NotApplicable, Robot
+from jumpvision.physics.oscillator import foot_frequency, foot_ripple
+from jumpvision.results.records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion, SpringTest
+from jumpvision.stages.bed.height import packing, packing_common
+from jumpvision.stages.grains.cone import cone_fits, grown_cone, mass_fits
+from jumpvision.workflow.stage import stage
+
+from .recordings import scaled, timed
+from .ring import actuator_fits, ring_fits
+from .rod import hanging_foot, position_at, total_mass
 
 Array = NDArray[np.float64]
 NAN = math.nan

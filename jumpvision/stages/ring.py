@@ -1,4 +1,4 @@
-"""Ring-down: frequency, damping and by which law the oscillation decays."""
+"""Ring-down, damping and decay law; and the actuator: how the encoder follows the command, what the motor gives."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from ..fit.decay import LAWS, decay_law
-from ..fit.estimate import Estimate
-from ..fit.flight import Flights
-from ..fit.peaks import peaks_damping
-from ..fit.ringdown import ring_down, swings_until
-from ..params import FitParams
-from ..physics.oscillator import lift_off_amplitude
-from ..records import RodMotion
-from ..sections import Actuation, Clock, Robot
-from ..stage import StageWarning
-from .body import total_mass
-from .common import scaled, timed
+from jumpvision.estimate.decay import LAWS, decay_law
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.flight import Flights
+from jumpvision.estimate.motor import follow, motor_power
+from jumpvision.estimate.ringdown import peaks_damping, ring_down, swings_until
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.parameters import FitParams
+from jumpvision.inputs.sections import Actuation, Clock, MotorLog, Robot, need
+from jumpvision.physics.oscillator import lift_off_amplitude
+from jumpvision.results.records import RodMotion
+from jumpvision.workflow.stage import StageWarning
+
+from .recordings import scaled, timed
+from .rod import commanded, read_motor, total_mass
 
 Array = NDArray[np.float64]
 NAN = math.nan
@@ -95,3 +97,24 @@ def decay_fits(t: Array, h: Array, sigma: Array) -> dict[str, Estimate]:
     return {f"decay_{k}_share": decay.share[k] for k in LAWS} | {
         f"decay_{k}_p_value": Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2) for k, e in decay.share.items()
     }
+
+
+def actuator_fits(log: MotorLog, law: Actuation) -> dict[str, Estimate]:
+    """Ratio, lag and time constant at the forcing frequency; peak power, work, speed and force where force is logged.
+
+    The power is the internal one, F_m X_m'. The encoder's noise is that at rest, at least its resolution / sqrt(12).
+    """
+    t, position = read_motor(log, law)
+    frequency = need(law, "frequency")[0]
+    if t[0] > law.start or t[-1] < law.stop:
+        return {}  # not from rest to rest
+    steps = np.abs(np.diff(position))
+    step = float(steps[steps > 1e-12].min()) if (steps > 1e-12).any() else 0.0
+    rest = position[t < law.start]
+    noise = math.hypot(float(rest.std()) if rest.size > 2 else 0.0, step / math.sqrt(12.0))
+    out = follow(t, commanded(law)(t)[0], position, frequency=frequency, noise=noise)
+    logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))
+    if "force_N" in logged:
+        out |= motor_power(t, position, logged.force_N.to_numpy(), position_noise=noise, period=1.0 / frequency,
+                           begin=law.start, end=law.stop)  # fmt: skip
+    return out

@@ -6,13 +6,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ..fit.estimate import independent
-from ..fit.mean import difference_noise
-from ..logs import read_log
-from ..records import RodMotion, Track
-from ..sections import Actuation, RodTrack
-from ..stage import stage
-from .common import with_common
+from jumpvision.estimate.estimate import independent
+from jumpvision.estimate.mean import difference_noise
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.sections import Actuation, MotorLog, Robot, RodTrack, need
+from jumpvision.physics.forcing import Forcing, delayed, sinusoid
+from jumpvision.results.records import RodMotion, Track
+from jumpvision.workflow.stage import stage
+
+from .recordings import with_common
 from .track import with_rest_zero
 
 
@@ -54,3 +56,46 @@ def noise_of(height: NDArray[np.float64]) -> float:
     steps = np.diff(np.unique(height))
     rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
     return max(difference_noise(height), rounding, np.finfo(float).tiny)
+
+
+Array = NDArray[np.float64]
+
+
+def commanded(law: Actuation) -> Forcing:
+    """The law of [actuation]."""
+    frequency, amplitude = need(law, "frequency", "amplitude")
+    if law.delay:
+        return delayed(frequency, amplitude, law.start_phase, law.delay, law.start)
+    return sinusoid(frequency, amplitude, law.start_phase, law.cycles, law.start)
+
+
+def read_motor(log: MotorLog, law: Actuation | None) -> tuple[Array, Array]:
+    """time [s] and X_m [m] of the encoder, zero at rest before the motor starts."""
+    d = read_log(log.path, "time_s", "position_m", at_least=8)
+    time, position = d.time_s.to_numpy(), d.position_m.to_numpy()
+    before = time < law.start if law else np.arange(time.size) < 5
+    return time, position - (np.median(position[before]) if before.any() else position[0])
+
+
+def position_at(t: Array, law: Actuation | None, log: MotorLog | None) -> Array | None:
+    """X_m [m] at the times t (n,) [s], from the log where there is one, else from the law; None without both."""
+    if log is not None:
+        return np.interp(t, *read_motor(log, law))
+    if law is not None and law.kind == "none":
+        return np.zeros_like(t)
+    if law is not None and law.moves:
+        return commanded(law)(t)[0]
+    return None
+
+
+def total_mass(robot: Robot | None) -> float | None:
+    """Mass of motor and rod [kg], where both are known."""
+    return robot.motor_mass + robot.rod_mass if robot and robot.motor_mass and robot.rod_mass else None
+
+
+def hanging_foot(robot: Robot | None) -> tuple[float, float, float, float] | None:
+    """k, m_f, M, g of a robot with a foot, where they are known."""
+    mass = total_mass(robot)
+    if robot is None or mass is None or not (robot.foot_mass and robot.spring_stiffness):
+        return None
+    return robot.spring_stiffness, robot.foot_mass, mass, robot.gravity

@@ -8,22 +8,22 @@ import warnings
 import numpy as np
 import pandas as pd
 
-from ..experiment import Experiment
-from ..model_spec import ModelSpec
-from ..params import SimulateParams
-from ..physics.forcing import Forcing, from_log
-from ..physics.hard import hard_jump
-from ..physics.jump import simulate as integrate
-from ..physics.loop import Loop
-from ..physics.model import Model
-from ..physics.parameters import ModelParameters
-from ..physics.points import OF_MODEL
-from ..records import BedHeight, RodMotion, Simulation
-from ..schema import InputError
-from ..sections import Actuation, Bed, Motor, MotorLog, Robot, need
-from ..stage import StageWarning, stage
-from .bed import packing
-from .motor import commanded, read_motor
+from jumpvision.base.schema import InputError
+from jumpvision.inputs.experiment import Experiment
+from jumpvision.inputs.model import ModelSpec
+from jumpvision.inputs.parameters import SimulateParams
+from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
+from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.physics.batch import OF_MODEL
+from jumpvision.physics.forcing import Forcing, Loop, from_log
+from jumpvision.physics.hard.jump import hard_jump
+from jumpvision.physics.model import Model
+from jumpvision.physics.sand.jump import simulate as integrate
+from jumpvision.results.records import BedHeight, RodMotion, Simulation
+from jumpvision.stages.bed.height import packing
+from jumpvision.workflow.stage import StageWarning, stage
+
+from .rod import commanded, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
 # mechanisms under which the hard-ground flow stays linear, so that its closed form holds

@@ -6,12 +6,12 @@ import math
 import warnings
 from pathlib import Path
 
-from ..fit.estimate import Estimate
-from ..fit.stiffness import BENT, Spring, spring_stiffness
-from ..logs import read_log
-from ..records import SpringTest
-from ..sections import Robot, SpringLog
-from ..stage import StageWarning, stage
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.stiffness import BENT, Spring, spring_stiffness
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.sections import Robot, SpringLog
+from jumpvision.results.records import SpringTest
+from jumpvision.workflow.stage import StageWarning, stage
 
 LENGTH = {"displacement_m": 1.0, "displacement_mm": 1e-3, "displacement_um": 1e-6}
 FORCE = {"force_N": 1.0, "force_kN": 1e3, "force_mN": 1e-3}

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..experiment import Experiment
-from ..records import BedHeight, Fits, Simulation, Summary
-from ..sections import Actuation, Bed
-from ..stage import stage
-from .bed import packing, packing_common
+from jumpvision.inputs.experiment import Experiment
+from jumpvision.inputs.sections import Actuation, Bed
+from jumpvision.results.records import BedHeight, Fits, Simulation, Summary
+from jumpvision.stages.bed.height import packing, packing_common
+from jumpvision.workflow.stage import stage
 
 FROM_FITS = {  # key of summary.json: name in fits.json
     "flight_height_m": "flight_height_m", "flight_time_s": "flight_time_s", "lift_off_s": "lift_off_s", "mu": "mu",

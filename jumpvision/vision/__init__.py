@@ -1,0 +1,1 @@
+"""From pixels to positions: balls, foot, bed, laser line, and the matching of grain films."""

@@ -1,21 +1,14 @@
-"""Row of a laser line in every column of a picture (bright line, dark surroundings), at sub-pixel.
-
-A Gaussian over a sloping background is fitted to the grey values of each column. Speckle makes the light itself
-noisy, in patches of several pixels, so the noise is read from what a first fit of all columns leaves over: a part that
-every pixel has for itself, constant and in proportion to the light (read-out, photons), and a part in proportion to the
-light squared that neighbouring rows share (speckle). It weights the second fit and gives the uncertainty of every row.
-"""
+"""Row of a laser line in every column of a picture at sub-pixel, by the strongest chain through its columns."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
-
-from jumpvision.vision.chain import strongest_chain
 
 Array = NDArray[np.float64]
 
@@ -202,3 +195,30 @@ def _inverse_noise(
     noise = noise + floor * eye
     pairs = use[:, :, None] & use[:, None, :]
     return np.where(pairs, np.linalg.inv(np.where(pairs, noise, eye)), 0.0)
+
+
+@nb.njit(cache=True)
+def strongest_chain(strength: Array, largest: int, cost: float) -> NDArray[np.int64]:
+    """Row index of each column of the chain with the greatest sum of strength - cost |step|; strength (nx, rows).
+
+    largest: rows by which the chain may step from one column to the next. Dynamic programming. Compiles in about 1 s,
+    once.
+    """
+    nx, rows = strength.shape
+    best = strength[0].copy()
+    came = np.zeros((nx, rows), dtype=np.int64)
+    for j in range(1, nx):
+        new = np.empty(rows)
+        for r in range(rows):
+            top, where = -1e300, r
+            for q in range(max(0, r - largest), min(rows, r + largest + 1)):
+                score = best[q] - cost * abs(q - r)
+                if score > top:
+                    top, where = score, q
+            new[r], came[j, r] = top + strength[j, r], where
+        best = new
+    path = np.empty(nx, dtype=np.int64)
+    path[nx - 1] = np.argmax(best)
+    for j in range(nx - 1, 0, -1):
+        path[j - 1] = came[j, path[j]]
+    return path

@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_closing, binary_opening, label
 from scipy.special import ndtr, stdtrit
 
-from jumpvision.vision.chain import strongest_chain
-from jumpvision.vision.clipped import clipped_columns, clipped_shift
-from jumpvision.vision.glow import glow_shift
+from .laser_line import strongest_chain
+from .light import clipped_columns, clipped_shift, glow_shift
 
 Array = NDArray[np.float64]
 

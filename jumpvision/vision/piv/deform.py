@@ -10,7 +10,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.vision.piv.frame import Frame
+from .frame import Frame
 
 Float32 = NDArray[np.float32]
 

@@ -11,19 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from jumpvision.vision.piv import field as code
-from jumpvision.vision.piv.backend import backend
-from jumpvision.vision.piv.field import VectorField
-from jumpvision.vision.piv.frame import Frame, prepare
-from jumpvision.vision.piv.multiframe import combined
-from jumpvision.vision.piv.noise import error_length, factors
-from jumpvision.vision.piv.predict import Mask, at, flow, predict
-from jumpvision.vision.piv.prefilter import GAIN, LIGHT, STRONG, roughness, sharp
-from jumpvision.vision.piv.refine import Grid, Match, Pairs, refine
-from jumpvision.vision.piv.settings import TIMES, Settings
-from jumpvision.vision.piv.smooth import STIFF, smoothed
-from jumpvision.vision.piv.solve import COVERED, FLAT, STEPPED
-from jumpvision.vision.piv.validate import local_median, normalised_median
+from . import pair as code
+from .backend import backend
+from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
+from .pair import TIMES, Settings, VectorField, combined
+from .predict import Mask, at, flow, predict
+from .refine import Grid, Match, Pairs, refine
+from .solve import COVERED, FLAT, STEPPED
+from .surface import STIFF, smoothed
+from .validate import error_length, factors, local_median, normalised_median
 
 Array = NDArray[np.float64]
 

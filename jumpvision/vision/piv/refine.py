@@ -25,12 +25,12 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.vision.piv.deform import half_way
-from jumpvision.vision.piv.frame import Frame, taper
-from jumpvision.vision.piv.moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of, slopes
-from jumpvision.vision.piv.noise import LAG
-from jumpvision.vision.piv.solve import STEPPED, covariances, steps
-from jumpvision.vision.piv.surface import axis, everywhere, lightly_smoothed
+from .deform import half_way
+from .frame import Frame, taper
+from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of, slopes
+from .solve import STEPPED, covariances, steps
+from .surface import axis, everywhere, lightly_smoothed
+from .validate import LAG
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]

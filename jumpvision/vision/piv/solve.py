@@ -7,24 +7,7 @@ import math
 import numba as nb
 import numpy as np
 
-from jumpvision.vision.piv.moments import (
-    FIRST,
-    GX,
-    GXM,
-    GXR,
-    GXX,
-    GXY,
-    GY,
-    GYM,
-    GYR,
-    GYY,
-    MM,
-    MR,
-    ONE,
-    RR,
-    M,
-    R,
-)
+from .moments import FIRST, GX, GXM, GXR, GXX, GXY, GY, GYM, GYR, GYY, MM, MR, ONE, RR, M, R
 
 N = 8  # unknowns: d_x, u_x, u_y, d_y, v_x, v_y, offset and gain of the grey
 STEPPED, FLAT, COVERED = range(3)

@@ -1,0 +1,1 @@
+"""What only many experiments show: craters against packing, intrusions, the actuator, the diagnosis."""

@@ -1,0 +1,174 @@
+"""What films and tests measure beside what the jumps alone imply: measurements that share nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from jumpvision.diagnosis.diagnose import Diagnosis
+from jumpvision.diagnosis.fitting import Fit, Problem
+from jumpvision.diagnosis.jumper.jumper import Jumper, of_jump
+from jumpvision.diagnosis.jumper.jumps import Measured
+from jumpvision.grains.momentum import ANGLE
+from jumpvision.mechanisms.cone import cone_mass
+from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.physics.energy import energy_ledger
+from jumpvision.physics.model import ROBOT, Model
+from jumpvision.results.records import Fits, Flow
+from jumpvision.workflow.run import Outcome
+
+STEP = 1e-3  # of a parameter's scale, for derivatives
+CONTRADICT = 3.0  # sigmas
+AXIS = 0.5  # mm, how well the axis of the foot is known
+
+
+@dataclass(frozen=True)
+class Film:
+    """The mass that moves with a whole foot at the greatest momentum of the grains [kg], and how deep it is [m].
+
+    sigma: of the fit, and of where the picture's windows end and the axis lies (one vector, AXIS).
+    """
+
+    experiment: str
+    depth: float
+    mass: float
+    sigma: float
+
+
+def films(outcomes: Mapping[str, Outcome]) -> list[Film]:
+    """Added masses from the grain films of a campaign; those of experiments that cannot be questioned count too.
+
+    A film shows what is in view: a little less than all that moves.
+    """
+    out = []
+    for name, outcome in outcomes.items():
+        if not all((outcome.results / r.file).exists() for r in (Flow, Fits)):
+            continue
+        fits = Fits.load(outcome.results).values
+        seen = fits.get("added_mass_kg", {})
+        field = Flow.load(outcome.results).field
+        momentum = np.where(np.isfinite(field.added_mass.values), field.momentum.values, np.nan)
+        if seen.get("sigma") and np.isfinite(momentum).any():
+            depth = float(field.foot_depth.values[np.nanargmax(momentum)])
+            moved = [fits["momentum_per_vector_of_window"]["value"], AXIS * fits["momentum_per_mm_of_axis"]["value"]]
+            share = math.hypot(seen["sigma"] / seen["value"], *(x for x in moved if x is not None))
+            whole = seen["value"] * ANGLE["full"] / ANGLE[field.attrs["disc"]]
+            out.append(Film(name, depth, whole, whole * share))
+    return out
+
+
+def jumps_alone(told: Fit, problem: Problem) -> Fit:
+    """The model that is told, fitted to the jumps without what films and tests say of it."""
+    if not problem.measured:
+        return told
+    alone = Problem(problem.system, problem.noise, problem.scattered).fit(told.mechanisms, told.named)
+    return told if alone is None else alone
+
+
+def confirmation(
+    alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]
+) -> list[dict[str, Any]]:
+    """One row for every quantity that films or tests measure and the model has: by them, by the jumps alone.
+
+    z: their difference over the sigma of both; a verdict of `contradict` beyond CONTRADICT.
+    """
+    model = system.build(alone.mechanisms, alone.named)
+    names = {n for t in model.terms for n in MECHANISMS[t].parameters} | set(ROBOT)
+    rows = []
+    for m in measured:
+        for k, name in enumerate(m.names):
+            if name in names:
+                free = name in alone.named
+                jumps = alone.named[name] if free else _of(model, name)
+                by = (float(jumps), alone.sigma(name) if free else 0.0)
+                rows.append(_row(name, m.source, by, (float(m.values[k]), m.sigma(name)), _unit(name)))
+    own = {j.name: j.model for j in system.jumps}
+    for film in seen:
+        by = implied(alone, system, own.get(film.experiment, system.model), film.depth)
+        if by[0] > 0:
+            rows.append(_row("added_mass", f"film {film.experiment}", by, (film.mass, film.sigma), "kg")
+                        | {"experiment": film.experiment, "depth_m": film.depth})  # fmt: skip
+    return rows
+
+
+def _row(
+    quantity: str, source: str, jumps: tuple[float, float], film: tuple[float, float], unit: str
+) -> dict[str, Any]:
+    z = (film[0] - jumps[0]) / math.hypot(film[1], jumps[1])
+    return {
+        "quantity": quantity, "unit": unit, "source": source,
+        "by_jumps": jumps[0], "by_jumps_sigma": jumps[1], "by_film": film[0], "by_film_sigma": film[1],
+        "z": z, "verdict": "contradict" if abs(z) > CONTRADICT else "agree",
+    }  # fmt: skip
+
+
+def _of(model: Model, name: str) -> float:
+    """A given value of the model or its robot; NaN where it is not given."""
+    value = getattr(model if name in ROBOT else model.parameters, name)
+    return math.nan if value is None else float(value)
+
+
+def _unit(name: str) -> str:
+    owner = Model if name in ROBOT else ModelParameters
+    return str(owner.__dataclass_fields__[name].metadata["unit"] or "1")
+
+
+def implied(fit: Fit, system: Jumper, own: Model, depth: float) -> tuple[float, float]:
+    """(added mass [kg] at a depth [m] as a fitted model has it, its standard uncertainty)."""
+
+    def mass(values: Mapping[str, float]) -> float:
+        model = of_jump(system.build(fit.mechanisms, values), own, values)
+        if "added_mass" not in model:
+            return 0.0
+        names = ("C", "mu", "theta", "R", "phi", "rho")
+        return float(cone_mass(np, depth, **{n: model.symbol(n) for n in names}))
+
+    at = mass(fit.named)
+    steps = [STEP * p.scale for p in fit.parameters]
+    moved = [mass({**fit.named, p.name: fit.named[p.name] + h}) for p, h in zip(fit.parameters, steps)]
+    slope = (np.array(moved) - at) / np.array(steps)
+    return at, float(math.sqrt(max(slope @ fit.covariance @ slope, 0.0))) if slope.size else 0.0
+
+
+def ledgers(d: Diagnosis, system: Jumper) -> list[dict[str, Any]]:
+    """Ledgers [J] from rest to the measured apex, of the jump of each kind that the baseline misses most."""
+    worst: dict[str, int] = {}
+    miss = [float(np.mean(r * r)) for r in d.baseline.residuals]
+    for i, o in enumerate(system.observations):
+        kind = str(o.labels.get("kind"))
+        if kind not in worst or miss[i] > miss[worst[kind]]:
+            worst[kind] = i
+    fits = {"baseline": d.baseline}
+    if d.naming and d.naming.named:
+        fits["extended"] = d.naming.best.fit
+    return [
+        {"experiment": system.jumps[i].name, "kind": kind, "model": name, **entries}
+        for kind, i in sorted(worst.items())
+        for name, fit in fits.items()
+        if (entries := _ledger(system, i, fit)) is not None
+    ]
+
+
+def _ledger(system: Jumper, i: int, fit: Fit) -> Mapping[str, Any] | None:
+    jump = system.jumps[i]
+    late = np.flatnonzero(jump.t >= jump.stop)
+    if not late.size:
+        return None
+    apex = float(jump.t[late[np.argmax(jump.y[late])]])
+    model = of_jump(system.build(fit.mechanisms, fit.named), jump.model, fit.named)
+    try:
+        found = energy_ledger(model, jump.forcing, end=apex)
+    except RuntimeError:
+        return None
+    return {
+        "to_s": apex,
+        "motor_J": found.motor + found.impulse,
+        "potential_J": found.potential,
+        "kinetic_J": found.kinetic,
+        "spring_J": found.spring,
+        "losses_J": found.losses,
+    }

@@ -1,0 +1,242 @@
+"""The jumps of a campaign as the diagnosis needs them, and what its films measure of the model beside them."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.schema import InputError, read
+from jumpvision.diagnosis.jumper.jumps import Jump, Measured, Shared
+from jumpvision.inputs.experiment import Campaign, Experiment
+from jumpvision.inputs.model import ModelSpec
+from jumpvision.inputs.parameters import SimulateParams
+from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, RodTrack, RodVideo
+from jumpvision.results.records import BedHeight, Fits, RodMotion
+from jumpvision.stages.bed.height import packing
+from jumpvision.stages.recordings import shared_of
+from jumpvision.stages.rod import total_mass
+from jumpvision.stages.simulate import build_model, driver
+from jumpvision.workflow.run import Outcome
+from jumpvision.workflow.stage import StageWarning
+
+FEWEST, CONDITIONS = 4, 2  # jumps, and different conditions among them, that can tell anything
+LOGGED = "logged_motion"  # kind of a jump that only a motor log describes, such as a planned one
+
+
+def questioned(campaign: Campaign) -> list[Experiment]:
+    """Experiments with a robot, something that drives it and a track, of the ground that most of them have."""
+    usable = [e for e in campaign.experiments if _usable(e)]
+    if not usable:
+        return []
+    ground = Counter(e.ground for e in usable).most_common(1)[0][0]
+    return [e for e in usable if e.ground == ground]
+
+
+def worth_asking(campaign: Campaign) -> bool:
+    """Whether the campaign has a [model] to question and enough jumps for it."""
+    usable = questioned(campaign)
+    motions = {repr(law) if (law := e.section(Actuation)) else e.header.group or e.name for e in usable}
+    return len(usable) >= FEWEST and len(motions) >= CONDITIONS and _has_values(usable)
+
+
+def _has_values(usable: list[Experiment]) -> bool:
+    specs = [e.section(ModelSpec) for e in usable]
+    return any(specs) and not any(s.laws for s in specs if s)
+
+
+def _usable(e: Experiment) -> bool:
+    law = e.section(Actuation)
+    moved = e.section(MotorLog) is not None or (law is not None and law.moves)
+    tracked = "rod_video" in e.sections or "rod_track" in e.sections
+    return moved and tracked and e.section(Robot) is not None and (e.ground == "hard" or "model" in e.sections)
+
+
+def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -> tuple[list[Jump], list[str]]:
+    """(jumps, what was left out and why), from the rod.csv of each experiment's results.
+
+    Raises InputError when the experiments question different models, or when too few jumps are left.
+    """
+    left_out: list[str] = []
+    jumps: list[Jump] = []
+    spec = spec_of(experiments[0])
+    for e in experiments:
+        if spec_of(e) != spec:
+            raise InputError(
+                [
+                    f"{e.path / 'experiment.toml'}: [model] differs from that of {experiments[0].name}; one model is "
+                    "questioned at a time: give it in campaign.toml, or diagnose the experiments in separate campaigns"
+                ]
+            )
+        outcome = outcomes[e.name]
+        file = outcome.results / RodMotion.file
+        if not file.exists():
+            left_out.append(f"{e.name}: {outcome.errors[0] if outcome.errors else 'no track'}")
+            continue
+        jumps.append(_jump(e, outcome.results))
+    conditions = {j.condition for j in jumps}
+    if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
+        raise InputError(
+            [
+                f"diagnose: {len(jumps)} jumps of {len(conditions)} conditions; at least {FEWEST} of {CONDITIONS} are "
+                "needed" + "".join(f"; left out: {why}" for why in left_out)
+            ]
+        )
+    return _conditioned(jumps), left_out
+
+
+def spec_of(e: Experiment) -> ModelSpec:
+    """[model], or the contract's default."""
+    spec: ModelSpec | None = e.section(ModelSpec)
+    if spec is not None and spec.laws:
+        raise InputError([f"{e.path / 'experiment.toml'}: [model.laws]: one set of parameters is questioned at a time; "
+                          "give values in place of laws, and a campaign for each packing"])  # fmt: skip
+    if spec is not None:
+        return spec
+    if e.ground == "hard":
+        return ModelSpec()
+    raise InputError([f"{e.path / 'experiment.toml'}: [model]: missing; on granular ground its parameters are needed"])
+
+
+def _jump(e: Experiment, results: Path) -> Jump:
+    law, log, section = e.section(Actuation), e.section(MotorLog), e.section(Bed)
+    bed = BedHeight.load(results) if (results / BedHeight.file).exists() else None
+    p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
+        model = build_model(e, e.section(Robot), spec_of(e), section, bed)
+        forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams())
+    rod = RodMotion.load(results)
+    t, y, sigma = rod.arrays
+    phi = packing(section, bed)[0]
+    labels = {
+        "kind": law.kind if law else LOGGED,
+        "frequency": law.frequency if law else None,
+        "delay": law.delay if law else 0.0,
+        "volume_fraction": None if phi is None else round(phi, 2),
+    }
+    known = (
+        (LOGGED, e.header.group or e.name) if law is None
+        else (law.kind, law.frequency, law.amplitude, law.start_phase, law.cycles, law.delay)
+    )  # fmt: skip
+    condition = " ".join(str(x) for x in (*known, labels["volume_fraction"]))
+    return Jump(
+        e.name, model, forcing, stop, t, y, e.header.group or condition, condition,
+        law=log is None, labels=labels, sigma=sigma if states_noise(e) else None, shared=common_errors(e, rod),
+    )  # fmt: skip
+
+
+def _conditioned(jumps: list[Jump]) -> list[Jump]:
+    """Trials of a group share a condition."""
+    condition: dict[str, str] = {}
+    for j in jumps:
+        condition.setdefault(j.group, j.condition)
+    return [replace(j, condition=condition[j.group]) for j in jumps]
+
+
+def states_noise(e: Experiment) -> bool:
+    """Whether the noise of the track is stated: our own tracks state it, a table may."""
+    table = e.section(RodTrack)
+    if e.section(RodVideo) is not None or table is None:
+        return True
+    with table.path.open(encoding="utf-8-sig", errors="replace") as file:  # checked as a whole when it was tracked
+        return "sigma_m" in file.readline()
+
+
+def common_errors(e: Experiment, rod: RodMotion) -> Shared:
+    """What the recording shares with others of its apparatus."""
+    s = shared_of(e)
+    lens = rod.lens
+    return Shared(s.apparatus, s.scale, s.offset, s.rate, lens if np.any(lens) else None)
+
+
+CONE = {"C": ("C", 1.0), "mu": ("mu_cone", 1.0), "theta": ("theta_cone_deg", math.pi / 180.0)}  # fits.json, to SI
+ALIKE = 0.01  # relative difference of foot radius, or volume fraction, up to which two experiments tell of one model
+
+
+def measurements(
+    experiments: Sequence[Experiment], outcomes: Mapping[str, Outcome], robot: Robot, phi: float | None
+) -> list[Measured]:
+    """Of all experiments with a foot and a bed like those of the jumps: the cone by grain films (C, mu, theta), the
+    static force by intrusions, the spring by its own test, its damping by ring-downs without a motor. Several of a kind
+    are averaged, what they share is not.
+    """
+    found: dict[str, list[tuple[str, Measured, np.ndarray[Any, Any]]]] = {}
+    for e in experiments:
+        outcome = outcomes.get(e.name)
+        if outcome is None or not (outcome.results / Fits.file).exists() or not _alike(e, robot, phi):
+            continue
+        fits = Fits.load(outcome.results).values
+        kinds = {"film": CONE, "spring test": _own("spring_stiffness")}
+        if "intrusion_log" in e.sections:
+            kinds["intrusion"] = _own("k1", "k2", "delta")
+        if (damping := _damping(e)) is not None:
+            kinds["ring-down"] = {"spring_damping": ("zeta", damping)}
+        for kind, names in kinds.items():
+            if (seen := _read(fits, names, f"{kind} {e.name}")) is not None:
+                found.setdefault(kind, []).append((e.name, *seen))
+    return [_together(kind, seen) for kind, seen in found.items()]
+
+
+def _own(*names: str) -> dict[str, tuple[str, float]]:
+    return {n: (n, 1.0) for n in names}
+
+
+def _damping(e: Experiment) -> float | None:
+    """2 sqrt(k M) [N s/m], by which zeta is the spring's damping; None where a motor moves or the robot is unknown."""
+    robot, law = e.section(Robot), e.section(Actuation)
+    mass = total_mass(robot)
+    if robot is None or not robot.spring_stiffness or mass is None or (law is not None and law.moves):
+        return None
+    return 2.0 * math.sqrt(robot.spring_stiffness * mass)
+
+
+def _alike(e: Experiment, robot: Robot, phi: float | None) -> bool:
+    """Whether what an experiment measures of foot and sand is that of the jumps."""
+    own, bed = e.section(Robot), e.section(Bed)
+    pairs = [(own.foot_radius if own else None, robot.foot_radius), (bed.volume_fraction if bed else None, phi)]
+    return all(a is None or b is None or abs(a - b) <= ALIKE * abs(b) for a, b in pairs)
+
+
+def _read(
+    fits: Mapping[str, Any], names: Mapping[str, tuple[str, float]], source: str
+) -> tuple[Measured, np.ndarray[Any, Any]] | None:
+    """(what fits.json says of these parameters, its covariance that other experiments share); None where nothing."""
+    have = {n: (fits[key], unit) for n, (key, unit) in names.items() if fits.get(key, {}).get("sigma")}
+    if not have:
+        return None
+    value = np.array([f["value"] * u for f, u in have.values()])
+    sigma = np.array([f["sigma"] * u for f, u in have.values()])
+    common = np.array([f.get("sigma_common", 0.0) * u for f, u in have.values()])
+    keys = list(have)
+    correlation = np.eye(len(keys))
+    for i, a in enumerate(keys):
+        for j, b in enumerate(keys):
+            entry = fits.get(f"correlation_{a}_{b}") or fits.get(f"correlation_{b}_{a}")
+            if i != j and entry and entry["value"] is not None:
+                correlation[i, j] = entry["value"]
+    own = np.sqrt(np.maximum(sigma**2 - common**2, 0.0))
+    shared = np.outer(common, common)
+    return Measured(tuple(keys), value, correlation * np.outer(own, own) + shared, source), shared
+
+
+def _together(kind: str, seen: Sequence[tuple[str, Measured, np.ndarray[Any, Any]]]) -> Measured:
+    """The mean of several measurements of the same parameters, its covariance widened where they scatter by more."""
+    names = max((m.names for _, m, _ in seen), key=len)
+    seen = [x for x in seen if x[1].names == names]
+    if len(seen) == 1:
+        return seen[0][1]
+    shared = np.mean([s for _, _, s in seen], axis=0)
+    weights = [np.linalg.inv(m.covariance - s) for _, m, s in seen]
+    covariance = np.linalg.inv(np.sum(weights, axis=0))
+    mean = covariance @ np.sum([w @ m.values for w, (_, m, _) in zip(weights, seen)], axis=0)
+    chi2 = sum(float((m.values - mean) @ w @ (m.values - mean)) for w, (_, m, _) in zip(weights, seen))
+    wider = max(1.0, chi2 / (len(names) * (len(seen) - 1)))
+    plural = {"film": "grain films"}.get(kind, kind + "s")
+    return Measured(names, mean, covariance * wider + shared, f"{len(seen)} {plural}")

@@ -1,0 +1,241 @@
+"""What a person sees in the terminal: results on stdout, progress and messages on stderr."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, Self
+
+from jumpvision.campaign.beside import chance, confirmation_rows, details, models, overview, parameter_rows, unit_of
+from jumpvision.inputs.experiment import Campaign
+from jumpvision.results.records import plain
+from jumpvision.workflow.run import Outcome
+
+
+def line(text: str) -> None:
+    """One line on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+class Progress:
+    """Progress on stderr: a bar of frames for one experiment, one line an experiment for a campaign."""
+
+    def __init__(self, total: int):
+        self.total, self.done, self.began, self.bar = total, 0, time.perf_counter(), None
+        self.tasks: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.bar is not None:
+            self.bar.stop()
+
+    def frames(self, what: str, done: int, total: int | None) -> None:
+        """Hook of `progress.watch`."""
+        if not sys.stderr.isatty():
+            if total and done == total:
+                line(f"{what}: {done} done")
+            return
+        if self.bar is None:
+            from rich.console import Console
+            from rich.progress import Progress as Bar
+
+            self.bar = Bar(console=Console(stderr=True), transient=True)  # type: ignore[assignment]
+            self.bar.start()  # type: ignore[attr-defined]
+        if what not in self.tasks or done == 0:
+            self.tasks[what] = self.bar.add_task(what, total=total)  # type: ignore[attr-defined]
+        self.bar.update(self.tasks[what], completed=done)  # type: ignore[attr-defined]
+
+    def experiment(self, outcome: Outcome) -> None:
+        """One finished experiment, with the time left."""
+        self.done += 1
+        left = (time.perf_counter() - self.began) / self.done * (self.total - self.done)
+        state = "failed" if outcome.errors else "computed" if outcome.computed else "cached"
+        line(f"[{self.done}/{self.total}] {outcome.name}: {state} ({outcome.seconds:.1f} s; {left:.0f} s left)")
+
+
+def result(data: Any, rows: list[dict[str, Any]], *, as_json: bool) -> None:
+    """A result as JSON or as a table."""
+    if as_json:
+        print(json.dumps(plain(data), indent=1))
+    elif rows:
+        table(rows)
+
+
+def table(rows: list[dict[str, Any]], title: str | None = None) -> None:
+    """Rows with the same keys as a table that fits a terminal and a log file."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    numeric = {k for k in rows[0] if all(_is_number(r[k]) for r in rows if r[k] not in (None, ""))}
+    out = Table(title=title, title_justify="left", header_style="bold", box=None, pad_edge=False)
+    for key in rows[0]:
+        out.add_column(
+            Text(key), justify="right" if key in numeric else "left", no_wrap=key in numeric, overflow="fold"
+        )
+    for row in rows:
+        out.add_row(*(Text("" if v is None else str(v)) for v in row.values()))
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=200)
+    console.print(out)
+
+
+def _is_number(value: Any) -> bool:
+    text = str(value).split(" ")[0]
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+CERTAIN = 99.0  # log10 of odds: more says nothing
+
+
+def said(diagnosis: dict[str, Any]) -> list[str]:
+    """The verdict, and what confirms it."""
+    return [text for text in (diagnosis["sentence"], diagnosis.get("confirmed")) if text]
+
+
+def found_beside_truth(data: dict[str, Any], campaign: Campaign) -> None:
+    """The parameters of the named mechanisms, and what films or tests measure of them, each beside the truth."""
+    for title, rows in (
+        ("parameters of the named mechanisms", parameter_rows(data, campaign)),
+        ("measured by films or tests, and by the jumps alone", confirmation_rows(data, campaign)),
+    ):
+        if rows:
+            print()
+            table(rows, title)
+
+
+def diagnosis(data: dict[str, Any], campaign: Campaign, made: list[Path], *, as_json: bool) -> None:
+    """What `diagnose` found: the sentence, the parameters beside the truth, the causes, the gain."""
+    if as_json:
+        print(json.dumps(plain(data), indent=1))
+        return
+    print("\n".join(said(data)))
+    found_beside_truth(data, campaign)
+    rows = []
+    for c in models(data["causes"]):
+        values = ", ".join(
+            f"{n} = {p['value']:.4g} ({p['low']:.4g} to {p['high']:.4g}) {unit_of(p['unit'])}".rstrip()
+            for n, p in c["parameters"].items()
+        )
+        rows.append(
+            {
+                "mechanism": " + ".join([c["mechanism"], *c["with"]]),
+                "probability": f"{c['probability']:.3f}",
+                "held-out gain": f"{c['delta_score']:.0f}",
+                "parameters (90 %)": values,
+            }
+        )
+    if rows:
+        print()
+        table(rows)
+    if g := data["gain"]:
+        line(
+            f"held out: track {1e3 * g['rmse_track_before_m']:.3f} -> {1e3 * g['rmse_track_after_m']:.3f} mm, heights "
+            f"{1e3 * g['rmse_height_before_m']:.2f} -> {1e3 * g['rmse_height_after_m']:.2f} mm rms; "
+            f"ratio {g['ratio']:.1f} ({g['ratio_ci95'][0]:.1f} to {g['ratio_ci95'][1]:.1f})"
+        )
+    if n := data["next_experiment"]:
+        what = f"{n['kind']} at {n['frequency']} Hz" + (f", delay {n['delay']} s" if n["delay"] else "")
+        odds = f"10^{min(n['expected_log10_odds'], CERTAIN):.1f} odds expected"
+        line(f"next experiment: {what} separates {' from '.join(n['separates'])} ({odds})")
+    line("written: " + ", ".join(str(f) for f in made))
+
+
+def outcome(
+    campaign: Campaign,
+    outcomes: list[Outcome],
+    rows: list[dict[str, Any]],
+    results: Path,
+    made: list[Path],
+    *,
+    as_json: bool,
+    single: bool,
+    diagnosis: dict[str, Any] | None = None,
+) -> None:
+    """The end of a command: table on stdout; what was done, skipped, warned of and failed on stderr."""
+    if as_json:
+        data = {
+            "results": str(results),
+            "experiments": [
+                {
+                    "name": o.name,
+                    "results": str(o.results),
+                    "stages": [{"stage": s.stage, "state": s.state, "seconds": s.seconds} for s in o.steps],
+                    "summary": o.summary,
+                    "warnings": o.warnings,
+                    "errors": o.errors,
+                    "not_run": o.not_run,
+                }
+                for o in outcomes
+            ],
+            "excluded": dict(campaign.excluded),
+            "diagnosis": diagnosis,
+        }
+        print(json.dumps(plain(data), indent=1))
+    elif any(o.summary for o in outcomes):
+        rows_of_heights = overview(campaign, [o for o in outcomes if o.summary or o.errors])
+        if len(rows_of_heights[0]) > 1:
+            table(rows_of_heights)
+        if rows_of_details := details(campaign, outcomes):
+            print()
+            table(rows_of_details)
+        if text := chance(campaign, outcomes):
+            print("\n" + text)
+    if diagnosis and not as_json:
+        print("\n" + "\n".join(said(diagnosis)))
+        found_beside_truth(diagnosis, campaign)
+    for o in outcomes:
+        for text in o.warnings:
+            line(f"warning: {o.name}: {text}")
+    for name, why in campaign.excluded.items():
+        line(f"excluded: {name}: {why}")
+    if single and not as_json:
+        for o in outcomes:
+            for text in o.not_run:
+                line(f"not run: {text}")
+    for o in outcomes:
+        for text in o.errors:
+            line(f"error: {text}")
+    computed, failed = sum(o.computed for o in outcomes), sum(bool(o.errors) for o in outcomes)
+    cached = sum(len(o.steps) for o in outcomes) - computed
+    done = (
+        f"{computed} stage results computed, {cached} from the cache"
+        if computed
+        else f"nothing recomputed ({cached} from the cache)"
+    )
+    line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {done}")
+    line(f"results in {results}" + "".join(f"; open {m}" for m in made))
+
+
+def geometry(found: dict[str, Any]) -> None:
+    """The checks of walls, floor and air as a table: of each the experiment that is nearest to its limit."""
+    checks: dict[str, list[tuple[float, str, dict[str, Any]]]] = {}
+    for name, values in found.items():
+        for f in values["findings"]:
+            checks.setdefault(f["check"], []).append((f["value"] / f["limit"], name, f))
+        for law in ("ergun", "wu") if values["fluidisation"] else ():
+            onset = values["fluidisation"][f"onset_{law}_m_s"]
+            entry = {"value": onset, "limit": None, "unit": "m/s", "ok": None}
+            checks.setdefault(f"onset of fluidisation ({law.title()})", []).append((-onset, name, entry))
+    rows = []
+    for check, entries in checks.items():
+        _, name, f = min(entries, key=lambda e: e[0])
+        rows.append(
+            {
+                "check": check, "value": f"{f['value']:.3g}", "needs more than": f["limit"] and f"{f['limit']:.3g}",
+                "unit": f["unit"], "ok": {True: "yes", False: "NO", None: ""}[f["ok"]],
+                "experiment": name if len(entries) == 1 else f"{name}, the worst of {len(entries)}",
+            }
+        )  # fmt: skip
+    if rows:
+        print()
+        table(rows)

@@ -1,0 +1,1 @@
+"""The jumper as a system that can be questioned."""

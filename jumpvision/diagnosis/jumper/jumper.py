@@ -1,0 +1,202 @@
+"""The jumper as a system that can be questioned: tracks of the rod, the model of each jump, the vocabulary."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.schema import InputError
+from jumpvision.diagnosis.system import Observation, Parameter
+from jumpvision.physics.forcing import Forcing, Loop, Segments, Spline
+from jumpvision.physics.model import BED, ROBOT, Model
+from jumpvision.physics.sand.jump import Motion, Tracks, simulate
+
+from .jumps import Jump, coarseness, common, groups, is_common, observation, value
+from .vocabulary import candidates
+
+Array = NDArray[np.float64]
+
+RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
+C_THESIS = 2.7  # scale of the added mass, where nothing in the data says it
+SCATTER = ("start", "bed")  # what may differ from trial to trial
+STIFFNESS = ("k", "k1", "k2", "sigma_cone")
+
+
+class Jumper:
+    """System of jumps that share a robot and a model (`volume_fraction` may differ).
+
+    fit: parameters of the model, or of the robot, that the baseline may re-fit -> (low, high); sigma: standard
+    uncertainties of given ones, used as priors. Raises InputError for a name that the model has not.
+    """
+
+    def __init__(
+        self,
+        jumps: Sequence[Jump],
+        fit: Mapping[str, tuple[float, float]],
+        sigma: Mapping[str, float],
+        workers: int = 2,
+    ) -> None:
+        self.jumps = list(jumps)
+        self.model = self.jumps[0].model
+        self.scattering: tuple[str, ...] = SCATTER
+        self.workers, self.pool = workers, ThreadPoolExecutor(workers)
+        free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
+        self.baseline = (*free, *common(self.jumps))
+        self.apparatus = groups(self.jumps)
+        drives = all(j.law for j in self.jumps)
+        self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
+        self.observations: list[Observation] = []
+        motions = [self._motion(j, j.model, j.t) for j in self.jumps]
+        coarse = coarseness(self.jumps)
+        for jump, motion in zip(self.jumps, motions):
+            self.observations.append(observation(jump, motion, coarse))
+        # trials made alike are simulated once
+        keys = [(_key(j, o.t), k) for j, o, k in zip(self.jumps, self.observations, self.apparatus)]
+        self.like = [keys.index(k) for k in keys]
+        own = [_own(j.model) for j in self.jumps]
+        self.same_model = [own.index(o) for o in own]
+        self.tracks = Tracks(
+            [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
+        )
+
+    def weighted(self, factors: Sequence[Array], scattering: Sequence[str] = SCATTER) -> Jumper:
+        """The same jumps with a factor on the noise of every reading: by jump, (n,) as its track.
+
+        scattering: what is found to differ from trial to trial; nothing else is asked for then.
+        """
+        out = copy.copy(self)
+        out.scattering = tuple(scattering)
+        out.observations = [
+            replace(o, spread=f[np.searchsorted(j.t, o.t)]) for o, j, f in zip(self.observations, self.jumps, factors)
+        ]
+        return out
+
+    def _free(self, name: str, limits: tuple[float, float] | None, sigma: float | None) -> Parameter:
+        owner: Any = self.model if name in ROBOT else self.model.parameters
+        meta = type(owner).__dataclass_fields__[name].metadata
+        given = getattr(owner, name)
+        if given is None and limits is None:
+            raise InputError([f"[model.sigma] {name}: a prior on a value that the model does not give; give {name}"])
+        start = 0.5 * sum(limits) if given is None and limits else float(given)
+        least = meta.get("lo")
+        spread = sigma or math.inf
+        if limits is None:
+            assert sigma is not None
+            limits = (start - 8 * sigma, start + 8 * sigma)
+            limits = (max(limits[0], float(least)) if least is not None else limits[0], limits[1])
+        scale = min(0.1 * (limits[1] - limits[0]), spread if math.isfinite(spread) else math.inf)
+        return Parameter(name, start, limits[0], limits[1], scale, spread, meta["unit"])
+
+    def build(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Model:
+        """The model of the first jump with these mechanisms and values. Raises InputError where it cannot be."""
+        base = self.model
+        values = {n: v for n, v in values.items() if n not in SCATTER and not is_common(n)}
+        terms = list(base.terms)
+        for name in mechanisms:
+            gone = self.candidates[name].replaces
+            terms = [name if t == gone else t for t in terms] if gone else [*terms, name]
+        extra = {k: v for k, v in values.items() if k not in ROBOT}
+        if "depth_drag" in terms and "C" not in extra and base.parameters.C is None:
+            extra["C"] = C_THESIS  # only the product b C shows without the added mass
+        robot: dict[str, Any] = {k: v for k, v in values.items() if k in ROBOT}
+        return replace(base, terms=tuple(terms), parameters=replace(base.parameters, **extra), **robot)
+
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
+        """Heights above rest as the camera reports them [m]; NaN for a model that cannot be."""
+        try:
+            model = self.build(mechanisms, values)
+        except InputError:
+            return [np.full(self.observations[i].t.size, np.nan) for i in which]
+        runs = sorted({self.like[i] for i in which})
+        used = {k: of_jump(model, self.jumps[k].model, values) for k in {self.same_model[i] for i in runs}}
+        out = np.full(self.tracks.t.size, np.nan)
+        times = self.tracks.t + (model.time_shift - values.get("start", 0.0))
+        for i in runs:
+            k, here = self.apparatus[i], self.tracks.places[i]
+            times[here] += value(values, "offset", k) + value(values, "rate", k) * self.tracks.t[here]
+
+        def follow(some: Sequence[int]) -> None:
+            models = [used[self.same_model[i]] for i in some]
+            self.tracks.heights(some, models, times, out, rtol=RTOL, atol=ATOL)
+
+        try:
+            list(self.pool.map(follow, [part for k in range(self.workers) if (part := runs[k :: self.workers])]))
+        except ValueError:
+            out[:] = np.nan
+        out *= model.camera_factor
+        return [self._seen(i, out[self.tracks.places[self.like[i]]], values) for i in which]
+
+    def _seen(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
+        """True heights of an observation as its apparatus reports them [m]."""
+        k, jump, o = self.apparatus[i], self.jumps[i], self.observations[i]
+        height = height * value(values, "scale", k)
+        if jump.shared.lens is not None:
+            height = height + value(values, "lens", k) * jump.shared.lens[np.searchsorted(jump.t, o.t)]
+        return height
+
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> dict[str, list[Array]]:
+        """`start`: when the motor starts [s]; `bed`: stiffness of the sand, as a factor."""
+        steps = {"start": 1e-5, **({"bed": 1e-3} if self.model.ground == "granular" else {})}
+        steps = {n: h for n, h in steps.items() if n in self.scattering}
+        out: dict[str, list[Array]] = {}
+        if not steps:
+            return out
+        at = self.predict(mechanisms, values, which)
+        for name, step in steps.items():
+            moved = self.predict(mechanisms, {**values, name: step}, which)
+            out[name] = [(b - a) / step for a, b in zip(at, moved)]
+        return out
+
+    def height(self, jump: Jump, t: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
+        """The same for one jump, measured or not, at the frames t (n,) [s]."""
+        try:
+            model = of_jump(self.build(mechanisms, values), jump.model, values)
+            motion = self._motion(jump, model, t + model.time_shift - values.get("start", 0.0))
+        except (RuntimeError, ValueError):  # InputError among them
+            return np.full(t.size, np.nan)
+        return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
+
+    @staticmethod
+    def _motion(jump: Jump, model: Model, t: Array) -> Motion:
+        lead = [jump.forcing.start] if t[0] > jump.forcing.start else []
+        return simulate(model, jump.forcing, t=np.concatenate([lead, t]), rtol=RTOL, atol=ATOL, stop=jump.stop)
+
+
+def content(forcing: Forcing | Loop) -> bytes:
+    """Everything of a forcing, to tell whether two are the same."""
+    if isinstance(forcing, Spline):
+        return forcing.knots.tobytes() + forcing.c.tobytes()
+    return forcing.rows.tobytes() if isinstance(forcing, Segments) else repr(forcing).encode()
+
+
+def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
+    return (content(jump.forcing), jump.stop, _own(jump.model), t.tobytes())
+
+
+def _own(model: Model) -> tuple[Any, ...]:
+    return tuple(getattr(model, n) for n in (*ROBOT, *BED))
+
+
+def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
+    """The model with a jump's own bed and robot where they are not fitted; both were checked, so it is not again."""
+    names = [n for n in (*ROBOT, *BED) if n not in values]
+    differ = [n for n in names if getattr(model, n) != getattr(own, n)]
+    stiffer = 1.0 + values.get("bed", 0.0)
+    if not differ and stiffer == 1.0:
+        return model
+    out = copy.copy(model)
+    for n in differ:
+        object.__setattr__(out, n, getattr(own, n))
+    if stiffer != 1.0:
+        k = {n: v * stiffer for n in STIFFNESS if (v := getattr(model.parameters, n)) is not None}
+        object.__setattr__(out, "parameters", replace(model.parameters, **k))
+    return out

@@ -1,0 +1,1 @@
+"""The noise of a campaign, from everything that needs no model."""

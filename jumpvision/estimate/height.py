@@ -1,0 +1,197 @@
+"""Rest height and jump height of the rod from its track (docs/physics.md), and what the exposure does to them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri
+
+from .estimate import Estimate, checked, checked_sigma, scatter_factor
+from .mean import difference_noise, weighted_mean
+
+Array = NDArray[np.float64]
+
+NAN = float("nan")
+ALLOWED = 0.01  # chance that a window wholly on the parabola fails the chi2 test
+SMALLEST = 5  # samples of the smallest window around the maximum
+
+
+@dataclass(frozen=True)
+class JumpHeight:
+    """value [m]: greatest rod height after the motor stops minus rest; motor_rise [m]: the same while the motor runs.
+
+    time [s] of the greatest height. n, chi2 of the fit at the apex. The sigmas hold rest's and the scatter factor.
+    reason: why value is NaN.
+    """
+
+    value: float
+    sigma: float
+    time: float
+    motor_rise: float
+    motor_rise_sigma: float
+    n: int
+    chi2: float
+    reason: str = ""
+
+
+def rest_height(t: ArrayLike, h: ArrayLike, sigma: ArrayLike, *, until: float) -> Estimate:
+    """Weighted mean height [m] before `until` [s], when the motor starts; NaN with a reason without samples there.
+
+    t [s], h, sigma [m], shape (n,); NaN samples (lost frames) are left out. Sigma holds the scatter factor.
+    """
+    t, h, sigma = checked("rest_height", t=t, h=h, sigma=sigma)
+    checked_sigma("rest_height", sigma)
+    before = t < until
+    mean = weighted_mean(h[before], sigma[before], "m")
+    return replace(mean, reason=f"no good sample before {until:g} s") if mean.reason else mean
+
+
+def jump_height(
+    t: ArrayLike,
+    h: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    motor_stop: float,
+    rest: Estimate,
+    foot_frequency: float | None,
+) -> JumpHeight:
+    """Greatest rod height after the motor stops minus the rest height, sub-frame; and the rise while the motor runs.
+
+    t [s] increasing, h [m] up, sigma [m] > 0, shape (n,); NaN samples (lost frames) are left out. motor_stop [s]; rest
+    from `rest_height`. foot_frequency [Hz]: sqrt(k/m_f + k/M)/(2 pi) of a foot hanging from the spring, which shakes
+    the rod in flight by m_f/(M + m_f) of its own motion; None without a foot mass. It is fitted along where given.
+
+    A parabola of free curvature is fitted around the highest stretch of the track. Its window grows sample by sample
+    on both sides as long as the samples stay on it (chi2, and the outer samples apart), so it ends where the flight
+    does. A height still rising or falling at the motor's stop is its value there.
+    """
+    t, h, sigma = checked("jump_height", t=t, h=h, sigma=sigma)
+    checked_sigma("jump_height", sigma)
+    good = np.isfinite(t) & np.isfinite(h) & np.isfinite(sigma)
+    t, h, sigma = t[good], h[good], sigma[good]
+    if np.any(np.diff(t) <= 0.0):
+        raise ValueError("jump_height: t must increase from sample to sample")
+    after, during = t >= motor_stop, t <= motor_stop
+    rise = _greatest(t[during], h[during], sigma[during], None, -math.inf, motor_stop)
+    apex = _greatest(t[after], h[after], sigma[after], foot_frequency, motor_stop, math.inf)
+    if apex is None:
+        reason, apex = f"fewer than {SMALLEST} good samples after {motor_stop:g} s", (NAN, NAN, NAN, 0, NAN)
+    else:
+        reason = "" if math.isfinite(rest.value) else f"no rest height: {rest.reason}"
+    value, spread, when, n, chi2 = apex
+    up, up_spread = rise[:2] if rise is not None else (NAN, NAN)
+    return JumpHeight(
+        value - rest.value,
+        math.hypot(spread, rest.sigma),
+        when,
+        up - rest.value,
+        math.hypot(up_spread, rest.sigma),
+        n,
+        chi2,
+        reason,
+    )
+
+
+def _greatest(
+    t: Array, h: Array, sigma: Array, frequency: float | None, begin: float, end: float
+) -> tuple[float, float, float, int, float] | None:
+    """(height, sigma, time, n, chi2) of the highest point of the samples given; None with too few.
+
+    begin, end [s]: the interval that the samples stand for; the fit is carried on to it from the first or last sample.
+    """
+    if t.size < SMALLEST:
+        return None
+    smooth = np.convolve(h, np.full(3, 1.0 / 3.0), mode="valid")  # so that no single noisy sample is the maximum
+    top = int(np.argmax(smooth)) + 1
+    scale = max(1.0, difference_noise(h) / float(np.median(sigma)))
+    lo = max(0, min(top - SMALLEST // 2, t.size - SMALLEST))
+    hi = lo + SMALLEST
+    growing = True
+    while growing:
+        growing = False
+        for side in (0, 1):
+            for step in (1, 2, 3):  # one chance failure does not end the window
+                new = (lo - step, hi) if side == 0 else (lo, hi + step)
+                if new[0] >= 0 and new[1] <= t.size and _on_parabola(t, h, scale * sigma, *new, side):
+                    lo, hi = new
+                    growing = True
+                    break
+    # the samples in which a departure built up before it was noticed
+    trim = (hi - lo) // 10
+    lo, hi = lo + (trim if lo > 0 else 0), hi - (trim if hi < t.size else 0)
+    k = slice(lo, hi)
+    when0, span = t[top], max(t[hi - 1] - t[top], t[top] - t[lo])
+    design = _design(t[k], when0, span, frequency if hi - lo >= 9 else None)
+    p, cov, chi2 = _solve(design, h[k], sigma[k])
+    first = begin if lo == 0 and math.isfinite(begin) else t[lo]
+    last = end if hi == t.size and math.isfinite(end) else t[hi - 1]
+    fine = np.linspace(first, last, 16 * (hi - lo) + 1)
+    curve = _design(fine, when0, span, frequency if hi - lo >= 9 else None)
+    best = int(np.argmax(curve @ p))
+    row = curve[best]
+    factor = scatter_factor(chi2, hi - lo - p.size)
+    return float(row @ p), factor * math.sqrt(float(row @ cov @ row)), float(fine[best]), hi - lo, chi2
+
+
+def _on_parabola(t: Array, h: Array, sigma: Array, lo: int, hi: int, side: int) -> bool:
+    """Whether samples lo..hi lie on one parabola, and the three outermost of one side on that of the others."""
+    design = _design(t[lo:hi], t[lo], t[hi - 1] - t[lo], None)
+    p, _, chi2 = _solve(design, h[lo:hi], sigma[lo:hi])
+    if chi2 > chdtri(hi - lo - 3, ALLOWED) or p[2] >= 0.0:
+        return False
+    if hi - lo < SMALLEST + 3:
+        return True
+    outer = np.zeros(hi - lo, dtype=bool)
+    outer[: 3 if side == 0 else 0] = True
+    outer[hi - lo - (0 if side == 0 else 3) :] = True
+    q, cov, _ = _solve(design[~outer], h[lo:hi][~outer], sigma[lo:hi][~outer])
+    miss = float(np.mean(h[lo:hi][outer] - design[outer] @ q))
+    row = design[outer].mean(axis=0)
+    spread = math.sqrt(float(row @ cov @ row) + float(np.mean(sigma[lo:hi][outer] ** 2)) / 3.0)
+    return abs(miss) < 2.6 * spread
+
+
+def _design(t: Array, centre: float, span: float, frequency: float | None) -> Array:
+    d = (t - centre) / span
+    columns = [np.ones_like(d), d, d * d]
+    if frequency is not None:
+        angle = 2.0 * math.pi * frequency * (t - centre)
+        columns += [np.cos(angle), np.sin(angle)]
+    return np.stack(columns, axis=1)
+
+
+def _solve(design: Array, y: Array, sigma: Array) -> tuple[Array, Array, float]:
+    a, b = design / sigma[:, None], y / sigma
+    cov: Array = np.linalg.pinv(a.T @ a).astype(np.float64)
+    p = cov @ (a.T @ b)
+    return p, cov, float(np.sum((b - a @ p) ** 2))
+
+
+FARTHEST = 1.5  # median frame intervals: an acceleration over wider gaps is not taken
+
+
+def exposure_shift(time: Array, height: Array, exposure: float) -> Array:
+    """By how much the mean over the exposure lies above the height at its middle [unit of height], (n,).
+
+    To first order a T^2/24, with the acceleration a from the second difference of neighbours (steps may differ); for
+    an oscillation of frequency f it is what the factor sinc(f T) takes from the amplitude. NaN where a neighbour is
+    missing. time: (n,) [s], increasing; height: (n,), NaN = no data; exposure: T [s].
+    """
+    out = np.full(len(height), np.nan)
+    if len(height) < 3:
+        return out
+    step = np.diff(time)
+    speed = np.diff(height) / step
+    acceleration = 2.0 * np.diff(speed) / (step[:-1] + step[1:])
+    far = np.maximum(step[:-1], step[1:]) > FARTHEST * np.median(step)
+    out[1:-1] = np.where(far, np.nan, acceleration * exposure**2 / 24.0)
+    return out
+
+
+def shift_sigma(sigma: Array, time: Array, exposure: float) -> Array:
+    """Standard uncertainty of height - exposure_shift from that of the heights, (n,), independent between frames."""
+    part = (exposure / float(np.median(np.diff(time)))) ** 2 / 24.0  # of the second difference
+    return np.asarray(sigma * np.sqrt((1.0 + 2.0 * part) ** 2 + 2.0 * part**2))

@@ -1,0 +1,210 @@
+"""Pictures and sequences of pictures: size, wholeness and pixels as grey, in natural order (2 before 10)."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .base import Film, FrameError, Image, check_image, clock
+from .grey import single_channel
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
+TAIL = 2**16  # bytes at the end of a file where a JPEG's end marker is looked for; cameras append notes after it
+MAX_COMPRESSION = 2000  # pixels a byte; deflate reaches 1032, JPEG fewer: a larger claim is a damaged header
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(height, width) of an image. Raises FrameError when the file is empty, torn or no image."""
+    nbytes = path.stat().st_size
+    if nbytes == 0:
+        raise FrameError(f"{path}: the image is empty (0 bytes); copy it again or leave it out")
+    suffix = path.suffix.lower()
+    if suffix in (".tif", ".tiff"):
+        from .tiff import TiffFilm
+
+        with TiffFilm(path, frame_rate=1.0, start=0.0) as film:
+            if len(film) != 1:
+                raise FrameError(
+                    f"{path}: {len(film)} pages; an image sequence needs one a file; open the stack itself"
+                )
+            return film.shape
+    with path.open("rb") as file:
+        head = file.read(2**20)
+        file.seek(max(nbytes - TAIL, 0))
+        tail = file.read()
+    size = {".png": png_size, ".bmp": bmp_size, ".pgm": pnm_size, ".ppm": pnm_size}.get(suffix, jpeg_size)(head, tail)
+    if size is None:
+        raise FrameError(f"{path}: the image is torn or no {suffix} image; copy it again or leave it out")
+    check_image(path, *size)
+    if size[0] * size[1] > MAX_COMPRESSION * nbytes:
+        raise FrameError(f"{path}: {size[0]} x {size[1]} pixels in {nbytes} bytes (damaged header?); copy it again")
+    return size
+
+
+def read_image(path: Path) -> Image:
+    """(height, width) grey at the file's own depth, as stored: a turning note (EXIF) is not obeyed."""
+    suffix = path.suffix.lower()
+    if suffix in (".tif", ".tiff"):
+        from .tiff import TiffFilm
+
+        with TiffFilm(path, frame_rate=1.0, start=0.0) as film:
+            return film[0]
+    if suffix in (".pgm", ".ppm"):
+        return single_channel(read_pnm(path), path)
+    import cv2
+
+    try:
+        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise FrameError(f"{path}: cannot be decoded: {error}; copy it again or leave it out") from error
+    if image is None:
+        raise FrameError(f"{path}: the image is damaged and cannot be decoded; copy it again or leave it out")
+    return single_channel(np.asarray(image), path, order="bgr")
+
+
+def png_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
+    if not head.startswith(b"\x89PNG\r\n\x1a\n") or len(head) < 33 or b"IEND" not in tail:
+        return None
+    width, height = struct.unpack_from(">II", head, 16)
+    return height, width
+
+
+def bmp_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
+    if not head.startswith(b"BM") or len(head) < 54:
+        return None
+    width, height = struct.unpack_from("<ii", head, 18)
+    return abs(height), width
+
+
+def jpeg_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
+    if not head.startswith(b"\xff\xd8") or b"\xff\xd9" not in tail:
+        return None
+    at = 2
+    while at + 9 <= len(head):
+        if head[at] != 0xFF:
+            return None
+        marker = head[at + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # start of frame
+            height, width = struct.unpack_from(">HH", head, at + 5)
+            return height, width
+        at += 2 + (struct.unpack_from(">H", head, at + 2)[0] if marker != 0xFF else -1)  # fill bytes: one step
+    return None
+
+
+PNM = re.compile(rb"P([56])" + 3 * rb"(?:\s+|\s*#[^\n]*\n\s*)+(\d{1,6})" + rb"\s")
+
+
+def pnm_size(head: bytes, tail: bytes) -> tuple[int, int] | None:
+    match = PNM.match(head[:4096])
+    return (int(match[3]), int(match[2])) if match else None
+
+
+def read_pnm(path: Path) -> NDArray[Any]:
+    """Binary PGM or PPM, values as stored. (OpenCV 5.0 gives the two bytes of 16-bit PGM in the wrong order.)"""
+    with path.open("rb") as file:
+        match = PNM.match(file.read(4096))
+        if match is None:
+            raise FrameError(f"{path}: not a binary PGM or PPM image; save it as PNG")
+        file.seek(match.end())
+        width, height, largest = (int(g) for g in match.groups()[1:])
+        check_image(path, height, width)
+        dtype = np.dtype(np.uint8 if largest < 256 else ">u2")
+        shape = (height, width) if match[1] == b"5" else (height, width, 3)
+        data = np.fromfile(file, dtype, min(int(np.prod(shape)), path.stat().st_size // dtype.itemsize))
+    if data.size < np.prod(shape):
+        raise FrameError(f"{path}: the image is torn ({data.size} of {int(np.prod(shape))} values); copy it again")
+    return data.reshape(shape)
+
+
+class ImageFilm(Film):
+    """Images as the frames of a film; all of one size and depth. Times come from the declared frame rate and, where
+    the files are numbered with gaps, from their numbers: a missing image leaves a gap in time, it shifts nothing."""
+
+    def __init__(
+        self, path: Path, *, files: Sequence[Path] | None = None, frame_rate: float | None, start: float
+    ) -> None:
+        self._files = list(files or [path])
+        sizes = [image_size(file) for file in self._files]  # before a pixel is decoded: a damaged size is refused here
+        first = read_image(self._files[0])
+        for file, size in zip(self._files, sizes):
+            if size != first.shape:
+                raise FrameError(
+                    f"{file}: {size[0]} x {size[1]} pixels, but {self._files[0].name} has {first.shape[0]} x "
+                    f"{first.shape[1]}; a film needs one size; leave it out or give a pattern that does"
+                )
+        positions, warnings = numbered(path, self._files)
+        super().__init__(
+            path,
+            shape=(first.shape[0], first.shape[1]),
+            dtype=first.dtype,
+            clock=clock(path, len(self._files), start=start, frame_rate=frame_rate, positions=positions),
+            warnings=warnings,
+            meta={"format": "images", "bit_depth": 8 * first.dtype.itemsize},
+        )
+
+    def _read(self, i: int) -> Image:
+        file = self._files[i]
+        image = read_image(file)
+        if image.shape != self.shape or image.dtype != self.dtype:
+            raise FrameError(
+                f"{file}: {image.shape} {image.dtype}, but the film has {self.shape} {self.dtype}; "
+                "save all images of a film alike"
+            )
+        return image
+
+    def close(self) -> None:
+        self._files = []
+
+
+def natural(path: Path) -> list[str | int]:
+    return [int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", path.name.lower())]
+
+
+def image_files(path: Path) -> list[Path]:
+    """The images of a folder or pattern in natural order. Raises FrameError for none or a mixed folder."""
+    if path.is_dir():
+        files = [
+            f for f in path.iterdir() if f.suffix.lower() in SUFFIXES and not f.name.startswith(".") and f.is_file()
+        ]
+        kinds = Counter(f.suffix.lower() for f in files)
+        if len(kinds) > 1:
+            found = ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items()))
+            raise FrameError(
+                f"{path}: the folder mixes {found} images; give a pattern such as {path.name}/*{min(kinds)}"
+            )
+    else:
+        files = [f for f in path.parent.glob(path.name) if f.is_file()]
+        for file in files:
+            if file.suffix.lower() not in SUFFIXES:
+                raise FrameError(
+                    f"{file}: no image, but matches {path.name}; allowed: {' '.join(SUFFIXES)}; narrow the pattern"
+                )
+    if not files:
+        raise FrameError(f"{path}: no image here; allowed: {' '.join(SUFFIXES)}")
+    return sorted(files, key=lambda f: (natural(f), f.name))
+
+
+def numbered(path: Path, files: Sequence[Path]) -> tuple[NDArray[np.float64] | None, list[str]]:
+    """(frame numbers from 0 or None, warnings): gaps in the last number of names that agree in all else."""
+    parts = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", f.stem) for f in files]
+    if len(files) < 3 or not all(parts) or len({(p[1], p[3]) for p in parts if p}) > 1:
+        return None, []
+    numbers = np.array([float(p[2]) for p in parts if p])
+    gaps = np.diff(numbers)
+    step = float(np.median(gaps))
+    if step <= 0 or (gaps == step).all():
+        return None, []
+    if (gaps % step).any() or (gaps <= 0).any():
+        return None, [f"{path}: the images are numbered unevenly; they are timed as if none were missing"]
+    k = int(np.argmax(gaps != step))
+    missing = int((gaps / step - 1).sum())
+    return (numbers - numbers[0]) / step, [
+        f"{path}: {missing} images are missing by their numbers, first after {files[k].name}; their times are left free"
+    ]

@@ -1,0 +1,215 @@
+"""Downward momentum of the grains and the added mass of the foot (PHYSICS.md section 2, thesis section 3.3.5)."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .gradients import correlated_variance
+
+Array = NDArray[np.float64]
+
+ANGLE = {"full": 2.0 * math.pi, "half": math.pi}  # rad of the disc that pushes grains: whole, or half at the wall
+PUSHING = 0.5  # of the foot's speed: slower grains under it are not pushed by it (it is in the air, or has a gap below)
+MIN_RATIO = 5.0  # foot speed / its sigma below which P / v is left out: it has no symmetric uncertainty there
+
+
+class Momentum(NamedTuple):
+    """value, sigma [kg m/s], positive DOWN. covered: share of the domain's volume that was measured or filled.
+
+    Grains outside that share are not in the value.
+    """
+
+    value: float
+    sigma: float
+    covered: float
+
+
+def grain_momentum(
+    v: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    v_sigma: ArrayLike,
+    valid: ArrayLike,
+    *,
+    top: float,
+    bottom: float,
+    left: float,
+    right: float,
+    axis_x: float,
+    density: float,
+    volume_fraction: float,
+    disc: str,
+    correlation_length: float,
+    error_length: float | None = None,
+    foot: tuple[float, float] | None = None,
+) -> Momentum:
+    """P = -rho phi c int int v r dr dh over left..right, bottom..top; c = 2 pi for a full disc, pi for a half foot.
+
+    v, v_sigma [m/s], v positive UP (the value, positive down, has the opposite sign), valid [bool]: shape (ny, nx).
+    x (nx,), y (ny,) [m] strictly monotonic cell centres, y up. Domain [m]: top is the foot's face (vectors above it do
+    not count), bottom, left and right the edges of the picture or of the bed. axis_x [m]: the foot's axis. density
+    rho [kg/m^3] of the grains' material. correlation_length: window width / grid step (`grains.gradients`);
+    error_length: the same for the errors, where smoothing has made them alike over more than a window. foot: its radius
+    [m] and velocity [m/s, up], where known.
+
+    Both half planes are measured and azimuthal symmetry is assumed: radii seen on both sides are averaged, radii seen
+    on one side only count in full. Every cell is weighted with its exact int r dr inside the domain, and the outermost
+    cells reach as far as their windows do, half a window from the centre. Missing vectors:
+
+    - holes along a row narrower than a window (at least one cell) are interpolated linearly. A filled value carries,
+      besides the errors of the two vectors beside it, their difference over sqrt(12) (it may lie anywhere between
+      them), common to the cells of one hole;
+    - cells within half a window of the next vector in their column (the gap below the foot's face) are extrapolated
+      with the slope over the half window beyond it, where that is measured, else take its value; what the slope adds
+      counts as uncertain by 1/sqrt(3) of itself, common to all such cells;
+    - a foot that pushes (PUSHING) cannot pass through grains: where the slope would leave them slower than it at its
+      face, they are interpolated linearly to its velocity there; the difference over sqrt(12), common to all;
+    - the border of the picture beyond the outermost cells (half a window, and what the grid leaves over, less than a
+      step) takes the value of the nearest vector; what the slope beside it would change there counts as uncertain by
+      1/sqrt(3), common to all of the border;
+    - the rest stays empty and lowers `covered`.
+
+    The sigma does not hold the errors of rho, phi, the scale and the axis, which are common to all frames.
+    """
+    v, x, y = (np.asarray(a, dtype=float) for a in (v, x, y))
+    sigma, ok = np.asarray(v_sigma, dtype=float), np.asarray(valid, dtype=bool)
+    for name, field in (("v_sigma", sigma), ("valid", ok)):
+        if v.ndim != 2 or field.shape != v.shape:
+            raise ValueError(f"grain_momentum: {name} has shape {field.shape}, v has {v.shape}; both must be (ny, nx)")
+    if disc not in ANGLE:
+        raise ValueError(f"grain_momentum: disc = {disc!r} must be 'half' (foot flush with the wall) or 'full'")
+    if not (bottom < top and left < right):
+        raise ValueError(
+            f"grain_momentum: empty domain: bottom {bottom:g}, top {top:g}, left {left:g}, right {right:g} m"
+        )
+    ok = ok & np.isfinite(v) & np.isfinite(sigma) & (y < top)[:, None]
+    if np.any(sigma[ok] < 0.0):
+        raise ValueError("grain_momentum: v_sigma has a negative value at a valid vector")
+    half = 0.5 * max(1.0, correlation_length)  # of a window, in grid steps
+    factor = density * volume_fraction * ANGLE[disc]
+
+    def heights(reach: float) -> Array:
+        return np.clip(_edges("y", y, v.shape[0], reach), bottom, top)
+
+    def weights(reach: float) -> Array:
+        height = np.abs(np.diff(heights(reach)))
+        edges = np.clip(_edges("x", x, v.shape[1], reach), left, right) - axis_x
+        return np.asarray(factor * height[:, None] * _ring(edges)[None, :])
+
+    weight = weights(half + 1.0)  # the windows, and what the grid leaves beyond them
+    border = weight - weights(0.5)
+    total = factor * (top - bottom) * 0.5 * max(axis_x - left, right - axis_x, 0.0) ** 2
+    if not ok.any() or not total > 0.0:
+        return Momentum(math.nan, math.nan, 0.0)
+
+    shares = np.where(ok, weight, 0.0)  # P = -sum shares v over the measured cells, filled cells shared out to them
+    filled, hole_variance = ok.copy(), 0.0
+    for i in range(v.shape[0]):
+        for a, b in pairwise(np.flatnonzero(ok[i]).tolist()):
+            if not 1 < b - a <= max(2.0, 2.0 * half):
+                continue
+            k = np.arange(a + 1, b)
+            part, w = (x[k] - x[a]) / (x[b] - x[a]), weight[i, k]
+            shares[i, a] += float(np.sum(w * (1.0 - part)))
+            shares[i, b] += float(np.sum(w * part))
+            filled[i, k] = True
+            hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
+    held, drift = float(weight[filled].sum()), _border_drift(border, v, ok, 0.5 * half + 0.75)
+    base = math.ceil(half)
+    inside = heights(half + 1.0)
+    middle = 0.5 * (inside[1:] + inside[:-1])  # of the part of a cell below the face
+    under, rising = _pushed(v, ok, x - axis_x, y, foot)
+    at_face = bridged = 0.0
+    for i, j in zip(*np.nonzero(~filled & (weight > 0.0))):
+        at = np.flatnonzero(ok[:, j])
+        near = int(at[np.argmin(np.abs(at - i))]) if at.size else -1
+        if near < 0 or abs(near - i) > max(1, base):
+            continue
+        far = near + base * (1 if near > i else -1)
+        there = 0 <= far < y.size and ok[far, j]
+        slope = (v[near, j] - v[far, j]) / (y[near] - y[far]) if there else 0.0
+        held += float(weight[i, j])
+        if under[j] and y[i] > y[near] and v[near, j] + slope * (top - y[near]) > rising:
+            part = weight[i, j] * (middle[i] - y[near]) / (top - y[near])
+            shares[near, j] += weight[i, j] - part
+            at_face += float(part * rising)
+            bridged += float(weight[i, j] * (rising - v[near, j]))
+            continue
+        reach = (middle[i] - y[near]) / (y[near] - y[far]) if there else 0.0
+        shares[near, j] += weight[i, j] * (1.0 + reach)
+        if reach:
+            shares[far, j] -= weight[i, j] * reach
+            drift += float(weight[i, j] * reach * (v[near, j] - v[far, j]))
+    noise = correlated_variance(
+        np.where(ok, shares * np.where(ok, sigma, 0.0), 0.0), error_length or correlation_length
+    )
+    value = -float(np.sum(shares[ok] * v[ok])) - at_face
+    variance = noise + hole_variance + drift**2 / 3.0 + bridged**2 / 12.0
+    return Momentum(value, math.sqrt(variance), held / total)
+
+
+def added_mass(
+    momentum: ArrayLike,
+    momentum_sigma: ArrayLike,
+    foot_speed: ArrayLike,
+    foot_speed_sigma: ArrayLike,
+    *,
+    min_speed: float,
+) -> tuple[Array, Array]:
+    """(m_a, sigma) [kg] = P / v_foot; momentum [kg m/s] and foot_speed [m/s] both positive DOWN, any common shape.
+
+    NaN where |v_foot| < min_speed [m/s] or < MIN_RATIO of its own sigma: the quotient is singular there; a masked value
+    is honest, a clipped one is not. P and v_foot are taken as independent.
+    """
+    p, ps, v, vs = (np.asarray(a, dtype=float) for a in (momentum, momentum_sigma, foot_speed, foot_speed_sigma))
+    use = (np.abs(v) >= min_speed) & (np.abs(v) >= MIN_RATIO * vs) & (v != 0.0)
+    v = np.where(use, v, np.nan)
+    mass = p / v
+    return mass, np.hypot(ps, mass * vs) / np.abs(v)
+
+
+def _pushed(
+    v: Array, ok: NDArray[np.bool_], r: Array, y: Array, foot: tuple[float, float] | None
+) -> tuple[NDArray[np.bool_], float]:
+    """Columns (nx,) under a foot that pushes grains, and its velocity; none where the uppermost vectors lag behind."""
+    none = np.zeros(r.size, bool)
+    if foot is None or not (math.isfinite(foot[1]) and foot[1] < 0.0):
+        return none, 0.0
+    under = (np.abs(r) < foot[0]) & ok.any(0)
+    uppermost = v[np.argmax(np.where(ok, y[:, None], -np.inf), axis=0), np.arange(r.size)][under]
+    return (under, foot[1]) if uppermost.size and np.median(uppermost) < PUSHING * foot[1] else (none, 0.0)
+
+
+def _edges(name: str, x: Array, size: int, half: float) -> Array:
+    """Cell borders (size + 1,): halfway between centres, the outer two `half` steps from theirs."""
+    step = np.diff(x)
+    if x.shape != (size,) or size < 2 or not (np.all(step > 0.0) or np.all(step < 0.0)):
+        raise ValueError(f"grain_momentum: {name} must be strictly monotonic with shape ({size},), got shape {x.shape}")
+    return np.concatenate(([x[0] - half * step[0]], 0.5 * (x[1:] + x[:-1]), [x[-1] + half * step[-1]]))
+
+
+def _border_drift(border: Array, v: Array, ok: NDArray[np.bool_], way: float) -> float:
+    """What the slopes at the edge of the grid would change in the border's share, on average `way` steps beyond it."""
+    total = 0.0
+    for edge, inner in (
+        (np.s_[0], np.s_[1]),
+        (np.s_[-1], np.s_[-2]),
+        (np.s_[:, 0], np.s_[:, 1]),
+        (np.s_[:, -1], np.s_[:, -2]),
+    ):
+        both = ok[edge] & ok[inner]
+        total += way * abs(float(np.sum((border[edge] * (v[edge] - v[inner]))[both])))
+    return total
+
+
+def _ring(edges: Array) -> Array:
+    """int w r dr [m^2] between neighbouring edges (from the axis), w = 1/2 at radii seen on both sides, 1 on one."""
+    both = max(0.0, min(-float(edges.min()), float(edges.max())))  # radii up to here are in view on both sides
+    outer = np.abs(edges)
+    inner = np.minimum(outer, both)
+    return np.abs(np.diff(np.sign(edges) * (0.25 * inner**2 + 0.5 * (outer**2 - inner**2))))

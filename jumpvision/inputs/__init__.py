@@ -1,0 +1,1 @@
+"""What users bring: experiment folders, their sections and parameters, logs, and values given over them."""

@@ -1,0 +1,257 @@
+"""Experiment and campaign folders: read, inherited, validated as a whole; never written to.
+
+`open_experiment` and `open_campaign` raise InputError with every problem found (file, section, key, value, what is
+allowed), so that a folder is mended in one go.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base import notebook as reprs
+from jumpvision.base.schema import InputError, closest, read
+
+from .model import model_of, read_toml
+from .sections import SECTIONS, Header, Section
+
+EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One validated experiment folder.
+
+    sections: by TOML name, only those given. params: stage name -> table of parameters, not yet checked.
+    campaign: the folder whose campaign.toml it inherits, or None.
+    """
+
+    path: Path
+    name: str
+    header: Header
+    sections: Mapping[str, Any]
+    params: Mapping[str, Mapping[str, Any]]
+    campaign: Path | None = None
+
+    @property
+    def ground(self) -> str:
+        return self.header.ground
+
+    def section(self, cls: type[Section]) -> Any:
+        """The section of this type, or None."""
+        return self.sections.get(cls.name)
+
+    _repr_html_ = reprs.experiment
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A folder of experiments, in the order of their folder names."""
+
+    path: Path
+    experiments: tuple[Experiment, ...]
+    excluded: Mapping[str, str] = field(default_factory=dict)  # experiment name -> reason
+
+    def __getitem__(self, name: str) -> Experiment:
+        """The experiment of this name."""
+        for e in self.experiments:
+            if e.name == name:
+                return e
+        raise InputError([f"{self.path}: no experiment '{name}'{closest(name, [e.name for e in self.experiments])}"])
+
+    def __iter__(self) -> Iterator[Experiment]:
+        return iter(self.experiments)
+
+    _repr_html_ = reprs.campaign
+
+
+def is_campaign(path: Path) -> bool:
+    """A campaign is a folder without experiment.toml of its own that holds experiment folders or a campaign.toml."""
+    return not (path / EXPERIMENT).exists() and ((path / CAMPAIGN).exists() or any(path.glob(f"*/{EXPERIMENT}")))
+
+
+def open_experiment(path: str | os.PathLike[str], **options: Any) -> Experiment:
+    """The experiment folder at `path`, inheriting campaign.toml of the folder above; options as in open_campaign."""
+    folder = _folder(path)
+    if not (folder / EXPERIMENT).exists():
+        raise InputError([f"{folder}: no {EXPERIMENT} in this folder; write one, with the recordings it names"])
+    defaults, problems = _defaults(folder.resolve().parent)
+    experiment, more = _read(folder, defaults, **options)
+    if problems or more or experiment is None:
+        raise InputError(problems + more)
+    return experiment
+
+
+def open_campaign(
+    path: str | os.PathLike[str],
+    *,
+    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Campaign:
+    """Every experiment folder below `path`.
+
+    pipeline: parameters by stage, under those of the folder. overrides: by section or stage, over them.
+    Raises InputError with the problems of all experiments.
+    """
+    folder = _folder(path)
+    defaults, problems = _defaults(folder.resolve())
+    found: list[Experiment] = []
+    excluded: dict[str, str] = {}
+    names: dict[str, Path] = {}
+    for file in sorted(folder.glob(f"*/{EXPERIMENT}")):
+        experiment, more = _read(file.parent, defaults, pipeline=pipeline, overrides=overrides)
+        problems += more
+        if experiment is None:
+            continue
+        if experiment.name in names:
+            problems.append(
+                f"{file}: name = '{experiment.name}': also the name of {names[experiment.name]}; names must be unique"
+            )
+        names[experiment.name] = file
+        if experiment.header.exclude:
+            excluded[experiment.name] = experiment.header.exclude
+        else:
+            found.append(experiment)
+    if not names and not problems:
+        problems.append(f"{folder}: no experiment folders (folders with an {EXPERIMENT}) in this campaign")
+    if problems:
+        raise InputError(problems)
+    return Campaign(folder, tuple(found), excluded)
+
+
+def folder_of(path: str | os.PathLike[str]) -> Path:
+    """The folder meant by a path: itself, or that of the experiment.toml or campaign.toml it names."""
+    path = Path(path)
+    return path.parent if path.name in (EXPERIMENT, CAMPAIGN) and path.is_file() else path
+
+
+def _folder(path: str | os.PathLike[str]) -> Path:
+    folder = folder_of(path)
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        raise InputError([f"{folder}: {what}; give an experiment folder (with {EXPERIMENT}) or a folder of them"])
+    return folder
+
+
+def _defaults(folder: Path) -> tuple[tuple[Path | None, dict[str, Any]], list[str]]:
+    """campaign.toml of a folder as (folder, tables)."""
+    file = folder / CAMPAIGN
+    if not file.exists():
+        return (None, {}), []
+    table, problems = read_toml(file)
+    if "name" in table:
+        problems.append(f"{file}: name = {table['name']!r}: an experiment's own key; remove it from {CAMPAIGN}")
+    return (folder, table), problems
+
+
+def merged(low: Mapping[str, Any], high: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables of `high` over those of `low`, key by key."""
+    out = dict(low)
+    for key, value in high.items():
+        both = isinstance(value, Mapping) and isinstance(out.get(key), Mapping)
+        out[key] = merged(out[key], value) if both else value
+    return out
+
+
+def _read(
+    folder: Path,
+    defaults: tuple[Path | None, Mapping[str, Any]],
+    *,
+    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+) -> tuple[Experiment | None, list[str]]:
+    file = folder / EXPERIMENT
+    own, problems = read_toml(file)
+    if problems:
+        return None, problems
+    campaign, inherited = defaults
+    table = merged({"params": pipeline or {}}, merged(inherited, own))
+    overrides = overrides or {}
+    table = merged(table, {k: v for k, v in overrides.items() if k != "params"})
+    table = merged(table, {"params": overrides.get("params", {})})
+
+    where = f"{file}:"
+    if other := _other_schema(table.get("schema", SCHEMA)):
+        return None, [f"{where} schema = {table['schema']}: {other}"]
+    known = {*SECTIONS, "model", "params"}
+    problems = [
+        f"{where} {k} = {v!r}: must be a table, written [{k}]"
+        for k, v in table.items()
+        if k in known and not isinstance(v, Mapping)
+    ]
+    tables = {k: v for k, v in table.items() if isinstance(v, Mapping) and k not in _HEADER}
+    header, more = read(Header, {k: v for k, v in table.items() if k not in tables and k not in known}, where)
+    problems += more
+    sections: dict[str, Any] = {}
+    for key, value in tables.items():
+        if key == "model":
+            sections[key], more = model_of(value, f"{where} [model]")
+        elif key in SECTIONS:
+            sections[key], more = read(SECTIONS[key], value, f"{where} [{key}]")
+        elif key not in known:
+            more = [f"{where} [{key}]: unknown section{closest(key, known)}"]
+        else:
+            more = []
+        problems += more
+    for key, section in sections.items():
+        file_name = table[key].get("file")
+        if isinstance(file_name, str) and "file" in getattr(SECTIONS.get(key), "__dataclass_fields__", ()):
+            problem = _file_problem(folder, campaign, file_name)
+            problems += [f"{where} [{key}] file = '{file_name}': {problem}"] if problem else []
+            if section is not None:
+                sections[key] = replace(section, path=(folder / file_name).absolute())
+    problems += _params(tables.get("params", {}), where)
+    if header is None or problems:
+        return None, problems
+    name = header.name or folder.resolve().name
+    if not name.strip(". ") or any(c in name for c in '/\\:*?"<>|\0'):
+        return None, [f"{where} name = '{name}': must be usable as a folder name"]
+    return Experiment(folder, name, header, sections, tables.get("params", {}), campaign), []
+
+
+_HEADER = {f.name for f in fields(Header)}
+SCHEMA = 1
+
+
+def _other_schema(number: Any) -> str:
+    """What to do about a folder of another format, "" for the present one (other types are refused with the rest)."""
+    if isinstance(number, bool) or not isinstance(number, int) or number == SCHEMA:
+        return ""
+    if number > SCHEMA:
+        return f"newer than this jumpvision reads ({SCHEMA}); update it: pip install --upgrade jumpvision"
+    return f"older than any format there was; write schema = {SCHEMA} and run jumpvision check on the folder"
+
+
+def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
+    """Why a recording cannot be used; "" when it can."""
+    if not file:
+        return "must name a file"
+    root = os.path.abspath(campaign or folder)
+    target = os.path.abspath(folder / file)
+    if os.path.commonpath([root, target]) != root:
+        return f"lies outside {root}; move the recording there, or put a link to it there"
+    if any(c in file for c in "*?["):
+        return "" if glob.glob(str(folder / file)) else f"no file in {folder} matches this pattern"
+    path = folder / file
+    if not path.exists():
+        return f"no such file in {folder}{closest(file, [p.name for p in folder.iterdir()])}"
+    if path.is_file() and path.stat().st_size == 0:
+        return "is empty (0 bytes)"
+    return ""
+
+
+def _params(table: Mapping[str, Any], where: str) -> list[str]:
+    """Problems of [params.*] tables; the stages declare what is allowed."""
+    from .parameters import PARAMS
+
+    problems = []
+    for stage, values in table.items():
+        if stage not in PARAMS:
+            problems.append(f"{where} [params.{stage}]: unknown stage{closest(stage, PARAMS)}")
+        else:
+            problems += read(PARAMS[stage], values, f"{where} [params.{stage}]")[1]
+    return problems

@@ -1,0 +1,281 @@
+"""Films, pictures and logs: where they lie and how they were taken."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from jumpvision.base.schema import param
+
+from .section import FileSection, Section
+
+SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
+SCALE_SIGMA: dict[str, Any] = {
+    "default": 0.0, "unit": "m/px", "lo": 0.0,
+    "meaning": "standard uncertainty of the scale, one and the same for all that name it; 0 takes it as exact",
+}  # fmt: skip
+RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
+CLOCK: dict[str, Any] = {
+    "default": "file", "unit": "", "choices": ("file", "declared"),
+    "meaning": "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
+}  # fmt: skip
+TRUNCATED: dict[str, Any] = {
+    "default": "refuse", "unit": "", "choices": ("refuse", "accept"),
+    "meaning": "a film that was cut off: refuse it, or accept its whole frames",
+}  # fmt: skip
+
+LENGTHS = ("px", "m", "cm", "mm", "um")  # of a vector file
+SPEEDS = ("px/frame", "px/s", "m/s", "cm/s", "mm/s", "um/s")
+
+
+@dataclass(frozen=True)
+class Clock(Section):
+    """How well the recordings' clocks are known: one error of each for all experiments that share the apparatus."""
+
+    name: ClassVar[str] = "clock"
+    offset_sigma: float = param(0.0, "s", "standard uncertainty of every recording's start on the common clock", lo=0)
+    rate_sigma: float = param(
+        0.0, "", "relative standard uncertainty of the rate of cameras and contact log", lo=0, hi=0.1
+    )
+
+
+def scale_problems(section: Any) -> list[str]:
+    """A scale that is not even known to its own size: most likely a share was given in place of metres per pixel."""
+    scale, sigma = section.scale, section.scale_sigma
+    if scale is None or sigma < scale:
+        return []
+    return [
+        f"scale_sigma = {sigma:g}: must be below scale = {scale:g} m/px (it is in m/px as well: 1 % of this scale is "
+        f"{0.01 * scale:g})"
+    ]
+
+
+@dataclass(frozen=True)
+class RodVideo(FileSection):
+    """Film of a ball on the rod."""
+
+    name: ClassVar[str] = "rod_video"
+    frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
+    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
+    ball_diameter: float | None = param(None, "m", "diameter of the ball", lo=0, hi=0.5, open_lo=True)
+    exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
+    start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
+    clock: str = param(**CLOCK)
+    truncated: str = param(**TRUNCATED)
+    up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
+    exclude_frames: tuple[str, ...] = param((), "", "frames to leave out: 'first:last reason', both included")
+
+    def check(self) -> list[str]:
+        """Every entry reads 'first:last reason' or 'frame reason'."""
+        bad = [e for e in self.exclude_frames if not _EXCLUDE.match(e)]
+        return scale_problems(self) + [
+            f"exclude_frames entry {e!r}: must read 'first:last reason', e.g. '120:135 lamp flicker'" for e in bad
+        ]
+
+    def excluded(self) -> dict[int, str]:
+        """Reason by frame number."""
+        out = {}
+        for entry in self.exclude_frames:
+            first, last, reason = _EXCLUDE.match(entry).groups()  # type: ignore[union-attr]
+            for i in range(int(first), int(last or first) + 1):
+                out[i] = "excluded: " + (reason.strip() or "by the user")
+        return out
+
+
+_EXCLUDE = re.compile(r"^\s*(\d+)(?::(\d+))?((?:\s.*)?)$")
+
+
+@dataclass(frozen=True)
+class Calibration(Section):
+    """Lens and camera geometry, for any film."""
+
+    name: ClassVar[str] = "calibration"
+    k1: float = param(
+        0.0, "1/px^2", "radial distortion: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1, hi=1
+    )
+    k2: float = param(0.0, "1/px^4", "radial distortion, fourth order", lo=-1, hi=1)
+    centre: tuple[float, ...] = param((), "px", "column, row of the distortion centre; default the image centre")
+    marks: tuple[tuple[float, ...], ...] = param((), "", "[[px, py, x_m, y_m], ...]: known points (x right, y up)")
+    tilt: float = param(0.0, "rad", "angle of the rail against the image axis, counter-clockwise", lo=-1.6, hi=1.6)
+    lens_sigma: float = param(0.0, "1/px^2", "standard uncertainty of k1", lo=0, hi=1)
+    tilt_sigma: float = param(0.0, "rad", "standard uncertainty of tilt", lo=0, hi=0.5)
+
+    def check(self) -> list[str]:
+        """Two numbers in the centre, four in a mark, two marks or none."""
+        out = []
+        if self.centre and len(self.centre) != 2:
+            out.append(f"centre = {list(self.centre)}: must be [column, row]")
+        if any(len(m) != 4 for m in self.marks) or len(self.marks) == 1:
+            out.append("marks: must be two or more entries [px, py, x_m, y_m]")
+        return out
+
+
+@dataclass(frozen=True)
+class BedImage(FileSection):
+    """Back-lit side view of the bed: one picture, or a series (folder, pattern, stack, film) of one bed."""
+
+    name: ClassVar[str] = "bed_image"
+    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
+    floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
+    use: str = param("last", "", "picture of a series that gives the experiment's volume fraction",
+                     choices=("first", "last"))  # fmt: skip
+    gamma: float = param(1.0, "", "camera's response: grey value ~ light^(1/gamma); 1 linear, about 2.2 for ordinary "
+                         "JPEG, PNG and video", lo=0.2, hi=5.0)  # fmt: skip
+    saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
+                                     lo=0, hi=65536, open_lo=True)  # fmt: skip
+    frame_rate: float | None = param(None, "1/s", "of a series without time stamps; default one picture a second",
+                                     **RATE)  # fmt: skip
+
+    def check(self) -> list[str]:
+        """The scale is known to better than itself."""
+        return scale_problems(self)
+
+
+@dataclass(frozen=True)
+class GrainVideo(FileSection):
+    """Side-wall film of the grains under the foot."""
+
+    name: ClassVar[str] = "grain_video"
+    frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
+    scale: float | None = param(None, "m/px", "metres per pixel; without it the field is in px", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
+    foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
+    axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
+    roi: tuple[float, ...] = param(
+        (), "px", "[first column, first row, last column, last row] of the part to match; default: the whole picture",
+        lo=0, hi=1e5,
+    )  # fmt: skip
+    clock: str = param(**CLOCK)
+    truncated: str = param(**TRUNCATED)
+    foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
+    start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
+
+    def check(self) -> list[str]:
+        """A region has two corners, in order."""
+        corners, out = self.roi, scale_problems(self)
+        if corners and (len(corners) != 4 or corners[0] >= corners[2] or corners[1] >= corners[3]):
+            out.append(
+                f"roi = {list(corners)}: must be [first column, first row, last column, last row], first below last"
+            )
+        return out
+
+
+@dataclass(frozen=True)
+class RodTrack(FileSection):
+    """time_s,height_m[,sigma_m]: an already tracked rod."""
+
+    name: ClassVar[str] = "rod_track"
+    scale_sigma: float = param(
+        0.0, "", "relative standard uncertainty of the scale behind the heights, alike in all of them", lo=0, hi=0.5
+    )
+
+
+class MotorLog(FileSection):
+    """time_s,position_m[,force_N]: X_m from the encoder."""
+
+    name = "motor_log"
+
+
+class ContactLog(FileSection):
+    """time_s,contact (0/1)."""
+
+    name = "contact_log"
+
+
+class IntrusionLog(FileSection):
+    """time_s,depth_m,force_N."""
+
+    name = "intrusion_log"
+
+
+@dataclass(frozen=True)
+class SpringLog(FileSection):
+    """displacement_m,force_N of the spring alone, in the order measured (columns displacement_mm, _um, force_kN, _mN
+    are taken in their unit)."""
+
+    name: ClassVar[str] = "spring_log"
+    force: str = param(
+        "along", "", "along: the force on the spring, growing with displacement; against: its own, which pulls back",
+        choices=("along", "against"),
+    )  # fmt: skip
+    displacement_sigma: float = param(0.0, "m", "standard uncertainty of a displacement", lo=0, hi=0.1)
+    force_sigma: float | None = param(
+        None, "N", "standard uncertainty of a force; default: from the scatter about the line", lo=0, open_lo=True
+    )
+
+
+@dataclass(frozen=True)
+class CraterDepth(FileSection):
+    """Depth map of a crater: a 2-D array in .npy, .npz or a TIFF image, metres."""
+
+    name: ClassVar[str] = "crater_depth"
+    scale: float | None = param(None, "m/px", "metres per pixel", lo=0, hi=0.1, open_lo=True)
+    scale_sigma: float = param(**SCALE_SIGMA)
+    height_scale: float = param(1.0, "m", "height of one stored unit, up: 0.001 for mm, negative for a distance from a "
+                                "camera above", lo=-1000, hi=1000)  # fmt: skip
+    axis: tuple[float, ...] = param((), "px", "column, row of the crater's axis; default: found")
+
+    def check(self) -> list[str]:
+        """An axis is a point; a height of zero is none."""
+        out = [f"axis = {list(self.axis)}: must be [column, row]"] if len(self.axis) not in (0, 2) else []
+        out += ["height_scale = 0: must not be zero"] if self.height_scale == 0.0 else []
+        return out + scale_problems(self)
+
+
+@dataclass(frozen=True)
+class PivField(FileSection):
+    """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of OpenPIV or PIVlab .txt."""
+
+    name: ClassVar[str] = "piv_field"
+    length: str = param("file", "", "unit of x and y in the file; default: what the file says",
+                        choices=("file", *LENGTHS))  # fmt: skip
+    speed: str = param("file", "", "unit of u and v in the file; default: what the file says",
+                       choices=("file", *SPEEDS))  # fmt: skip
+    up: str = param("file", "", "which way y and v count up in the file; default: what the file says, PIVlab text: -y",
+                    choices=("file", "+y", "-y"))  # fmt: skip
+    scale: float | None = param(None, "m/px", "metres per pixel, for a file in pixels", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
+    frame_rate: float | None = param(None, "1/s", "of the film that was matched, where the file counts frames", **RATE)
+    gap: int = param(1, "frames", "between the two images of a pair", lo=1, hi=1000)
+    stride: int = param(1, "frames", "from a pair to the next: 1 for 1-2, 2-3, ...; 2 for 1-2, 3-4, ...", lo=1, hi=1000)
+    start: float = param(
+        0.0, "s", "time of the first image, or of the file's t = 0, on the common clock", lo=-1e6, hi=1e9
+    )
+    foot_row: float | None = param(None, "file", "y of the foot's lower face at the first time, as the file counts y",
+                                   lo=-1e5, hi=1e5)  # fmt: skip
+    axis_column: float | None = param(None, "file", "x of the foot's axis, as the file counts x", lo=-1e5, hi=1e5)
+    foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
+    window: float | None = param(None, "steps", "matched window over distance of vectors; default: the file's, else 2",
+                                 lo=1.0, hi=100.0)  # fmt: skip
+    sigma: float | None = param(None, "speed", "standard uncertainty of u and v, in the file's unit; default: the "
+                                "file's, else from the scatter of neighbours", lo=0, hi=1e6, open_lo=True)  # fmt: skip
+
+    def check(self) -> list[str]:
+        """The scale is known to better than itself."""
+        return scale_problems(self)
+
+
+@dataclass(frozen=True)
+class CraterImage(FileSection):
+    """Laser line over a crater."""
+
+    name: ClassVar[str] = "crater_image"
+    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
+    scale_sigma: float = param(**SCALE_SIGMA)
+    laser_angle: float = param(
+        0.5 * math.pi, "rad", "between line of sight and laser sheet: height = rows x scale / sin(laser_angle)",
+        lo=0.0, hi=0.5 * math.pi + 1e-6, open_lo=True,
+    )  # fmt: skip
+    axis_column: float | None = param(
+        None, "px", "column of the crater's axis; default: found by symmetry", lo=0, hi=1e5
+    )
+    saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
+                                     lo=0, hi=65536, open_lo=True)  # fmt: skip
+
+    def check(self) -> list[str]:
+        """The scale is known to better than itself."""
+        return scale_problems(self)

@@ -1,0 +1,1 @@
+"""The vocabulary of causes: one record a mechanism, its law, parameters, words, equation and source."""

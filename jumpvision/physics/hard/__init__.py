@@ -1,0 +1,1 @@
+"""Jumps on hard ground, exact: closed-form arcs from event to event."""

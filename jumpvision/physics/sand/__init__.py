@@ -1,0 +1,1 @@
+"""Jumps with any mechanisms, compiled: adaptive steps, events, and rules that follow an event."""

@@ -1,0 +1,242 @@
+"""What Python calls of the compiled jumper: one jump with its track, a batch of jumps, the robot at rest."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from jumpvision.mechanisms import cone
+from jumpvision.mechanisms import laws as terms
+from jumpvision.physics import forcing
+
+from . import events, granular, kernel, modes, rest, scalar, step, tangents, within
+
+Array = NDArray[np.float64]
+
+STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
+LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
+LOG = 500  # events of a jump in a batch
+RESULTS = (
+    "com_height_m", "flight_height_m", "jump_height_m", "n_jumps", "lift_off_s", "peak_power_W", "peak_force_N",
+    "peak_motor_speed", "driven_height_m", "max_depth_m", "status",
+)  # fmt: skip
+COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, SPEED, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
+
+
+@njit(error_model="numpy")
+def pieces(rows: Array) -> tuple[Array, Array]:
+    """Pieces (n, 6) and edges (n + 1,) of a `Segments` law with the motor at rest after it; the last edge is open."""
+    kept, edges = np.empty((rows.shape[0] + 1, 6)), np.empty(rows.shape[0] + 2)
+    n = 0
+    for row in rows:
+        if row[1] > row[0]:
+            kept[n], edges[n] = row, row[0]
+            n += 1
+    last = rows[rows.shape[0] - 1]
+    x, _ = forcing.segment_xv(last, last[1])
+    edges[n], edges[n + 1] = last[1], math.inf
+    kept[n, 0], kept[n, 1], kept[n, 2], kept[n, 3], kept[n, 4], kept[n, 5] = last[1], math.inf, x, 0.0, 0.0, 0.0
+    return kept[: n + 1], edges[: n + 2]
+
+
+@njit(error_model="numpy")
+def tolerances(p: Any, size: int, atol: float) -> tuple[float, Array]:
+    """The spring's rate [1/s], and atol [m] of `size` states: of velocities times the rate."""
+    rate = math.sqrt(p.k_s / p.M)
+    out = np.full(size, atol)
+    out[granular.W] *= rate
+    out[granular.VF] *= rate
+    out[granular.V :] *= rate
+    return rate, out
+
+
+@njit(error_model="numpy")
+def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out: Array) -> None:
+    """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
+    p = constants[0]
+    out[:] = math.nan
+    deep = rest.depth(p)
+    if math.isnan(deep):
+        out[STATUS] = events.CANNOT_CARRY
+        return
+    rows, edges = pieces(law)
+    n = edges.size
+    start, stop = edges[0], edges[n - 2]
+    lagging = p.tau > 0.0
+    rate, tolerance = tolerances(p, granular.V if lagging else granular.X, atol)
+    s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
+    log, peaks = np.empty((LOG, 2)), np.empty(6)
+    no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
+    height = -rest.squeeze(p) - deep
+    while True:
+        s[:] = 0.0
+        s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
+        edges[n - 1] = stop + tail
+        status, n_log, depth, before, after, top = events.run(
+            constants, granular.SINE, rows, edges, s, deep, stop, no_times, no_out, no_modes, log, rtol, tolerance,
+            2.0 * math.pi / rate / STEPS_PER_PERIOD, peaks, space,
+        )  # fmt: skip
+        out[STATUS] = status
+        if status != events.OK:
+            return
+        flights, late, longest, first, up = 0, 0, 0.0, math.nan, math.nan
+        for i in range(n_log):
+            if log[i, 1] == events.LIFT_OFF:
+                flights, up = flights + 1, log[i, 0]
+                if flights == 1:
+                    first = up - start
+            elif log[i, 1] == events.LANDING:
+                if log[i, 0] > stop:
+                    late = late if late > 0 else flights
+                    longest = max(longest, log[i, 0] - up)
+                up = math.nan
+        if late > 0 or math.isnan(up) or tail > LONGEST_TAIL:
+            break
+        tail *= 2.0
+    out[COM] = top
+    out[FLIGHT] = p.g * longest * longest / 8.0 if late > 0 or math.isnan(up) else math.nan
+    out[JUMP], out[DRIVEN] = after - height, before - height
+    out[N_JUMPS], out[FIRST] = late if late > 0 else flights, first
+    out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
+
+
+PARTS = (
+    cone,
+    events,
+    forcing,
+    granular,
+    kernel,
+    modes,
+    rest,
+    scalar,
+    step,
+    tangents,
+    terms,
+    within,
+)
+
+
+@functools.cache
+def digest() -> str:
+    """Of all files compiled together: numba's cache sees changes of one file, so this is a part of its key."""
+    names = sorted({str(Path(str(m.__file__))) for m in PARTS} | {__file__})
+    return hashlib.sha256(b"".join(Path(n).read_bytes() for n in names)).hexdigest()
+
+
+@functools.cache
+def solver() -> Callable[..., Any]:
+    """`events.run` compiled, less its workspace."""
+    return _solver(digest())
+
+
+def _solver(key: str) -> Callable[..., Any]:
+    @njit(cache=True, nogil=True)
+    def solve(  # type: ignore[no-untyped-def]
+        constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step
+    ):
+        key  # noqa: B018
+        space, no_peaks = events.workspace(s.size), np.empty(0)
+        return events.run(
+            constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, no_peaks, space
+        )
+
+    return solve
+
+
+TRACK = np.dtype(
+    [("kind", int), ("stop", float), ("before", float)] + [(n, int) for n in ("row", "row_end", "time", "time_end")]
+)
+"""A jump of `tracks_solver`: its forcing's kind, when the motor stops [s], where it stands before; its rows and times
+from .. end (its edges are one more than the rows of every jump so far)."""
+
+
+@functools.cache
+def tracks_solver() -> Callable[..., Any]:
+    """solve(constants (k,), which (k,), about (n,) TRACK, rows, edges, t, rtol, atol, out): see `tracks`."""
+    global _one
+    _one = solver()
+    return _tracks(digest())
+
+
+_one: Callable[..., Any]  # `solver()`; a global, as what a compiled function closes over is a part of its key
+
+
+def _tracks(key: str) -> Callable[..., Any]:
+    @njit(cache=True, nogil=True)
+    def solve(constants, which, about, rows, edges, t, rtol, atol, out):  # type: ignore[no-untyped-def]
+        key  # noqa: B018
+        log = np.empty((events.MAX_EVENTS, 2))
+        for k in range(which.size):
+            i = which[k]
+            a, p, own = about[i], constants[k], constants[k : k + 1]
+            heights = out[a.time : a.time_end]
+            times = t[a.time : a.time_end]
+            first, n = a.row + i, a.row_end - a.row
+            start, end = edges[first], times[-1]
+            driven = np.searchsorted(times, start)
+            heights[:driven] = 0.0
+            if driven == times.size:
+                continue
+            deep = rest.depth(p)
+            if math.isnan(deep):
+                heights[:] = math.nan
+                continue
+            while n > 1 and edges[first + n - 1] >= end:
+                n -= 1
+            until = edges[first : first + n + 1].copy()
+            until[n] = end
+            size = granular.N_MOTION if p.kp > 0.0 else granular.V if p.tau > 0.0 else granular.X
+            (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
+            height = -rest.squeeze(p) - deep
+            s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
+            if size > granular.X:
+                s[granular.X] = a.before
+            full, mode = np.empty((times.size - driven, within.N_OUT)), np.empty(times.size - driven, np.int64)
+            status = _one(
+                own, a.kind, rows[a.row : a.row + n], until, s, deep, a.stop, times[driven:], full, mode, log, rtol,
+                tolerance, 2.0 * math.pi / rate / STEPS_PER_PERIOD,
+            )[0]  # fmt: skip
+            heights[driven:] = full[:, 0] - height
+            if status != events.OK:
+                heights[:] = math.nan
+
+    return solve
+
+
+@functools.cache
+def batch_solver() -> Callable[..., Any]:
+    """solve(constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in parallel."""
+    return _batch(digest())
+
+
+def _batch(key: str) -> Callable[..., Any]:
+    @njit(cache=True, parallel=True)
+    def solve(constants, laws, tail, rtol, atol, out):  # type: ignore[no-untyped-def]
+        key  # noqa: B018
+        for i in prange(out.shape[0]):
+            jump(constants[i : i + 1], laws[i], tail, rtol, atol, out[i])
+
+    return solve
+
+
+@functools.cache
+def equilibrium() -> Callable[..., Any]:
+    """constants (1,) -> compression of the spring and depth of the foot at rest [m]."""
+    return _equilibrium(digest())
+
+
+def _equilibrium(key: str) -> Callable[..., Any]:
+    @njit(cache=True)
+    def solve(constants):  # type: ignore[no-untyped-def]
+        key  # noqa: B018
+        return rest.squeeze(constants[0]), rest.depth(constants[0])
+
+    return solve

@@ -1,0 +1,343 @@
+"""The jump as it unfolds: adaptive steps, events located in each, and the rules that follow an event.
+
+Where the jumper is linear a step is the closed form (`linear_flow`), else one of Dormand and Prince. An event is the
+root of a guard (`modes.guards`), found inside the step to 1e-14 s; the step is then taken again to end there, so the
+state at an event has the accuracy of a step. Each piece of the forcing is entered and left exactly.
+
+No accumulation of events (Zeno) is possible: granular contact rests under the set-valued yield rule, a massless foot
+on hard ground stays for at least half a period of the spring, and a foot with mass does not bounce. A run of more
+than MAX_EVENTS events therefore means wrong parameters and is reported as a failure.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .granular import (
+    AIR,
+    HARD,
+    INTRUDE,
+    N_MOTION,
+    STUCK,
+    VF,
+    WORKS,
+    XF,
+    Guards,
+    V,
+    W,
+    Y,
+    foot_inertia,
+    kinetic,
+    motor,
+    motor_force,
+    rhs,
+    rod,
+)
+from .kernel import kernel
+from .modes import grip, guards, limit, rail_force, room, settle
+from .step import N_ARC, N_SLOPES, ORDER, U, Z, begin, clear_until, dense, flow, longest_step, middle, step
+from .within import dips, efforts, heights, inside, locate, peak, sample
+
+Array = NDArray[np.float64]
+
+LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
+KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "motor_held", "motor_free")
+MAX_EVENTS = 4000
+MAX_STEPS = 10_000_000
+RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
+NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
+NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
+STILL = 1e-9  # m/s, a slower carriage is at rest when the forcing changes piece
+OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
+
+
+@kernel
+def positive(g: Guards) -> bool:
+    """Whether no guard has fallen."""
+    return g[0] > 0.0 and g[1] > 0.0 and g[2] > 0.0 and g[3] > 0.0
+
+
+@kernel
+def above(half: Guards, a: Guards, b: Guards) -> bool:
+    """Whether the guards in the middle of a step are well above zero, measured by those at its ends."""
+    return (
+        half[0] > NEAR * max(a[0], b[0]) and half[1] > NEAR * max(a[1], b[1])
+        and half[2] > NEAR * max(a[2], b[2]) and half[3] > NEAR * max(a[3], b[3])
+    )  # fmt: skip
+
+
+@kernel
+def first_step(s: Array, acceleration: float, p: Any) -> float:
+    """Step [s] to begin an intrusion with: a share of the time in which drag stops the foot or a spring would."""
+    swing = 0.2 * np.sqrt(p.m_f / p.k_s)
+    return min(swing, 0.2 * abs(s[VF] / acceleration)) if s[VF] < 0.0 and acceleration > 0.0 else swing
+
+
+@njit(error_model="numpy")
+def workspace(n: int) -> Any:
+    """Arrays that a run of n states writes to; serves any number of runs, one at a time."""
+    return (np.empty(n), np.empty(n), np.empty((n, 4)), np.empty(N_ARC), np.empty((N_SLOPES, n)), np.empty((1, n)),
+            np.empty(4), np.empty(4, np.bool_))  # fmt: skip
+
+
+@kernel
+def run(
+    constants: Any,
+    kind: int,
+    rows: Array,
+    edges: Array,
+    s: Array,
+    floor: float,
+    stop: float,
+    t_out: Array,
+    out: Array,
+    modes: NDArray[np.int64],
+    log: Array,
+    rtol: float,
+    atol: Array,
+    max_step: float,
+    peaks: Array,
+    space: Any,
+) -> tuple[int, int, float, float, float, float]:
+    """Status, number of events, greatest depth, rod height until `stop` and after it, and rise of the mass centre.
+
+    constants: (1,) CONSTANTS. rows: (n, 6) pieces of the forcing (`granular.drive`), valid between edges (n + 1,).
+    s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT), modes (n,) and log
+    (MAX_EVENTS, 2: time, kind) are filled; s ends as the state at edges[n]. max_step [s]. space: `workspace` of n.
+    peaks: (6,) greatest, then least motor force [N], power [W] and speed [m/s] until `stop`, without impulses; or (0,).
+    """
+    p, size = constants[0], s.size
+    s1, work, q, arc, slopes, spare, memory, armed = space
+    memory[0], memory[1], memory[2], memory[3] = floor, 0.0, 0.0, 0.0
+    if peaks.size > 0:
+        peaks[:] = 0.0
+        peaks[0] = peaks[3] = p.m_m * p.g
+    mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
+    v_old = 0.0  # the motor's rate before an impulse
+    longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
+    rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
+    held, force = -np.inf, (0.0, 0.0, 0.0)
+    for piece in range(rows.shape[0]):
+        t, end, row = edges[piece], edges[piece + 1], rows[piece]
+        if size > N_MOTION and p.kp == 0.0:
+            v_new = motor(t, s, kind, row, p)[1]
+            s[N_MOTION + 1] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
+        fresh = True  # the equations changed: a forcing piece or a mode begins
+        new_mode = settle(t, s, memory, kind, row, p) if mode == STUCK else mode
+        if p.kp > 0.0 and (memory[3] == 0.0 or not room(t, s, new_mode, slip, memory, kind, row, p) > 0.0):
+            limit(t, s, new_mode, slip, memory, kind, row, p)
+        was, slip = slip, grip(t, s, mode, memory, kind, row, p, STILL)
+        if slip != was and piece > 0:
+            log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
+            n_log += 1
+        steps = 0
+        while True:
+            if fresh:
+                if n_log >= log.shape[0] - 4:
+                    return TOO_MANY_EVENTS, n_log, memory[0], rod_before, rod_after, com - low
+                if new_mode != mode and mode == STUCK:  # else logged where it happened
+                    log[n_log, 0], log[n_log, 1] = t, LIFT_OFF if new_mode == AIR else YIELD
+                    n_log += 1
+                    if new_mode == AIR:
+                        memory[1], memory[2] = memory[0], 0.0
+                mode = new_mode
+                if slip == 0:
+                    v_m = rod(t, s, kind, row, p)[2]
+                    s[W] -= v_m
+                longest = longest_step(mode, kind, row, p) if size == VF + 1 else 0.0
+                exact = longest > 0.0
+                if exact:
+                    longest = min(longest, max_step)
+                    begin(t, s, mode, kind, row, p, arc)
+                else:
+                    longest = max_step
+                    rhs(t, s, mode, slip, memory, kind, row, p, slopes, 0)
+                    if mode == INTRUDE:
+                        h = min(h, first_step(s, slopes[0, VF], p))
+                here = heights(t, s, kind, row, p)
+                if peaks.size > 0 and t < stop:
+                    force = motor_force(t, s, mode, slip, kind, row, p)
+                if piece == 0 and steps == 0:
+                    low = here[2]
+                now = guards(t, s, mode, slip, memory, kind, row, p)
+                for i in range(4):
+                    armed[i] = now[i] > 0.0
+                fresh = False
+            if t >= end:
+                v_old = motor(t, s, kind, row, p)[1]
+                break
+            steps += 1
+            if steps > MAX_STEPS:
+                return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
+            h, clear = min(h, longest), False
+            if exact and armed[0]:
+                best = rod_after if t >= stop else rod_before
+                free = clear_until(t, mode, kind, row, p, arc, memory[0], best) - t
+                clear = free > h
+                h = max(h, free)
+            last = t + 1.000001 * h >= end
+            trial = end - t if last else h
+            if exact:
+                flow(t + trial, mode, kind, row, p, arc, s1)
+                error = 0.0
+            else:
+                error = step(t, s, trial, mode, slip, memory, kind, row, p, slopes, s1, rtol, atol)
+            if not error <= 1.0:
+                h = trial * (max(0.2, 0.9 * error ** (-1.0 / ORDER)) if error < 1e12 else 0.1)
+                if h < 1e-13:
+                    return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
+                continue
+            # Which guard falls first? Looked at in the middle and at the end of the step.
+            final = guards(t + trial, s1, mode, slip, memory, kind, row, p)
+            known, event, theta = exact, -1, 1.0
+            if not clear:
+                if exact:
+                    flow(t + 0.5 * trial, mode, kind, row, p, arc, work)
+                else:
+                    middle(s, s1, slopes, trial, work)
+                half = guards(t + 0.5 * trial, work, mode, slip, memory, kind, row, p)
+                if not (exact or (positive(now) and positive(final) and above(half, now, final))):
+                    dense(slopes, trial, q)
+                    known = True
+                    inside(0.5, t, s, trial, exact, arc, q, mode, kind, row, p, work)
+                    half = guards(t + 0.5 * trial, work, mode, slip, memory, kind, row, p)
+                unresolved = False
+                for i in range(4):
+                    if half[i] > 0.0 and final[i] > 0.0:
+                        if armed[i] and dips(now[i], half[i], final[i]) and trial > RESOLVE:
+                            unresolved = True
+                        continue
+                    if not armed[i] and half[i] <= 0.0:  # not begun yet, or late in the step
+                        if final[i] <= 0.0:
+                            if trial > RESOLVE:
+                                unresolved = True
+                            elif final[i] < -NOISE and theta > 0.0 and not (mode == STUCK and t < held):
+                                event, theta = i, 0.0
+                        continue
+                    if not known:
+                        dense(slopes, trial, q)
+                        known = True
+                    if half[i] > 0.0:
+                        at = locate(i, 0.5, 1.0, half[i], final[i], t, s, trial, exact, arc, q, work, mode, slip,
+                                    memory, kind, row, p)  # fmt: skip
+                    else:
+                        at = locate(i, 0.0, 0.5, now[i], half[i], t, s, trial, exact, arc, q, work, mode, slip,
+                                    memory, kind, row, p)  # fmt: skip
+                    if at < theta or event < 0:
+                        event, theta = i, at
+                if unresolved:
+                    h = 0.25 * trial
+                    continue
+            taken = trial
+            if event >= 0:
+                taken = theta * trial
+                if exact:
+                    flow(t + taken, mode, kind, row, p, arc, s1)
+                else:
+                    step(t, s, taken, mode, slip, memory, kind, row, p, slopes, s1, rtol, atol)
+                    known = False
+            else:
+                now = final
+                for i in range(4):
+                    armed[i] = armed[i] or final[i] > 0.0
+            # The step stands: heights and output along it.
+            a, b = here, heights(t + taken, s1, kind, row, p)
+            here = b
+            top = max(a[0], b[0])
+            best = rod_after if t >= stop else rod_before  # an arch lies below its tangents: can it be the highest?
+            rod_turns = not clear and a[1] > 0.0 >= b[1] and min(a[0] + a[1] * taken, b[0] - b[1] * taken) > best
+            com_turns = a[3] > 0.0 >= b[3] and min(a[2] + a[3] * taken, b[2] - b[3] * taken) > com
+            reached = end if last and event < 0 else t + taken
+            effort = peaks.size > 0 and t < stop
+            if not known and (effort or rod_turns or com_turns or (n_out < t_out.size and t_out[n_out] <= reached)):
+                dense(slopes, taken, q)
+            if rod_turns:
+                top = max(top, peak(0, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
+            if t >= stop:
+                rod_after = max(rod_after, top)
+            else:
+                rod_before = max(rod_before, top)
+            com = max(com, a[2], b[2])
+            if com_turns and exact and mode == AIR:
+                com = max(com, arc[Z] + 0.5 * arc[U] * arc[U] / p.g)
+            elif com_turns:
+                com = max(com, peak(2, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
+            if effort:
+                force = efforts(t, s, taken, s1, force, exact, arc, q, work, mode, slip, kind, row, p, peaks)
+            while n_out < t_out.size and t_out[n_out] <= reached:
+                share = (t_out[n_out] - t) / taken if taken > 0.0 else 0.0
+                inside(share, t, s, taken, exact, arc, q, mode, kind, row, p, work)
+                sample(t_out[n_out], work, mode, slip, memory, kind, row, p, spare, out[n_out])
+                modes[n_out] = mode
+                n_out += 1
+            t = reached
+            for j in range(size):
+                s[j] = s1[j]
+                slopes[0, j] = slopes[N_SLOPES - 1, j]
+            if event < 0:
+                h = trial * min(5.0, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)) if not last else max(h, trial)
+                continue
+            # Rules of the event.
+            fresh, new_mode = True, mode
+            if event == 3:
+                before = kinetic(s, s[V], 0.0, p)
+                limit(t, s, mode, slip, memory, kind, row, p)
+                if size > N_MOTION:  # what the end of the travel takes
+                    s[N_MOTION + 1] += kinetic(s, s[V], 0.0, p) - before
+                log[n_log, 0], log[n_log, 1] = t, MOTOR_FREE if memory[3] == 0.0 else MOTOR_HELD
+                n_log += 1
+                slip = grip(t, s, mode, memory, kind, row, p, STILL)
+            elif event == 2:
+                if slip != 0:
+                    slip = grip(t, s, mode, memory, kind, row, p, np.inf)
+                else:
+                    slip = -1 if rail_force(t, s, mode, memory, kind, row, p) > 0.0 else 1
+                log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
+                n_log += 1
+            elif mode == STUCK:
+                if p.massless == 1:
+                    s[XF], s[VF] = 0.0, 0.0
+                new_mode = AIR if event == 0 else INTRUDE
+            elif mode == INTRUDE:
+                if taken == 0.0:  # an intrusion over before it could be seen: the foot rests meanwhile
+                    held = t + RESOLVE
+                memory[0] = max(memory[0], -s[XF])
+                memory[2] = memory[0]
+                s[XF], s[VF] = -memory[0], 0.0
+                log[n_log, 0], log[n_log, 1] = t, STOP
+                n_log += 1
+                mode = STUCK
+                new_mode = STUCK if t < held else settle(t, s, memory, kind, row, p)
+            else:
+                log[n_log, 0], log[n_log, 1] = t, LANDING
+                n_log += 1
+                mode = STUCK
+                v = motor(t, s, kind, row, p)[1] if size > N_MOTION else 0.0
+                before = kinetic(s, v, p.m_f, p)
+                if p.static == HARD:
+                    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
+                    s[W] += (np.sqrt(1.0 - p.e) - 1.0) * v_r
+                    s[XF], s[VF] = 0.0, 0.0
+                    if p.massless == 1:
+                        s[Y] -= x_r
+                    new_mode = settle(t, s, memory, kind, row, p)
+                else:
+                    s[XF] = -memory[0]
+                    s[VF] *= p.m_f / foot_inertia(memory[0], p)
+                    if s[VF] < 0.0:
+                        mode, new_mode = INTRUDE, INTRUDE
+                    else:
+                        s[VF] = 0.0
+                        new_mode = settle(t, s, memory, kind, row, p)
+                if size > N_MOTION:
+                    mass = p.m_f if p.static == HARD else foot_inertia(memory[0], p)
+                    s[N_MOTION + len(WORKS) - 1] += before - kinetic(s, v, mass, p)
+                if p.F_c > 0.0:
+                    slip = grip(t, s, new_mode, memory, kind, row, p, STILL)
+    if mode == INTRUDE:
+        memory[0] = max(memory[0], -s[XF])
+    return OK, n_log, memory[0], rod_before, rod_after, com - low

@@ -1,0 +1,284 @@
+"""The jumper as a hybrid system: equations of motion in each mode (the rules that change it: `modes`).
+
+State s = [y, w, x_f, v_f(, X, V)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and
+its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where it lags its command or a feedback
+loop drives it; behind them WORKS, where the energy ledger asks for them. In y the motor enters through X_m and X_m'
+alone (PHYSICS.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous, and
+v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
+
+Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard
+ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of
+the carriage's velocity v_m) or 0: held by Coulomb friction.
+
+Force thresholds carry the width `p.slack` (1e-9 M g), so that a
+mode that begins does so with an acceleration of definite sign.
+
+Everything here is compiled into `events.run`; `p` is one record of CONSTANTS.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.mechanisms.cone import cone_mass, cone_mass_slope
+from jumpvision.mechanisms.laws import (
+    coulomb_friction,
+    linear_penetration,
+    reintrusion_overshoot,
+    rft_cone,
+    spring,
+    spring_hardening,
+    stop_go_overshoot,
+    two_resistance,
+    viscous_friction,
+)
+from jumpvision.physics.forcing import segment_xv
+
+from . import scalar, tangents
+from .kernel import kernel
+
+Array = NDArray[np.float64]
+Guards = tuple[float, float, float, float]
+
+AIR, STUCK, INTRUDE = 0, 1, 2
+HARD, LINEAR, TWO_RESISTANCE, RFT_CONE = 0, 1, 2, 3
+SINE, CUBIC = 0, 1
+FOOT, CARRIAGE, CONE = 0, 1, 2  # what a residual force acts on; CONE: r z^i is a mass that moves with the foot
+Y, W, XF, VF, X, V = range(6)
+N_MOTION = V + 1
+AT = 1e-9  # m or m/s: so near to a limit the motor is at it
+WORKS = ("motor", "impulse", "spring_damping", "static", "reintrusion_overshoot", "stop_go_overshoot", "inertial_drag",
+         "depth_drag", "added_mass", "viscous_friction", "coulomb_friction", "landing")  # fmt: skip
+"""Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
+
+CONSTANTS = np.dtype(
+    [(n, np.int64) for n in ("static", "massless", "r_on")]
+    + [(n, np.float64) for n in ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack")]
+    + [
+        (n, np.float64)
+        for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "tan_theta")
+    ]
+    + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau")]
+    + [(n, np.float64) for n in ("kp", "kd", "max_force", "max_speed", "low", "high")]
+    + [(n, np.float64) for n in ("r", "r_i", "r_j")]
+)
+"""Numbers of one jumper: zero switches a term off. C is 0 without added mass, C_drag without depth drag; tau = 0
+without lag. lam and factor are 1 when unused. r, r_i, r_j: the force or mass that `unexplained` tries, on `r_on`."""
+
+
+@kernel
+def drive(kind: int, row: Array, t: float) -> tuple[float, float, float]:
+    """Command X_m, X_m', X_m'' at t on one piece: a row of `Segments`, or (t0, t1, c3, c2, c1, c0) of a `Spline`."""
+    if kind == SINE:
+        if row[3] == 0.0:
+            return row[2], 0.0, 0.0
+        x, v = segment_xv(row, t)
+        return x, v, -row[4] * row[4] * (x - row[2])
+    h = t - row[0]
+    x = ((row[2] * h + row[3]) * h + row[4]) * h + row[5]
+    return x, (3.0 * row[2] * h + 2.0 * row[3]) * h + row[4], 6.0 * row[2] * h + 2.0 * row[3]
+
+
+@kernel
+def is_still(kind: int, row: Array) -> bool:
+    """Whether the command stands still on this piece."""
+    return row[3] == 0.0 if kind == SINE else row[2] == 0.0 and row[3] == 0.0 and row[4] == 0.0
+
+
+@kernel
+def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
+    """X_m [m], the motor relative to the rod, with its two rates, after the lag tau X' + X = command or the loop."""
+    if p.kp > 0.0:
+        return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
+    x, v, a = drive(kind, row, t)
+    if p.tau > 0.0:
+        rate = (x - s[X]) / p.tau
+        return s[X], rate, (v - rate) / p.tau
+    return x, v, a
+
+
+@kernel
+def rod(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float, float, float]:
+    """x_r [m], v_r [m/s], v_m = v_r + X_m' [m/s], X_m [m], X_m'' [m/s^2]."""
+    x, v, a = motor(t, s, kind, row, p)
+    ratio = p.m_m / p.M
+    return s[Y] - ratio * x, s[W] - ratio * v, s[W] + (1.0 - ratio) * v, x, a
+
+
+@kernel
+def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
+    """F_s [N], positive upwards on the rod."""
+    if p.massless == 1 and mode == AIR:
+        return 0.0
+    stretch = x_r - s[XF]
+    return spring(stretch, v_r - s[VF], p.k_s, p.c_s) + spring_hardening(scalar, stretch, p.k_3)
+
+
+@kernel
+def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
+    """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop: last pause (0: none)."""
+    factor = p.factor if z_g > 0.0 else 1.0
+    if p.static == LINEAR:
+        f = linear_penetration(scalar, z, factor * p.k)
+    elif p.static == TWO_RESISTANCE:
+        f = two_resistance(scalar, z, factor * p.k1, p.k2, p.delta)
+    else:
+        f = rft_cone(tangents, z, factor * p.k1, p.sigma_cone, p.mu, p.tan_theta, p.R)
+    if p.s > 0.0:
+        f += reintrusion_overshoot(scalar, z, z_g, p.s, p.lam)
+    if p.s_p > 0.0:
+        f += stop_go_overshoot(scalar, z, z_stop, p.s_p, p.lam)
+    return f
+
+
+@kernel
+def drag_coefficient(z: float, p: Any) -> float:
+    """alpha + b dm_a/dz [kg/m], what v^2 is multiplied by."""
+    if p.C_drag > 0.0:
+        return p.alpha + p.b * cone_mass_slope(tangents, z, p.C_drag, p.mu, p.tan_theta, p.R, p.phi, p.rho)
+    return p.alpha
+
+
+@kernel
+def foot_inertia(z: float, p: Any) -> float:
+    """m_f + m_a(z) [kg]."""
+    mass = p.m_f
+    if p.C > 0.0:
+        mass += cone_mass(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
+    if p.r != 0.0 and p.r_on == CONE:
+        mass += p.r * z**p.r_i
+    return mass
+
+
+@kernel
+def residual_force(q: float, rate: float, p: Any) -> float:
+    """r |q|^i |rate|^j against the motion [N]: no mechanism, but what `diagnosis.unexplained` tries.
+
+    On the foot while it intrudes q = z, rate = v; on the carriage always, q = x_r, rate = v_m.
+    """
+    size = p.r * abs(q) ** p.r_i * abs(rate) ** p.r_j
+    return size if rate < 0.0 else -size
+
+
+@kernel
+def rail_friction(x_r: float, v_m: float, slip: int, p: Any) -> float:
+    """Force of the rail on the sliding carriage [N]."""
+    rail = viscous_friction(scalar, v_m, p.c_v) + coulomb_friction(scalar, float(slip), p.F_c)
+    if p.r != 0.0 and p.r_on == CARRIAGE:
+        rail += residual_force(x_r, v_m, p)
+    return rail
+
+
+@kernel
+def rhs(
+    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, i: int
+) -> float:
+    """Writes ds/dt into row i of k; returns F_s [N]."""
+    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    force = spring_force(x_r, v_r, s, mode, p)
+    if p.kp > 0.0:
+        acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, slip, kind, row, p)
+    k[i, Y] = s[W]
+    if slip == 0:
+        k[i, W] = -p.m_r / p.M * acceleration
+    else:
+        k[i, W] = -p.g + (force + rail_friction(x_r, v_m, slip, p)) / p.M
+    k[i, XF] = s[VF]
+    if mode == STUCK or p.massless == 1:
+        k[i, XF] = 0.0
+        k[i, VF] = 0.0
+    elif mode == AIR:
+        k[i, VF] = -p.g - force / p.m_f
+    else:
+        z = -s[XF]
+        resist = static_force(z, memory[1], memory[2], p) + drag_coefficient(z, p) * s[VF] * s[VF]
+        if p.r != 0.0 and p.r_on == FOOT:
+            resist += residual_force(z, s[VF], p)
+        k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
+    if s.size > X:
+        k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > 0.0 else 0.0
+    if s.size > V:
+        k[i, V] = 0.0
+    if p.kp > 0.0:
+        k[i, X], k[i, V] = s[V], acceleration
+    if s.size > N_MOTION:
+        works(t, s, mode, slip, memory, kind, row, p, force, k, i)
+    return force
+
+
+@kernel
+def loop_force(t: float, s: Array, kind: int, row: Array, p: Any) -> float:
+    """F_m [N] of the motor's feedback loop: PD on the encoder plus the load m_m g, within max_force; row[6] is the gain
+    of the piece over kp."""
+    x, v, _ = drive(kind, row, t)
+    effort = p.kp * row[6] * (x - s[X]) + p.kd * (v - s[V]) + p.m_m * p.g
+    return min(max(effort, -p.max_force), p.max_force)
+
+
+@kernel
+def loop_acceleration(
+    t: float, s: Array, force: float, x_r: float, v_m: float, slip: int, kind: int, row: Array, p: Any
+) -> float:
+    """X_m'' [m/s^2] by the loop's force, were the motor not held at a limit."""
+    effort = loop_force(t, s, kind, row, p)
+    if slip == 0:  # a_m = 0
+        return p.g + (effort - force) / p.m_r
+    # X'' = a_m - a_r, m_m a_m = -m_m g + F_m + rail, m_r a_r = -m_r g - F_m + F_s
+    return effort * p.M / (p.m_m * p.m_r) + rail_friction(x_r, v_m, slip, p) / p.m_m - force / p.m_r
+
+
+@kernel
+def works(
+    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, force: float, k: Array,
+    i: int,
+) -> None:  # fmt: skip
+    """Writes the powers [W] of WORKS behind the slopes of the motion: the motor's into the jumper, losses out of it."""
+    for j in range(N_MOTION, s.size):
+        k[i, j] = 0.0
+    _, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    acceleration = k[i, V] if p.kp > 0.0 else acceleration
+    rail = p.M * (k[i, W] + p.g) - force
+    # m_m a_m = -m_m g + F_m + rail
+    k[i, N_MOTION] = (p.m_m * (k[i, W] + p.m_r / p.M * acceleration + p.g) - rail) * (v_m - v_r)
+    if not (p.massless == 1 and mode == AIR):
+        k[i, N_MOTION + 2] = p.c_s * (v_r - s[VF]) ** 2
+    if mode == INTRUDE:
+        z, speed = -s[XF], -s[VF]
+        again = reintrusion_overshoot(scalar, z, memory[1], p.s, p.lam)
+        pause = stop_go_overshoot(scalar, z, memory[2], p.s_p, p.lam)
+        k[i, N_MOTION + 3] = (static_force(z, memory[1], memory[2], p) - again - pause) * speed
+        k[i, N_MOTION + 4], k[i, N_MOTION + 5] = again * speed, pause * speed
+        k[i, N_MOTION + 6] = p.alpha * speed**3
+        k[i, N_MOTION + 7] = (drag_coefficient(z, p) - p.alpha) * speed**3
+        if p.C > 0.0:  # grains that join the cone at its speed bring half the energy that they take
+            slope = cone_mass_slope(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
+            k[i, N_MOTION + 8] = -0.5 * slope * speed**3
+    if slip != 0:
+        k[i, N_MOTION + 9] = p.c_v * v_m * v_m
+        k[i, N_MOTION + 10] = p.F_c * slip * v_m
+
+
+@kernel
+def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
+    """Kinetic energy [J] at the motor's rate v = X_m' with `mass` moving as the foot."""
+    return 0.5 * p.M * s[W] * s[W] + 0.5 * p.m_m * p.m_r / p.M * v * v + 0.5 * mass * s[VF] * s[VF]
+
+
+@kernel
+def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
+    """F_m [N], its power F_m X_m' [W] and |X_m'| [m/s], from m_m a_m = -m_m g + F_m + rail."""
+    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    if p.kp > 0.0:
+        effort = loop_force(t, s, kind, row, p)
+        return effort, effort * (v_m - v_r), abs(v_m - v_r)
+    force = spring_force(x_r, v_r, s, mode, p)
+    if slip == 0:
+        rail = p.M * p.g - force - p.m_r * acceleration
+    else:
+        rail = rail_friction(x_r, v_m, slip, p)
+    # M a_m = -M g + F_s + rail + m_r X_m''
+    effort = p.m_m / p.M * (force + rail + p.m_r * acceleration) - rail
+    return effort, effort * (v_m - v_r), abs(v_m - v_r)

@@ -1,0 +1,127 @@
+"""Rules that change the mode of the hybrid system: where it ends, what a foot at rest and a held rail do next.
+
+Modes and states are those of `granular`; a guard is positive while a mode lasts.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .granular import (
+    AIR,
+    AT,
+    HARD,
+    INTRUDE,
+    STUCK,
+    VF,
+    XF,
+    Array,
+    Guards,
+    V,
+    X,
+    loop_acceleration,
+    rod,
+    spring_force,
+    static_force,
+)
+from .kernel import kernel
+
+
+@kernel
+def room(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> float:
+    """Positive while the motor is away from its limits, or while the loop presses it against the one that holds it.
+
+    memory[3], what holds it: +-2 an end of the travel, where it stands; +-1 its greatest speed; 0 nothing.
+    """
+    held, distance = memory[3], min(p.high - s[X], s[X] - p.low)
+    if held == 0.0:
+        return min(distance, p.max_speed - abs(s[V]))
+    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
+    pressed = loop_acceleration(t, s, spring_force(x_r, v_r, s, mode, p), x_r, v_m, slip, kind, row, p)
+    pressed = (pressed if held > 0.0 else -pressed) + p.slack / p.m_r
+    return pressed if abs(held) == 2.0 else min(distance, pressed)
+
+
+@kernel
+def limit(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> None:
+    """Stops the motor at an end of its travel, holds it at its greatest speed, or lets it go: sets memory[3], X, V."""
+    side = 1.0 if p.high - s[X] < s[X] - p.low else -1.0
+    if min(p.high - s[X], s[X] - p.low) <= AT and side * s[V] >= 0.0 and abs(memory[3]) != 2.0:
+        s[X], s[V] = p.high if side > 0.0 else p.low, 0.0  # between motor and rod: y and w go on
+        memory[3] = 2.0 * side
+    elif memory[3] == 0.0 and abs(s[V]) >= p.max_speed - AT:
+        memory[3] = 1.0 if s[V] > 0.0 else -1.0
+        s[V] = memory[3] * p.max_speed
+    else:
+        memory[3] = 0.0
+    if memory[3] != 0.0 and not room(t, s, mode, slip, memory, kind, row, p) > 0.0:
+        memory[3] = 0.0
+
+
+@kernel
+def rail_force(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any) -> float:
+    """Force the rail must give [N] to hold the carriage still."""
+    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    force = spring_force(x_r, v_r, s, mode, p)
+    if p.kp > 0.0:
+        acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, 0, kind, row, p)
+    return p.M * p.g - force - p.m_r * acceleration
+
+
+@kernel
+def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> Guards:
+    """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
+    first, second, third = 1.0, 1.0, 1.0
+    last = room(t, s, mode, slip, memory, kind, row, p) if p.kp > 0.0 else 1.0
+    if p.massless == 0 and p.F_c == 0.0 and mode != STUCK:  # the forcing is not needed
+        if mode == AIR:
+            return s[XF] + memory[0], second, third, last
+        return first, -s[VF], third, last
+    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
+    if p.massless == 1:
+        first = x_r if mode == AIR else -x_r
+    elif mode == AIR:
+        first = s[XF] + memory[0]
+    elif mode == INTRUDE:
+        second = -s[VF]
+    else:
+        push = spring_force(x_r, v_r, s, mode, p) + p.m_f * p.g
+        first = push + p.slack
+        if p.static != HARD:
+            second = static_force(memory[0], memory[1], memory[2], p) + p.slack - push
+    if p.F_c > 0.0:
+        if slip == 0:
+            third = p.F_c + p.slack - abs(rail_force(t, s, mode, memory, kind, row, p))
+        else:
+            third = slip * v_m
+    return first, second, third, last
+
+
+@kernel
+def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> int:
+    """Mode of a foot at rest on the ground: 0 <= push <= F_p holds it."""
+    if p.massless == 1:
+        return STUCK
+    x_r, v_r, _, _, _ = rod(t, s, kind, row, p)
+    push = spring_force(x_r, v_r, s, STUCK, p) + p.m_f * p.g
+    if push < -p.slack:
+        return AIR
+    if p.static != HARD and push > static_force(memory[0], memory[1], memory[2], p) + p.slack:
+        return INTRUDE
+    return STUCK
+
+
+@kernel
+def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any, still: float) -> int:
+    """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
+    if p.F_c == 0.0:
+        return 1
+    v_m = rod(t, s, kind, row, p)[2]
+    if v_m > still:
+        return 1
+    if v_m < -still:
+        return -1
+    need = rail_force(t, s, mode, memory, kind, row, p)
+    if need > p.F_c + p.slack:
+        return -1
+    return 1 if need < -p.F_c - p.slack else 0

@@ -1,0 +1,187 @@
+"""Inside one step of the jumper: its state at any time, roots of the guards, and the greatest height."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
+from .kernel import kernel
+from .modes import guards
+from .step import between, flow
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+ROOT = 1e-14  # s, width of the bracket at which an event is found
+SAMPLES = 60  # of the motor force in a period of the forcing
+TURN = 1e-8  # of the greatest rate in a step: the height is the greatest to the square of it
+RISE = 2.0  # times a sinusoid of the range seen: what a quantity may rise by within a piece
+MARGIN = 0.05  # of a guard's range over a step: how near to zero its parabola may come
+
+N_OUT = 7
+ROD, FOOT, MOTOR, ROD_VELOCITY, FOOT_VELOCITY, GROUND_FORCE, SPRING_FORCE = range(N_OUT)
+
+
+@kernel
+def inside(
+    theta: float, t: float, s: Array, h: float, exact: bool, arc: Array, q: Array, mode: int, kind: int, row: Array,
+    p: Any, out: Array,
+) -> None:  # fmt: skip
+    """Writes the state at the share theta of the step that began at s."""
+    if exact:
+        flow(t + theta * h, mode, kind, row, p, arc, out)
+    else:
+        between(s, q, theta, out)
+
+
+@kernel
+def dips(a: float, b: float, c: float) -> bool:
+    """Whether a guard, positive at the begin, middle and end of a step, may reach zero between (parabola)."""
+    bend, slope = 2.0 * (a - 2.0 * b + c), 4.0 * b - 3.0 * a - c
+    if not 0.0 < -slope < 2.0 * bend:
+        return False
+    return a - slope * slope / (4.0 * bend) < MARGIN * (max(a, b, c) - min(a, b, c))
+
+
+@kernel
+def locate(
+    i: int, lo: float, hi: float, g_lo: float, g_hi: float, t: float, s: Array, h: float, exact: bool, arc: Array,
+    q: Array, work: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any,
+) -> float:  # fmt: skip
+    """Share of the step where guard i, g_lo > 0 at lo and g_hi <= 0 at hi, reaches zero (Illinois method)."""
+    if g_lo <= 0.0:
+        return lo
+    side = 0
+    for n in range(100):
+        if (hi - lo) * h <= ROOT or g_hi == 0.0:
+            break
+        theta = 0.5 * (lo + hi)
+        if n % 8 != 7 and g_hi < 0.0:  # not nearer to an end than the width asked for, so that the bracket closes
+            theta = min(max((lo * g_hi - hi * g_lo) / (g_hi - g_lo), lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
+        inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+        g = guards(t + theta * h, work, mode, slip, memory, kind, row, p)[i]
+        if g > 0.0:
+            lo, g_lo = theta, g
+            if side == 1:
+                g_hi *= 0.5
+            side = 1
+        else:
+            hi, g_hi = theta, g
+            if side == -1:
+                g_lo *= 0.5
+            side = -1
+    return hi
+
+
+@kernel
+def heights(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float, float]:
+    """Height and rate of the rod, then of the centre of mass of the whole robot."""
+    x_r, v_r, _, _, _ = rod(t, s, kind, row, p)
+    mass = p.M + p.m_f
+    return x_r, v_r, (p.M * s[Y] + p.m_f * s[XF]) / mass, (p.M * s[W] + p.m_f * s[VF]) / mass
+
+
+@kernel
+def peak(
+    which: int, t: float, s: Array, h: float, end: tuple[float, float, float, float], exact: bool, arc: Array, q: Array,
+    work: Array, mode: int, kind: int, row: Array, p: Any,
+) -> float:  # fmt: skip
+    """Greatest height within a step over which its rate turns from up to down. which: 0 rod, 2 centre of mass;
+    end: `heights` at its end."""
+    lo, hi, side = 0.0, 1.0, 0
+    up, down = heights(t, s, kind, row, p)[which + 1], end[which + 1]
+    best = -np.inf
+    for _ in range(25):  # Illinois method on the rate; height is of second order in what remains
+        theta = (lo * down - hi * up) / (down - up)
+        inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+        now = heights(t + theta * h, work, kind, row, p)
+        best, rate = max(best, now[which]), now[which + 1]
+        if abs(rate) <= TURN * max(up, -down) or hi - lo <= TURN:
+            break
+        if rate > 0.0:
+            lo, up, down, side = theta, rate, 0.5 * down if side == 1 else down, 1
+        else:
+            hi, down, up, side = theta, rate, 0.5 * up if side == -1 else up, -1
+    return best
+
+
+@kernel
+def sample(
+    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, out: Array
+) -> None:
+    """Writes one row of the output."""
+    x_r, v_r, _, x, _ = rod(t, s, kind, row, p)
+    force = rhs(t, s, mode, slip, memory, kind, row, p, k, 0)
+    out[ROD], out[MOTOR], out[ROD_VELOCITY], out[SPRING_FORCE] = x_r, x_r + x, v_r, force
+    if p.massless == 1 and mode == AIR:
+        out[FOOT], out[FOOT_VELOCITY] = x_r, v_r
+    else:
+        out[FOOT], out[FOOT_VELOCITY] = s[XF], s[VF]
+    if mode == AIR:
+        out[GROUND_FORCE] = 0.0
+    else:  # m_f a_f = -m_f g - F_s + F_GM
+        out[GROUND_FORCE] = force + p.m_f * (p.g + k[0, VF])
+
+
+@kernel
+def efforts(
+    t: float, s: Array, h: float, s1: Array, f0: Triple, exact: bool, arc: Array, q: Array, work: Array, mode: int,
+    slip: int, kind: int, row: Array, p: Any, peaks: Array,
+) -> Triple:  # fmt: skip
+    """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
+
+    peaks: (6,), behind them the least seen. f0: `motor_force` at the begin of the step; returns it at the end. A step
+    is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid rises
+    above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by the
+    parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
+    SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
+    """
+    light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
+    fast = math.sqrt(p.k_s * (1.0 / p.M + light))
+    rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
+    if kind == SINE:
+        rate = max(rate, row[4])
+    pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
+    n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
+    x = max(rate, fast) * h / pieces
+    rise = RISE * 0.125 * x * x
+    for i in range(pieces):
+        if i + 1 < pieces:
+            inside((i + 1) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
+            f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, kind, row, p)
+        else:
+            f2 = motor_force(t + h, s1, mode, slip, kind, row, p)
+        near = False
+        for which in range(3):
+            top = max(f0[which], f2[which])
+            peaks[which] = max(peaks[which], top)
+            peaks[3 + which] = min(peaks[3 + which], min(f0[which], f2[which]))
+            near = near or top + rise * (peaks[which] - peaks[3 + which]) > peaks[which]
+        if near:
+            inside((i + 0.5) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
+            f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, kind, row, p)
+            for which in range(3):
+                a, b, c = f0[which], f1[which], f2[which]
+                bend = a - 2.0 * b + c
+                if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # turns (0.1 of the piece or more) outside it
+                    continue
+                if b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) <= peaks[which]:
+                    continue
+                before, now = -np.inf, a
+                for j in range(1, n + 1):
+                    theta = (i + j / n) / pieces
+                    inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+                    after = motor_force(t + theta * h, work, mode, slip, kind, row, p)[which]
+                    top = after
+                    if now > before and now >= after:  # a turn
+                        top = now
+                        if before > -np.inf:
+                            top -= 0.125 * (after - before) * (after - before) / (before - 2.0 * now + after)
+                    peaks[which] = max(peaks[which], top)
+                    before, now = now, after
+        f0 = f2
+    return f0

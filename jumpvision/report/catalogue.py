@@ -1,0 +1,194 @@
+"""Which figures a folder of results or a sweep gives, each drawn when it is asked for."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.schema import InputError, closest
+from jumpvision.campaign.craters import craters_table, zero_crossing
+from jumpvision.report.figures.bed import critical
+from jumpvision.report.figures.diagnosis import gains, heights
+from jumpvision.report.figures.logs import actuator, resistances, single
+from jumpvision.report.pages.charts import fits_of, json_of
+from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
+from jumpvision.results.records import Column, Flow, Piv
+
+from .figures import grains as films
+from .style import FORMATS, printed, save
+
+Draw = Callable[[Any], Any]  # what makes a figure -> the figure
+SWEEPS = ("sweep.nc", "comparison.nc")
+
+
+@dataclass(frozen=True)
+class Results:
+    """A results folder: of a campaign, of one experiment, or of a sweep."""
+
+    folder: Path
+
+    @cached_property
+    def experiments(self) -> dict[str, Path]:
+        """Folders of results by experiment; the folder itself where it is one."""
+        if (self.folder / "summary.json").exists():
+            return {str(json_of(self.folder / "summary.json").get("experiment") or self.folder.name): self.folder}
+        return {f.parent.name: f.parent for f in sorted(self.folder.glob("*/summary.json"))}
+
+    @cached_property
+    def jumps(self) -> list[dict[str, Any]]:
+        """Rows of jumps.csv."""
+        return table(self.folder / "jumps.csv")
+
+    def having(self, *names: str) -> dict[str, Path]:
+        """The experiments whose results hold all these files."""
+        return {n: f for n, f in self.experiments.items() if all((f / x).exists() for x in names)}
+
+    def summary(self, name: str) -> dict[str, Any]:
+        """summary.json of an experiment."""
+        return json_of(self.experiments[name] / "summary.json")
+
+
+def available(source: Path) -> dict[str, tuple[str, Draw]]:
+    """{name: (what it shows, how to draw it)} of a results folder or a NetCDF file of a sweep."""
+    if source.is_file():
+        return dict([of_sweep(source)])
+    made = dict(of_results(Results(source)))
+    made |= dict(of_sweep(source / f) for f in SWEEPS if (source / f).exists())
+    return made
+
+
+def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
+    """The figure of a sweep or a comparison."""
+    data = read_sweep(file)
+    name = data.attrs["analysis"]
+    return f"sweep-{name}", (f"{data.attrs.get('ground', '')} ground: {name}".strip(), lambda F: sweep_figure(data, F))
+
+
+def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
+    """The figures of experiments and campaigns."""
+    if any(j["jump_height_m"] is not None and j["frequency_hz"] is not None for j in r.jumps):
+        yield "heights", ("jump heights against frequency, measured and simulated", lambda F: heights(r.jumps, F))
+    if tracked := r.having("rod.csv"):
+        chosen = of_each_kind(r, tracked)
+        yield "tracks", ("rod height against time beside the simulation, of each kind of jump the highest",
+                         lambda F: films.tracks([track(n, r.experiments[n]) for n in chosen], F))  # fmt: skip
+    diagnosis = json_of(r.folder / "diagnosis.json")
+    if diagnosis:
+        yield "diagnosis", ("heights, where the model fails, and the gain held out", lambda F: gains(diagnosis, F))
+    yield from of_grains(r)
+    for name, folder in r.having("intrusion.json").items():
+        yield of_intrusion(name, folder, "" if len(r.experiments) == 1 else f"-{name}")
+    if rows := intrusion_rows(r):
+        laws = json_of(r.folder / "intrusion_laws.json")
+        yield "resistances", ("resistances, bend and oscillations against packing; feet beside the cone",
+                              lambda F: resistances(rows, laws, F))  # fmt: skip
+    craters = [c for c in craters_table(r.experiments) if c["volume_fraction"] is not None]
+    if len(craters) > 1:
+        yield "craters", ("volume change against packing, and where it is zero",
+                          lambda F: critical(craters, zero_crossing(craters), F))  # fmt: skip
+    driven = table(r.folder / "actuator.csv")
+    if len({d["frequency_hz"] for d in driven}) > 2:
+        fit = json_of(r.folder / "actuator_bandwidth.json")
+        yield "actuator", ("amplitude ratio and lag of the actuator", lambda F: actuator(driven, fit, F))
+
+
+def of_intrusion(name: str, folder: Path, end: str) -> tuple[str, tuple[str, Draw]]:
+    """The figure of one slow intrusion."""
+    what = f"force against depth, fit and overshoots: {name}"
+    return f"intrusion{end}", (what, lambda F: single(json_of(folder / "intrusion.json"), F))
+
+
+def of_grains(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
+    """Figures from grain films: of each experiment that has one, and the momentum of all together."""
+    filmed = r.having("piv.nc", "flow.nc")
+    for name, folder in r.having("piv.nc", "flow.nc", "column.nc").items():  # in metres, and with a foot
+        yield from of_film(name, folder, "" if len(filmed) == 1 else f"-{name}")
+    if filmed:
+        kinds = {n: str(r.summary(n).get("kind")) for n in filmed}
+        yield "grain-momentum", ("momentum of the grains against time, by kind of jump", lambda F: films.momentum(
+            [(n, kinds[n], Flow.load(filmed[n]).field) for n in filmed], F))  # fmt: skip
+
+
+def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str, Draw]]]:
+    """The figures of one grain film; end: of their names."""
+    fits = fits_of(folder)
+    yield f"grain-speed{end}", (f"downwards speed of the grains over the foot's: {name}", lambda F: films.grain_speed(
+        Piv.load(folder).field, Flow.load(folder).field, F))  # fmt: skip
+    yield f"shear-rate{end}", (f"shear rate with the cone: {name}", lambda F: films.shear_rate(
+        Flow.load(folder).field, Column.load(folder).field, F))  # fmt: skip
+    yield f"column{end}", (f"central column: exponential, beta, jammed front, theta: {name}", lambda F: films.column(
+        fits, Column.load(folder), F))  # fmt: skip
+    if (fits.get("cone_slope_kg_m") or {}).get("value") is not None:
+        yield f"added-mass{end}", (f"added mass against depth and the cone: {name}", lambda F: films.added_mass(
+            fits, Column.load(folder), Flow.load(folder), F))  # fmt: skip
+
+
+def of_each_kind(r: Results, tracked: dict[str, Path]) -> list[str]:
+    """Of each kind of jump the highest."""
+    best: dict[str, tuple[float, str]] = {}
+    for name in tracked:
+        s = r.summary(name)
+        height = s.get("jump_height_m") or 0.0
+        best[str(s.get("kind"))] = max(best.get(str(s.get("kind")), (-1.0, "")), (height, name))
+    return [name for _, name in (best[k] for k in sorted(best))]
+
+
+def track(name: str, folder: Path) -> dict[str, Any]:
+    """Tables of a measured and a simulated track."""
+    import pandas as pd
+
+    model = folder / "simulation.csv"
+    return {
+        "name": name,
+        "rod": pd.read_csv(folder / "rod.csv"),
+        "model": pd.read_csv(model) if model.exists() else None,
+    }
+
+
+def intrusion_rows(r: Results) -> list[dict[str, Any]]:
+    """Rows of intrusion.csv with the profile and the cone of each."""
+    rows = []
+    for row in table(r.folder / "intrusion.csv"):
+        record = json_of(r.folder / str(row["experiment"]) / "intrusion.json")
+        if record:
+            rows.append(row | {"profile": record["profile"], "cone": record["cone"]})
+    return rows
+
+
+def table(file: Path) -> list[dict[str, Any]]:
+    """Rows of a CSV file, numbers as floats and empty cells as None; [] where it is not there."""
+    if not file.exists():
+        return []
+    with file.open(newline="", encoding="utf-8") as f:
+        return [{k: value(v) for k, v in row.items()} for row in csv.DictReader(f)]
+
+
+def value(text: str) -> float | str | None:
+    """A cell of a table."""
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+def draw(source: Path, out: Path, only: tuple[str, ...], formats: tuple[str, ...]) -> list[Path]:
+    """Draw the figures named (all where none is) into `out`; the files. Raises InputError for unknown names."""
+    found = available(source)
+    problems = [f"--format {f}: not one of {', '.join(FORMATS)}" for f in formats if f not in FORMATS]
+    problems += [f"--only {n}: not among the figures of {source}{closest(n, found)}" for n in only if n not in found]
+    if not found:
+        problems.append(f"{source}: holds no results to draw; run `jumpvision run` or `jumpvision sweep` first")
+    if problems:
+        raise InputError(problems)
+    files = []
+    for name in only or found:
+        with printed() as Figure:
+            figure = found[name][1](Figure)
+            for f in formats:
+                files.append(out / f"{name}.{f}")
+                save(figure, files[-1])
+    return files

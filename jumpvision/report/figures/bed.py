@@ -1,0 +1,136 @@
+"""Pictures of the bed: the air through it (thesis Fig 41), and craters against packing (Fig 46)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.numbers import measured
+from jumpvision.estimate.crater import ZeroCrossing
+from jumpvision.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
+from jumpvision.physics.air import Drop
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.results.records import CraterShape, Geometry
+from jumpvision.stages.bed.crater import read_map
+from jumpvision.stages.recordings import open_pictures
+from jumpvision.workflow.stage import stage
+
+from .pictures import Picture, png
+
+
+class AirPicture(Picture):
+    file = "air.png"
+
+
+@stage(version=1, picture=True)
+def air_picture(geometry: Geometry, fan: Fan) -> AirPicture:
+    """Pressure against air speed: Ergun, Wu, the bed's weight, the fan's curve and where it works."""
+    flow, height = geometry.values["fluidisation"], geometry.values["bed_height_m"]
+    if flow is None or height is None or not fan.speed:
+        raise NotApplicable(
+            ["air_picture needs [bed] grain_diameter, a volume fraction, the bed's height and the fan's curve"]
+        )
+    v = np.linspace(0.0, max(1.6 * flow["onset_wu_m_s"], fan.speed[-1]), 300)
+    with styled() as Figure:
+        figure = Figure(figsize=(6.0, 3.6), layout="constrained")
+        axis = figure.subplots()
+        for name, color in (("ergun", QUIET), ("wu", MEASURED)):
+            drop = Drop(**flow["laws"][name])
+            onset = flow[f"onset_{name}_m_s"]
+            axis.plot(v, height * drop(v) / 1e3, color=color, label=f"{name.title()}, onset {onset:.3f} m/s")
+            axis.plot(onset, flow["bed_weight_Pa"] / 1e3, "o", color=color, ms=4)
+        axis.axhline(flow["bed_weight_Pa"] / 1e3, color=GREEN, ls="--", lw=1, label="weight of the bed")
+        axis.plot(fan.speed, np.array(fan.pressure) / 1e3, ".-", color=MODEL, label="fan")
+        if fan.loss:
+            lifted = np.minimum(height * Drop(**flow["laws"]["wu"])(v), flow["bed_weight_Pa"])
+            axis.plot(v, (lifted + fan.loss * v**2) / 1e3, color=MEASURED, ls=":", label="bed (Wu) and duct")
+        if flow["fan_speed_m_s"] is not None:
+            axis.plot(
+                flow["fan_speed_m_s"], flow["fan_pressure_Pa"] / 1e3, "*", ms=11, color=ACCENT, label="works here"
+            )
+        axis.set_ylim(0.0, 1.15 * max(flow["bed_weight_Pa"], max(fan.pressure)) / 1e3)
+        state = "the bed is fluidised" if flow["fluidised"] else "the bed stays at rest"
+        axis.set(title=f"air through the bed: {state}", xlabel="superficial air speed [m/s]", ylabel="pressure [kPa]")
+        axis.legend()
+        return AirPicture(png(figure))
+
+
+class CraterPicture(Picture):
+    file = "crater.png"
+
+
+@stage(version=1, picture=True)
+def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterDepth | None) -> CraterPicture:
+    """What was measured, and the profile about the axis."""
+    v = crater.values
+    with styled() as Figure:
+        figure = Figure(figsize=(8.6, 3.4), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
+        if depth is not None:
+            draw_map(figure, left, v, depth)
+        elif line is not None:
+            with open_pictures(line) as frames:
+                left.imshow(frames[0], cmap="gray", aspect="auto")
+            left.plot(v["line"]["column_px"], as_floats(v["line"]["row_px"]), color=MODEL, lw=0.7)
+            left.set(title="laser line", xlabel="column [px]", ylabel="row [px]")
+        left.grid(False)
+        draw_profile(right, v)
+        return CraterPicture(png(figure))
+
+
+def as_floats(values: list[Any]) -> Any:
+    """A list of numbers and None as an array with NaN."""
+    return np.array(values, float)
+
+
+def draw_map(figure: Any, axis: Any, v: dict[str, Any], depth: CraterDepth) -> None:
+    """Height about its median with the circle that was integrated."""
+    scale = depth.scale or 1.0
+    z = read_map(depth) * depth.height_scale
+    z = (z - np.nanmedian(z)) * 1e3
+    top = max(v["depth_m"], v["rim_height_m"]) * 1e3
+    image = axis.imshow(z, cmap=SIGNED, vmin=-top, vmax=top)
+    figure.colorbar(image, ax=axis, label="height [mm]", shrink=0.8)
+    x, y = v["axis_m"]
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    column, row = (x + v["radius_m"] * np.cos(turn)) / scale, (-y + v["radius_m"] * np.sin(turn)) / scale
+    axis.plot(column, row, color=ACCENT, lw=1)
+    axis.set(title="depth map and integrated disc", xlabel="column [px]", ylabel="row [px]")
+
+
+def draw_profile(axis: Any, v: dict[str, Any]) -> None:
+    """Height against distance from the axis; a line's two halves one over the other."""
+    r, h = as_floats(v["profile"]["r_m"]) * 1e3, as_floats(v["profile"]["height_m"]) * 1e3
+    if r.min() < 0.0:
+        axis.plot(r[r >= 0], h[r >= 0], color=MEASURED, lw=0.9, label="right of the axis")
+        axis.plot(-r[r < 0], h[r < 0], color=MODEL, lw=0.9, label="left of the axis")
+    else:
+        axis.plot(r, h, color=MEASURED, label="azimuthal mean")
+    axis.axhline(0.0, color=QUIET, lw=0.8)
+    axis.axvline(v["radius_m"] * 1e3, color=ACCENT, lw=0.8, ls="--", label="integrated to here")
+    axis.set(
+        title=f"volume change {measured(v['volume_m3'], v['sigma_m3'], 1e6)} cm³",
+        xlabel="distance from the axis [mm]", ylabel="height [mm]",
+    )  # fmt: skip
+    axis.legend()
+
+
+def critical(rows: list[dict[str, Any]], found: ZeroCrossing, Figure: Any) -> Any:
+    """Volume change against volume fraction, where that is known, with the line through phi_c."""
+    known = [r for r in rows if r["volume_fraction"] is not None]
+    phi, v = (np.array([r[k] for r in known], float) for k in ("volume_fraction", "volume_m3"))
+    dphi, dv = (np.array([r[k] for r in known], float) for k in ("sigma_volume_fraction", "sigma_m3"))
+    figure = Figure(figsize=(6.0, 3.6), layout="constrained")
+    axis = figure.subplots()
+    axis.axhline(0.0, color=QUIET, lw=0.8)
+    axis.errorbar(phi, v * 1e6, dv * 1e6, dphi, fmt="o", ms=4, lw=0.8, color=MEASURED)
+    title = f"no critical packing: {found.reason}"
+    if not found.reason:
+        ends = np.array([phi.min(), phi.max()])
+        axis.plot(ends, found.slope * (ends - found.value) * 1e6, color=MODEL)
+        axis.axvspan(max(found.low95, axis.get_xlim()[0]), min(found.high95, axis.get_xlim()[1]), color=MODEL,
+                     alpha=0.15, lw=0)  # fmt: skip
+        title = f"φ_c = {measured(found.value, found.sigma)}"
+    axis.set(title=title, xlabel="volume fraction φ", ylabel="volume change [cm³]\n(below zero: compacted)")
+    return figure

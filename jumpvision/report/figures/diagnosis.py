@@ -1,0 +1,239 @@
+"""The diagnosis in one picture, and the campaign's measured and simulated jump heights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jumpvision.diagnosis.diagnose import Diagnosis
+from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.jumper.jumps import PARTS
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
+
+from .pictures import png
+
+BARS = 7  # models shown
+CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
+
+
+def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> bytes:
+    """Nine panels for a discrepant model, three for an adequate one."""
+    with styled() as Figure:
+        extended = bool(data["named"])
+        figure = Figure(figsize=(12.6, 10.4 if d.naming else 3.8), layout="constrained")
+        axes = figure.subplots(3 if d.naming else 1, 3).ravel()
+        _heights(axes[0], data)
+        _track(axes[1], d, system, extended)
+        _where(figure, axes[2], data)
+        if d.naming:
+            _causes(axes[3], d)
+            _gain(axes[4], data)
+            _scores(axes[5], d)
+            _energy(axes[6], data)
+            _force(axes[7], d, system, extended)
+            _films(axes[8], data)
+        return png(figure)
+
+
+def gains(data: Mapping[str, Any], Figure: Any) -> Any:
+    """The part that diagnosis.json alone tells: heights, where, and the gain."""
+    figure = Figure(figsize=(12.6, 3.8), layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    _heights(left, data)
+    _where(figure, middle, data)
+    _gain(right, data)
+    return figure
+
+
+def _heights(ax: Any, data: Mapping[str, Any]) -> None:
+    rows = [h for h in data["heights"] if h["measured_m"] is not None]
+    top = 0.0
+    for kind in sorted({str(h["kind"]) for h in rows}):
+        mark, color = MARKS.get(kind, ("D", ACCENT))
+        mine = [h for h in rows if str(h["kind"]) == kind]
+        measured = [1e3 * h["measured_m"] for h in mine]
+        before = [1e3 * h["simulated_m"] for h in mine]
+        ax.plot(before, measured, mark, ms=6, mfc="none", color=color, label=kind.replace("_", " "))
+        if mine[0]["extended_m"] is not None:
+            ax.plot([1e3 * h["extended_m"] for h in mine], measured, mark, ms=4.5, color=color)
+        top = max(top, *measured, *before)
+    ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
+    ax.set(title="jump heights", xlabel="simulated [mm]; filled: extended", ylabel="measured [mm]")
+    ax.set_xlim(0, None)
+    ax.set_ylim(0, 1.02 * top)
+    ax.legend(loc="upper left")
+
+
+def _track(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
+    """The jump that the baseline misses most: residuals of both models, with the noise."""
+    worst = int(np.argmax([np.mean(r * r) for r in d.baseline.residuals]))
+    o = system.observations[worst]
+    before = system.predict(d.baseline.mechanisms, d.baseline.named, [worst])[0]
+    ax.plot(o.t, 1e3 * (o.y - before), color=MODEL, label="baseline")
+    if extended and d.naming:
+        fit = d.naming.best.fit
+        after = system.predict(fit.mechanisms, fit.named, [worst])[0]
+        ax.plot(o.t, 1e3 * (o.y - after), color=GREEN, label="extended")
+    ax.axhspan(-2e3 * d.noise.s, 2e3 * d.noise.s, color=QUIET, alpha=0.3, lw=0, label="noise, ±2σ")
+    ax.set(title=f"residual, {o.name}", xlabel="time [s]", ylabel="measured - simulated [mm]")
+    ax.legend()
+
+
+def _where(figure: Any, ax: Any, data: Mapping[str, Any]) -> None:
+    cells = data["where"]
+    kinds = sorted({str(c.get("kind")) for c in cells})
+    parts = [p for p in PARTS if any(c["phase_of_jump"] == p for c in cells)]
+    z = np.full((len(kinds), len(parts)), np.nan)
+    for c in cells:
+        if c["phase_of_jump"] in parts:
+            z[kinds.index(str(c.get("kind"))), parts.index(c["phase_of_jump"])] = 1e3 * c["mean_residual_m"]
+    limit = max(float(np.nanmax(np.abs(z))) if np.isfinite(z).any() else 1.0, 1e-6)
+    image = ax.imshow(z, cmap=SIGNED, vmin=-limit, vmax=limit, aspect="auto")
+    ax.set_xticks(range(len(parts)), [p.replace("_", " ") for p in parts], rotation=35, ha="right")
+    ax.set_yticks(range(len(kinds)), [k.replace("_", " ") for k in kinds])
+    ax.grid(False)
+    ax.set_title("where: mean residual [mm]")
+    ax.set_xlabel("a dot: beyond chance")
+    for c in cells:
+        if c["phase_of_jump"] in parts and c["p_value"] < 0.02:
+            ax.plot(parts.index(c["phase_of_jump"]), kinds.index(str(c.get("kind"))), ".", color="black", ms=5)
+    figure.colorbar(image, ax=ax, shrink=0.8)
+
+
+def _causes(ax: Any, d: Diagnosis) -> None:
+    assert d.naming
+    tried = d.naming.tried[:BARS]
+    names = [" + ".join(m.replace("_", " ") for m in e.mechanisms) or "baseline" for e in tried]
+    score = [max(e.fit.chi2 / sum(r.size for r in e.fit.residuals), 1e-3) for e in tried]
+    colors = [GREEN if e is d.naming.best and d.naming.named else QUIET for e in tried]
+    ax.barh(range(len(tried)), score, color=colors)
+    ax.axvline(1.0, color="black", lw=0.8)
+    ax.set_yticks(range(len(tried)), names)
+    ax.invert_yaxis()
+    ax.set_xscale("log")
+    ax.set(title="misfit of each explanation", xlabel="chi² per sample; 1 is noise alone")
+
+
+def _gain(ax: Any, data: Mapping[str, Any]) -> None:
+    g = data["gain"]
+    if not g:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "no extension to be tested", ha="center", va="center", color=QUIET)
+        return
+    pairs = [
+        ("track", g["rmse_track_before_m"], g["rmse_track_after_m"]),
+        ("height", g["rmse_height_before_m"], g["rmse_height_after_m"]),
+    ]
+    for i, (_, before, after) in enumerate(pairs):
+        ax.bar(i - 0.18, 1e3 * before, 0.34, color=MODEL, label="baseline" if i == 0 else None)
+        ax.bar(i + 0.18, 1e3 * after, 0.34, color=GREEN, label="extended" if i == 0 else None)
+    ax.set_xticks([0, 1], [p[0] for p in pairs])
+    ax.set_yscale("log")
+    low, high = g["ratio_ci95"]
+    ax.set(title=f"held out: {g['ratio']:.1f}x better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
+    ax.margins(y=0.25)
+    ax.legend(loc="upper center", ncols=2)
+
+
+def _scores(ax: Any, d: Diagnosis) -> None:
+    """How much the baseline's residuals look like what each missing mechanism would leave."""
+    top: dict[str, float] = {}
+    for direction, z in zip(d.detection.directions, d.detection.score):
+        top[direction.mechanism] = max(top.get(direction.mechanism, 0.0), abs(float(z)))
+    names = sorted(top, key=lambda m: -top[m])[: BARS + 3]
+    ax.barh(range(len(names)), [top[m] for m in names], color=MEASURED)
+    ax.set_yticks(range(len(names)), [m.replace("_", " ") for m in names])
+    ax.invert_yaxis()
+    ax.set_xscale("log")
+    ax.axvline(3.0, color="black", lw=0.8)
+    ax.set(title="scores on the baseline", xlabel="|z|; 3 is chance")
+
+
+def _energy(ax: Any, data: Mapping[str, Any]) -> None:
+    """Where the motor's work has gone by the apex: one bar a model, of the jump of each kind that is missed most."""
+    rows = data["energy"]
+    parts = [{"height": r["potential_J"], "motion": r["kinetic_J"] + r["spring_J"], **r["losses_J"]} for r in rows]
+    large = 0.01 * max((r["motor_J"] for r in rows), default=0.0)
+    names = [n for n in dict.fromkeys(n for p in parts for n in p) if any(abs(p.get(n, 0.0)) > large for p in parts)]
+    for k, name in enumerate(names):
+        values = np.array([p.get(name, 0.0) for p in parts])
+        before = [[p.get(n, 0.0) for n in names[:k]] for p in parts]
+        left = [sum(x for x in b if x * v >= 0) for b, v in zip(before, values)]
+        ax.barh(range(len(rows)), values, left=left, color=CYCLE[k % len(CYCLE)], label=name.replace("_", " "))
+    ax.set_yticks(range(len(rows)), [f"{r['kind'].replace('_', ' ')}\n{r['model']}" for r in rows])
+    ax.invert_yaxis()
+    ax.axvline(0.0, color="black", lw=0.8)
+    ax.set(title="the motor's work, by the apex", xlabel="energy [J]")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.3, -0.16), ncols=3, columnspacing=1.0, handlelength=1.2)
+
+
+SMOOTH = 9  # frames, of the quadratic whose curvature is the acceleration
+
+
+def _force(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
+    """Mass times the acceleration that a model misses, over time: a picture, no evidence."""
+    from scipy.signal import savgol_filter
+
+    worst = int(np.argmax([np.mean(r * r) for r in d.baseline.residuals]))
+    o, jump = system.observations[worst], system.jumps[worst]
+    late = o.t > jump.forcing.start
+    fits = {"baseline": (d.baseline, MODEL)}
+    if extended and d.naming:
+        fits["extended"] = (d.naming.best.fit, GREEN)
+    for name, (fit, color) in fits.items():
+        r = o.y - system.predict(fit.mechanisms, fit.named, [worst])[0]
+        force = jump.model.M * savgol_filter(r, SMOOTH, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
+        ax.plot(o.t[late], force[late], color=color, lw=1.0, label=name)
+    ax.axhline(0.0, color=QUIET, lw=0.8)
+    ax.set(title=f"force missing on the rod, {o.name}", xlabel="time [s]", ylabel="mass x missed acceleration [N]")
+    ax.legend()
+
+
+def _films(ax: Any, data: Mapping[str, Any]) -> None:
+    """What films and tests measure of the model, over what the jumps alone imply."""
+    rows = [r for r in data["confirmation"] if r["by_jumps"]]
+    if not rows:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, "no film or test to confirm it with", ha="center", va="center", color=QUIET)
+        return
+    place = np.arange(len(rows))
+    jumps = np.array([r["by_jumps"] for r in rows])
+    for shift, key, color, label in ((-0.12, "film", MEASURED, "film or test"), (0.12, "jumps", GREEN, "jumps alone")):
+        value, sigma = (np.array([r[f"by_{key}{s}"] for r in rows]) / jumps for s in ("", "_sigma"))
+        ax.errorbar(value, place + shift, xerr=1.96 * np.abs(sigma), fmt="o", ms=5, capsize=3, color=color, label=label)
+    apart = ["  contradict" if r["verdict"] == "contradict" else "" for r in rows]
+    ax.set_yticks(place, [f"{r['quantity'].replace('_', ' ')}{a}" for r, a in zip(rows, apart)])
+    ax.axvline(1.0, color=QUIET, lw=0.8)
+    ax.invert_yaxis()
+    ax.set(title="measured by other means", xlabel="over the jumps' value; bars 95 %")
+    ax.legend()
+
+
+MARKS = {"single": ("o", MEASURED), "stutter": ("s", MODEL), "delayed_stutter": ("^", GREEN)}
+
+
+def heights(rows: list[dict[str, Any]], Figure: Any) -> Any:
+    """Jump height against frequency by kind, measured (filled, ±2σ) and simulated (open)."""
+    known = [r for r in rows if r.get("jump_height_m") is not None and r.get("frequency_hz") is not None]
+    figure = Figure(figsize=(8.6, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    for kind in sorted({str(r["kind"]) for r in known}):
+        mark, color = MARKS.get(kind, ("D", ACCENT))
+        mine = [r for r in known if str(r["kind"]) == kind]
+        f = [r["frequency_hz"] for r in mine]
+        h = [r["jump_height_m"] * 1e3 for r in mine]
+        s = [2e3 * (r.get("sigma_m") or 0.0) for r in mine]
+        left.errorbar(f, h, s, fmt=mark, ms=5, color=color, label=kind.replace("_", " "))
+        modelled = [r for r in mine if r.get("simulated_height_m") is not None]
+        if modelled:
+            model = [r["simulated_height_m"] * 1e3 for r in modelled]
+            left.plot([r["frequency_hz"] for r in modelled], model, mark, ms=6, mfc="none", color=color, alpha=0.8)
+            right.plot(model, [r["jump_height_m"] * 1e3 for r in modelled], mark, ms=5, color=color)
+    left.set(title="jump height (filled measured, open model)", xlabel="frequency [Hz]", ylabel="height [mm]")
+    left.legend()
+    top = max(left.get_ylim()[1], right.get_xlim()[1])
+    right.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
+    right.set(title="measured against model", xlabel="model [mm]", ylabel="measured [mm]")
+    return figure

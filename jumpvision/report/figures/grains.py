@@ -1,0 +1,229 @@
+"""Figures of what films show: grain velocities, strain, momentum, added mass, tracks beside simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jumpvision.inputs.sections import Calibration, GrainVideo, PivField
+from jumpvision.report.style import ACCENT, MAP, MEASURED, MODEL, QUIET, styled
+from jumpvision.results.records import Column, Flow, Piv
+from jumpvision.stages.recordings import open_grains
+from jumpvision.workflow.stage import stage
+
+from .pictures import COLUMN_PANELS, Picture, draw_cone, draw_sides, png
+
+
+class PivPicture(Picture):
+    file = "piv.png"
+
+
+class FlowPicture(Picture):
+    file = "flow.png"
+
+
+def busiest(field: Any) -> int:
+    """Index of the frame with the largest mean speed."""
+    speed = np.hypot(field.u, field.v).where(field.chc > 0).mean(("y", "x"))
+    return int(speed.fillna(0).argmax("t"))
+
+
+@stage(version=2, picture=True)
+def piv_picture(
+    piv: Piv, film: GrainVideo | None, calibration: Calibration | None, given: PivField | None
+) -> PivPicture:  # fmt: skip
+    """Velocity vectors at the busiest moment, over the grains where their film is known; replaced ones told apart."""
+    field = piv.field
+    i = busiest(field)
+    image = None
+    if film is not None and given is None:
+        straight, film = open_grains(film, calibration)
+        with straight as frames:
+            image = frames[i * int(field.attrs.get("ensemble_pairs", 1))]
+    unit = field.u.attrs["units"].split("/")[0]
+    factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")
+    scale = field.attrs["scale_m_per_px"] if unit == "m" else 1.0
+    origin_x, origin_y = field.attrs["origin_column_px"], field.attrs["origin_row_px"]
+    rows, columns = field.attrs["image_rows"], field.attrs["image_columns"]
+    extent = (
+        np.array([-0.5 - origin_x, columns - 0.5 - origin_x, -(rows - 0.5 - origin_y), origin_y + 0.5]) * scale * factor
+    )
+    every = max(1, len(field.x) // 32)
+    f = field.isel(t=i, x=slice(None, None, every), y=slice(None, None, every))
+    with styled() as Figure:
+        figure = Figure(figsize=(6.4, min(8.0, 0.7 + 5.2 * rows / columns)), layout="constrained")
+        axis = figure.subplots()
+        if image is not None:
+            axis.imshow(image, cmap="gray", extent=extent, alpha=0.75)
+        axis.set_aspect("equal")
+        speed = np.hypot(f.u, f.v)
+        x, y = np.meshgrid(f.x * factor, f.y * factor)
+        ok = f.chc.values > 0
+        apart = abs(float(f.x[1] - f.x[0])) * factor if f.sizes["x"] > 1 else 1.0
+        longest = float(np.nanquantile(speed.values[ok], 0.99)) if ok.any() else 1.0
+        size = {"angles": "xy", "scale_units": "xy", "scale": (longest or 1.0) / (2.5 * apart)}
+        arrows = axis.quiver(
+            x[ok], y[ok], f.u.values[ok], f.v.values[ok], speed.values[ok], cmap="viridis", width=0.004, **size
+        )
+        bad = ~ok & np.isfinite(f.u.values)
+        axis.plot(x[bad], y[bad], "x", color=ACCENT, ms=3, mew=0.8, label="not measured")
+        if bad.any():
+            axis.legend(loc="lower right", facecolor="white", frameon=True)
+        axis.set_xlim(extent[0], extent[1])
+        axis.set_ylim(extent[2], extent[3])
+        figure.colorbar(arrows, ax=axis, label=f"speed [{field.u.attrs['units']}]", shrink=0.8)
+        share = float((field.chc.isel(t=i) > 0).sum() / np.isfinite(field.u.isel(t=i)).sum())
+        axis.set(
+            title=f"t = {float(field.t[i]):.3f} s, {100 * share:.1f} % of vectors measured",
+            xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)",
+        )  # fmt: skip
+        axis.grid(False)
+        return PivPicture(png(figure))
+
+
+@stage(version=2, picture=True)
+def flow_picture(flow: Flow, piv: Piv, column: Column | None) -> FlowPicture:
+    """Shear rate at the busiest moment with the cone's sides; momentum against time, added mass against depth."""
+    field = flow.field
+    i = busiest(piv.field)
+    metres = field.x.attrs["units"] == "m"
+    factor, shown = (1e3, "mm") if metres else (1.0, "px")
+    with styled() as Figure:
+        figure = Figure(figsize=(9.6, 3.9), layout="constrained")
+        first, second, third = figure.subplots(1, 3, width_ratios=(1.45, 1, 1))
+        shear = field.shear_rate.isel(t=i)
+        top = float(np.nanquantile(shear, 0.99)) if np.isfinite(shear).any() else 1.0
+        mesh = first.pcolormesh(field.x * factor, field.y * factor, shear, vmin=0, vmax=top or 1.0, cmap="magma")
+        figure.colorbar(mesh, ax=first, label="shear rate [1/s]\nγ/√2 in simple shear", shrink=0.85)
+        first.set(
+            title=f"t = {float(field.t[i]):.3f} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)", aspect="equal"
+        )
+        first.grid(False)
+        if column is not None:
+            draw_sides(first, column.field, i)
+        band(second, field.t * 1e3, field.momentum, field.momentum_sigma, MEASURED)
+        second.set(title="grain momentum, downwards", xlabel="time [ms]", ylabel="P [kg m/s]")
+        depth = field.foot_depth * 1e3
+        third.errorbar(
+            depth, field.added_mass * 1e3, field.added_mass_sigma * 1e3, fmt=".", color=MEASURED, lw=0.8, ms=4
+        )
+        third.set(title="added mass P / v_foot", xlabel="foot depth [mm]", ylabel="m_a [g]")
+        return FlowPicture(png(figure))
+
+
+def band(axis: Any, x: Any, y: Any, sigma: Any, color: str) -> None:
+    """A line with its ±2σ band."""
+    axis.fill_between(x, y - 2 * sigma, y + 2 * sigma, color=color, alpha=0.25, lw=0)
+    axis.plot(x, y, color=color)
+
+
+FRAMES = 4  # of a sequence
+KINDS = {"single": MEASURED, "stutter": "#7a0f24", "delayed_stutter": "black"}  # as in the thesis
+
+
+def tracks(jumps: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
+    """A column a jump: rod height measured and simulated, and their difference. jumps: name, rod and model tables."""
+    n = len(jumps)
+    figure = Figure(figsize=(3.4 * max(n, 2), 4.0), layout="constrained")
+    axes = figure.subplots(2, n, sharex="col", sharey="row", squeeze=False, height_ratios=(2, 1))
+    for (top, low), jump in zip(axes.T, jumps):
+        rod, model = jump["rod"], jump["model"]
+        top.plot(rod.time_s, rod.height_m * 1e3, ".", ms=2, color=MEASURED, label="measured")
+        top.set(title=jump["name"])
+        low.axhline(0.0, color=QUIET, lw=0.6)
+        low.set(xlabel="time [s]")
+        if model is not None:
+            height = model.rod_m - model.rod_m.iloc[0]
+            top.plot(model.time_s, height * 1e3, color=MODEL, label="simulated")
+            left = rod.height_m - np.interp(rod.time_s, model.time_s, height)
+            low.plot(rod.time_s, left * 1e3, color=MEASURED, lw=0.8)
+    axes[0, 0].set(ylabel="rod height [mm]")
+    axes[1, 0].set(ylabel="difference [mm]")
+    axes[0, 0].legend()
+    return figure
+
+
+def moments(flow: Any) -> Any:
+    """FRAMES times, evenly spaced while the foot moves down at a tenth of its greatest speed or more."""
+    speed = flow.foot_speed.values
+    if np.isfinite(speed).any():
+        moving = np.flatnonzero(speed > 0.1 * np.nanmax(speed))
+    else:
+        moving = np.arange(flow.sizes["t"])
+    return np.unique(np.linspace(moving[0], moving[-1], FRAMES + 2)[1:-1].round().astype(int))
+
+
+def grain_speed(piv: Any, flow: Any, Figure: Any) -> Any:
+    """Speed downwards over the foot's, at moments of the push-off; grey where it was not measured."""
+    at = moments(flow)
+    figure = Figure(figsize=(2.6 * len(at), 3.3), layout="compressed")
+    axes = figure.subplots(1, len(at), sharey=True, squeeze=False)[0]
+    for axis, i in zip(axes, at):
+        f = piv.isel(t=i)
+        share = (-f.v).where(f.chc > 0) / float(flow.foot_speed[i])
+        seen = axis.pcolormesh(f.x * 1e3, f.y * 1e3, share, vmin=0.0, vmax=1.0, cmap=MAP, rasterized=True)
+        framed(axis, f)
+    figure.colorbar(seen, ax=axes, label="downwards speed / foot's", shrink=0.8)
+    return figure
+
+
+def shear_rate(flow: Any, column: Any, Figure: Any) -> Any:
+    """Shear strain rate at the same moments, with its ridges and the sides of the cone."""
+    at = moments(flow)
+    figure = Figure(figsize=(2.6 * len(at), 3.3), layout="compressed")
+    axes = figure.subplots(1, len(at), sharey=True, squeeze=False)[0]
+    top = float(np.nanquantile(flow.shear_rate.isel(t=at), 0.99))
+    for axis, i in zip(axes, at):
+        f = flow.isel(t=i)
+        seen = axis.pcolormesh(f.x * 1e3, f.y * 1e3, f.shear_rate, vmin=0.0, vmax=top, cmap="inferno", rasterized=True)
+        if column is not None:
+            draw_sides(axis, column, i)
+        framed(axis, f)
+    figure.colorbar(seen, ax=axes, label="shear rate [1/s]\n(γ/√2 in simple shear)", shrink=0.8)
+    return figure
+
+
+def framed(axis: Any, f: Any) -> None:
+    """Equal axes in mm with the time as the title."""
+    axis.set(aspect="equal", title=f"{float(f.t) * 1e3:.0f} ms", xlabel="x [mm]", facecolor="#dddddd")
+    axis.grid(False)
+    if axis.get_subplotspec().is_first_col():
+        axis.set_ylabel("y [mm]")
+
+
+def momentum(flows: Sequence[tuple[str, str, Any]], Figure: Any) -> Any:
+    """Momentum of the grains against time from its start, of every film by kind of jump. flows: name, kind, field."""
+    figure = Figure(figsize=(4.4, 3.0), layout="constrained")
+    axis = figure.subplots()
+    for name, kind, f in flows:
+        t, p, s = f.t.values, f.momentum.values * 1e3, f.momentum_sigma.values * 1e3
+        if not np.isfinite(p).any():
+            continue
+        start = t[np.argmax(np.nan_to_num(p) > 0.05 * np.nanmax(p))]
+        color = KINDS.get(kind, QUIET)
+        ms = (t - start) * 1e3
+        axis.fill_between(ms, p - 2 * s, p + 2 * s, color=color, alpha=0.2, lw=0)
+        axis.plot(ms, p, color=color, label=name)
+    axis.axhline(0.0, color=QUIET, lw=0.6)
+    axis.set(xlabel="time from the start of the flow [ms]", ylabel="momentum of the grains [g m/s]")
+    axis.legend()
+    return figure
+
+
+def column(fits: dict[str, Any], record: Any, Figure: Any) -> Any:
+    """The central column: exponential, beta, jammed front and theta against depth. record: the Column."""
+    figure = Figure(figsize=(8.6, 5.4), layout="constrained")
+    for axis, draw in zip(figure.subplots(2, 2).flat, COLUMN_PANELS, strict=True):
+        draw(axis, fits, {"column": record})
+    return figure
+
+
+def added_mass(fits: dict[str, Any], record: Any, flow: Any, Figure: Any) -> Any:
+    """Added mass against depth with the saturating cone. record, flow: the Column and the Flow."""
+    figure = Figure(figsize=(4.4, 3.0), layout="constrained")
+    axis = figure.subplots()
+    draw_cone(axis, fits, {"column": record, "flow": flow})
+    axis.set_title("")
+    return figure

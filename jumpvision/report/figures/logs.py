@@ -1,0 +1,223 @@
+"""Figures of logs: slow intrusions (thesis Figs 48, 50, 55, 58, 69), spring tests, the actuator (Fig 19c)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.numbers import measured
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.sections import Actuation, MotorLog, NotApplicable
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.results.records import Fits, Intrusion, SpringTest
+from jumpvision.stages.rod import commanded, read_motor
+from jumpvision.workflow.stage import stage
+
+from .pictures import Picture, png
+
+
+class IntrusionPicture(Picture):
+    file = "intrusion.png"
+
+
+@stage(version=1, picture=True)
+def intrusion_picture(intrusion: Intrusion) -> IntrusionPicture:
+    """The figure of one log."""
+    with styled() as Figure:
+        return IntrusionPicture(png(single(intrusion.values, Figure)))
+
+
+def single(v: dict[str, Any], Figure: Any) -> Any:
+    """Force against depth with the fitted curve and the cone; what is left over; overshoot against depth."""
+    p = {k: np.array(a) for k, a in v["profile"].items()}
+    z = p["depth_m"] * 1e3
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    left, middle, right = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
+    left.plot(z, p["force_N"], ".", ms=3, color=MEASURED, label="measured")
+    left.plot(z, p["fitted_N"], color=MODEL, label="fit")
+    if v["events"]:
+        left.plot(z, p["first_N"], color=MODEL, lw=0.8, ls="--", label="without events")
+    if v["cone"]:
+        left.plot(z, v["cone"]["force_N"], color=GREEN, lw=1.0, ls=":", label="RFT cone")
+    delta = v["fits"]["delta"]
+    if delta["value"] is not None:
+        left.axvline(delta["value"] * 1e3, color=QUIET, lw=0.8)
+        left.set_title(f"δ = {delta['value'] * 1e3:.2f} ± {delta['sigma'] * 1e3:.2f} mm")
+    else:
+        left.set_title(f"one slope suffices (p = {v['p_one_slope']:.2g})")
+    left.set(xlabel="depth below the surface [mm]", ylabel="force [N]")
+    left.legend()
+    middle.plot(z, p["force_N"] - p["fitted_N"], color=MEASURED, lw=0.8)
+    middle.set(title="measured − fit", xlabel="depth below the surface [mm]", ylabel="[N]")
+    draw_events(right, v)
+    return figure
+
+
+def draw_events(axis: Any, v: dict[str, Any]) -> None:
+    """Overshoot against depth, with the proportional law of each kind."""
+    for kind, name, color, mark in (("reintrusion", "s", MEASURED, "o"), ("stop_go", "s_p", ACCENT, "s")):
+        mine = [e for e in v["events"] if e["kind"] == kind]
+        if not mine:
+            continue
+        z = np.array([e["depth_m"] for e in mine]) * 1e3
+        o, sigma = (np.array([e[k] for e in mine]) for k in ("overshoot_N", "sigma_N"))
+        axis.errorbar(z, o, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=kind.replace("_", "-"))
+        s = v["fits"].get(name)
+        if s and s["value"] is not None:
+            axis.plot([0, z.max()], [0, s["value"] * z.max() * 1e-3], color=color, lw=0.8)
+    axis.set(title="overshoot", xlabel="depth of the event [mm]", ylabel="[N]")
+    if v["events"]:
+        axis.legend()
+    else:
+        axis.text(0.5, 0.5, "no pause or withdrawal", ha="center", transform=axis.transAxes, color=QUIET)
+
+
+def resistances(rows: list[dict[str, Any]], laws: dict[str, Any], Figure: Any) -> Any:
+    """k1, k2 per foot area, delta and ripples against packing; force against depth by foot beside the cone."""
+    figure = Figure(figsize=(9.6, 6.4), layout="constrained")
+    axes = figure.subplots(2, 2)
+    known = [r for r in rows if r["volume_fraction"] is not None]
+    for name, color, mark in (("k1", MEASURED, "o"), ("k2", MODEL, "s")):
+        mine = [r for r in known if r[name] is not None and r["foot_radius_m"]]
+        area = np.array([np.pi * r["foot_radius_m"] ** 2 for r in mine]) * 1e6
+        points(axes[0, 0], mine, name, color, mark, 1.0 / area, f"${name[0]}_{name[1]}$")
+    axes[0, 0].set(ylabel="resistance / foot area [N/cm³]", xlabel="volume fraction", title="resistances")
+    mine = [r for r in known if r["delta"] is not None]
+    points(axes[0, 1], mine, "delta", MEASURED, "o", np.full(len(mine), 1e3), "δ")
+    axes[0, 1].set(ylabel="δ [mm]", xlabel="volume fraction", title="depth of the bend")
+    mine = [r for r in known if r["ripple_N"] is not None]
+    points(axes[1, 0], mine, "ripple_N", GREEN, "o", np.ones(len(mine)), "ripple")
+    for axis, law in ((axes[0, 0], "phi_c_from_k1"), (axes[1, 0], "phi_c_from_ripple")):
+        bend = laws["laws"][law]
+        if bend["value"] is not None:
+            axis.axvspan(*laws[f"{law}_ci95"], color=QUIET, alpha=0.25, lw=0)
+            axis.axvline(bend["value"], color=QUIET, lw=0.8, label=f"bend at {bend['value']:.3f}")
+    axes[1, 0].set(ylabel="amplitude [N]", xlabel="volume fraction", title="oscillations below the bend")
+    for axis in (axes[0, 0], axes[1, 0]):
+        axis.legend()
+    draw_feet(axes[1, 1], rows)
+    return figure
+
+
+def points(axis: Any, rows: list[dict[str, Any]], name: str, color: str, mark: str, factor: Any, label: str) -> None:
+    """One column of the table against packing, with sigma."""
+    if rows:
+        phi = [r["volume_fraction"] for r in rows]
+        value, sigma = (np.array([r[k] for r in rows]) * factor for k in (name, f"{name}_sigma"))
+        axis.errorbar(phi, value, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=label)
+
+
+def draw_feet(axis: Any, rows: list[dict[str, Any]]) -> None:
+    """First intrusions in the loosest bed by foot radius, and the cone's prediction of each."""
+    import matplotlib as mpl
+
+    loose = min((r["volume_fraction"] or 0.0 for r in rows), default=0.0)
+    longest_last = sorted(rows, key=lambda r: r["profile"]["event"].count(-1))
+    feet = {r["foot_radius_m"]: r for r in longest_last if r["cone"] and (r["volume_fraction"] or 0.0) <= loose + 1e-6}
+    colors = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, max(len(feet), 1)))
+    for color, (radius, row) in zip(colors, sorted(feet.items())):
+        first = np.array(row["profile"]["event"]) < 0
+        z = np.array(row["profile"]["depth_m"])[first] * 1e3
+        axis.plot(z, np.array(row["profile"]["force_N"])[first], color=color, label=f"R = {radius * 1e3:.1f} mm")
+        axis.plot(z, np.array(row["cone"]["force_N"])[first], color=color, ls=":", lw=1.0)
+    axis.set(title="feet in the loosest bed, dotted: RFT cone", xlabel="depth [mm]", ylabel="force [N]")
+    if feet:
+        axis.legend()
+
+
+class SpringPicture(Picture):
+    file = "spring.png"
+
+
+@stage(version=1, picture=True)
+def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
+    """Loading and unloading apart; the two lines of a loop; turning points, which are left out, in grey."""
+    fits, p = fit.values, {k: np.array(a, float) for k, a in spring.values["profile"].items()}
+    x, left = p["displacement_m"] * 1e3, p["force_N"] - p["fitted_N"]
+    with styled() as Figure:
+        figure = Figure(figsize=(8.6, 3.4), layout="constrained")
+        whole, rest = figure.subplots(1, 2, width_ratios=(1.3, 1))
+        turning = p["direction"] == 0
+        whole.plot(x[turning], p["force_N"][turning], ".", ms=3, color=QUIET, label="_turning")
+        for sign, label, color in ((1, "growing displacement", MEASURED), (-1, "falling displacement", MODEL)):
+            mine = p["direction"] == sign
+            if mine.any():
+                order = np.flatnonzero(mine)[np.argsort(x[mine])]
+                whole.plot(x[mine], p["force_N"][mine], ".", ms=4, color=color, label=label)
+                whole.plot(x[order], p["fitted_N"][order], color=color, lw=0.8)
+                rest.plot(x[mine], left[mine], ".", ms=4, color=color)
+        rest.axhline(0.0, color=QUIET, lw=0.8)
+        whole.legend()
+        whole.set(xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {shown(fits['spring_stiffness'])} N/m")
+        loop = fits.get("spring_hysteresis_N")
+        title = f"hysteresis ±{shown(loop)} N" if loop else "one direction: no hysteresis measured"
+        rest.set(xlabel="displacement [mm]", ylabel="measured − line [N]", title=title)
+        return SpringPicture(png(figure))
+
+
+def shown(fit: dict[str, Any]) -> str:
+    return measured(fit["value"], fit["sigma"])
+
+
+class MotorPicture(Picture):
+    file = "motor.png"
+
+
+@stage(version=1, picture=True)
+def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
+    """Encoder and command, their difference, and where force was logged the work it does."""
+    v = fits.values
+    if (v.get("actuator_ratio") or {}).get("value") is None:
+        raise NotApplicable(["motor_picture needs a log from rest to rest"])
+    t, position = read_motor(log, law)
+    shown = (t > law.start - 0.05) & (t < law.stop + 0.1)
+    t, position = t[shown], position[shown]
+    command = commanded(law)(t)[0]
+    logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))
+    force = logged.force_N.to_numpy()[shown] if "force_N" in logged else None
+    with styled() as Figure:
+        panels = 3 if force is not None and "motor_work_J" in v else 2
+        figure = Figure(figsize=(3.3 * panels, 3.2), layout="constrained")
+        axes = figure.subplots(1, panels)
+        axes[0].plot(t, command * 1e3, color=MODEL, label="command")
+        axes[0].plot(t, position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
+        axes[0].legend()
+        ratio, lag = v["actuator_ratio"], v["actuator_lag_s"]
+        axes[0].set(title=f"ratio {measured(ratio['value'], ratio['sigma'])}", ylabel="motor on the rod [mm]")
+        axes[1].plot(t, (position - command) * 1e3, color=MEASURED, lw=0.8)
+        axes[1].set(title=f"lag {measured(lag['value'], lag['sigma'], 1e3)} ms", ylabel="encoder − command [mm]")
+        if force is not None and "motor_work_J" in v:
+            work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
+            axes[2].plot(t, work, color=MEASURED)
+            done, peak = v["motor_work_J"], v.get("peak_power_W") or {"value": None, "sigma": None}
+            axes[2].axhline(done["value"], color=QUIET, lw=0.8, ls="--")
+            title = f"work {measured(done['value'], done['sigma'])} J"
+            if peak["value"] is not None:
+                title += f"\npeak power {measured(peak['value'], peak['sigma'])} W"
+            axes[2].set(title=title, ylabel="work of the motor's force [J]")
+        for axis in axes:
+            axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0)
+            axis.set_xlabel("time [s]")
+        return MotorPicture(png(figure))
+
+
+def actuator(rows: list[dict[str, Any]], fit: dict[str, Any], Figure: Any) -> Any:
+    """Amplitude ratio with the -3 dB level and the bandwidth, and lag, both with 2 sigma."""
+    figure = Figure(figsize=(8.6, 3.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    f = np.array([r["frequency_hz"] for r in rows])
+    for axis, name, factor in ((left, "actuator_ratio", 1.0), (right, "actuator_lag_s", 1e3)):
+        value, sigma = (np.array([r[k] for r in rows]) * factor for k in (name, f"{name}_sigma"))
+        axis.errorbar(f, value, 2 * sigma, fmt="o", ms=4, lw=0.8, color=MEASURED)
+        axis.set(xlabel="frequency [Hz]")
+    gain, cut = fit["gain"]["value"], fit["bandwidth_hz"]
+    if gain is not None:
+        left.axhline(gain / np.sqrt(2), color=QUIET, lw=0.8, ls="--", label="−3 dB")
+    if cut["value"] is not None:
+        left.axvspan(*fit["bandwidth_ci95_hz"], color=MODEL, alpha=0.2, lw=0)
+        left.axvline(cut["value"], color=MODEL, lw=0.8, label=f"{measured(cut['value'], cut['sigma'])} Hz")
+    left.set(title="encoder / command", ylabel="amplitude ratio")
+    left.legend()
+    right.set(title="lag behind the command", ylabel="lag [ms]")
+    return figure

@@ -1,0 +1,279 @@
+"""Pictures of the results: a stage each, so that they are cached like every other result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from jumpvision.grains.cone import mass_curve
+from jumpvision.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.results.records import BedHeight, Column, Fits, Flow, Record, RodMotion, Simulation, Track
+from jumpvision.stages.recordings import open_film, open_pictures
+from jumpvision.workflow.stage import stage
+
+
+@dataclass(frozen=True)
+class Picture(Record):
+    """A PNG file."""
+
+    png: bytes
+
+    def save(self, folder: Path) -> None:
+        (folder / self.file).write_bytes(self.png)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        return cls((folder / cls.file).read_bytes())
+
+
+class TrackPicture(Picture):
+    file = "track.png"
+
+
+class JumpPicture(Picture):
+    file = "jump.png"
+
+
+class BedPicture(Picture):
+    file = "bed.png"
+
+
+class FitPicture(Picture):
+    file = "fits.png"
+
+
+def png(figure: Any) -> bytes:
+    """A figure as PNG bytes without a date, so that the same data give the same file."""
+    import io
+
+    out = io.BytesIO()
+    figure.savefig(out, format="png", metadata={"Software": None})
+    return out.getvalue()
+
+
+def drawn(draw: Callable[..., Any], *data: Any) -> bytes:
+    """PNG of a drawing function's figure in the house style."""
+    with styled() as Figure:
+        return png(draw(*data, Figure))
+
+
+@stage(version=1, picture=True)
+def track_picture(track: Track, film: RodVideo) -> TrackPicture:
+    """The ball where it was found, and its height against time with the lost frames marked."""
+    t, good = track.table, track.good
+    with open_film(film) as frames:
+        top = int(good.height_m.idxmax())
+        image = frames[int(t.frame[top])]
+    with styled() as Figure:
+        figure = Figure(figsize=(8.6, 3.6), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1, 2.6))
+        left.imshow(image, cmap="gray", interpolation="nearest")
+        left.plot(good.x_px, good.y_px, color=MODEL, lw=0.7, alpha=0.7)
+        left.plot(t.x_px[top], t.y_px[top], "+", color=MEASURED, ms=9, mew=1.5)
+        left.set(title=f"frame {int(t.frame[top])} and path", xlabel="column [px]", ylabel="row [px]")
+        left.grid(False)
+        right.errorbar(t.time_s, t.height_m * 1e3, t.sigma_m * 1e3, fmt=".", ms=2.5, lw=0.6, color=MEASURED)
+        lost = t[t.height_m.isna()]
+        if len(lost):
+            right.plot(
+                lost.time_s, np.full(len(lost), right.get_ylim()[0]), "|", color=MODEL, label=f"{len(lost)} frames lost"
+            )
+            right.legend()
+        sigma = float(np.median(good.sigma_px))
+        right.set(title=f"rod height, median σ {sigma:.3f} px", xlabel="time [s]", ylabel="height above rest [mm]")
+        return TrackPicture(png(figure))
+
+
+@stage(version=2, picture=True)
+def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actuation | None) -> JumpPicture:
+    """Measured and simulated height of the rod, and what the model leaves over."""
+    t, h, _ = rod.arrays
+    sigma = rod.table.sigma_m.to_numpy(float)  # all of it: a wrong scale is a difference to the model too
+    with styled() as Figure:
+        rows = 2 if simulation else 1
+        figure = Figure(figsize=(8.6, 2.4 + 1.5 * rows), layout="constrained")
+        axes = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(2.4, 1)[:rows])[:, 0]
+        axes[0].plot(t, h * 1e3, ".", ms=3, color=MEASURED, label="measured")
+        axes[0].set(ylabel="rod height [mm]", title="rod height above rest")
+        if simulation:
+            s = simulation.table
+            rest = s.rod_m.iloc[0]
+            axes[0].plot(s.time_s, (s.rod_m - rest) * 1e3, color=MODEL, label="model")
+            left = h - np.interp(t, s.time_s, s.rod_m - rest)
+            axes[1].fill_between(t, -2e3 * sigma, 2e3 * sigma, color=QUIET, alpha=0.35, lw=0, label="±2σ")
+            axes[1].plot(t, left * 1e3, ".-", ms=2, lw=0.6, color=MEASURED)
+            axes[1].set(ylabel="measured − model [mm]")
+            axes[1].legend(loc="upper right")
+        if actuation and actuation.moves:
+            for axis in axes:
+                axis.axvspan(actuation.start, actuation.stop, color=ACCENT, alpha=0.12, lw=0)
+            axes[0].text(actuation.start, axes[0].get_ylim()[1], " motor", color=ACCENT, va="top")
+        axes[-1].set_xlabel("time [s]")
+        axes[0].legend(loc="upper right")
+        return JumpPicture(png(figure))
+
+
+@stage(version=1, picture=True)
+def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
+    """The surface found in the picture of the bed."""
+    v, profile = bed.values, bed.values["profile"]
+    with open_pictures(image) as frames:
+        grey = frames[v["picture"]]
+    with styled() as Figure:
+        figure = Figure(figsize=(8.6, 3.8), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1, 1.6))
+        left.imshow(grey, cmap="gray")
+        left.plot(profile["column_px"], profile["row_px"], color=MODEL, lw=1)
+        if image.floor_row is not None:
+            left.axhline(image.floor_row, color=GREEN, lw=1)
+        left.set(title="surface and floor", xlabel="column [px]", ylabel="row [px]")
+        left.grid(False)
+        x, height = (np.array(profile[k], float) * 1e3 for k in ("x_m", "height_m"))
+        mean, sigma = v["height_m"] * 1e3, v["sigma_m"] * 1e3
+        right.plot(x, height, color=MEASURED, lw=0.8)
+        right.axhspan(mean - 2 * sigma, mean + 2 * sigma, color=MODEL, alpha=0.25, lw=0)
+        right.axhline(mean, color=MODEL)
+        phi = v["volume_fraction"]
+        text = f"\nφ = {phi:.4f} ± {v['sigma_volume_fraction']:.4f}" if phi is not None else ""
+        right.set(title=f"bed height {mean:.2f} ± {sigma:.2f} mm{text}", xlabel="x [mm]", ylabel="height [mm]")
+        return BedPicture(png(figure))
+
+
+@stage(version=2, picture=True)
+def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None, flow: Flow | None) -> FitPicture:
+    """The fits beside the data they were made on."""
+    panels: list[Any] = []
+    v = fits.values
+    if column is not None:
+        panels += COLUMN_PANELS
+    if flow is not None and (v.get("cone_slope_kg_m") or {}).get("value") is not None:
+        panels.append(draw_cone)
+    if rod is not None and v.get("ring_start_s"):
+        panels.append(draw_ring)
+    if not panels:
+        raise NotApplicable(["fit_picture needs a ring-down or a grain film"])
+    with styled() as Figure:
+        figure = Figure(figsize=(3.1 * len(panels) + 0.4, 3.2), layout="constrained")
+        for axis, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+            draw(axis, v, {"rod": rod, "column": column, "flow": flow})
+        return FitPicture(png(figure))
+
+
+def draw_ring(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+    """The ring-down after the last landing and its damped cosine."""
+    t, h, _ = of["rod"].arrays
+    f, zeta, a, offset, phase, start, stop = (
+        fits[k]["value"] for k in ("frequency_hz", "zeta", "ring_amplitude_m", "ring_offset_m", "ring_phase_rad",
+                                   "ring_start_s", "ring_stop_s")
+    )  # fmt: skip
+    w = (t >= start) & (t <= stop)
+    axis.plot(t[w], (h[w] - offset) * 1e3, ".", ms=3, color=MEASURED)
+    line = np.linspace(start, stop, 1500)
+    omega0 = 2 * np.pi * f / np.sqrt(1 - zeta**2)
+    wave = a * np.exp(-zeta * omega0 * (line - start)) * np.cos(2 * np.pi * f * (line - start) + phase)
+    axis.plot(line, wave * 1e3, color=MODEL, lw=0.8)
+    axis.set(title=f"ring-down {f:.3f} Hz, ζ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
+
+
+def draw_profile(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+    """Speed below the foot at the frame with the fastest foot, and the exponential a^(z+b)."""
+    c = of["column"].field
+    i = (
+        int(np.nanargmax(np.where(np.isfinite(c.beta_deg), c.max_speed, np.nan)))
+        if np.isfinite(c.beta_deg).any()
+        else 0
+    )
+    z = c.depth.values[:, i]
+    top = float(c.max_speed[i])
+    axis.errorbar(
+        z * 1e3, c.speed.values[:, i] / top, c.speed_sigma.values[:, i] / top, fmt=".", ms=3, lw=0.6, color=MEASURED
+    )
+    line = np.linspace(0, np.nanmax(z), 200)
+    axis.plot(
+        line * 1e3, np.minimum(np.exp(float(c.log_a[i]) * (line + float(c.b[i]))), 1.0), color=MODEL, label="$a^{z+b}$"
+    )
+    axis.axhline(float(c.attrs["front"]), color=QUIET, lw=0.8, ls="--")
+    axis.set_xlim(0)
+    axis.set(
+        title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest"
+    )
+    axis.legend()
+
+
+def draw_beta(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+    """beta against the foot's depth."""
+    c = of["column"].field
+    axis.errorbar(c.foot_depth * 1e3, c.beta_deg, c.beta_deg_sigma, fmt=".", lw=0.7, color=MEASURED)
+    b = fits.get("beta_deg")
+    if b and b["value"] is not None:
+        axis.axhline(b["value"], color=MODEL)
+    axis.set(title="β = asin(a^Δz)", xlabel="foot depth [mm]", ylabel="β [deg]")
+
+
+def draw_front(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+    """Thickness of the jammed layer against the foot's depth; the slope is mu."""
+    c = of["column"].field
+    x = c.foot_depth.values * 1e3
+    axis.errorbar(x, c.jammed_thickness * 1e3, c.jammed_thickness_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
+    mu, cut = fits.get("mu"), fits.get("mu_intercept_m")
+    if mu and cut and mu["value"] is not None and np.isfinite(x).any():
+        line = np.array([np.nanmin(x), np.nanmax(x)])
+        axis.plot(
+            line,
+            mu["value"] * line + cut["value"] * 1e3,
+            color=MODEL,
+            label=f"μ = {mu['value']:.2f} ± {mu['sigma']:.2f}",
+        )
+        axis.legend()
+    axis.set(title="jammed front", xlabel="foot depth [mm]", ylabel="thickness [mm]")
+
+
+def draw_theta(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+    """Angle of the cone's side and of the bands of shear against the foot's depth."""
+    c = of["column"].field
+    for name, color, mark, label in (
+        ("theta_bands_deg", QUIET, "x", "bands of shear"), ("theta_deg", MEASURED, ".", "side of the cone"),
+    ):  # fmt: skip
+        axis.errorbar(c.foot_depth * 1e3, c[name], c[f"{name}_sigma"], fmt=mark, lw=0.7, ms=4, color=color, label=label)
+    theta = fits.get("theta_deg")
+    if theta and theta["value"] is not None:
+        axis.axhline(theta["value"], color=MODEL)
+        axis.legend()
+    axis.set(title="θ of the cone", xlabel="foot depth [mm]", ylabel="θ [deg]", ylim=(30, 90))
+
+
+def draw_cone(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+    """Added mass against depth and the saturating cone (33)."""
+    f = of["flow"].field
+    z = f.foot_depth.values
+    axis.errorbar(z * 1e3, f.added_mass * 1e3, f.added_mass_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
+    line = np.linspace(0.0, np.nanmax(z[np.isfinite(f.added_mass.values)]), 100)
+    slope, narrowing = fits["cone_slope_kg_m"]["value"], fits["mu_over_tan_theta"]["value"]
+    c, R = fits["C"], of["column"].field.attrs["foot_radius_m"]
+    label = f"C = {c['value']:.2f} ± {c['sigma']:.2f}" if c["value"] is not None else "cone"
+    axis.plot(line * 1e3, mass_curve(line, slope, narrowing, R) * 1e3, color=GREEN, label=label)
+    axis.legend()
+    axis.set(title="added mass and cone", xlabel="foot depth [mm]", ylabel="m_a [g]")
+
+
+def draw_sides(axis: Any, column: Any, i: int) -> None:
+    """Ridges of the shear rate, outline and its straight sides, over a map of frame i in mm (Fig. 52b)."""
+    c = column.isel(t=i)
+    face = float(c.depth[0] + c.y[0])
+    for name, color, mark in (("ridge", "white", "."), ("outline", ACCENT, "_")):
+        for way in ("left", "right"):
+            axis.plot(c[f"{name}_{way}"] * 1e3, c.y * 1e3, mark, color=color, ms=3)
+    theta, radius = np.radians(float(c.theta_deg)), float(c.cone_radius)
+    if np.isfinite(theta):
+        depth = np.array([0.0, min(float(c.jammed_thickness), radius * np.tan(theta))])
+        for sign in (-1.0, 1.0):
+            axis.plot(sign * (radius - depth / np.tan(theta)) * 1e3, (face - depth) * 1e3, color=GREEN, lw=1.2)
+        axis.set_title(f"θ = {float(c.theta_deg):.1f}°, bands {float(c.theta_bands_deg):.1f}°", fontsize=9)
+
+
+COLUMN_PANELS = (draw_profile, draw_beta, draw_front, draw_theta)

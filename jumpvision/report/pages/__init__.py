@@ -1,0 +1,1 @@
+"""report.html: pages without network, with the figures to point at."""

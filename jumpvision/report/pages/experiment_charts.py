@@ -1,0 +1,124 @@
+"""The interactive figures of one experiment, from its result files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .charts import MOST, Chart, axis, chart, fits_of, json_of, panel, series
+
+
+def experiment_charts(results: Path, law: Any = None) -> list[Chart]:
+    """Figures of one experiment from its result files. law: its [actuation]."""
+    made = (jump_chart(results, law), grains_chart(results), intrusion_chart(results))
+    return [c for c in made if c is not None]
+
+
+def jump_chart(results: Path, law: Any = None) -> Chart | None:
+    """Height of the rod, measured and simulated, and their difference, against time."""
+    import pandas as pd
+
+    if not (results / "rod.csv").exists():
+        return None
+    rod = pd.read_csv(results / "rod.csv")
+    every = -(-len(rod) // MOST)
+    rod = rod.iloc[::every]
+    t = rod.time_s
+    spans = [[law.start, law.stop, "motor"]] if law is not None and law.moves else []
+    x, y = axis("time", "s"), axis("height above rest", "mm")
+    measured = series("measured", "measured", t, rod.height_m * 1e3, rod.sigma_m * 1e3, size=2)
+    note = "Bars and bands are ±2σ." + (f" Every {every}th frame is shown." if every > 1 else "")
+    if not (results / "simulation.csv").exists():
+        return chart("Height of the rod", [panel("rod", x, y, [measured], spans=spans)], note)
+    model = pd.read_csv(results / "simulation.csv")
+    rest = model.rod_m.iloc[0]
+    simulated = np.interp(t, model.time_s, model.rod_m - rest) * 1e3
+    panels = [
+        panel("rod", x, y, [series("model", "model", t, simulated, kind="line"), measured], spans=spans),
+        panel(
+            "measured − model", x, axis("difference", "mm"),
+            [series("difference", "measured", t, rod.height_m * 1e3 - simulated, rod.sigma_m * 1e3, kind="line")],
+            spans=spans, rules=[{"y": 0}], height=170,
+        ),
+    ]  # fmt: skip
+    return chart("The jump", panels, note, stacked=True)
+
+
+def grains_chart(results: Path) -> Chart | None:
+    """Momentum of the grains against time; added mass and jammed front against depth."""
+    import xarray as xr
+
+    from jumpvision.grains.cone import mass_curve
+
+    if not (results / "flow.nc").exists():
+        return None
+    fits = fits_of(results)
+    with xr.open_dataset(results / "flow.nc", decode_times=False) as f:
+        t, depth = f.t.values, f.foot_depth.values * 1e3
+        p, p_sigma, mass, mass_sigma = (
+            f[k].values for k in ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma")
+        )
+    if not np.isfinite(p).any():
+        return None
+    panels = [panel("momentum of the grains, downwards", axis("time", "ms"), axis("P", "g m/s"),
+                    [series("momentum", "measured", t * 1e3, p * 1e3, p_sigma * 1e3, kind="line")])]  # fmt: skip
+    shown = [series("measured", "measured", depth, mass * 1e3, mass_sigma * 1e3, size=3)]
+    radius = float("nan")
+    if (results / "column.nc").exists():
+        with xr.open_dataset(results / "column.nc", decode_times=False) as c:
+            radius = float(c.attrs.get("foot_radius_m", "nan"))
+            front, front_sigma = c.jammed_thickness.values * 1e3, c.jammed_thickness_sigma.values * 1e3
+    else:
+        front = front_sigma = np.full(t.size, np.nan)
+    slope, narrowing = (fits.get(k, {}).get("value") for k in ("cone_slope_kg_m", "mu_over_tan_theta"))
+    if slope is not None and narrowing is not None and np.isfinite(radius) and np.isfinite(mass).any():
+        line = np.linspace(0.0, np.nanmax(depth[np.isfinite(mass)]), 80)
+        shown.append(
+            series("cone", "green", line, mass_curve(line * 1e-3, slope, narrowing, radius) * 1e3, kind="line")
+        )
+    panels.append(
+        panel("mass that moves with the foot", axis("depth of the foot", "mm"), axis("mₐ", "g", zero=True), shown)
+    )
+    if np.isfinite(front).any():
+        shown = [series("measured", "measured", depth, front, front_sigma, size=3)]
+        mu, cut = fits.get("mu", {}), fits.get("mu_intercept_m", {})
+        if mu.get("value") is not None and cut.get("value") is not None:
+            ends = np.array([np.nanmin(depth), np.nanmax(depth)])
+            shown.append(series("slope μ", "model", ends, mu["value"] * ends + cut["value"] * 1e3, kind="line"))
+        panels.append(
+            panel(
+                "jammed front below the foot",
+                axis("depth of the foot", "mm"),
+                axis("thickness", "mm", zero=True),
+                shown,
+            )
+        )
+    return chart("The grains", panels, "Bars and bands are ±2σ. P/v is singular where the foot stops: masked there.")
+
+
+def intrusion_chart(results: Path) -> Chart | None:
+    """Force against depth with the fit and the cone, and what the fit leaves over."""
+    v = json_of(results / "intrusion.json")
+    if not v:
+        return None
+    profile = v["profile"]
+    every = -(-len(profile["depth_m"]) // MOST)
+    p = {k: np.array(a, float)[::every] for k, a in profile.items() if k in ("depth_m", "force_N", "fitted_N")}
+    z = p["depth_m"] * 1e3
+    shown = [
+        series("measured", "measured", z, p["force_N"], size=2),
+        series("fit", "model", z, p["fitted_N"], kind="line"),
+    ]
+    if v["cone"]:
+        shown.append(series("RFT cone", "green", z, np.array(v["cone"]["force_N"])[::every], kind="line", dash=True))
+    delta = v["fits"]["delta"]["value"]
+    rules = [{"x": delta * 1e3}] if delta is not None else []
+    depth, left = axis("depth below the surface", "mm"), p["force_N"] - p["fitted_N"]
+    panels = [
+        panel("force against depth", depth, axis("force", "N", zero=True), shown, rules=rules),
+        panel("measured − fit", depth, axis("force", "N"), [series("difference", "measured", z, left, kind="line")],
+              rules=[{"y": 0}], height=170),
+    ]  # fmt: skip
+    return chart("Slow intrusion", panels, "Dashed: the depth δ of the bend." if rules else "", stacked=True)

@@ -1,0 +1,253 @@
+"""report.html: self-contained pages without network, one for each experiment and one for the campaign.
+
+The campaign's page holds what only the campaign shows and links to the experiments' pages; these are written one after
+the other, and only where something changed, so neither memory nor the campaign's page grow with films and pictures.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from jumpvision import __version__
+from jumpvision.base.numbers import measured
+from jumpvision.base.storage import write_aside
+from jumpvision.campaign.across import actuator_bandwidth, actuator_rows, intrusion_laws, intrusion_rows
+from jumpvision.campaign.beside import Truth, chance, confirmation_rows, details, is_named, models, overview, said_true
+from jumpvision.campaign.craters import craters_table, zero_crossing
+from jumpvision.inputs.experiment import Campaign
+from jumpvision.inputs.sections import Actuation
+from jumpvision.report.figures.bed import critical
+from jumpvision.report.figures.logs import actuator, resistances
+from jumpvision.report.figures.pictures import drawn
+from jumpvision.results.records import plain
+from jumpvision.workflow.run import Outcome, truth_of
+
+from .charts import diagnosis_charts, fits_of, heights_chart, json_of, parameters
+from .experiment_charts import experiment_charts
+from .words import campaign_words, experiment_words, film, inline, noise_words, poster, preview
+
+NAME = "report.html"
+PICTURES = {  # file: (heading, what it shows)
+    "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
+    "bed.png": ("Bed", "side view of the bed with the surface found"),
+    "crater.png": ("Crater", "the crater's surface and its profile about the axis"),
+    "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
+    "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
+    "flow.png": ("Flow", "shear rate map, grain momentum against time, added mass against depth"),
+    "motor.png": ("Motor", "encoder against command, their difference, and the work of the motor's force"),
+    "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
+    "fits.png": ("Fits", "fits beside the data they were made on"),
+}
+FILMS = {
+    "track.webm": ("The ball", "film of the rod with the path of the ball drawn in"),
+    "piv.webm": ("Grain velocities", "film of the grains with velocity vectors, in slow motion"),
+    "cone.webm": ("The growing cone", "film of the grains with the shear bands and the sides of the jammed cone"),
+}
+PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png", "intrusion.png")  # of one experiment at most
+KEY = '<meta name="made-from" content="{}">'
+
+
+def write_report(
+    campaign: Campaign,
+    outcomes: list[Outcome],
+    rows: list[dict[str, Any]],
+    results: Path,
+    *,
+    single: bool,
+    diagnosis: dict[str, Any] | None = None,
+) -> Path:
+    """Write the pages and return the path of the one to open: of the campaign, or of the only experiment."""
+    laws = {e.name: e.section(Actuation) for e in campaign.experiments}
+    keys = []
+    for o in outcomes:
+        if not o.results.is_dir():
+            continue
+        try:
+            keys.append(write_experiment(o, laws.get(o.name), back="" if single else f"../{NAME}"))
+        except OSError as e:
+            o.errors.append(f"{o.results / NAME}: {e.strerror or e}; free or change it and run again")
+    if single:
+        return outcomes[0].results / NAME
+    true = [dict(truth_of(campaign.path)), chance(campaign, outcomes)]
+    key = digest_of([*keys, json.dumps(plain([rows, diagnosis, dict(campaign.excluded), true]))])
+    if not made_from(results / NAME, key):
+        write_campaign(campaign, outcomes, rows, results, diagnosis, key)
+    return results / NAME
+
+
+def write_campaign(
+    campaign: Campaign, outcomes: list[Outcome], rows: list[dict[str, Any]], results: Path,
+    diagnosis: dict[str, Any] | None, key: str,
+) -> None:  # fmt: skip
+    """The page of a campaign."""
+    craters = craters_table({o.name: o.results for o in outcomes})
+    crossing = zero_crossing(craters) if craters else None
+    packed = crossing is not None and any(r["volume_fraction"] is not None for r in craters)
+    intruded = intrusion_rows(campaign, outcomes)
+    driven = actuator_rows(campaign, outcomes)
+    swept = len({r["frequency_hz"] for r in driven}) > 2
+    sentence, facts = campaign_words(rows, diagnosis, crossing, len(intruded))
+    heights = heights_chart(rows, diagnosis)
+    truth = Truth.of(campaign)
+    shown = richest(outcomes)
+    cone = shown.results / "cone.webm" if shown is not None else None
+    moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
+    text = template("campaign.html.j2").render(
+        key=KEY.format(key),
+        style=static("page.css"),
+        script=static("plot.js") + static("page.js"),
+        title=campaign.path.absolute().name,
+        version=__version__,
+        sentence=sentence,
+        facts=facts,
+        heights=heights,
+        charts=diagnosis_charts(diagnosis),
+        diagnosis=inline((results / "diagnosis.png").read_bytes())
+        if diagnosis and (results / "diagnosis.png").exists()
+        else None,
+        causes=causes_shown(diagnosis, truth) if diagnosis else [],
+        synthetic=truth is not None,
+        beside=confirmation_rows(diagnosis, campaign) if diagnosis else [],
+        noise=noise_words(diagnosis["noise"]) if diagnosis else "",
+        confirmed=diagnosis.get("confirmed") if diagnosis else None,
+        model=diagnosis,
+        critical=inline(drawn(critical, craters, crossing)) if packed else None,
+        intrusions=inline(drawn(resistances, intruded, intrusion_laws(intruded))) if intruded else None,
+        actuator=inline(drawn(actuator, driven, actuator_bandwidth(driven))) if swept else None,
+        table=linked(overview(campaign, outcomes), outcomes),
+        details=details(campaign, outcomes),
+        chance=chance(campaign, outcomes),
+        shown=shown,
+        previews=[
+            {"src": preview(shown.results / f), "heading": PICTURES.get(f, ("Intrusion", ""))[0]}
+            for f in PREVIEWS
+            if shown is not None and (shown.results / f).exists()
+        ],
+        film=moving,
+        warnings=[f"{o.name}: {w}" for o in outcomes for w in o.warnings],
+        excluded=campaign.excluded,
+        failed=[o for o in outcomes if o.errors],
+        done=sum(not o.errors for o in outcomes),
+        count=len(outcomes),
+    )
+    write_aside(results / NAME, text)
+
+
+def causes_shown(diagnosis: dict[str, Any], truth: Truth | None) -> list[dict[str, Any]]:
+    """The models that were tried with their parameters in words; of the named one the truth too, where it is stated."""
+    return [
+        c | {"said": parameters(c), "true": said_true(c, truth) if truth and is_named(c, diagnosis) else ""}
+        for c in models(diagnosis["causes"])
+    ]
+
+
+def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
+    """The page of one experiment, unless the one there was made from the same results; the digest of these."""
+    page = outcome.results / NAME
+    provenance = outcome.results / "provenance.json"
+    receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
+    key = digest_of([back, *outcome.errors, *outcome.warnings, *outcome.not_run, receipt])
+    if made_from(page, key):
+        return key
+    folder, fits = outcome.results, fits_of(outcome.results)
+    intrusion = json_of(folder / "intrusion.json").get("fits", {})
+    crater = json_of(folder / "crater.json")
+    volume = {"volume_m3": {"value": crater["volume_m3"], "sigma": crater["sigma_m3"]}} if crater else {}
+    sentence, facts = experiment_words(law, outcome.summary, {**fits, **intrusion, **volume})
+    charts = experiment_charts(folder, law)
+    made = json.loads(receipt or "{}")
+    text = template("experiment.html.j2").render(
+        key=KEY.format(key),
+        style=static("page.css"),
+        script=static("plot.js") + static("page.js"),
+        title=outcome.name,
+        version=__version__,
+        back=back,
+        sentence=sentence,
+        facts=facts,
+        charts=charts,
+        films=[
+            {"src": film(folder / f), "poster": poster(folder / f), "heading": heading, "alt": alt}
+            for f, (heading, alt) in FILMS.items()
+            if (folder / f).exists()
+        ],
+        pictures=[
+            {"src": inline((folder / f).read_bytes()), "heading": heading, "alt": alt}
+            for f, (heading, alt) in PICTURES.items()
+            if (folder / f).exists()
+        ],
+        fits=fit_rows({**fits, **intrusion}),
+        warnings=outcome.warnings,
+        errors=outcome.errors,
+        not_run=outcome.not_run,
+        provenance={k: made[k] for k in ("command", "versions", "inputs", "parameters") if k in made},
+    )
+    write_aside(page, text)
+    return key
+
+
+def digest_of(texts: list[str]) -> str:
+    """Digest of what a page is made from, with the code that makes it."""
+    return hashlib.sha256("\0".join([_code(), *texts]).encode()).hexdigest()[:24]
+
+
+@cache
+def _code() -> str:
+    """Digest of the pages' own files."""
+    here = files(__package__)
+    own = [f for folder in ("", "static", "templates") for f in here.joinpath(folder).iterdir() if f.is_file()]
+    return hashlib.sha256(__version__.encode() + b"".join(f.read_bytes() for f in sorted(own, key=str))).hexdigest()
+
+
+def made_from(page: Path, key: str) -> bool:
+    """Whether the page that is there says so at its head."""
+    if not page.exists():
+        return False
+    with page.open(encoding="utf-8", errors="replace") as f:
+        return KEY.format(key) in f.read(400)
+
+
+def richest(outcomes: list[Outcome]) -> Outcome | None:
+    """The experiment with most pictures, for the few that a campaign's page shows."""
+    return max(outcomes, key=lambda o: sum((o.results / f).exists() for f in (*PREVIEWS, *FILMS)), default=None)
+
+
+def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """Rows of the table of experiments with the address of each page and what went wrong."""
+    by_name = {o.name: o for o in outcomes}
+    return [
+        {"cells": row, "href": f"{row['experiment']}/{NAME}" if by_name[row["experiment"]].results.is_dir() else "",
+         "errors": by_name[row["experiment"]].errors}
+        for row in table
+    ]  # fmt: skip
+
+
+def fit_rows(fits: dict[str, Any]) -> list[dict[str, str]]:
+    """fits.json as table rows; fits without a value are left out."""
+    return [
+        {"name": k, "value": measured(f["value"], f["sigma"]), "unit": f["unit"], "n": str(f["n"])}
+        for k, f in fits.items()
+        if f["value"] is not None
+    ]
+
+
+@cache
+def template(name: str) -> Any:
+    """A template of the package."""
+    from jinja2 import Environment, PackageLoader, select_autoescape
+
+    return Environment(
+        loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape(["html", "j2"]), trim_blocks=True,
+        lstrip_blocks=True,
+    ).get_template(name)  # fmt: skip
+
+
+@cache
+def static(name: str) -> str:
+    """A file of the page's own, to be put inside it."""
+    return files(__package__).joinpath("static", name).read_text(encoding="utf-8")

@@ -1,0 +1,177 @@
+"""The first screen of a page in words, and pictures and films inside it as data."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.numbers import measured
+
+from .charts import column
+
+Numbers = list[tuple[str, str, str]]  # value, unit, what it is
+SHOWN = 3
+
+
+def campaign_words(
+    rows: Sequence[Mapping[str, Any]], diagnosis: Mapping[str, Any] | None, craters: Any, intruded: int
+) -> tuple[str, Numbers]:
+    """(sentence, numbers) of a campaign; the diagnosis' sentence where there is one."""
+    jumped = [r for r in rows if r.get("jump_height_m") is not None]
+    h, s = column(jumped, "jump_height_m", 1e3), column(jumped, "sigma_m", 1e3)
+    model = column(jumped, "simulated_height_m", 1e3)
+    if diagnosis:
+        b, p = diagnosis["baseline"], diagnosis["p_value"]
+        facts = [(f"{1e3 * b['rmse_height_m']:.3g}", "mm", "error of the simulated heights, rms")]
+        if g := diagnosis["gain"]:
+            low, high = g["ratio_ci95"]
+            said = f"smaller track error on jumps held out, with the extended model ({low:.3g} to {high:.3g})"
+            facts.append((f"{g['ratio']:.3g}×", "", said))
+        else:
+            facts.append((probability(p), "", "probability of such residuals by noise alone"))
+        facts.append(
+            (
+                str(len(diagnosis["heights"])),
+                "jumps",
+                f"questioned, noise {1e3 * diagnosis['noise']['sigma_m']:.2g} mm a frame",
+            )
+        )
+        return str(diagnosis["sentence"]), facts
+    if jumped:
+        text = f"{len(jumped)} jumps, {h.min():.3g} to {h.max():.3g} mm high"
+        facts = [(f"{h.max():.4g}", "mm", f"highest jump: {jumped[int(h.argmax())]['experiment']}")]
+        if np.isfinite(s).any():
+            facts.append((f"{np.nanmedian(s):.2g}", "mm", "median standard uncertainty of a height"))
+        if np.isfinite(model).any():
+            off = float(np.nanmean(model - h))
+            text += f"; the model is {abs(off):.2g} mm {'higher' if off > 0 else 'lower'} on average"
+            facts.append((f"{np.sqrt(np.nanmean((model - h) ** 2)):.3g}", "mm", "model against measured, rms"))
+        return text + ".", facts
+    if craters is not None and craters.value is not None and np.isfinite(craters.value):
+        value = measured(craters.value, craters.sigma)
+        return f"Craters neither swell nor shrink at a volume fraction of {value}.", [
+            (value, "", "critical packing φ_c")
+        ]
+    done = sum(not r.get("problem") for r in rows)
+    what = f"{intruded} slow intrusions" if intruded else f"{done} experiments"
+    return f"{what} analysed.", []
+
+
+def noise_words(noise: Mapping[str, Any]) -> str:
+    """What is known of the noise of a frame, and from which sources."""
+    known = {k: s for k, s in noise["sources"].items() if s}
+    sources = "; ".join(
+        f"{SOURCES[k]} {measured(s['sigma_m'], s['sigma_m'] * s['log_sigma'], 1e3)} mm (n = {s['n']})"
+        for k, s in known.items()
+    )
+    return f"Noise: {1e3 * noise['sigma_m']:.3g} mm a frame" + (f"; {sources}." if sources else ".")
+
+
+SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
+
+
+def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Mapping[str, Any]) -> tuple[str, Numbers]:
+    """(sentence, numbers) of one experiment. kind: its [actuation], or None."""
+    h, model = summary.get("jump_height_m"), summary.get("simulated_height_m")
+    facts: Numbers = []
+    text = ""
+    if h is not None:
+        height = measured(h, summary.get("sigma_m"), 1e3)
+        what = f"{kind.kind.replace('_', ' ')} jump" if kind is not None and kind.moves else "jump"
+        at = f" at {kind.frequency:g} Hz" if kind is not None and kind.frequency else ""
+        text = f"A {what}{at} rose {height} mm"
+        facts.append((height, "mm", "jump height above rest, measured"))
+        if model is not None:
+            off, sigma = 1e3 * (model - h), summary.get("sigma_m")
+            same = sigma is not None and abs(model - h) <= 2.0 * sigma
+            far = f"{abs(off):.3g} mm too {'high' if off > 0 else 'low'}"
+            text += f"; the model says {1e3 * model:.4g} mm, {'the same within 2σ' if same else far}"
+            gap = measured(model - h, sigma, 1e3) if same else f"{off:+.3g}"
+            facts.append((gap.replace("-", "−"), "mm", "model − measured"))
+        text += "."
+    for name, label, unit, factor in OTHERS:
+        fit = fits.get(name) or {}
+        if fit.get("value") is not None:
+            facts.append((measured(fit["value"], fit["sigma"], factor), unit, label))
+    if summary.get("volume_fraction") is not None:
+        facts.append(
+            (
+                measured(summary["volume_fraction"], summary.get("sigma_volume_fraction")),
+                "",
+                "volume fraction φ of the bed",
+            )
+        )
+    if not text and facts:
+        value, unit, label = facts[0]
+        text = f"{label[0].upper()}{label[1:]}: {value} {unit}".rstrip() + "."
+    return text, facts[:SHOWN]
+
+
+OTHERS = (  # name in fits.json or intrusion.json, what it is, unit, factor
+    ("added_mass_kg", "grains that move with the foot, at most", "g", 1e3),
+    ("mu", "μ, growth of the jammed front with depth", "", 1.0),
+    ("k1", "k₁, resistance to the bend", "N/m", 1.0),
+    ("k2", "k₂, below the bend", "N/m", 1.0),
+    ("delta", "δ, depth of the bend", "mm", 1e3),
+    ("volume_m3", "volume change of the crater", "cm³", 1e6),
+    ("frequency_hz", "ring-down frequency", "Hz", 1.0),
+    ("zeta", "damping ratio ζ", "", 1.0),
+)
+
+
+def probability(p: float) -> str:
+    """0.034, or < 0.0001."""
+    return f"{p:.2g}" if p >= 1e-4 else "< 0.0001"
+
+
+LARGEST = 6_000_000  # bytes of a film inside a page; the films made here stay under 3 MB
+PREVIEW = 640  # px wide
+
+
+def inline(data: bytes, kind: str = "image/png") -> str:
+    """A file as a data address."""
+    return f"data:{kind};base64," + base64.b64encode(data).decode()
+
+
+def film(file: Path) -> str:
+    """Source of a film: inside the page, or the file's name where it is longer than a page should hold."""
+    return inline(file.read_bytes(), "video/webm") if file.stat().st_size <= LARGEST else file.name
+
+
+def poster(file: Path) -> str:
+    """What a film shows before it is played, and in print: its most colourful frame, where most is drawn over it."""
+    import av
+    import numpy as np
+
+    best, most = None, -1.0
+    with av.open(file) as film:
+        for frame in film.decode(video=0):
+            picture = frame.to_ndarray(format="bgr24")
+            colour = float(np.ptp(picture[::4, ::4].astype(np.int16), axis=2).mean())
+            if colour > most:
+                best, most = picture, colour
+    return small(best) if best is not None else ""
+
+
+def preview(file: Path) -> str:
+    """A picture made small."""
+    import cv2
+    import numpy as np
+
+    picture = cv2.imdecode(np.frombuffer(file.read_bytes(), np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise ValueError(f"{file}: not a picture")
+    return small(picture)
+
+
+def small(picture: Any) -> str:
+    """A picture (row, column, BGR) as WebP."""
+    import cv2
+
+    height = round(picture.shape[0] * PREVIEW / picture.shape[1])
+    made = cv2.resize(picture, (PREVIEW, height), interpolation=cv2.INTER_AREA)
+    return inline(cv2.imencode(".webp", made, [cv2.IMWRITE_WEBP_QUALITY, 82])[1].tobytes(), "image/webp")

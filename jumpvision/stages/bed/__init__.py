@@ -1,0 +1,1 @@
+"""Stages of the bed: its height, its crater, its walls and air, slow intrusions."""

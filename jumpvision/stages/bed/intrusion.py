@@ -1,0 +1,103 @@
+"""Intrusion: force against depth of a slow intrusion, its two resistances and what pauses and withdrawals add."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.strokes import Fresh, deep_ripple, fresh_samples, overshoot_law
+from jumpvision.estimate.two_slope import Penetration, fit_penetration, in_bins
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.parameters import IntrusionParams
+from jumpvision.inputs.sections import IntrusionLog, Robot
+from jumpvision.mechanisms.laws import rft_cone
+from jumpvision.results.records import Intrusion
+from jumpvision.workflow.stage import stage
+
+LAWS = {"reintrusion": "s", "stop_go": "s_p"}
+LEAST = 40  # samples in fresh grains that a curve needs
+
+
+@stage(version=1)
+def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> Intrusion:
+    """`fits` {name: {value, sigma, ...}}, the averaged `profile`, the `events` and the cone's prediction `cone`."""
+    d = read_log(log.path, "time_s", "depth_m", "force_N", at_least=LEAST)
+    depth = d.depth_m.to_numpy()
+    fresh = fresh_samples(d.time_s.to_numpy(), depth, window=p.window, rise=p.rise)
+    if fresh.index.size < LEAST:
+        raise ValueError(
+            f"{log.path}: depth_m: {fresh.index.size} samples go deeper than those before; {LEAST} are needed "
+            "(depth is positive downwards; was the foot pushed in?)"
+        )
+    curve = fit_penetration(in_bins(depth, d.force_N.to_numpy(), fresh), rng=np.random.default_rng(0),
+                            significance=p.significance)  # fmt: skip
+    if not curve.k1.value > 3.0 * curve.k1.sigma:
+        raise ValueError(
+            f"{log.path}: force_N does not rise with depth_m: {curve.k1.value:.3g} ± {curve.k1.sigma:.2g} N/m; "
+            "depth must be positive downwards and force positive against the intrusion"
+        )
+    surface = 0.0 if curve.contact.reason else curve.contact.value
+    fits = curve_fits(curve, surface) | event_fits(curve, fresh, surface)
+    below = curve.bins.z - surface
+    return Intrusion(
+        {
+            "fits": {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in fits.items()},
+            "p_one_slope": curve.p_value,
+            "delta_ci95_m": [curve.delta_low, curve.delta_high],
+            "noise": {"white_N": curve.noise.white, "correlated_N": curve.noise.correlated,
+                      "length_m": curve.noise.length},
+            "profile": {"depth_m": below, "force_N": curve.bins.F - curve.offset.value, "event": curve.bins.event,
+                        "fitted_N": curve.fitted - curve.offset.value, "first_N": curve.virgin - curve.offset.value},
+            "events": [
+                {"kind": kind, "depth_m": z - surface, "pause_s": pause, "overshoot_N": o, "sigma_N": math.sqrt(v)}
+                for kind, z, pause, o, v in zip(fresh.event_kind, fresh.event_depth, fresh.event_pause, curve.overshoot,
+                                                np.diag(curve.overshoot_covariance))
+            ],
+            "cone": cone(curve, robot, np.maximum(below, 0.0), p),
+        }
+    )  # fmt: skip
+
+
+def curve_fits(curve: Penetration, surface: float) -> dict[str, Estimate]:
+    """k1, k2, delta, the contact point, the weight that the load cell carries, ripples below the bend."""
+    out = {"k1": curve.k1, "k2": curve.k2, "delta": curve.delta, "contact_depth_m": curve.contact,
+           "weight_N": curve.offset}  # fmt: skip
+    if not curve.delta.reason:
+        ripple = deep_ripple(curve.bins.z, curve.residual, surface=surface, bend=surface + curve.delta.value)
+        out |= {"ripple_variance_N2": ripple.variance, "ripple_N": ripple.amplitude}
+        if not ripple.amplitude.reason:
+            out["ripple_spacing_m"] = Estimate(ripple.spacing, math.nan, "m", ripple.variance.n, math.nan)
+    return out
+
+
+def event_fits(curve: Penetration, fresh: Fresh, surface: float) -> dict[str, Estimate]:
+    """lam and, by the kind of event, s or s_p with the tests of their law."""
+    if curve.lam.reason:
+        return {}
+    out = {"lam": curve.lam}
+    kinds = np.array(fresh.event_kind)
+    for kind, name in LAWS.items():
+        mine = np.flatnonzero(kinds == kind)
+        law = overshoot_law(
+            fresh.event_depth[mine] - surface, curve.overshoot[mine], curve.overshoot_covariance[np.ix_(mine, mine)],
+            lam=curve.lam.value, pause=fresh.event_pause[mine],
+        )  # fmt: skip
+        out |= {name if k == "s" else f"{name}_{k}": e for k, e in law.items()}
+    return out
+
+
+def cone(curve: Penetration, robot: Robot | None, depth: Any, p: IntrusionParams) -> dict[str, Any] | None:
+    """F_p of the jammed cone by resistive force theory (26): k1 of this curve, the mantle's stress from k2.
+
+    A complete cone presses with sigma pi R^2 / cos(theta) per metre, so sigma = k2 cos(theta)/(pi R^2) [N/m^3].
+    """
+    if robot is None or robot.foot_radius is None:
+        return None
+    R, k2 = robot.foot_radius, curve.k1.value if curve.k2.reason else curve.k2.value
+    sigma = k2 * math.cos(p.theta) / (math.pi * R * R)
+    return {"sigma_cone": sigma, "mu": p.mu, "theta_rad": p.theta, "foot_radius_m": R,
+            "complete_depth_m": R * math.tan(p.theta) / p.mu,
+            "force_N": rft_cone(np, depth, curve.k1.value, sigma, p.mu, p.theta, R)}  # fmt: skip

@@ -1,0 +1,245 @@
+"""PIV: velocity field of the grains from the side-wall film, with the foot followed and masked."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jumpvision import __version__
+from jumpvision.base.processes import WORKERS, in_parts
+from jumpvision.base.progress import watch
+from jumpvision.frames import Film
+from jumpvision.inputs.parameters import PivParams
+from jumpvision.inputs.sections import Calibration, GrainVideo, PivField, Robot
+from jumpvision.results.records import Piv
+from jumpvision.stages.recordings import open_grains
+from jumpvision.vision.foot_face import FootTrack, track_foot
+from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, vector_places
+from jumpvision.vision.piv.pair import MEASURED, REASONS, VectorField
+from jumpvision.workflow.stage import StageWarning, stage
+
+from .vectors import foreign_field
+
+Array = NDArray[np.float64]
+UNEVEN = 0.02  # of the time between frames
+PART, LONG = 16, 64  # pairs a process matches at a time; from so many on several processes are worth their start
+FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
+
+
+@stage(version=10, any_of=("film", "field"))
+def piv(
+    film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
+    p: PivParams,
+) -> Piv:  # fmt: skip
+    """m/s where the scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y).
+
+    A field that is given in a file ([piv_field]) is taken instead of matching the film.
+    """
+    if field is not None:
+        return foreign_field(field, robot)
+    assert film is not None
+    given = film
+    straight, film = open_grains(film, calibration)
+    with straight as frames:
+        if len(frames) <= p.gap:
+            raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
+        steps = np.diff(frames.time)
+        if p.baseline > p.gap and np.ptp(steps) > UNEVEN * np.median(steps):
+            raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
+        foot = follow_foot(frames, film, robot, p)
+        usable = foot_mask(foot, frames.shape, film, robot)
+        # chosen once, so that the processes' parts of a film are alike
+        prefilter = best_prefilter(frames[0], frames[p.gap], mask=usable, gap=p.gap, **matching(p))
+        data = header(frames.time, frames.shape, film, p).assign_attrs(prefilter_px=prefilter)
+        if foot is not None:
+            add_foot(data, foot, frames.time, film, p)
+        fields = matched(frames, film, given, calibration, foot, robot, prefilter, p)
+        dt = of_fields(frames.time[p.gap :] - frames.time[: -p.gap], p)
+        return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
+
+
+def matched(
+    frames: Film, film: GrainVideo, given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
+    robot: Robot | None, prefilter: float, p: PivParams,
+) -> Iterator[VectorField]:  # fmt: skip
+    """Fields of all pairs; those of a long film by several processes, PART pairs at a time.
+
+    given: the section as the experiment has it, film: as `open_grains` straightened it.
+    """
+    pairs = len(frames) - p.gap
+    part = p.ensemble * max(1, PART // p.ensemble)
+    parts = [(first, min(first + part, pairs)) for first in range(0, pairs, part)]
+    if p.baseline > 1 or pairs < LONG or WORKERS.get() == 1:  # longer baselines reach beyond a part
+        images = watch(frames, "frames matched", len(frames))
+        yield from _fields(images, frames.shape, 0, film, foot, robot, prefilter, p)
+        return
+    done = in_parts(_part, parts, given, calibration, foot, robot, prefilter, p)
+    for fields in watch(done, "parts matched", len(parts)):
+        yield from fields
+
+
+def _part(
+    part: tuple[int, int], given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
+    robot: Robot | None, prefilter: float, p: PivParams,
+) -> list[VectorField]:  # fmt: skip
+    """Fields of the pairs from part[0] on, before part[1]."""
+    first, end = part
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StageWarning)  # said where the film was opened first
+        frames, film = open_grains(given, calibration)
+    with frames:
+        images = (frames[i] for i in range(first, end + p.gap))
+        return list(_fields(images, frames.shape, first, film, foot, robot, prefilter, p))
+
+
+def _fields(
+    images: Iterable[NDArray[np.generic]], shape: tuple[int, int], first: int, film: GrainVideo,
+    foot: FootTrack | None, robot: Robot | None, prefilter: float, p: PivParams,
+) -> Iterator[VectorField]:  # fmt: skip
+    usable = foot_mask(foot, shape, film, robot)
+    return piv_film(
+        images, mask=usable and (lambda k: usable(first + k)), gap=p.gap, baseline=p.baseline, ensemble=p.ensemble,
+        prefilter=prefilter, **matching(p),
+    )  # fmt: skip
+
+
+def matching(p: PivParams) -> dict[str, Any]:
+    """What `piv_film` calls settings."""
+    names = "preset", "smooth", "window", "step", "passes", "min_correlation", "min_texture", "outlier", "backend"
+    return {name: getattr(p, name) for name in names}
+
+
+def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParams) -> FootTrack | None:
+    """Row of the foot's lower face in every frame, where the first frame's is given."""
+    if film.foot_row is None or film.axis_column is None:
+        return None
+    lowest, highest = p.foot_rows + 2, frames.shape[0] - 6
+    if not (lowest <= film.foot_row <= highest and 0 <= film.axis_column < frames.shape[1]):
+        raise ValueError(
+            f"[grain_video] foot_row = {film.foot_row:g}, axis_column = {film.axis_column:g}: the row must be in "
+            f"[{lowest}, {highest}] px, the column inside the {frames.shape[1]} columns of the film"
+        )
+    half = half_width(film, robot)
+    found = track_foot(
+        watch(frames, "frames searched for the foot", len(frames)),
+        row=film.foot_row,
+        column=film.axis_column,
+        half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
+        depth=p.foot_rows,
+        search=FOOT_SEARCH,
+    )
+    lost = np.flatnonzero(~np.isfinite(found.row))
+    if lost.size:
+        warnings.warn(f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})", StageWarning, stacklevel=2)
+    return found
+
+
+def half_width(film: GrainVideo, robot: Robot | None) -> float | None:
+    """Half width of the foot in the picture [px], where foot radius and scale are known."""
+    return robot.foot_radius / film.scale if robot and robot.foot_radius and film.scale else None
+
+
+def foot_mask(
+    foot: FootTrack | None, shape: tuple[int, int], film: GrainVideo, robot: Robot | None
+) -> Callable[[int], NDArray[np.bool_] | None] | None:
+    """Usable pixels of frame i: not the foot's body; all columns are masked above the face if its width is unknown."""
+    if foot is None:
+        return None
+    half, axis = half_width(film, robot), film.axis_column or 0.0
+    rows, columns = np.arange(shape[0])[:, None], np.arange(shape[1])
+    beside = np.abs(columns - axis) > half + 1 if half else np.zeros(shape[1], bool)
+
+    def mask(i: int) -> NDArray[np.bool_]:
+        row = foot.row[i]
+        return beside | (rows > row + 1) if np.isfinite(row) else np.zeros(shape, bool)
+
+    return mask
+
+
+def of_fields(values: Array, p: PivParams) -> Array:
+    """Means of the values of pairs over the pairs of each field."""
+    first = np.arange(0, len(values), p.ensemble)
+    return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
+
+
+def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) -> xr.Dataset:
+    """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
+    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
+    begin, end = time[: -p.gap], time[p.gap :]
+    x, y = (vector_places(n, p.window, p.step) for n in shape[::-1])
+    origin_x, origin_y = origin(film)
+    return xr.Dataset(
+        coords={
+            "x": ("x", (x - origin_x) * scale, {"units": unit, "long_name": "right"}),
+            "y": ("y", -(y - origin_y) * scale, {"units": unit, "long_name": "up"}),
+            "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
+        },
+        attrs={
+            "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
+            "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
+            "scale_share": film.scale_sigma / film.scale if film.scale else 0.0,
+            "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
+            "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
+            "gap_frames": p.gap, "baseline_frames": p.baseline, "ensemble_pairs": p.ensemble,
+            "error_px": length_of_errors(p.window, p.step, p.smooth, p.preset),
+            "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
+        },
+    )  # fmt: skip
+
+
+def as_dataset(f: VectorField, film: GrainVideo, dt: float) -> xr.Dataset:
+    """One pixel field as velocities, y up."""
+    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
+
+    def speed(values: Array, sign: float = 1.0, **attrs: str) -> tuple[tuple[str, str], Array, dict[str, str]]:
+        return ("y", "x"), values * (sign * scale / dt), {"units": f"{unit}/s", **attrs}
+
+    return xr.Dataset(
+        {
+            "u": speed(f.u, standard_name="u_velocity"), "v": speed(f.v, -1.0, standard_name="v_velocity"),
+            "u_sigma": speed(f.u_sigma), "v_sigma": speed(f.v_sigma),
+            "u_raw": speed(f.u_raw), "v_raw": speed(f.v_raw, -1.0),
+            "chc": (("y", "x"), np.isin(f.reason, MEASURED).astype(float), {
+                "units": "1", "standard_name": "validity_flag",
+            }),
+            "correlation": (("y", "x"), f.correlation, {"units": "1"}),
+            "reason": (("y", "x"), f.reason.astype(np.int8), {
+                "units": "1", "flag_values": np.array(sorted(REASONS), np.int8),
+                "flag_meanings": " ".join(_word(REASONS[k]) for k in sorted(REASONS)),
+                "long_name": "; ".join(f"{k}: {REASONS[k]}" for k in sorted(REASONS)),
+            }),
+        }
+    )  # fmt: skip
+
+
+def _word(meaning: str) -> str:
+    """A CF flag meaning: one word."""
+    return meaning.split(":")[0].split(",")[0].replace(" (", "_").replace(")", "").replace(" ", "_")
+
+
+def origin(film: GrainVideo) -> tuple[float, float]:
+    """Column, row of the field's origin: the foot's face on its axis in the first frame, else the top-left pixel."""
+    known = film.foot_row is not None and film.axis_column is not None
+    return (film.axis_column, film.foot_row) if known else (0.0, 0.0)  # type: ignore[return-value]
+
+
+def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p: PivParams) -> None:
+    """The foot's face over t: foot_y (up, from its place in the first frame) and foot_v, at mid-time of each pair."""
+    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
+    a, b = slice(0, len(time) - p.gap), slice(p.gap, len(time))
+    dt = time[b] - time[a]
+    spread = np.hypot(foot.sigma[a], foot.sigma[b])
+    first = film.foot_row or 0.0
+    for name, values, dimension in (
+        ("foot_y", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, unit),
+        ("foot_y_sigma", 0.5 * spread * scale, unit),
+        ("foot_v", -(foot.row[b] - foot.row[a]) * scale / dt, f"{unit}/s"),
+        ("foot_v_sigma", spread * scale / dt, f"{unit}/s"),  # of one pair: that of a mean is no larger
+    ):
+        data[name] = ("t", of_fields(values, p), {"units": dimension})
+    data.foot_y_sigma.attrs["shared_by_all_times"] = foot.offset_sigma * scale  # where on the body its face is

@@ -1,0 +1,123 @@
+"""The axes of a sweep: what each option means, its unit and range, LO:HI:N as an array; laws of the bed from a file."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.schema import InputError
+from jumpvision.physics.packing import Laws, laws_from
+
+Array = NDArray[np.float64]
+MOST = 100_000_000  # points of one sweep
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One option; `symbol` is its name in physics.points where that is another."""
+
+    unit: str
+    meaning: str
+    lo: float = 0.0
+    hi: float = math.inf
+    open_lo: bool = True
+    grounds: tuple[str, ...] = ("hard", "granular")
+
+    @property
+    def allowed(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        if math.isinf(self.lo):
+            return f"a finite number{unit and ' in' + unit}"
+        if math.isinf(self.hi):
+            return f"{'>' if self.open_lo else '>='} {self.lo:g}{unit}"
+        return f"in {'(' if self.open_lo else '['}{self.lo:g}, {self.hi:g}]{unit}"
+
+    def holds(self, value: float) -> bool:
+        low = value > self.lo if self.open_lo else value >= self.lo
+        return math.isfinite(value) and low and value <= self.hi
+
+
+AXES = {
+    "frequency": Axis("Hz", "forcing frequency (of the first half cycle, with frequency2)"),
+    "phase": Axis("rad", "start phase of the law", lo=-math.inf),
+    "amplitude": Axis("m", "forcing amplitude A"),
+    "delay": Axis("s", "pause between the half cycles", open_lo=False),
+    "frequency2": Axis("Hz", "frequency of the second half cycle"),
+    "cycles": Axis("", "number of forcing cycles"),
+    "alpha": Axis("", "M g/(k A); sets the amplitude, or gravity where the amplitude is given"),
+    "gravity": Axis("m/s^2", "gravity along the rail"),
+    "rod_mass": Axis("kg", "mass of the rod; the total mass is kept unless motor_mass is given"),
+    "motor_mass": Axis("kg", "mass of the motor"),
+    "stiffness": Axis("N/m", "stiffness of the spring"),
+    "zeta": Axis("", "damping ratio c / (2 sqrt(k M))", open_lo=False),
+    "phi": Axis("", "volume fraction of the bed", lo=0.3, hi=0.8, open_lo=False, grounds=("granular",)),
+    "foot_radius": Axis("m", "radius of the foot", grounds=("granular",)),
+}
+
+
+def option(name: str) -> str:
+    """How a person types an axis: rod_mass is --rod-mass."""
+    return "--" + name.replace("_", "-")
+
+
+def read_axes(ground: str, given: Mapping[str, str]) -> dict[str, Array]:
+    """Options as typed to arrays, in their order: shape () for a value, (n,) for LO:HI:N. InputError names them all."""
+    out, problems = {}, []
+    for name, text in given.items():
+        axis, at = AXES[name], f"{option(name)} {text}"
+        if ground not in axis.grounds:
+            problems.append(f"{at}: has no meaning on {ground} ground; leave it out")
+            continue
+        parts = text.split(":")
+        try:
+            if len(parts) not in (1, 3):
+                raise ValueError
+            ends = [float(p) for p in parts[:2]]
+            count = int(parts[2]) if len(parts) == 3 else 1
+        except ValueError:
+            problems.append(f"{at}: must be one value or LO:HI:N with a whole number N, in {axis.unit or 'no unit'} "
+                            f"({axis.meaning}); e.g. {option(name)} 1:2:50")  # fmt: skip
+            continue
+        bad = [e for e in ends if not axis.holds(e)]
+        if bad:
+            problems.append(f"{at}: {bad[0]:g} must be {axis.allowed} ({axis.meaning})")
+        elif len(parts) == 1:
+            out[name] = np.asarray(ends[0])
+        elif count < 2 or count > MOST or not ends[0] < ends[1]:
+            problems.append(f"{at}: must be LO:HI:N with LO < HI and 2 <= N <= {MOST}; for one value give the value")
+        else:
+            out[name] = np.linspace(ends[0], ends[1], count)
+    if not problems and (total := math.prod(a.size for a in out.values())) > MOST:
+        problems.append(
+            f"{' '.join(f'{option(n)} {given[n]}' for n in given)}: {total:g} points; at most {MOST}: use fewer"
+        )
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+__all__ = ["EXAMPLE", "Laws", "read_laws"]
+
+EXAMPLE = Path(__file__).with_name("example_laws.toml")
+
+
+def read_laws(file: Path) -> Laws:
+    """The laws of a file. InputError with every problem."""
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as e:
+        raise InputError([f"--laws {file}: cannot be read ({e.strerror}); name a TOML file"]) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+        raise InputError([f"{file}: is not TOML: {e}"]) from None
+    model = table.get("model")
+    table = model["laws"] if isinstance(model, dict) and isinstance(model.get("laws"), dict) else table
+    laws, problems = laws_from({"source": file.name, **table}, str(file))
+    if laws is None:
+        raise InputError(problems)
+    return laws

@@ -1,0 +1,126 @@
+"""The drag of sand fitted to the measured jumps of a campaign at every packing (thesis Fig 49, and b of eq. (34))."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jumpvision.base.schema import InputError
+from jumpvision.estimate.estimate import independent
+from jumpvision.inputs.experiment import Experiment, open_campaign
+from jumpvision.physics.batch import OF_MODEL, resolve, simulated_points
+from jumpvision.physics.model import fitted_parameter
+from jumpvision.physics.packing import fit_packing_law
+from jumpvision.workflow.run import Plan, run_campaign
+
+from .axes import Laws
+from .comparison import law_of, problem
+from .compute import ATOL, RTOL, Say, dataset
+from .machine import machine
+from .sand_beds import kink
+from .study import Rows, Study
+
+Array = NDArray[np.float64]
+
+TRIED = {"b": np.geomspace(0.6, 120.0, 25), "alpha": np.geomspace(5.0, 1000.0, 25)}
+SEEN = ("volume_fraction", "jump_height_m", "sigma_m", "sigma_common_m")
+APART = 0.002  # of volume fraction: beds further apart are different packings
+LEAST = 5  # packings that a law needs
+
+
+def measured(
+    path: Path, *, overrides: Mapping[str, Mapping[str, Any]], results: Path, workers: int, say: Say
+) -> tuple[list[Experiment], dict[str, Array], Array, Array, Array, Array]:
+    """The campaign's jumps: experiments, the numbers of their laws, volume fraction, height, its sigma and the part of
+    it that they share [m] (n,)."""
+    campaign = open_campaign(path, overrides=overrides)
+    if hard := [e for e in campaign.experiments if e.ground != "granular"]:
+        raise InputError([f"{e.path}: ground = '{e.ground}': this fit is of granular ground" for e in hard])
+    plan = Plan(results, results / ".cache", stages=("summary",), command="sweep granular --analysis drag-fit")
+    outcomes = run_campaign(campaign, plan, workers=workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
+    used, rows = [], []
+    for e, o in zip(campaign.experiments, outcomes):
+        why = problem(o) or ("" if o.summary.get("volume_fraction") else "no volume fraction")
+        if why:
+            say(f"{e.name}: left out: {why}")
+            continue
+        used.append(e)
+        rows.append(law_of(e) | {n: o.summary[n] for n in SEEN})
+    if not used:
+        raise InputError([f"{campaign.path}: no experiment has a measured jump height and a volume fraction"])
+    at = {n: np.array([r[n] for r in rows], float) for n in rows[0]}
+    phi, height, sigma, common = (at.pop(n) for n in SEEN)
+    return used, at, phi, height, sigma, common
+
+
+def drag_fit(
+    path: Path, *, overrides: Mapping[str, Mapping[str, Any]], results: Path, workers: int, say: Say,
+    model_file: Path | None, laws: Laws | None,
+) -> tuple[xr.Dataset, Rows]:  # fmt: skip
+    """b (alpha without depth_drag) with the least chi2 between measured and simulated jump heights at every packing.
+
+    laws: the other parameters of the bed against phi. The data set has the jumps (dimension `jump`) and the packings;
+    of five or more a law of phi is fitted. InputError where a campaign has no jump, or its model no drag.
+    """
+    used, at, phi, height, sigma, common = measured(
+        path, overrides=overrides, results=results, workers=workers, say=say
+    )
+    robot = machine("granular", used[0].path, overrides, model_file=model_file, laws=laws)
+    name = "b" if "depth_drag" in robot.model else "alpha"
+    if not {"depth_drag", "inertial_drag"} & set(robot.model.terms):
+        raise InputError([f"model terms = {list(robot.model.terms)}: holds no drag to fit; add depth_drag or "
+                          "inertial_drag, or give --model FILE"])  # fmt: skip
+    v = resolve(robot.values, at | {"phi": phi})
+    if robot.laws:
+        v |= robot.laws.without([name]).points(phi, robot.model.foot_radius or math.nan)
+    v = {n: np.broadcast_to(x, phi.shape) for n, x in v.items()}
+    tried = TRIED[name]
+    found = [simulated_points(robot.model, {**v, OF_MODEL + name: np.full(phi.size, x)}, rtol=RTOL, atol=ATOL)
+             for x in tried]  # fmt: skip
+    heights = np.stack([x["jump_height_m"] for x in found])
+    order = np.argsort(phi)
+    groups = np.split(order, np.flatnonzero(np.diff(phi[order]) > APART) + 1)
+    own = independent(sigma, common)
+    fits, moved = (
+        np.array([fitted_parameter(tried, heights[:, g], seen[g], own[g]) for g in groups])
+        for seen in (height, height + common)  # what the jumps share moves all of them, and the parameter
+    )
+    shift = np.abs(moved[:, 0] - fits[:, 0])
+    total = np.hypot(fits[:, 1], shift)
+    packing = np.array([phi[g].mean() for g in groups])
+    unit, per = ("1", "") if name == "b" else ("kg/m", " kg/m")
+    best = {n: np.stack([x[n] for x in found])[np.argmin(np.abs(tried - np.nanmedian(fits[:, 0])))] for n in found[0]}
+    data = dataset(
+        robot, {"jump": [e.name for e in used], "packing": packing}, ("jump",), best,
+        {"value": (("packing",), fits[:, 0], unit, f"{name} fitted to the measured jumps"),
+         "value_sigma": (("packing",), total, unit, "its standard uncertainty, widened by the scatter"),
+         "value_sigma_common": (("packing",), shift, unit, "the part of it that all packings share"),
+         "chi2": (("packing",), fits[:, 2], "1", "of its heights"),
+         "n": (("packing",), np.array([g.size for g in groups]), "1", "jumps"),
+         "phi_of_jump": (("jump",), phi, "1", "volume fraction"),
+         "measured_height_m": (("jump",), height, "m", "measured jump height"),
+         "sigma_height_m": (("jump",), sigma, "m", "its standard uncertainty")},
+        attrs={"analysis": "drag-fit", "parameter": name},
+    )  # fmt: skip
+    study = Study(dataclasses.replace(robot, thesis=False), {}, {}, workers, say)
+    numbers = [
+        study.number(f"{name} at phi {x:.4f}, {g.size} jumps", f"{value:.3g} ± {s:.2g}{per}, chi2 {c:.3g}")
+        for x, g, (value, _, c), s in zip(packing, groups, fits, total)
+    ]
+    known = np.isfinite(fits[:, :2]).all(axis=1)
+    if known.sum() >= LEAST:
+        fit = fit_packing_law(packing[known], fits[known, 0], fits[known, 1])
+        law = fit.law
+        numbers += [
+            study.number(f"kink of {name} against phi", kink(fit, 0.01, f"{per} per 0.01".strip())),
+            study.number(f"law of {name} for --laws", f"phi = {[round(x, 4) for x in law.phi]}, "
+                                                      f"value = {[float(f'{x:.4g}') for x in law.value]}"),
+        ]  # fmt: skip
+    return data, numbers

@@ -1,0 +1,144 @@
+"""What jumps: the robot of an experiment, or the thesis' robots of chapters II and III."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.schema import InputError, closest, read
+from jumpvision.inputs.experiment import Experiment, merged, open_experiment
+from jumpvision.inputs.model import ModelSpec, read_model
+from jumpvision.inputs.sections import Actuation, Bed, Header, Robot
+from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.physics.model import Model
+from jumpvision.stages.simulate import LINEAR_TERMS, build_model
+
+from .axes import Laws
+
+# mechanisms that only correct the robot's values, or change what a film shows
+CORRECTIONS = {"payload", "foot_mass", "spring_stiffness", "spring_damping", "tilt", "camera_scale", "time_offset"}
+
+THESIS: dict[str, dict[str, dict[str, Any]]] = {  # PHYSICS.md section 1
+    "hard": {
+        "robot": {"motor_mass": 1.003, "rod_mass": 0.175, "spring_stiffness": 5760.6, "spring_damping": 1.368,
+                  "gravity": 0.276 * 9.81},
+        "actuation": {"kind": "stutter", "frequency": 8.2, "amplitude": 4e-3},
+        "bed": {},
+        "model": {"terms": ()},
+    },
+    "granular": {
+        "robot": {"motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0,
+                  "spring_damping": 1.2, "foot_radius": 0.0381, "gravity": 9.81},
+        "actuation": {"kind": "stutter", "frequency": 5.0, "amplitude": 0.01875},
+        "bed": {"volume_fraction": 0.57, "grain_density": 1000.0},
+        # the set printed in PHYSICS.md: the bend is without effect at k1 = k2
+        "model": {"terms": ("two_resistance", "depth_drag", "added_mass"), "k1": 2100.0, "k2": 2100.0, "delta": 0.01,
+                  "C": 2.7, "mu": 2.0, "theta": math.pi / 3, "b": 17.2},
+    },
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A robot on its ground with the law it follows where no axis says otherwise. thesis: unchanged the thesis' one."""
+
+    name: str
+    model: Model
+    values: Mapping[str, float]  # every name of physics.points ROBOT, LAW and, on granular ground, BED
+    thesis: bool = False
+    laws: Laws | None = None  # of the bed's parameters against phi
+
+    @property
+    def exact(self) -> bool:
+        """Whether the closed-form flow of hard ground holds."""
+        return self.model.ground == "hard" and self.model.m_f == 0.0 and set(self.model.terms) <= LINEAR_TERMS
+
+
+def machine(
+    ground: str,
+    experiment: Path | None,
+    overrides: Mapping[str, Mapping[str, Any]],
+    *,
+    model_file: Path | None = None,
+    laws: Laws | None = None,
+) -> Machine:
+    """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place.
+
+    model_file: a TOML file whose [model] replaces the other.
+    """
+    overrides = {name: table for name, table in overrides.items() if table}  # "params" is always there
+    if experiment is not None:
+        folder = experiment.parent if experiment.name == "experiment.toml" else experiment
+        e = open_experiment(folder, overrides=overrides)
+        if e.ground != ground:
+            raise InputError(
+                [f"sweep {ground} --experiment {experiment}: its ground is '{e.ground}'; sweep {e.ground} instead"]
+            )
+        robot, law, bed, spec = (e.section(s) for s in (Robot, Actuation, Bed, ModelSpec))
+        if robot is None:
+            raise InputError([f"{folder / 'experiment.toml'}: [robot]: missing; a sweep needs the robot's values"])
+        name, thesis = e.name, False
+        law = law or Actuation()
+        default = () if ground == "hard" else ("two_resistance", "inertial_drag")
+        spec = spec or ModelSpec(default)
+    else:
+        robot, law, bed, spec = _thesis(ground, overrides)
+        name, thesis = f"thesis robot, {ground} ground", not overrides
+        e = Experiment(Path("--set"), name, Header(ground=ground), {}, {})
+    if model_file is not None:
+        given, thesis = read_model(model_file), False
+        own = {**given.parameters, **overrides.get("model", {})}
+        spec = ModelSpec(tuple(own.pop("terms", given.terms)), own, given.fit)
+        name += f", model of {model_file.name}"
+    try:
+        model = plain_model(build_model(e, robot, spec, bed, None))
+    except InputError as error:
+        at = f"{e.path / 'experiment.toml'}: "
+        raise InputError([p.replace(at, f"{model_file}: ") if model_file else p for p in error.problems]) from None
+    usual = Actuation(**THESIS[ground]["actuation"])  # where the experiment has no [actuation] or lacks these
+    if not law.moves:
+        law = dataclasses.replace(law, kind="stutter")
+    frequency = law.frequency or usual.frequency
+    amplitude = law.amplitude or usual.amplitude
+    values = {
+        "motor_mass": model.m_m, "rod_mass": model.rod_mass, "stiffness": model.k_s, "damping": model.c_s,
+        "gravity": model.g, "landing_loss": (model.parameters.e or 0.0) if "landing_loss" in model else 0.0,
+        "frequency": frequency, "frequency2": frequency, "amplitude": amplitude, "phase": law.start_phase,
+        "cycles": law.cycles, "delay": law.delay,
+    }  # fmt: skip
+    laws = laws or (spec.laws and spec.laws.without(overrides.get("model", {})))
+    values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
+    return Machine(name, model, values, thesis, laws)
+
+
+def plain_model(model: Model) -> Model:
+    """The model with its corrections of the robot's values applied, so that an axis sets the true value."""
+    return dataclasses.replace(
+        model, terms=tuple(t for t in model.terms if t not in CORRECTIONS), motor_mass=model.m_m, foot_mass=model.m_f,
+        spring_stiffness=model.k_s, spring_damping=model.c_s, gravity=model.g,
+    )  # fmt: skip
+
+
+def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Bed, ModelSpec]:
+    tables = THESIS[ground]
+    problems = [
+        f"--set {name}: unknown section of the thesis' robot{closest(name, tables)}"
+        for name in overrides
+        if name not in tables
+    ]
+    tables = merged(tables, {n: t for n, t in overrides.items() if n in tables})
+    found = []
+    for name, cls in (("robot", Robot), ("actuation", Actuation), ("bed", Bed)):
+        section, more = read(cls, tables[name], f"--set [{name}]")
+        found.append(section)
+        problems += more
+    terms = tuple(tables["model"].get("terms", ()))
+    values = {k: v for k, v in tables["model"].items() if k != "terms"}
+    _, more = read(ModelParameters, values, "--set [model]")
+    if problems + more:
+        raise InputError(problems + more)
+    return (*found, ModelSpec(terms, values))

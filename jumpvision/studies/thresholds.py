@@ -1,0 +1,137 @@
+"""Analyses of lift-off: the least amplitude (thesis Fig 24) and the time it takes (Fig 26)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jumpvision.base.progress import watch
+from jumpvision.physics.hard.analysis import easiest_frequency, inertial_peak, minimum_amplitude
+from jumpvision.physics.hard.jump import hard_sweep, sine_rows
+from jumpvision.physics.oscillator import damping_of
+
+from .compute import RESULTS, dataset
+from .study import Rows, Study
+
+ENCODER_STEP = 6.25e-6  # m, PHYSICS.md Table 3
+LARGEST = 0.02  # m, greatest amplitude tried
+# near resonance A_min is flat: (f/f_0 - 1)^2 / (2 zeta^2) of itself, so 2e-11 m place f_100 to 2e-5
+SEARCH: dict[str, Any] = {
+    "lowest": 0.5,
+    "highest": 1.6,
+    "points": 16,
+    "rounds": 4,
+    "largest": 2e-3,
+    "resolution": 2e-11,
+}
+CUTS = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0])
+DAMPINGS = np.array([0.0083, 0.03, 0.06, 0.1, 0.15, 0.2])
+
+
+def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
+    """A_min(f) for N = 1 and 5 cycles at four phases, in both lift-off windows."""
+    f = s.axis("frequency", np.arange(3.0, 16.01, 0.125))
+    phase = s.axis("phase", [0.0, 0.5 * np.pi, 0.75 * np.pi, np.pi])
+    cycles = s.axis("cycles", [1.0, 5.0])
+    windows = ("end of the forcing", "one natural period later")
+    least = np.stack(
+        [
+            [
+                minimum_amplitude(f, phase, cycles=n, wait=wait, largest=LARGEST, resolution=ENCODER_STEP,
+                                  **s.grounded).T
+                for wait in (0.0, 1.0 / s.f0)
+            ]
+            for n in watch(cycles, "cycle numbers")
+        ]
+    )  # fmt: skip
+    known = np.isfinite(least)
+    jumps = hard_sweep(
+        sine_rows(f, np.where(known, least + ENCODER_STEP, LARGEST), phase[:, None], cycles[:, None, None, None]),
+        **s.robot,
+    )
+    results = {n: np.where(known, v, np.nan) for n, v in jumps.items()}
+    data = dataset(
+        s.machine,
+        {"cycles": cycles, "window": list(windows), "phase": phase, "frequency": f},
+        ("cycles", "window", "phase", "frequency"),
+        results,
+        {
+            "minimum_amplitude_m": (("cycles", "window", "phase", "frequency"), least, "m",
+                                    "least amplitude that lifts off within the window, to half an encoder step"),
+            "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
+        },
+        attrs={"analysis": "minimum-amplitude", "f0_Hz": s.f0, "resolution_m": ENCODER_STEP,
+               "results": "of the jump one encoder step above the least amplitude"},
+    )  # fmt: skip
+    rows = []
+    for n in cycles:
+        for p in phase:
+            found = [_fine_best(s, n, p, f, wait) for wait in (0.0, 1.0 / s.f0)]
+            thesis = "nearly 1" if n == 5 else "depends on the phase" if n == 1 else ""
+            rk4 = "0.74, 1.19" if n == 1 and abs(p - 0.5 * np.pi) < 1e-6 else ""
+            name = f"f_opt/f_0 of A_min, N = {n:g}, phase {p / np.pi:.3g} pi (both windows)"
+            rows.append(s.number(name, ", ".join(f"{x:.3f}" for x in found), thesis, rk4))
+    return data, rows
+
+
+def _fine_best(s: Study, cycles: float, phase: float, f: np.ndarray, wait: float) -> float:
+    """f/f_0 of the least A_min in the range of f, where the encoder's step would hide it."""
+    fine = np.linspace(f[0], f[-1], 400)
+    least = minimum_amplitude(fine, [phase], cycles=cycles, wait=wait, largest=LARGEST, resolution=1e-8,
+                              **s.grounded)[:, 0]  # fmt: skip
+    return float(fine[np.nanargmin(least)] / s.f0) if np.isfinite(least).any() else np.nan
+
+
+def lift_off_time(s: Study) -> tuple[xr.Dataset, Rows]:
+    """Cycles to lift-off over (f, A), the easiest frequency f_N against the cut-off N, and against damping."""
+    f = s.axis("frequency", np.linspace(0.27, 1.51, 150) * s.f0)
+    amp = s.axis("amplitude", np.geomspace(1e-5, 6e-3, 100))
+    phase = s.axis("phase", [0.5 * np.pi, 1.5 * np.pi])
+    most = float(s.values.get("cycles", 100.0))
+    parts = [hard_sweep(sine_rows(f[:, None], amp, p, most), **s.robot) for p in watch(phase, "phases")]
+    results = {n: np.stack([p[n] for p in parts]) for n in RESULTS}
+    cycles = results["lift_off_s"] * f[:, None]
+    cycles = np.where(cycles <= most, cycles, np.nan)
+    cuts = CUTS[most >= CUTS]
+    at_cut = np.array(
+        [[easiest_frequency(p, cycles=n, **SEARCH, **s.grounded) for p in phase] for n in watch(cuts, "cut-offs N")]
+    )
+    damped = np.array(
+        [
+            [
+                easiest_frequency(
+                    p, cycles=cuts[-1], **SEARCH,
+                    **(s.grounded | {"damping": float(damping_of(z, s.robot["stiffness"], s.mass))}),
+                )[0]
+                for p in phase
+            ]
+            for z in watch(DAMPINGS, "damping ratios")
+        ]
+    )  # fmt: skip
+    extra = {
+        "lift_off_cycles": (("phase", "frequency", "amplitude"), cycles, "1",
+                            f"cycles until the first lift-off, NaN where {most:g} cycles do not do it"),
+        "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
+        "easiest_frequency_ratio": (("cut_off", "phase"), at_cut[..., 0], "1", "f_N / f_0"),
+        "easiest_amplitude_m": (("cut_off", "phase"), at_cut[..., 1], "m", "least amplitude for N cycles"),
+        "easiest_ratio_damped": (("damping_ratio", "phase"), damped, "1", f"f_N / f_0 at N = {cuts[-1]:g}"),
+        "inertial_peak_ratio": (("damping_ratio",), inertial_peak(DAMPINGS), "1", "1/sqrt(1 - 2 zeta^2)"),
+    }  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"phase": phase, "frequency": f, "amplitude": amp, "cut_off": cuts, "damping_ratio": DAMPINGS},
+        ("phase", "frequency", "amplitude"), results, extra,
+        attrs={"analysis": "lift-off-time", "f0_Hz": s.f0, "cycles": most},
+    )  # fmt: skip
+    rows: Rows = []
+    for n in (1.0, 2.0, 5.0, 100.0):
+        for k, p in enumerate(phase):
+            if n in cuts:
+                ours = f"{at_cut[list(cuts).index(n), k, 0]:.5f}"
+                thesis = {100.0: "below 1 exp, 1 sim", 2.0: "1 down to about N = 2"}.get(n, "")
+                rows.append(s.number(f"f_{n:g}/f_0, phase {p / np.pi:.3g} pi", ours, thesis))
+    rows.append(s.number(f"least f_N/f_0 at N = {cuts[-1]:g} over zeta {DAMPINGS[0]:g} to {DAMPINGS[-1]:g}",
+                         f"{damped.min():.5f}", "damping suspected to lower it", "never below 1"))  # fmt: skip
+    return data, rows

@@ -1,0 +1,1 @@
+"""The ball on the rod in every frame of a film."""

@@ -1,0 +1,95 @@
+"""The scene behind the ball, seen while the ball is elsewhere, and films in which it no longer shows.
+
+At the ball's edge a pixel is I = B (1 - share) + A share, with B the scene behind and A the ball's grey. A textured B
+pulls every position towards its own pattern, the same in all frames, which no frame-to-frame scatter can tell. With B
+known, the share itself is (I - B)/(A - B).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
+
+
+LEAST = 20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
+
+
+FAINT = 0.3  # of the typical contrast: where the scene is as bright as the ball, the share cannot be had
+
+
+class Background:
+    """scene: (row, column) [grey], NaN where never seen; level: its median; ball: grey of the ball inside its edge."""
+
+    def __init__(self, scene: Array, level: float, ball: float):
+        self.scene, self.level, self.ball = scene, level, ball
+        contrast = ball - scene
+        usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self._gain = np.where(usable, (ball - level) / contrast, 1.0)
+        self._offset = np.where(usable, level - np.where(usable, scene, 0.0) * self._gain, 0.0)
+
+    def removed(self, image: NDArray[Any], row: int = 0, column: int = 0) -> Array:
+        """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
+        unchanged where the scene is not known."""
+        at = np.s_[row : row + image.shape[0], column : column + image.shape[1]]
+        out: Array = image * self._gain[at]
+        out += self._offset[at]
+        return out
+
+
+class SceneSum:
+    """The scene behind one or several balls of a film whose camera and light stand still, from its views one by one."""
+
+    def __init__(self) -> None:
+        self._total: Array | None = None
+        self._hidden: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
+        self._views = 0
+        self._greys: list[float] = []
+
+    def add(self, image: NDArray[Any], balls: Iterable[tuple[float, float, float]], grey: float) -> None:
+        """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
+        if self._total is None:
+            self._total, self._hidden = np.zeros(image.shape), np.zeros(image.shape, dtype=np.int64)
+        add_image(self._total, image)
+        self._views += 1
+        for x, y, diameter in balls:
+            _hide(self._total, self._hidden, image, x, y, 0.5 * diameter + CLEAR)
+        self._greys.append(grey)
+
+    def background(self) -> Background | None:
+        """None where too little of the scene is ever seen to be of use."""
+        seen = self._views - self._hidden
+        if self._total is None or not self._greys or not (seen >= LEAST).any():
+            return None
+        scene = np.where(seen >= LEAST, self._total / np.maximum(seen, 1), np.nan)
+        if np.isnan(scene).all():
+            return None
+        level, ball = float(np.nanmedian(scene)), float(np.median(self._greys))
+        return Background(scene, level, ball) if ball != level else None
+
+
+@njit(cache=True)
+def add_image(total, image):  # type: ignore[no-untyped-def]
+    """total += image, at the speed of memory."""
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            total[y, x] += image[y, x]
+
+
+@njit(cache=True)
+def _hide(total, hidden, image, x, y, reach):  # type: ignore[no-untyped-def]
+    """Takes the pixels within reach of (x, y) out of total again and counts them as hidden."""
+    for row in range(max(0, math.ceil(y - reach)), min(image.shape[0], math.floor(y + reach) + 1)):
+        for column in range(max(0, math.ceil(x - reach)), min(image.shape[1], math.floor(x + reach) + 1)):
+            if (column - x) ** 2 + (row - y) ** 2 <= reach * reach:
+                total[row, column] -= image[row, column]
+                hidden[row, column] += 1

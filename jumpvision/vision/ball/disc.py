@@ -1,0 +1,248 @@
+"""Image of a disc, its fit to a crop of one frame, and what the fit of one frame teaches the next."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .sums import ROOM, SECTORS, accumulate, pixels_in_use
+
+Array = NDArray[np.float64]
+
+NAMES = ("x", "y", "R", "s", "b", "a", "bx", "by", "gx", "gy", "wx", "wy")
+X, Y, R, S, B, A, BX, BY, GX, GY, WX, WY = range(12)
+MIN_S = 0.29  # px, the blur of a square pixel alone
+ROUGH_END = 0.05  # of sigma: last step of a fit that need not come to rest
+MAX_STEPS = 40
+ROWS_FROM = 8.0  # px: a ball of twice this radius is approached by every second row, of thrice by every third ...
+SETTLED = 0.1  # of sigma: the last step; each is some tenth of the one before
+NEAR = 20.0  # last steps: from here on the next may be the last, and its sums are kept
+
+
+def margin(s: float) -> float:
+    """Width of background used outside the disc [px]."""
+    return max(4.0, 5.0 * s)
+
+
+class DiscFit(NamedTuple):
+    """Fit to one frame. p: parameters in the order of NAMES, px and grey levels; cov: their covariance for `noise`."""
+
+    p: Array  # (12,)
+    cov: Array  # (12, 12)
+    noise: Array  # (3,) variance found in this frame: background, ball, excess at the edge [grey^2]
+    chi2: float  # of this frame per degree of freedom, against the noise that was given; capped residuals
+    sectors: Array  # (16,) contrast of each sector of the rim over the model's; 1 when all is well, NaN where no pixels
+    shifts: Array  # (16,) by how much the rim of each sector lies outside the fitted circle [px], to first order
+    shift_sigmas: Array  # (16,) their standard uncertainty [px]
+    dropped: float  # part of the edge pixels that the robust weight drops
+    converged: bool
+
+
+@njit(cache=True)
+def _invert(h, n, inverse):  # type: ignore[no-untyped-def]
+    """Inverse of the leading n x n block of a positive definite matrix by Cholesky; False if it is not one."""
+    low = np.zeros((n, n))
+    for i in range(n):
+        for k in range(i + 1):
+            total = h[i, k]
+            for m in range(k):
+                total -= low[i, m] * low[k, m]
+            if i == k:
+                if not total > 1e-12 * h[i, i]:
+                    return False
+                low[i, i] = math.sqrt(total)
+            else:
+                low[i, k] = total / low[k, k]
+    inv_low = np.zeros((n, n))
+    for i in range(n):
+        inv_low[i, i] = 1.0 / low[i, i]
+        for k in range(i):
+            total = 0.0
+            for m in range(k, i):
+                total -= low[i, m] * inv_low[m, k]
+            inv_low[i, k] = total / low[i, i]
+    inverse[:] = 0.0
+    for i in range(n):
+        for k in range(n):
+            total = 0.0
+            for m in range(max(i, k), n):
+                total += inv_low[m, i] * inv_low[m, k]
+            inverse[i, k] = total
+    return True
+
+
+@njit(cache=True)
+def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
+    """Gauss-Newton from p (changed in place) with a prior `mean`, `weight` = 1/variance (0: flat) on each parameter."""
+    h, g = np.zeros((12, 14)), np.zeros(12)
+    cov = np.zeros((12, 12))
+    classes, sectors = np.zeros((3, 6)), np.zeros((4, SECTORS))
+    work = np.empty(ROOM)
+    step = np.zeros(12)
+    zone = np.zeros(7)
+    soft = 1e30
+    settled = False
+    good = frozen = False
+    pixels, count = np.empty((3, 0)), 0
+    size, enough = np.inf, 0.0
+    for _ in range(MAX_STEPS):
+        if not frozen:  # far from the answer the pixels follow it, and a part of the rows of a large ball will do
+            zone[0], zone[1], zone[2] = p[0], p[1], p[2]
+            if n_par == 12:
+                zone[3], zone[4] = p[10], p[11]
+            zone[5] = min(0.4 * p[2], 12.0)
+            zone[6] = max(4.0, 5.0 * p[3])
+            pixels = pixels_in_use(img, zone, 1 if settled else max(1, int(p[2] / ROWS_FROM)))
+            frozen, count = settled, pixels.shape[1]
+            if count <= n_par:
+                break
+        near = settled and size < NEAR * enough
+        if near:
+            classes[:] = 0.0
+            sectors[:] = 0.0
+        total = accumulate(pixels, p, n_par, noise, soft, near, work, h, g, classes, sectors)
+        for m in range(n_par):
+            h[m, m] += weight[m]
+            g[m] += weight[m] * (mean[m] - p[m])
+        if not _invert(h, n_par, cov):
+            break
+        scale = 1.0
+        for m in range(n_par):
+            step[m] = 0.0
+            for n in range(n_par):
+                step[m] += cov[m, n] * g[n]
+        # A step within the edge's width keeps the linear model valid
+        limit = max(1.5 * p[3], 0.1 * p[2])
+        for m in (0, 1, 2):
+            scale = min(scale, limit / max(abs(step[m]), 1e-9))
+        scale = min(scale, 0.5 * p[3] / max(abs(step[3]), 1e-9))
+        for m in range(n_par):
+            p[m] += scale * step[m]
+        p[3] = max(p[3], MIN_S)
+        if not (abs(p[0]) < 1e6 and abs(p[1]) < 1e6 and 1.5 < p[2] < 1e5 and p[3] < 2.0 * p[2]):
+            break
+        if not (abs(p[10]) < 1e4 and abs(p[11]) < 1e4):
+            break
+        size = max(abs(step[0]), abs(step[1]), abs(step[2]))
+        enough = max(3e-5, SETTLED * np.sqrt(min(cov[0, 0], cov[1, 1])))
+        if size < 0.1 and not settled:
+            settled = True
+            soft = 1.0
+        elif settled and size < enough:
+            good = True
+            if near:
+                return cov, classes, sectors, total / max(1.0, count - n_par), True
+            break
+        elif not settled:  # far from the answer the misfit, not the noise, sets what is an outlier
+            soft = max(1.0, total / count)
+            if soft < 1.5:
+                soft = 1.0
+    soft = 1.0
+    classes[:] = 0.0
+    sectors[:] = 0.0
+    total = accumulate(pixels, p, n_par, noise, soft, True, work, h, g, classes, sectors)
+    for m in range(n_par):
+        h[m, m] += weight[m]
+    if not _invert(h, n_par, cov):
+        good = False
+    elif settled and not good:  # a pixel that goes in and out of the fit: the rest of the walk is a part of sigma
+        good = size < ROUGH_END * np.sqrt(max(cov[0, 0], cov[1, 1]))
+    return cov, classes, sectors, total / max(1.0, count - n_par), good
+
+
+def fit_disc(image: Array, start: Array, *, streak: bool, noise: Array, mean: Array, var: Array) -> DiscFit:
+    """Fit the disc to `image` (row, column) [grey levels, NaN = no data]; row down, pixel centres at integers.
+
+    start: (12,) in the order of NAMES. noise: (3,) variances of background, ball and edge excess, all used as given.
+    mean, var: prior on each parameter (var = inf: none). The streak (wx, wy) is held at 0 unless `streak`.
+    """
+    return DiscFit(*_fit_and_judge(image, start, streak, noise, mean, var))
+
+
+@njit(cache=True, error_model="numpy")
+def _fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-untyped-def]
+    """The fields of DiscFit."""
+    p, weight = start.copy(), 1.0 / var
+    if not streak:
+        p[WX] = p[WY] = 0.0
+    centre = np.where(weight > 0.0, mean, 0.0)
+    cov, classes, sectors, chi2, good = _fit(image, p, 12 if streak else 10, noise, centre, weight)
+    found, contrast, shifts, shift_sigmas = _summary(classes, sectors, p[A] - p[B], streak)
+    dropped = classes[2, 5] / max(classes[2, 4], 1.0)
+    return p, cov, found, chi2, contrast, shifts, shift_sigmas, dropped, good
+
+
+@njit(cache=True, error_model="numpy")
+def _summary(classes, sectors, contrast, streak):  # type: ignore[no-untyped-def]
+    """noise, sectors, shifts and shift_sigmas of DiscFit from the sums of the last step."""
+    noise = np.zeros(3)
+    # Degrees of freedom each class spends: level and gradient; centre, radius and blur (and streak)
+    spent = (3.0, 3.0, 6.0 if streak else 4.0)
+    square = np.zeros(3)
+    for c in range(3):
+        square[c] = classes[c, 0] * classes[c, 4] / max(classes[c, 4] - spent[c], 1.0)
+    noise[0], noise[1] = square[0] / classes[0, 1], square[1] / classes[1, 2]
+    noise[2] = (square[2] - noise[0] * classes[2, 1] - noise[1] * classes[2, 2]) / classes[2, 3]
+    shares = 1.0 + sectors[0] / sectors[1] / contrast
+    shifts, sigmas = sectors[2] / sectors[3], 1.0 / np.sqrt(sectors[3])
+    least = 0.3 * np.median(sectors[1])
+    for q in range(SECTORS):
+        if sectors[1, q] < least:  # outside the image, or no data
+            shares[q] = shifts[q] = sigmas[q] = np.nan
+    return noise, shares, shifts, sigmas
+
+
+SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this part is covered
+SURE = 6.0  # standard deviations of a sector's shift from which on it counts as one
+RIM_FREEDOM = 12.7  # of the 16 sectors' shifts, what the fit leaves free (white noise, diameters 10-40 px)
+# Drift of the lighting gradients a frame, as part of the contrast: first guess (the background changes most, as the
+# ball passes over it), least, and how fast it follows what the frames show
+DRIFT = np.array([0.01, 0.01, 0.003, 0.003])
+LEAST_DRIFT = 2e-4
+DRIFT_GAIN = 0.15
+LIGHT = slice(BX, GY + 1)
+FIRST_LIGHT, LAST_LIGHT, BALL, BACK = BX, GY, A, B
+
+
+@njit(cache=True, error_model="numpy")
+def rim_faults(sectors, shifts, sigmas, rim, factor):  # type: ignore[no-untyped-def]
+    """(sectors whose contrast is wrong, largest significant shift of a sector from its usual place `rim` [px])."""
+    off, dent = 0, 0.0
+    for q in range(len(rim)):
+        if not abs(sectors[q] - 1.0) < SECTOR_OFF:
+            off += 1
+        moved = abs(shifts[q] - rim[q])
+        if moved > SURE * sigmas[q] * math.sqrt(factor):
+            dent = max(dent, moved)
+    return off, dent
+
+
+@njit(cache=True, error_model="numpy")
+def learn(frames, n, p, cov, shifts, sigmas, rim, factor, last, light_var, drift):  # type: ignore[no-untyped-def]
+    """Takes a good fit (p, cov, shifts, sigmas) into rim, last, light_var and drift, in place; the new rim factor.
+
+    frames: good ones so far, this included; n: frames that count in the running means.
+    """
+    moved = 0.0
+    for q in range(len(rim)):
+        by = shifts[q] - rim[q]
+        if math.isfinite(by):
+            moved += (by / sigmas[q]) ** 2
+            rim[q] += by / n
+    if frames > 1:
+        moved *= (n - 1) / n / RIM_FREEDOM
+        factor += (min(moved, 10.0 * factor) - factor) / n
+    contrast = abs(p[BALL] - p[BACK])
+    for m in range(FIRST_LIGHT, LAST_LIGHT + 1):
+        k, var = m - FIRST_LIGHT, cov[m, m]
+        if frames > 1:
+            # A fit moves its prior by (prior variance - posterior variance)^(1/2), if the drift allowed for is right
+            ratio = (p[m] - last[m]) ** 2 / max(light_var[k] - var, 1e-30)
+            drift[k] = max(drift[k] * math.exp(0.5 * DRIFT_GAIN * (min(ratio, 9.0) - 1.0)), LEAST_DRIFT)
+        light_var[k] = var + (drift[k] * contrast) ** 2
+    last[:] = p
+    return factor

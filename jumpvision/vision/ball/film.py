@@ -1,0 +1,150 @@
+"""Balls in a whole film, read once: followed frame by frame, the still scene behind them learned on the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.progress import watch
+
+from .background import LEAST, Background, SceneSum
+from .disc import WX, WY, A
+from .measure import Found, window_half
+from .track import BallSettings, BallTrack, BallTracker, as_track
+from .view import View, Window
+
+Array = NDArray[np.float64]
+
+
+VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
+MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
+BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache
+SAME = 0.5  # diameters: two balls nearer than this are one
+
+
+class Frames(Protocol):
+    """What is read of a film: its length, and a frame (row, column) of grey levels by its number."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
+
+
+def track_film(
+    frames: Frames, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()
+) -> list[BallTrack]:
+    """The ball of `settings` and one more for each of `markers`, (x, y) in the first frame [px], in all frames.
+
+    With `scene` each is measured a second time without the still scene behind it. The second result is taken where it
+    loses no more frames and is no less certain in the median; a film whose scene moves, or hides behind a ball that
+    never moves, keeps the first.
+    """
+    follower = FilmTracker(settings, scene=scene, markers=markers)
+    for i in watch(range(len(frames)), "frames tracked", len(frames)):
+        follower.see(frames[i])
+    return follower.finish(frames)
+
+
+class FilmTracker:
+    """`track_film` for a film that is handed over frame by frame (`see`, in order), while it is decoded."""
+
+    def __init__(self, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()):
+        self.settings = settings  # of the first ball
+        self._settings = [settings] + [replace(settings, seed=m) for m in markers]
+        self._trackers = [BallTracker(s) for s in self._settings]
+        self._found: list[list[Found]] = []  # by frame, then by ball
+        self._waiting: list[NDArray[Any]] = []
+        self._windows: list[list[Window | None]] = []
+        self._scene = SceneSum() if scene and settings.method == "disc" else None
+        self._room = MEMORY
+        self.shape = (0, 0)
+
+    def see(self, image: NDArray[Any]) -> None:
+        """The next frame (row, column); it is kept for a while and must not change."""
+        self._waiting.append(image)
+        if len(self._waiting) == BATCH:
+            self._catch_up()
+
+    def _catch_up(self) -> None:
+        for image in self._waiting:
+            self._follow(image)
+        self._waiting.clear()
+
+    def _follow(self, image: NDArray[Any]) -> None:
+        i, self.shape = len(self._found), (image.shape[0], image.shape[1])
+        found = together(self._trackers, [View.of(image)] * len(self._trackers), [None] * len(self._trackers))
+        self._found.append(found)
+        if self._scene is None:
+            return
+        self._windows.append([self._window(image, f) for f in found])
+        if i % _stride(i) == 0 and not any(f.flag for f in found) and found[0].fit is not None:
+            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].fit.p[A]))
+
+    def finish(self, frames: Frames) -> list[BallTrack]:
+        """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
+        self._catch_up()
+        first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
+        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
+            return first
+        behind = self._scene.background()
+        if behind is None:
+            return first
+        again = [as_track(list(f)) for f in zip(*self._without(behind, frames), strict=True)]
+        return [b if _better(a, b) else a for a, b in zip(first, again, strict=True)]
+
+    def _without(self, scene: Background, frames: Frames) -> list[list[Found]]:
+        """The measurements of all frames once more, without the scene."""
+        trackers = [BallTracker(s) for s in self._settings]
+        out = []
+        for i in watch(range(len(self._found)), "frames tracked without the scene", len(self._found)):
+            views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in self._windows[i]]  # noqa: B023
+            out.append(together(trackers, views, self._found[i]))
+        return out
+
+    def _window(self, image: NDArray[Any], found: Found) -> Window | None:
+        """A copy of the part of a frame that the ball is measured in."""
+        if found.flag or found.fit is None:
+            return None
+        p = found.fit.p
+        half_x, half_y = (math.ceil(window_half(found.diameter) + 0.5 * abs(p[w])) + 2 for w in (WX, WY))
+        x0, y0 = max(0, int(found.x) - half_x), max(0, int(found.y) - half_y)
+        part = image[y0 : int(found.y) + half_y + 1, x0 : int(found.x) + half_x + 1]
+        self._room -= part.nbytes
+        return Window(part.copy(), x0, y0) if self._room > 0 else None
+
+
+def together(trackers: Sequence[BallTracker], views: Sequence[View], hints: Sequence[Found | None]) -> list[Found]:
+    """One frame for all trackers: each knows where the others expect theirs, and no ball is given to two."""
+    expected = [t.expected for t in trackers]
+    found = []
+    for k, (tracker, view, hint) in enumerate(zip(trackers, views, hints, strict=True)):
+        others = [e for m, e in enumerate(expected) if m != k and e is not None]
+        found.append(tracker.look(view, hint if hint and not hint.flag else None, others))
+    for k, f in enumerate(found):
+        for m in range(k):
+            g = found[m]
+            if not f.flag and not g.flag and math.hypot(f.x - g.x, f.y - g.y) < SAME * f.diameter:
+                worse = k if _off(f, expected[k]) > _off(g, expected[m]) else m
+                found[worse] = Found("lost: at another ball")
+    return [t.keep(f) for t, f in zip(trackers, found, strict=True)]
+
+
+def _off(found: Found, expected: tuple[float, float] | None) -> float:
+    return math.hypot(found.x - expected[0], found.y - expected[1]) if expected else math.inf
+
+
+def _streak(found: Found) -> float:
+    return math.hypot(found.fit.p[WX], found.fit.p[WY]) if found.fit else 0.0
+
+
+def _stride(i: int) -> int:
+    return 1 << max(0, int(math.log2(max(i, 1) / VIEWS)) + 1 if i >= VIEWS else 0)
+
+
+def _better(first: BallTrack, again: BallTrack) -> bool:
+    lost = np.count_nonzero(again.flag != "") > np.count_nonzero(first.flag != "")
+    return not (lost or np.nanmedian(again.sigma) > np.nanmedian(first.sigma))

@@ -1,0 +1,289 @@
+"""The ball on the rod: its centre in every frame of a film, in pixels, with the uncertainty of each position."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .disc import WX, WY
+from .measure import DiscMeasure, Found, Start, ThresholdMeasure
+from .search import Blob, find_blobs
+from .view import View
+
+MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
+POLARITIES = ("bright", "dark")
+METHODS = ("disc", "threshold")
+
+
+@dataclass(frozen=True)
+class BallTrack:
+    """Ball centre at mid-exposure in each of n frames; column x right, row y down, pixel centres at integers.
+
+    x, y, sigma, diameter, chi2: (n,) [px; chi2 per degree of freedom, NaN for the threshold method].
+    sigma: standard uncertainty of each coordinate, the larger of the two where they differ (along a streak).
+    flag: (n,) of str, "" when good, else the reason; the numbers are NaN then.
+    """
+
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    diameter: NDArray[np.float64]
+    chi2: NDArray[np.float64]
+    flag: NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class BallSettings:
+    """How to follow one ball. Raises ValueError for a value out of range, by name.
+
+    diameter: of the ball [px], None: learned from the first frame. polarity: "bright" or "dark" against the background.
+    method: "disc" (least squares, see `disc`) or "threshold" (half height and centroid, the published way).
+    search: half width of the window around the predicted position [ball diameters]; it grows with every lost frame.
+    seed: position (x, y) in the first frame [px], None: the frame must show one ball only. streak: fit the motion blur,
+    starting from the velocity times exposure_fraction (exposure over frame interval, 0..1).
+    """
+
+    diameter: float | None
+    polarity: str
+    method: str
+    search: float
+    seed: tuple[float, float] | None
+    streak: bool
+    exposure_fraction: float
+
+    def __post_init__(self) -> None:
+        _check(self.diameter, self.polarity, self.method, self.search, self.seed, self.exposure_fraction)
+
+
+def track_ball(images: Iterable[NDArray[np.generic]], **settings: Any) -> BallTrack:
+    """Follow one ball through `images`, each (row, column) of grey levels (integer or float; NaN = no data).
+
+    settings: those of BallSettings, all of them. A frame without a sound ball is flagged, never an exception.
+    Raises ValueError for an argument out of range or an image that is not two-dimensional.
+    """
+    tracker = BallTracker(BallSettings(**settings))
+    found = []
+    for i, image in enumerate(images):
+        if np.ndim(image) != 2:
+            raise ValueError(f"images[{i}] has shape {np.shape(image)}: must be (row, column); convert colour to grey")
+        found.append(tracker.step(View.of(np.asarray(image))))
+    return as_track(found)
+
+
+def as_track(found: Sequence[Found]) -> BallTrack:
+    """The track that the measurements of all frames make; numbers of flagged ones are dropped."""
+    good = [f if not f.flag else Found(f.flag) for f in found]
+    numbers = np.array([(f.x, f.y, f.sigma, f.diameter, f.chi2) for f in good], dtype=np.float64).reshape(-1, 5)
+    x, y, sigma, size, chi2 = numbers.T.copy()
+    return BallTrack(x, y, sigma, size, chi2, np.array([f.flag for f in good], dtype=np.str_))
+
+
+class BallTracker:
+    """One ball from frame to frame: last position, velocity, how long it is lost, and other balls seen meanwhile."""
+
+    def __init__(self, settings: BallSettings):
+        s = settings
+        self.measurer: DiscMeasure | ThresholdMeasure
+        if s.method == "disc":
+            self.measurer = DiscMeasure(s.diameter, s.polarity, s.streak)
+        else:
+            self.measurer = ThresholdMeasure(s.diameter, s.polarity, s.search)
+        self.polarity, self.search, self.seed = s.polarity, s.search, s.seed
+        self.d = s.diameter
+        self.streak, self.exposure_fraction = s.streak, s.exposure_fraction
+        self.last: tuple[float, float] | None = None
+        self.velocity: tuple[float, float] | None = None  # px a frame
+        self.lost = 0  # frames since the last good one
+        self.rivals: list[tuple[float, float]] = []
+
+    def step(self, view: View, hint: Found | None = None) -> Found:
+        """The ball in the next frame. hint: an earlier measurement of it in this frame, to start from."""
+        return self.keep(self.look(view, hint))
+
+    def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
+        """The same without taking note; `keep` must follow. others: where other balls are expected."""
+        if self.last is None:
+            return self._at_hint(view, hint) or self._first(view, others)
+        start = self._predicted()
+        flag = "lost: no ball found"
+        if self.lost == 0:
+            near = start
+            if hint is not None and hint.fit is not None:
+                near = start._replace(x=hint.x, y=hint.y, wx=float(hint.fit.p[WX]), wy=float(hint.fit.p[WY]))
+            found = self.measurer.measure(view, near, fresh=False)
+            if not found.flag and math.hypot(found.x - near.x, found.y - near.y) < self.search * start.d:
+                return found
+            flag = found.flag or flag
+        return self._again(view, start, flag, others)
+
+    def keep(self, found: Found) -> Found:
+        """Takes note of a measurement: the next frame is predicted from it."""
+        return self._miss(found) if found.flag else self._take(found)
+
+    @property
+    def expected(self) -> tuple[float, float] | None:
+        """Where the ball should be in the next frame (x, y) [px]; None before it was found."""
+        if self.last is None:
+            return self.seed
+        start = self._predicted()
+        return start.x, start.y
+
+    def _predicted(self) -> Start:
+        """Constant velocity since the last good frame."""
+        assert self.last is not None and self.d is not None
+        vx, vy = self.velocity or (0.0, 0.0)
+        n, exposed = self.lost + 1, self.exposure_fraction if self.streak else 0.0
+        return Start(self.last[0] + n * vx, self.last[1] + n * vy, self.d, vx * exposed, vy * exposed, self.lost > 0)
+
+    def _at_hint(self, view: View, hint: Found | None) -> Found | None:
+        """The first ball where an earlier measurement of this frame has it; None if it is not there."""
+        if hint is None or hint.fit is None:
+            return None
+        start = Start(hint.x, hint.y, hint.diameter, float(hint.fit.p[WX]), float(hint.fit.p[WY]), rough=True)
+        found = self.measurer.measure(view, start, fresh=True)
+        near = not found.flag and math.hypot(found.x - hint.x, found.y - hint.y) < self.search * hint.diameter
+        return found._replace(rivals=hint.rivals) if near else None
+
+    def _first(self, view: View, others: Sequence[tuple[float, float]]) -> Found:
+        """The ball in a frame where nothing is known but perhaps the seed."""
+        if not np.isfinite(image := view.everything()).any():
+            return Found("lost: no finite pixel")
+        blobs = self._blobs(image)
+        found: list[Found] = []
+        flags: list[Found] = []
+        for blob in blobs:
+            f = self.measurer.measure(view, _start(blob, self.streak), fresh=True)
+            (flags if f.flag else found).append(f)
+        if self.seed is not None:
+            sx, sy = self.seed
+            found.sort(key=lambda f: math.hypot(f.x - sx, f.y - sy))
+            near = [f for f in found[:1] if math.hypot(f.x - sx, f.y - sy) < max(0.6, self.search) * f.diameter]
+            if near:
+                return near[0]._replace(rivals=tuple((f.x, f.y) for f in found[1:]))
+            return Found(flags[0].flag if flags else "lost: no ball near the seed")
+        found = [f for f in _distinct(found) if not _nearer(f, others, None)]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            places = ", ".join(f"({f.x:.0f}, {f.y:.0f})" for f in found[:3])
+            return Found(f"lost: {len(found)} balls, at {places}; give a seed or the diameter")
+        return Found(flags[0].flag if flags else "lost: no ball found")
+
+    def _again(self, view: View, predicted: Start, flag: str, others: Sequence[tuple[float, float]]) -> Found:
+        """Search around the prediction in a window that grows with every lost frame, to the whole image in the end."""
+        x, y, d = predicted.x, predicted.y, predicted.d
+        reach = self.search * d * (self.lost + 1)
+        whole = self.lost > 0  # the first miss looks in the window only: most end there
+        x0 = y0 = 0
+        if whole:
+            part = view.everything()
+            if not np.isfinite(part).any():
+                return Found("lost: no finite pixel")
+        else:
+            half = reach + 1.5 * d
+            x0, y0 = max(0, int(x - half)), max(0, int(y - half))
+            part = view.part(y0, int(y + half) + 2, x0, int(x + half) + 2)
+        blobs = self._blobs(part) if min(part.shape) > 4 else []
+        starts = [predicted._replace(rough=True)]
+        starts += [_start(replace(blob, x=blob.x + x0, y=blob.y + y0), self.streak) for blob in blobs]
+        found, covered = [], []
+        for start in starts:
+            f = self.measurer.measure(view, start, fresh=False)
+            if f.flag.startswith("poor fit"):  # the scene's noise may have changed: judge it by this frame alone
+                f = self.measurer.measure(view, start, fresh=True)
+            if not f.flag:
+                found.append(f)
+            elif f.flag.startswith(("occluded", "diameter off")):
+                covered.append((math.hypot(f.x - x, f.y - y), f.flag))
+        ours = self._not_rivals(_distinct(found), predicted, reach)
+        ours = [f for f in ours if not _nearer(f, others, (x, y))]
+        if not ours:
+            inside = 0 <= x < view.shape[1] and 0 <= y < view.shape[0]
+            return Found(flag if inside else "lost: left the image")
+        away = [math.hypot(f.x - x, f.y - y) for f in ours]
+        if covered and min(covered)[0] < min(away[0] - 0.25 * d, 0.75 * d):
+            return Found(min(covered)[1])  # ours is the covered one where it should be, not the one beside
+        # Two balls within what the ball may have moved while lost: no picture tells which is ours
+        if len(ours) > 1 and away[1] < away[0] + 0.5 * d * self.lost:
+            return Found(f"lost: {len(ours)} balls alike")
+        return ours[0]
+
+    def _not_rivals(self, found: list[Found], predicted: Start, reach: float) -> list[Found]:
+        """Balls within reach of the prediction, nearest first, less those that a rival of the frame before explains."""
+        x, y = predicted.x, predicted.y
+        free = sorted(found, key=lambda f: math.hypot(f.x - x, f.y - y))
+        rivals: list[tuple[float, float]] = []
+        for rx, ry in self.rivals:
+            near = min(free, key=lambda f: math.hypot(f.x - rx, f.y - ry), default=None)
+            if near is not None and math.hypot(near.x - rx, near.y - ry) < min(self.search, 1.0) * predicted.d:
+                free.remove(near)
+                rivals.append((near.x, near.y))
+        self.rivals = rivals + [(f.x, f.y) for f in free if math.hypot(f.x - x, f.y - y) > reach]
+        return [f for f in free if math.hypot(f.x - x, f.y - y) <= reach]
+
+    def _blobs(self, image: NDArray[np.generic]) -> list[Blob]:
+        return find_blobs(image, diameter=self.d, polarity=self.polarity, min_diameter=MIN_DIAMETER, streak=self.streak)
+
+    def _take(self, found: Found) -> Found:
+        if self.last is not None:
+            n = self.lost + 1
+            self.velocity = ((found.x - self.last[0]) / n, (found.y - self.last[1]) / n)
+        else:
+            self.rivals = list(found.rivals)
+        self.last, self.lost = (found.x, found.y), 0
+        self.measurer.accept(found)
+        self.d = self.measurer.seen
+        return found
+
+    def _miss(self, found: Found) -> Found:
+        if self.last is not None:
+            self.lost += 1
+            self.measurer.missed()
+        return found
+
+
+def _start(blob: Blob, streak: bool) -> Start:
+    wx, wy = (blob.wx, blob.wy) if streak else (0.0, 0.0)
+    return Start(blob.x, blob.y, blob.d, wx, wy, rough=True)
+
+
+def _nearer(f: Found, others: Sequence[tuple[float, float]], ours: tuple[float, float] | None) -> bool:
+    """Whether another ball, expected within a diameter, explains a measurement better than ours does."""
+    own = math.hypot(f.x - ours[0], f.y - ours[1]) if ours else math.inf
+    return any(math.hypot(f.x - x, f.y - y) < min(own, f.diameter) for x, y in others)
+
+
+def _distinct(found: list[Found]) -> list[Found]:
+    """Without repeats: two blobs may lead to one ball."""
+    kept: list[Found] = []
+    for f in found:
+        if all(math.hypot(f.x - k.x, f.y - k.y) > 0.5 * k.diameter for k in kept):
+            kept.append(f)
+    return kept
+
+
+def _check(
+    diameter: float | None,
+    polarity: str,
+    method: str,
+    search: float,
+    seed: tuple[float, float] | None,
+    exposure_fraction: float,
+) -> None:
+    if diameter is not None and not (MIN_DIAMETER <= diameter < math.inf):
+        raise ValueError(f"diameter = {diameter!r}: must be at least {MIN_DIAMETER:g} px, or None to learn it")
+    if polarity not in POLARITIES:
+        raise ValueError(f"polarity = {polarity!r}: must be one of {POLARITIES} (ball against the background)")
+    if method not in METHODS:
+        raise ValueError(f"method = {method!r}: must be one of {METHODS}")
+    if not (0.0 < search < math.inf):
+        raise ValueError(f"search = {search!r}: must be above 0 ball diameters (half width of the window)")
+    if seed is not None and not (len(seed) == 2 and all(math.isfinite(v) for v in seed)):
+        raise ValueError(f"seed = {seed!r}: must be the position (x, y) in px, or None to search")
+    if not 0.0 <= exposure_fraction <= 1.0:
+        raise ValueError(f"exposure_fraction = {exposure_fraction!r}: must be in [0, 1] (exposure over frame interval)")

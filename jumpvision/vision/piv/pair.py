@@ -1,0 +1,117 @@
+"""Image pairs: how they are matched, the vectors of one, and slow motion from pairs further apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .backend import backend
+
+SMOOTHING = ("none", "adaptive")
+TIMES = {"default": 3, "fast": 2}  # Gauss-Newton steps
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a pair is matched; the keywords of `piv_pair` and `piv_film`. ValueError says what does not fit."""
+
+    window: int  # px, side of the matched window (even sizes one more), under a Gaussian weight
+    step: int  # px, distance of the vectors
+    passes: tuple[int, ...]  # px, windows of the correlations that give other starts, large to small; the first must
+    # exceed twice the largest displacement
+    min_correlation: float  # matches below it are replaced
+    min_texture: float  # grey, standard deviation below which a window is empty
+    outlier: float  # limit of the normalised median test, about 2
+    smooth: str = "none"  # or "adaptive": see `smooth`
+    preset: str = "default"  # or "fast": spline on whole pixels, two steps
+    backend: str = "numpy"  # or "cupy", "torch": where the correlations are computed
+
+    def __post_init__(self) -> None:
+        for name, value, low in (("window", self.window, 7), ("step", self.step, 1)):
+            if value < low:
+                raise ValueError(f"{name} = {value}: must be at least {low}")
+        if not self.passes or min(self.passes) < 8:
+            raise ValueError(
+                f"passes = {self.passes}: must be window sizes of at least 8 px, large to small, as (64, 32)"
+            )
+        if self.smooth not in SMOOTHING:
+            raise ValueError(f"smooth = {self.smooth!r}: must be one of {', '.join(SMOOTHING)}")
+        if self.preset not in TIMES:
+            raise ValueError(f"preset = {self.preset!r}: must be one of {', '.join(TIMES)}")
+        backend(self.backend)
+
+
+Array = NDArray[np.float64]
+
+VALID, MASKED, NO_TEXTURE, LOW_CORRELATION, SECOND_PEAK, INTERPOLATED, EDGE_PEAK, NOT_CONVERGED = range(8)
+
+REASONS: dict[int, str] = {
+    VALID: "valid",
+    MASKED: "masked: less than half of the window is usable",
+    NO_TEXTURE: "no texture in the window",
+    LOW_CORRELATION: "low correlation or uncertainty above 2 px, replaced by interpolation",
+    SECOND_PEAK: "outlier, replaced by the second correlation peak or by a match started from its neighbours",
+    INTERPOLATED: "outlier (normalised median), replaced by interpolation",
+    EDGE_PEAK: "correlation peak at the edge of the search, replaced by interpolation",
+    NOT_CONVERGED: "the match did not converge, replaced by interpolation",
+}
+MATCHED = (VALID, LOW_CORRELATION, SECOND_PEAK, INTERPOLATED, EDGE_PEAK, NOT_CONVERGED)  # windows with texture
+MEASURED = (VALID, SECOND_PEAK)  # codes whose u, v are matches of the images and not an interpolation
+
+
+@dataclass(frozen=True)
+class VectorField:
+    """Displacement between two frames, image axes: x = column to the right, y = row DOWN, pixel centres at integers.
+
+    The material at (x, y) half-way in time between the frames moves by (u, v) px from the first frame to the second.
+    Where `reason` is a replacement, u and v are the robust mean of the measured neighbours and u_sigma, v_sigma their
+    scatter; without enough neighbours, and where masked or without texture, they are NaN.
+    """
+
+    x: Array  # (nx,) [px]
+    y: Array  # (ny,) [px]
+    u: Array  # (ny, nx) [px/frame pair], to the right
+    v: Array  # (ny, nx) [px/frame pair], down
+    u_sigma: Array  # (ny, nx) [px], standard uncertainty
+    v_sigma: Array
+    correlation: Array  # (ny, nx) normalised correlation of the matched windows, -1..1
+    reason: NDArray[np.int8]  # (ny, nx) key of REASONS
+    u_raw: Array  # (ny, nx) before replacement
+    v_raw: Array
+    gradient: Array  # (2, 2, ny, nx) [1], [[u_x, u_y], [v_x, v_y]] fitted inside the window, NaN where not measured
+    gradient_sigma: Array  # (2, 2, ny, nx) [1], standard uncertainty
+
+
+AGREE = 3.0  # standard uncertainties that two baselines may differ by
+FURTHEST = 2.0  # px, a longer displacement gains little and loses grains
+
+
+def combined(fields: list[tuple[float, VectorField]]) -> VectorField:
+    """Displacement per shortest baseline from fields (baseline, field) of one mid-time, the shortest first.
+
+    Every longer one that is measured, moves by no more than FURTHEST and agrees with those before it takes part with
+    the weight of its variance (their errors come from different frames). What is left of the disagreement widens sigma
+    as in Birge's ratio. Gradients are those of the longest that takes part; all else is that of the shortest.
+    """
+    (unit, base), *longer = fields
+    d, s = np.stack([base.u, base.v]), np.stack([base.u_sigma, base.v_sigma])
+    weight = np.where(np.isin(base.reason, MEASURED), 1 / s**2, np.nan)
+    total, mean, chi2, count = weight.copy(), d.copy(), np.zeros_like(d), np.ones(d.shape[1:])
+    gradient, gradient_sigma = base.gradient.copy(), base.gradient_sigma.copy()
+    for baseline, f in longer:
+        n = baseline / unit
+        u, sigma = np.stack([f.u, f.v]) / n, np.stack([f.u_sigma, f.v_sigma]) / n
+        apart = (u - mean) ** 2 / (sigma**2 + 1 / total)
+        use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= FURTHEST) & (apart.max(0) <= AGREE**2)
+        w = np.where(use, 1 / sigma**2, 0.0)
+        mean, chi2 = np.where(use, (total * mean + w * u) / (total + w), mean), chi2 + np.where(use, apart, 0.0)
+        total, count = total + w, count + use
+        gradient[:, :, use], gradient_sigma[:, :, use] = f.gradient[:, :, use] / n, f.gradient_sigma[:, :, use] / n
+    birge = np.sqrt(np.maximum(1.0, chi2.sum(0) / np.maximum(2 * (count - 1), 1)))
+    several = count > 1
+    d, s = np.where(several, mean, d), np.where(several, birge / np.sqrt(total), s)
+    return replace(
+        base, u=d[0], v=d[1], u_sigma=s[0], v_sigma=s[1], gradient=gradient, gradient_sigma=gradient_sigma
+    )  # fmt: skip

@@ -1,0 +1,318 @@
+"""Run the stages of one experiment or of a whole campaign: parallel over experiments, resumable, nothing lost.
+
+A failed stage is reported with its reason; stages that do not depend on it, and the other experiments, go on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import importlib
+import multiprocessing
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from jumpvision import __version__
+from jumpvision.base.processes import SPAWN, WORKERS, one_thread
+from jumpvision.base.progress import HOOK, Hook
+from jumpvision.base.schema import InputError
+from jumpvision.base.storage import sha256, sweep_leftovers, write_aside
+from jumpvision.inputs.experiment import Campaign, Experiment
+from jumpvision.inputs.sections import NotApplicable
+from jumpvision.results.records import Summary, plain
+
+from .stage import STAGES
+from .workspace import NotCached, Step, Workspace
+
+Report = Callable[["Outcome"], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to do: stages by name (None: all that have inputs), where results and cache lie, how."""
+
+    results: Path
+    cache: Path
+    stages: tuple[str, ...] | None = None
+    modules: tuple[str, ...] = ("jumpvision.stages",)  # imported to register stages (and pictures)
+    verify: bool = False
+    debug: bool = False
+    command: str = ""
+
+
+@dataclass
+class Outcome:
+    """What became of one experiment."""
+
+    name: str
+    results: Path
+    steps: list[Step] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    not_run: list[str] = field(default_factory=list)  # stages without inputs, and why
+    seconds: float = 0.0
+    summary: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def computed(self) -> int:
+        return sum(s.state == "computed" for s in self.steps)
+
+    @property
+    def warnings(self) -> list[str]:
+        return [f"{s.stage}: {w}" for s in self.steps for w in s.warnings]
+
+
+def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_cached: bool = False) -> Outcome:
+    """Every stage of the plan that has inputs, then the pictures; errors are kept in the outcome, not raised.
+
+    only_cached: raises NotCached when something would have to be computed.
+    """
+    for module in plan.modules:
+        importlib.import_module(module)
+    began = time.perf_counter()
+    workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, only_cached=only_cached)
+    outcome = Outcome(experiment.name, results)
+    blamed: set[int] = set()
+    for output, made in wanted(plan):
+        why = workspace.missing(output)
+        if why:
+            if not made.picture:
+                outcome.not_run.append(why)
+            continue
+        try:
+            workspace.make(output)
+        except NotCached:
+            raise
+        except NotApplicable as e:
+            if not made.picture:
+                outcome.not_run += [p for p in e.problems if p not in outcome.not_run]
+        except Exception as e:
+            if plan.debug and not isinstance(e, InputError):
+                raise
+            with contextlib.suppress(OSError):  # a results folder that cannot be written has been said already
+                workspace.withdraw(output)
+            if id(e) not in blamed:  # a stage below failed already: said once
+                blamed.add(id(e))
+                said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
+                outcome.errors += [text for text in said if text not in outcome.errors]
+    outcome.steps = workspace.steps
+    if Summary in workspace.made:
+        outcome.summary = workspace.made[Summary].values
+    try:
+        if workspace.made:
+            write_provenance(workspace, plan.command)
+    except OSError as e:
+        said = explain(e, "provenance", experiment.path)
+        outcome.errors += [text for text in said if text not in outcome.errors]
+    outcome.seconds = time.perf_counter() - began
+    return outcome
+
+
+def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
+    """The stages of a plan, then the registered pictures of what those stages make."""
+    chosen = {o: s for o, s in STAGES.items() if not s.picture and (plan.stages is None or s.name in plan.stages)}
+    yield from chosen.items()
+    drawn = {o: s for o, s in STAGES.items() if s.picture and s.function.__module__ in plan.modules}
+    yield from ((o, s) for o, s in drawn.items() if s.inputs[0].type in chosen)
+
+
+def explain(error: Exception, stage: str, path: Path) -> list[str]:
+    """An error in words a user can act on: the experiment, the stage and what is wrong."""
+    if isinstance(error, InputError):
+        return list(error.problems)
+    where = f"{path}: {stage}: "
+    if isinstance(error, OSError) and error.strerror:
+        return [f"{where}{error.strerror}" + (f": {error.filename}" if error.filename else "")]
+    if isinstance(error, ValueError):
+        return [where + str(error)]
+    return [f"{where}unexpected {type(error).__name__}: {error} (run again with --debug to see where)"]
+
+
+@functools.cache  # reading the packages' metadata takes longer than most stages
+def _versions() -> dict[str, str]:
+    from importlib.metadata import version
+
+    packages = ("numpy", "scipy", "pandas", "xarray", "numba", "opencv-python-headless", "scikit-image", "av")
+    return {p: version(p) for p in packages}
+
+
+def write_provenance(workspace: Workspace, command: str) -> None:
+    """provenance.json: versions, parameters, inputs and outputs with SHA-256, command."""
+    stages = {s.name: s for s in STAGES.values()}
+    done = [stages[s.stage] for s in workspace.steps]
+    data = {
+        "versions": {
+            "jumpvision": __version__,
+            "python": platform.python_version(),
+            **_versions(),
+            "stages": {s.name: s.version for s in done if not s.picture},
+        },
+        "parameters": {s.name: asdict(workspace.parameters(s)) for s in done if s.params},
+        "inputs": dict(sorted(workspace.inputs.items())),
+        "outputs": {
+            f.name: sha256(f)
+            for f in sorted(workspace.results.iterdir())
+            if f.is_file() and f.name in workspace.outputs
+        },
+        "warnings": [f"{s.stage}: {w}" for s in workspace.steps for w in s.warnings],
+        "command": command,
+    }
+    import json
+
+    write_aside(workspace.results / "provenance.json", json.dumps(plain(data), indent=1) + "\n")
+
+
+def run_campaign(
+    campaign: Campaign,
+    plan: Plan,
+    *,
+    workers: int,
+    done: Report,
+    elsewhere: Mapping[str, list[str]] | None = None,
+) -> list[Outcome]:
+    """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
+
+    elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
+    """
+    with _no_leftovers(plan):
+        return _run_campaign(campaign, plan, workers, done, elsewhere)
+
+
+@contextlib.contextmanager
+def _no_leftovers(plan: Plan) -> Iterator[None]:
+    """Before and after: a worker of a killed run can still be dying, in the middle of a write, as the next begins."""
+    sweep_leftovers(plan.results, plan.cache)
+    try:
+        yield
+    finally:
+        sweep_leftovers(plan.results, plan.cache)
+
+
+def _run_campaign(
+    campaign: Campaign, plan: Plan, workers: int, done: Report, elsewhere: Mapping[str, list[str]] | None
+) -> list[Outcome]:
+    jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
+    outcomes: dict[str, Outcome] = {}
+    if elsewhere is None and (workers <= 1 or len(jobs) <= 1):
+        for name, job in jobs.items():
+            outcomes[name] = run_experiment(*job)
+            done(outcomes[name])
+        return list(outcomes.values())
+    # what is all in the cache is done here, faster than a worker process starts
+    for name, job in list(jobs.items()):
+        try:
+            outcomes[name] = run_experiment(*job, only_cached=True)
+        except NotCached:
+            if elsewhere is None:
+                continue
+            why = elsewhere.get(name, [f"{job[0].path}: it changed while it was computed; run again"])
+            outcomes[name] = Outcome(name, job[2], errors=why)
+        done(outcomes[name])
+    waiting = {n: job for n, job in jobs.items() if n not in outcomes}
+    if not waiting:
+        return [outcomes[n] for n in jobs]
+    # films first: the longest jobs must not start last
+    order = sorted(waiting, key=lambda n: -sum(hasattr(s, "frame_rate") for s in jobs[n][0].sections.values()))
+
+    def report(name: str, outcome: Outcome) -> None:
+        outcomes[name] = outcome
+        done(outcome)
+
+    left = {n: jobs[n] for n in order}
+    while left:
+        for name in _in_processes(left, min(workers, len(left)), report):  # alone, so that the guilty one is known
+            if _in_processes({name: jobs[name]}, 1, report):
+                killed = f"{jobs[name][0].path}: its worker process was killed (out of memory?); run again to resume"
+                report(name, Outcome(name, plan.results / name, errors=[killed]))
+        left = {n: jobs[n] for n in order if n not in outcomes}
+    return [outcomes[n] for n in jobs]
+
+
+def _in_processes(jobs: Mapping[str, Any], workers: int, report: Callable[[str, Outcome], None]) -> list[str]:
+    """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
+    context = multiprocessing.get_context(SPAWN)
+    queue = list(jobs.items())[::-1]
+    under_way: dict[Future[Outcome], str] = {}
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=one_thread) as pool:
+        try:
+            while queue or under_way:
+                while queue and len(under_way) <= workers:  # one more than there are workers, so that none waits
+                    name, job = queue.pop()
+                    under_way[pool.submit(run_experiment, *job)] = name
+                for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                    outcome = future.result()
+                    report(under_way.pop(future), outcome)
+        except BrokenProcessPool:
+            return list(under_way.values())
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return []
+
+
+def run_single(experiment: Experiment, plan: Plan, *, workers: int, hook: Hook | None) -> Outcome:
+    """One experiment, its files in the results folder itself, with progress; `workers` share a long film."""
+    token, share = HOOK.set(hook), WORKERS.set(workers)
+    try:
+        with _no_leftovers(plan):
+            return run_experiment(experiment, plan, plan.results)
+    finally:
+        HOOK.reset(token)
+        WORKERS.reset(share)
+
+
+JUMP_COLUMNS = (
+    "jump_height_m", "sigma_m", "sigma_common_m", "simulated_height_m", "flight_height_m", "flight_height_m_sigma",
+    "flight_height_m_sigma_common", "flight_time_s", "lift_off_s", "n_jumps", "mu", "mu_sigma", "mu_sigma_common",
+    "beta_deg", "beta_deg_sigma", "beta_deg_sigma_common", "added_mass_kg", "added_mass_kg_sigma",
+    "added_mass_kg_sigma_common", "sigma_volume_fraction", "sigma_common_volume_fraction",
+)  # fmt: skip
+
+
+def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment, failed and excluded ones with their reason."""
+    by_name = {o.name: o for o in outcomes}
+    rows = []
+    for e in campaign.experiments:
+        a, o = e.sections.get("actuation"), by_name[e.name]
+        rows.append(
+            {
+                "experiment": e.name,
+                "group": e.header.group or None,
+                "kind": a.kind if a else None,
+                "frequency_hz": a.frequency if a else None,
+                "delay_s": a.delay if a else None,
+                "volume_fraction": o.summary.get("volume_fraction"),
+                **{c: o.summary.get(c) for c in JUMP_COLUMNS},
+                "problem": o.errors[0] if o.errors else None,
+            }
+        )
+    rows += [{"experiment": n, "problem": f"excluded: {why}"} for n, why in campaign.excluded.items()]
+    return rows
+
+
+def write_jumps(rows: list[dict[str, Any]], results: Path) -> None:
+    """jumps.csv."""
+    import io
+
+    import pandas as pd
+
+    text = io.StringIO()
+    pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
+    write_aside(results / "jumps.csv", text.getvalue())
+
+
+def truth_of(folder: Path) -> Mapping[str, Any]:
+    """truth.json of a synthetic folder, for showing beside the results only; {} for a recorded one."""
+    import json
+
+    file = folder / "truth.json"
+    try:
+        return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
+    except ValueError:
+        return {}
