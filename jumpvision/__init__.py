@@ -34,9 +34,26 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
-    "__version__", "bed", "column", "crater", "diagnose", "fit", "flow", "geometry", "intrusion", "open", "piv", "plan",
-    "rod", "run", "simulate", "spring", "summary", "sweep", "track",
-]  # fmt: skip
+    "__version__",
+    "bed",
+    "column",
+    "crater",
+    "diagnose",
+    "fit",
+    "flow",
+    "geometry",
+    "intrusion",
+    "open",
+    "piv",
+    "plan",
+    "rod",
+    "run",
+    "simulate",
+    "spring",
+    "summary",
+    "sweep",
+    "track",
+]
 
 
 class _Room(ModuleType):

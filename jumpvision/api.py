@@ -156,9 +156,14 @@ def diagnose(campaign: Folder, *, results: PathLike | None = None, workers: int 
 
     found, outcomes, plan = _outcomes(campaign, STAGES, results, workers, pictures=False)
     data, _ = question(
-        found, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=workers, draw=diagnosis_picture,
+        found,
+        {o.name: o for o in outcomes},
+        plan.results,
+        plan.cache,
+        workers=workers,
+        draw=diagnosis_picture,
         say=_warn,
-    )  # fmt: skip
+    )
     return data
 
 
@@ -181,9 +186,16 @@ def sweep(
 
     given = {k: ":".join(map(str, v)) if isinstance(v, tuple | list) else str(v) for k, v in axes.items()}
     data, _ = run_sweep(
-        ground, given, analysis=analysis, experiment=_path(experiment), model=_path(model), laws=_path(laws),
-        overrides=parse(tuple(set)), workers=workers, say=_warn,
-    )  # fmt: skip
+        ground,
+        given,
+        analysis=analysis,
+        experiment=_path(experiment),
+        model=_path(model),
+        laws=_path(laws),
+        overrides=parse(tuple(set)),
+        workers=workers,
+        say=_warn,
+    )
     return data
 
 

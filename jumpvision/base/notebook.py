@@ -69,11 +69,8 @@ def values(data: Mapping[str, Any]) -> str:
     measured = [v for v in data.values() if isinstance(v, Mapping) and "value" in v]
     columns = ("value", "sigma", "unit") if measured and len(measured) == len(data) else ("value",)
     return table(
-        [
-            {"": k, **({c: v.get(c) for c in columns} if len(columns) > 1 else {"value": v})}
-            for k, v in data.items()
-        ]
-    )  # fmt: skip
+        [{"": k, **({c: v.get(c) for c in columns} if len(columns) > 1 else {"value": v})} for k, v in data.items()]
+    )
 
 
 def short(value: Any) -> str:

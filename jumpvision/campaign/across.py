@@ -126,9 +126,12 @@ def bed_laws(rows: list[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Any]
             n: {"value": getattr(fit, n), "sigma": float(np.hypot(x, common[n])), "sigma_common": common[n]}
             for n, x in at
         } | {
-            "phi_c_ci95": list(widened(fit.phi_c, *fit.interval, common["phi_c"])), "p_straight": fit.p_straight,
-            "chi2": fit.chi2, "n": fit.n, "kinked": kinked,
-        }  # fmt: skip
+            "phi_c_ci95": list(widened(fit.phi_c, *fit.interval, common["phi_c"])),
+            "p_straight": fit.p_straight,
+            "chi2": fit.chi2,
+            "n": fit.n,
+            "kinked": kinked,
+        }
     return (laws, numbers) if numbers else ({}, {})
 
 
@@ -141,14 +144,15 @@ def laws_toml(laws: dict[str, Any], numbers: dict[str, Any], source: str) -> str
         "[model.laws]",
         f"foot_radius = {laws['foot_radius']:.6g}  # m, forces are scaled by area to another",
         f"source = {json.dumps(source)}",
-    ]  # fmt: skip
+    ]
     for name, n in numbers.items():
         low, high = n["phi_c_ci95"]
         kink = f"kink at {n['phi_c']['value']:.4f} (95 %: {low:.4f} to {high:.4f})" if n["kinked"] else "no kink seen"
         lines += [
-            "", f"[model.laws.{name}]  # {n['n']} intrusions, {kink}; straight: p = {n['p_straight']:.2g}",
+            "",
+            f"[model.laws.{name}]  # {n['n']} intrusions, {kink}; straight: p = {n['p_straight']:.2g}",
             *(f"{k} = [{', '.join(f'{x:.7g}' for x in laws[name][k])}]" for k in ("phi", "value")),
-        ]  # fmt: skip
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -159,8 +163,12 @@ def cone_misfit(row: dict[str, Any]) -> dict[str, Any]:
     first = np.array(row["profile"]["event"]) < 0
     force, cone = np.array(row["profile"]["force_N"])[first], np.array(row["cone"]["force_N"])[first]
     rms = float(np.sqrt(np.mean((force - cone) ** 2)))
-    return {"experiment": row["experiment"], "foot_radius_m": row["foot_radius_m"], "rms_N": rms,
-            "share_of_largest": rms / float(force.max())}  # fmt: skip
+    return {
+        "experiment": row["experiment"],
+        "foot_radius_m": row["foot_radius_m"],
+        "rms_N": rms,
+        "share_of_largest": rms / float(force.max()),
+    }
 
 
 def write_intrusions(campaign: Campaign, outcomes: list[Outcome], results: Path) -> list[Path]:
@@ -209,8 +217,9 @@ def actuator_bandwidth(rows: list[dict[str, Any]]) -> dict[str, Any]:
     found = bandwidth(f, ratio, sigma, lag, rng=np.random.default_rng(0))
     entries = {"bandwidth_hz": found.cutoff, "gain": found.gain, "tau_s": found.tau}
     return {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in entries.items()} | {
-        "bandwidth_ci95_hz": [found.low, found.high], "order": found.order
-    }  # fmt: skip
+        "bandwidth_ci95_hz": [found.low, found.high],
+        "order": found.order,
+    }
 
 
 def write_actuator(campaign: Campaign, outcomes: list[Outcome], results: Path) -> list[Path]:

@@ -161,8 +161,11 @@ def _finer(row: Mapping[str, Any]) -> float | None:
 def _both(row: Mapping[str, Any], true: float | None) -> str:
     """Whether a truth lies inside the 95 % intervals of film and jumps; who has it outside is told."""
     marks = {k: judged(off(row[f"by_{k}"], row[f"by_{k}_sigma"], true)) for k in ("film", "jumps")}
-    bad = [f"{mark} by {row['source'].split()[0] if k == 'film' else 'the jumps'}"
-           for k, mark in marks.items() if mark.startswith(OUTSIDE)]  # fmt: skip
+    bad = [
+        f"{mark} by {row['source'].split()[0] if k == 'film' else 'the jumps'}"
+        for k, mark in marks.items()
+        if mark.startswith(OUTSIDE)
+    ]
     return "; ".join(bad) or (INSIDE if any(marks.values()) else "")
 
 

@@ -17,8 +17,18 @@ from jumpvision.estimate.crater import TWO_HALVES, ZeroCrossing, critical_fracti
 from jumpvision.estimate.estimate import independent
 from jumpvision.results.records import CraterShape, plain
 
-COLUMNS = ("volume_m3", "sigma_m3", "sigma_common_m3", "noise_sigma_m3", "volume_fraction", "sigma_volume_fraction",
-           "sigma_common_volume_fraction", "depth_m", "rim_height_m", "radius_m")  # fmt: skip
+COLUMNS = (
+    "volume_m3",
+    "sigma_m3",
+    "sigma_common_m3",
+    "noise_sigma_m3",
+    "volume_fraction",
+    "sigma_volume_fraction",
+    "sigma_common_volume_fraction",
+    "depth_m",
+    "rim_height_m",
+    "radius_m",
+)
 
 
 def craters_table(results: Mapping[str, Path]) -> list[dict[str, Any]]:
@@ -61,9 +71,16 @@ def write_craters(rows: list[dict[str, Any]], found: ZeroCrossing, results: Path
     table.writerows(rows)
     write_aside(results / "craters.csv", text.getvalue())
     entry = {
-        "value": found.value, "sigma": found.sigma, "sigma_common": found.sigma_common, "unit": "", "n": found.n,
-        "chi2": found.chi2, "low95": found.low95, "high95": found.high95, "slope_m3": found.slope,
+        "value": found.value,
+        "sigma": found.sigma,
+        "sigma_common": found.sigma_common,
+        "unit": "",
+        "n": found.n,
+        "chi2": found.chi2,
+        "low95": found.low95,
+        "high95": found.high95,
+        "slope_m3": found.slope,
         "reason": found.reason,
-    }  # fmt: skip
+    }
     write_aside(results / "fits.json", json.dumps(plain({"phi_c": entry}), indent=1) + "\n")
     return [results / "craters.csv", results / "fits.json"]

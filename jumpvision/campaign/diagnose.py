@@ -86,9 +86,16 @@ def question(
             raise InputError([f"{campaign.path}: {e}"]) from None
         system = learned.system
         found = diagnose(
-            system, learned.noise, np.random.default_rng(SEED), scatter=learned.scatter, measured=beside, by=("kind",),
-            stops=[j.stop for j in jumps], runnable=proposals(system, laws), say=say,
-        )  # fmt: skip
+            system,
+            learned.noise,
+            np.random.default_rng(SEED),
+            scatter=learned.scatter,
+            measured=beside,
+            by=("kind",),
+            stops=[j.stop for j in jumps],
+            runnable=proposals(system, laws),
+            say=say,
+        )
         problem = Problem(system, learned.noise, learned.scatter, beside)
         left = leftover(found, problem, system, say)
         data = document(found, system, heights_of(found, system), left)
@@ -178,8 +185,9 @@ def proposals(system: Jumper, laws: list[Actuation]) -> list[Proposable]:
                 phase = PHASES[kind]
                 law = (
                     delayed(frequency, amplitude, phase, delay, start)
-                    if delay else sinusoid(frequency, amplitude, phase, 1.0, start)
-                )  # fmt: skip
+                    if delay
+                    else sinusoid(frequency, amplitude, phase, 1.0, start)
+                )
                 t = np.arange(0.0, law.stop + 0.5, frame)
                 jump = replace(base, forcing=law, stop=law.stop)
                 labels = {"kind": kind, "frequency": float(frequency), "delay": delay}

@@ -40,8 +40,12 @@ def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]],
         },
         "where": [
             {
-                **c.labels, "phase_of_jump": c.part, "mean_residual_m": c.mean_residual, "z_score": c.z_score,
-                "p_value": c.p_value, "samples": c.n,
+                **c.labels,
+                "phase_of_jump": c.part,
+                "mean_residual_m": c.mean_residual,
+                "z_score": c.z_score,
+                "p_value": c.p_value,
+                "samples": c.n,
             }
             for c in d.where[:TOP]
         ],
@@ -54,12 +58,13 @@ def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]],
         "unexplained": unexplained,
         "extended_model": (
             {"terms": list(system.build(best.mechanisms, best.named).terms), "parameters": values(best, system)}
-            if best else {"terms": list(system.model.terms), "parameters": values(d.baseline, system)}
+            if best
+            else {"terms": list(system.model.terms), "parameters": values(d.baseline, system)}
         ),
         "gain": gain_of(d.gain) if best and d.gain else None,
         "extrapolation": {k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if best else {},
         "next_experiment": proposal(d),
-    }  # fmt: skip
+    }
 
 
 HEAVY = 30.0  # degrees of freedom from which Student's t is as good as normal
@@ -122,10 +127,17 @@ def common_of(d: Diagnosis) -> list[dict[str, Any]]:
     """What an apparatus has wrong in common: as stated before, and as the jumps have it."""
     fit = d.naming.best.fit if d.naming and d.naming.named else d.baseline
     return [
-        {"quantity": p.name, "declared": p.start, "stated_sigma": p.sigma, "value": fit.named[p.name],
-         "sigma": fit.sigma(p.name), "unit": p.unit}
-        for p in fit.parameters if is_common(p.name)
-    ]  # fmt: skip
+        {
+            "quantity": p.name,
+            "declared": p.start,
+            "stated_sigma": p.sigma,
+            "value": fit.named[p.name],
+            "sigma": fit.sigma(p.name),
+            "unit": p.unit,
+        }
+        for p in fit.parameters
+        if is_common(p.name)
+    ]
 
 
 def closest(d: Diagnosis, system: Jumper) -> dict[str, Any] | None:

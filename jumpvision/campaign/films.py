@@ -90,8 +90,10 @@ def confirmation(
     for film in seen:
         by = implied(alone, system, own.get(film.experiment, system.model), film.depth)
         if by[0] > 0:
-            rows.append(_row("added_mass", f"film {film.experiment}", by, (film.mass, film.sigma), "kg")
-                        | {"experiment": film.experiment, "depth_m": film.depth})  # fmt: skip
+            rows.append(
+                _row("added_mass", f"film {film.experiment}", by, (film.mass, film.sigma), "kg")
+                | {"experiment": film.experiment, "depth_m": film.depth}
+            )
     return rows
 
 
@@ -100,10 +102,16 @@ def _row(
 ) -> dict[str, Any]:
     z = (film[0] - jumps[0]) / math.hypot(film[1], jumps[1])
     return {
-        "quantity": quantity, "unit": unit, "source": source,
-        "by_jumps": jumps[0], "by_jumps_sigma": jumps[1], "by_film": film[0], "by_film_sigma": film[1],
-        "z": z, "verdict": "contradict" if abs(z) > CONTRADICT else "agree",
-    }  # fmt: skip
+        "quantity": quantity,
+        "unit": unit,
+        "source": source,
+        "by_jumps": jumps[0],
+        "by_jumps_sigma": jumps[1],
+        "by_film": film[0],
+        "by_film_sigma": film[1],
+        "z": z,
+        "verdict": "contradict" if abs(z) > CONTRADICT else "agree",
+    }
 
 
 def _of(model: Model, name: str) -> float:

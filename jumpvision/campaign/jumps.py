@@ -95,8 +95,12 @@ def spec_of(e: Experiment) -> ModelSpec:
     """[model], or the contract's default."""
     spec: ModelSpec | None = e.section(ModelSpec)
     if spec is not None and spec.laws:
-        raise InputError([f"{e.path / 'experiment.toml'}: [model.laws]: one set of parameters is questioned at a time; "
-                          "give values in place of laws, and a campaign for each packing"])  # fmt: skip
+        raise InputError(
+            [
+                f"{e.path / 'experiment.toml'}: [model.laws]: one set of parameters is questioned at a time; "
+                "give values in place of laws, and a campaign for each packing"
+            ]
+        )
     if spec is not None:
         return spec
     if e.ground == "hard":
@@ -122,14 +126,25 @@ def _jump(e: Experiment, results: Path) -> Jump:
         "volume_fraction": None if phi is None else round(phi, 2),
     }
     known = (
-        (LOGGED, e.header.group or e.name) if law is None
+        (LOGGED, e.header.group or e.name)
+        if law is None
         else (law.kind, law.frequency, law.amplitude, law.start_phase, law.cycles, law.delay)
-    )  # fmt: skip
+    )
     condition = " ".join(str(x) for x in (*known, labels["volume_fraction"]))
     return Jump(
-        e.name, model, forcing, stop, t, y, e.header.group or condition, condition,
-        law=log is None, labels=labels, sigma=sigma if states_noise(e) else None, shared=common_errors(e, rod),
-    )  # fmt: skip
+        e.name,
+        model,
+        forcing,
+        stop,
+        t,
+        y,
+        e.header.group or condition,
+        condition,
+        law=log is None,
+        labels=labels,
+        sigma=sigma if states_noise(e) else None,
+        shared=common_errors(e, rod),
+    )
 
 
 def _conditioned(jumps: list[Jump]) -> list[Jump]:

@@ -75,11 +75,13 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
 
     found = {e.name: check_geometry(e) for e in campaign.experiments}
     data = {
-        "path": str(path), "problems": [], "experiments": rows,
+        "path": str(path),
+        "problems": [],
+        "experiments": rows,
         "geometry": (numbers := {n: values for n, (values, _) in found.items() if values is not None}),
         "warnings": [f"{n}: {text}" for n, (_, texts) in found.items() for text in texts],
         "notes": [text for text in (exact_scales(campaign.experiments),) if text],
-    }  # fmt: skip
+    }
     show.result(data, rows, as_json=options.json)
     if not options.json:
         show.geometry(numbers)

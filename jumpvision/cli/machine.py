@@ -165,8 +165,19 @@ def completion(shell: Literal["bash", "zsh", "fish", "powershell"] | None = None
     return DONE
 
 
-NEEDED = ("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba", "opencv-python-headless", "scikit-image", "av",
-          "tifffile", "matplotlib")  # fmt: skip
+NEEDED = (
+    "numpy",
+    "scipy",
+    "pandas",
+    "xarray",
+    "netCDF4",
+    "numba",
+    "opencv-python-headless",
+    "scikit-image",
+    "av",
+    "tifffile",
+    "matplotlib",
+)
 EXTRAS = {  # package: what it is for, the extra that installs it
     "h5py": ("reads .h5 films and MATLAB fields", "hdf5"),
     "casadi": ("jumpvision plan", "plan"),
@@ -180,8 +191,11 @@ Finding = tuple[str, str, str]  # what, found, remedy ("" where nothing lacks)
 
 def findings(folder: Path) -> list[Finding]:
     """All of it; folder: where results would be written."""
-    system = [("jumpvision", __version__, ""), ("python", platform.python_version(), ""),
-              ("system", platform.platform(), "")]  # fmt: skip
+    system = [
+        ("jumpvision", __version__, ""),
+        ("python", platform.python_version(), ""),
+        ("system", platform.platform(), ""),
+    ]
     return [*system, *packages(), *codecs(), *processors(), gpu(), browser(), *disk(folder)]
 
 

@@ -104,10 +104,18 @@ def sweep(
         token = HOOK.set(progress.frames)
         try:
             data, rows = run_sweep(
-                ground, given, analysis=analysis, experiment=experiment, overrides=parse(settings),
-                workers=workers or cores(), say=show.line, model=model, laws=laws, campaign=campaign,
+                ground,
+                given,
+                analysis=analysis,
+                experiment=experiment,
+                overrides=parse(settings),
+                workers=workers or cores(),
+                say=show.line,
+                model=model,
+                laws=laws,
+                campaign=campaign,
                 results=results,
-            )  # fmt: skip
+            )
         finally:
             HOOK.reset(token)
     stem = analysis if campaign else "sweep"

@@ -231,11 +231,14 @@ def geometry(found: dict[str, Any]) -> None:
         _, name, f = min(entries, key=lambda e: e[0])
         rows.append(
             {
-                "check": check, "value": f"{f['value']:.3g}", "needs more than": f["limit"] and f"{f['limit']:.3g}",
-                "unit": f["unit"], "ok": {True: "yes", False: "NO", None: ""}[f["ok"]],
+                "check": check,
+                "value": f"{f['value']:.3g}",
+                "needs more than": f["limit"] and f"{f['limit']:.3g}",
+                "unit": f["unit"],
+                "ok": {True: "yes", False: "NO", None: ""}[f["ok"]],
                 "experiment": name if len(entries) == 1 else f"{name}, the worst of {len(entries)}",
             }
-        )  # fmt: skip
+        )
     if rows:
         print()
         table(rows)

@@ -132,8 +132,13 @@ def question_campaign(campaign: Any, outcomes: Any, plan: Any, options: Options,
     from . import terminal as show
 
     data, files = question(
-        campaign, {o.name: o for o in outcomes}, plan.results, plan.cache, workers=options.workers or cores(),
-        draw=diagnosis_picture if options.pictures else None, say=lambda text: show.line(f"diagnose: {text}"),
-    )  # fmt: skip
+        campaign,
+        {o.name: o for o in outcomes},
+        plan.results,
+        plan.cache,
+        workers=options.workers or cores(),
+        draw=diagnosis_picture if options.pictures else None,
+        say=lambda text: show.line(f"diagnose: {text}"),
+    )
     made += files
     return data

@@ -116,10 +116,27 @@ def step(  # type: ignore[no-untyped-def]
                 if rough is not None:
                     free = j < n_free
                     tx, ty, power = rub(
-                        mu, kt, gt, spin, torque, slide, q, i, j if free else -1, dx, dy, d, r / s,
-                        wx - p[j, 2], wy - p[j, 3], v[i, 0] - (v[j, 0] if free else 0.0),
-                        v[i, 1] - (v[j, 1] if free else rose), 1.0 / both, force * d, past,
-                    )  # fmt: skip
+                        mu,
+                        kt,
+                        gt,
+                        spin,
+                        torque,
+                        slide,
+                        q,
+                        i,
+                        j if free else -1,
+                        dx,
+                        dy,
+                        d,
+                        r / s,
+                        wx - p[j, 2],
+                        wy - p[j, 3],
+                        v[i, 0] - (v[j, 0] if free else 0.0),
+                        v[i, 1] - (v[j, 1] if free else rose),
+                        1.0 / both,
+                        force * d,
+                        past,
+                    )
                     fx, fy, rubbed = fx + tx, fy + ty, rubbed + power
                     f[j, 0] -= tx
                     f[j, 1] -= ty
@@ -142,13 +159,15 @@ def step(  # type: ignore[no-untyped-def]
             normal = floor
             if side != 0.0:
                 lever, away = min(x - left, right - x), 1.0 if x - left < right - x else -1.0
-                _, ty, power = skid(mu, kt, gt, spin, torque, held, i, 0, away, 0.0, lever, wx, wy, v[i, 0], v[i, 1],
-                                    m, side, past)  # fmt: skip
+                _, ty, power = skid(
+                    mu, kt, gt, spin, torque, held, i, 0, away, 0.0, lever, wx, wy, v[i, 0], v[i, 1], m, side, past
+                )
                 floor, rubbed = floor + ty, rubbed + power
             if normal != 0.0:
                 lever, away = min(y - bottom, top - y), 1.0 if y - bottom < top - y else -1.0
-                tx, _, power = skid(mu, kt, gt, spin, torque, held, i, 1, 0.0, away, lever, wx, wy, v[i, 0], v[i, 1],
-                                    m, normal, past)  # fmt: skip
+                tx, _, power = skid(
+                    mu, kt, gt, spin, torque, held, i, 1, 0.0, away, lever, wx, wy, v[i, 0], v[i, 1], m, normal, past
+                )
                 side, rubbed = side + tx, rubbed + power
         fx, wall_x = fx + side, wall_x + side
         fy, wall_y = fy + floor, wall_y + floor
@@ -165,8 +184,26 @@ def step(  # type: ignore[no-untyped-def]
                 fy, foot_y = fy + force * ny, foot_y + force * ny
         if rough is not None:
             if gap > 0.0:
-                tx, ty, power = skid(mu, kt, gt, spin, torque, held, i, 2, nx, ny, gap, wx, wy - rising, v[i, 0],
-                                     v[i, 1] - rose, m, force, past)  # fmt: skip
+                tx, ty, power = skid(
+                    mu,
+                    kt,
+                    gt,
+                    spin,
+                    torque,
+                    held,
+                    i,
+                    2,
+                    nx,
+                    ny,
+                    gap,
+                    wx,
+                    wy - rising,
+                    v[i, 0],
+                    v[i, 1] - rose,
+                    m,
+                    force,
+                    past,
+                )
                 fx, foot_x, fy, foot_y, rubbed = fx + tx, foot_x + tx, fy + ty, foot_y + ty, rubbed + power
             else:
                 held[i, 2] = 0.0
@@ -217,9 +254,7 @@ def march(  # type: ignore[no-untyped-def]
             travel, fresh = 0.0, True
         rose = (path[s] - path[s - 1]) / h if s > 0 else 0.0
         now = (plate[0], plate[1], path[s], speed[s], rose)
-        fastest = step(
-            p, v, f, start, partner, n_free, law, box, now, h, s > 0, s < steps, push, slide, rough
-        )  # fmt: skip
+        fastest = step(p, v, f, start, partner, n_free, law, box, now, h, s > 0, s < steps, push, slide, rough)
         impulse += (0.5 if s in (0, steps) else 1.0) * h * push
         if s < steps:
             for j in range(n_free, len(p)):

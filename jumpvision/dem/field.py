@@ -42,9 +42,16 @@ class Coarse(NamedTuple):
 
 
 def coarse_grain(
-    x: ArrayLike, y: ArrayLike, vx: ArrayLike, vy: ArrayLike, mass: ArrayLike, *, grid_x: ArrayLike, grid_y: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    vx: ArrayLike,
+    vy: ArrayLike,
+    mass: ArrayLike,
+    *,
+    grid_x: ArrayLike,
+    grid_y: ArrayLike,
     width: float,
-) -> Coarse:  # fmt: skip
+) -> Coarse:
     """Fields on grid_x (nx,), grid_y (ny,) [m], each equally spaced and increasing; discs (n,) [m], [m/s], [kg].
 
     width [m]: standard deviation of the kernel.
@@ -87,9 +94,16 @@ def _spread(state, x0, dx, y0, dy, width, sums):  # type: ignore[no-untyped-def]
 
 
 def as_piv(
-    t: ArrayLike, x: ArrayLike, y: ArrayLike, mass: ArrayLike, foot_y: ArrayLike, *, grid_x: ArrayLike,
-    grid_y: ArrayLike, width: float,
-) -> xr.Dataset:  # fmt: skip
+    t: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    mass: ArrayLike,
+    foot_y: ArrayLike,
+    *,
+    grid_x: ArrayLike,
+    grid_y: ArrayLike,
+    width: float,
+) -> xr.Dataset:
     """The data set of `piv.nc` from places x, y (T, n) [m] at the times t (T,) [s] and the foot's face foot_y (T,) [m].
 
     As a camera sees them: the velocity between two times is the displacement over their distance and belongs to
@@ -104,11 +118,17 @@ def as_piv(
     step, dt, origin = float(gx[1] - gx[0]), np.diff(t), float(face[0])
     fields = [
         coarse_grain(
-            0.5 * (x[k] + x[k + 1]), 0.5 * (y[k] + y[k + 1]), (x[k + 1] - x[k]) / dt[k], (y[k + 1] - y[k]) / dt[k],
-            mass, grid_x=gx, grid_y=gy, width=width,
+            0.5 * (x[k] + x[k + 1]),
+            0.5 * (y[k] + y[k + 1]),
+            (x[k + 1] - x[k]) / dt[k],
+            (y[k + 1] - y[k]) / dt[k],
+            mass,
+            grid_x=gx,
+            grid_y=gy,
+            width=width,
         )
         for k in range(dt.size)
-    ]  # fmt: skip
+    ]
     cube = {name: np.stack([getattr(f, name) for f in fields], axis=-1) for name in Coarse._fields}
     mid = 0.5 * (face[1:] + face[:-1])
     enough = cube["density"] > SPARSE * np.median(cube["density"][cube["density"] > 0.0])
@@ -133,13 +153,20 @@ def as_piv(
             "t": ("t", 0.5 * (t[1:] + t[:-1]), {"units": "s", "long_name": "mid-time of the pair"}),
         },
         attrs={
-            "delta_t": float(np.median(dt)), "files": [], "pivpy_schema_version": "1",
-            "source": f"jumpvision {__version__}, discs", "scale_m_per_px": step,
-            "window_px": math.sqrt(12.0) * width / step, "error_px": math.sqrt(12.0) * width / step, "step_px": 1,
-            "image_rows": gy.size, "image_columns": gx.size,
-            "origin_column_px": -gx[0] / step, "origin_row_px": (gy[-1] - origin) / step,
+            "delta_t": float(np.median(dt)),
+            "files": [],
+            "pivpy_schema_version": "1",
+            "source": f"jumpvision {__version__}, discs",
+            "scale_m_per_px": step,
+            "window_px": math.sqrt(12.0) * width / step,
+            "error_px": math.sqrt(12.0) * width / step,
+            "step_px": 1,
+            "image_rows": gy.size,
+            "image_columns": gx.size,
+            "origin_column_px": -gx[0] / step,
+            "origin_row_px": (gy[-1] - origin) / step,
             "kernel": f"Gaussian of {width:g} m, cut at {CUT:g} of it",
         },
-    )  # fmt: skip
+    )
     data["u"].attrs["standard_name"], data["v"].attrs["standard_name"] = "u_velocity", "v_velocity"
     return data.sortby("y", ascending=False)

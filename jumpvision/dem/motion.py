@@ -99,8 +99,9 @@ def simulate(
             spin[k, order] = rough[3][:, 1]
         force[k] = impulse / (times[k] - times[k - 1])
     seen = (height(times), rising(times)) if foot is not None else (np.full(times.size, np.nan),) * 2
-    return Motion(times, out[0], out[1], out[2], out[3], seen[0], seen[1], force[:, :2], force[:, 2:4],
-                  force[:, 4], spin)  # fmt: skip
+    return Motion(
+        times, out[0], out[1], out[2], out[3], seen[0], seen[1], force[:, :2], force[:, 2:4], force[:, 4], spin
+    )
 
 
 def roughness(law: Law, spin: Array) -> tuple[float, float, float, Array, Array, Array]:
@@ -119,8 +120,23 @@ def forces(discs: Discs, law: Law, box: Box) -> Array:
     rules = (law.stiffness, law.damping, 0.0, 0.0, law.gravity)
     walls = (box.left, box.right, box.bottom, box.top)
     h = 1.0  # s: the half kick of a step of 2 s is the acceleration
-    step(p, v, np.zeros((n, 2)), start, partner, n, rules, walls, (-math.inf, 0.0, 0.0, 0.0, 0.0), 2.0 * h, True,
-         False, np.empty(5), np.empty(0), None)  # fmt: skip
+    step(
+        p,
+        v,
+        np.zeros((n, 2)),
+        start,
+        partner,
+        n,
+        rules,
+        walls,
+        (-math.inf, 0.0, 0.0, 0.0, 0.0),
+        2.0 * h,
+        True,
+        False,
+        np.empty(5),
+        np.empty(0),
+        None,
+    )
     out = np.empty((n, 2))
     out[order] = (v - before) / p[:n, 5:6]
     return out
@@ -165,10 +181,19 @@ REST = 0.01  # s, between the entry and the path
 
 
 def discs_under_foot(
-    t: Array, foot_y: Array, times: Array, *, half_width: float, bed: tuple[float, float], diameter: float,
-    fraction: float, rng: np.random.Generator, coulomb: float = 10.0, friction: float = 0.0,
+    t: Array,
+    foot_y: Array,
+    times: Array,
+    *,
+    half_width: float,
+    bed: tuple[float, float],
+    diameter: float,
+    fraction: float,
+    rng: np.random.Generator,
+    coulomb: float = 10.0,
+    friction: float = 0.0,
     deepest: float | None = None,
-) -> tuple[Discs, Motion]:  # fmt: skip
+) -> tuple[Discs, Motion]:
     """Discs of two sizes "on a carpet" at the times (T,) [s], the first the start, under a foot that goes t, foot_y.
 
     half_width [m] of the foot, whose face is at foot_y [m] (up, 0 at the surface); bed: half width and depth [m];

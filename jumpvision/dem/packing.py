@@ -31,9 +31,17 @@ def sizes(kind: str, n: int, diameter: float, spread: float, rng: np.random.Gene
 
 
 def pack(
-    box: Box, fraction: float, *, diameter: float, density: float, rng: np.random.Generator, kind: str = "bi",
-    spread: float = 0.1, tolerance: float = 1e-3, rounds: int = 20_000,
-) -> Discs:  # fmt: skip
+    box: Box,
+    fraction: float,
+    *,
+    diameter: float,
+    density: float,
+    rng: np.random.Generator,
+    kind: str = "bi",
+    spread: float = 0.1,
+    tolerance: float = 1e-3,
+    rounds: int = 20_000,
+) -> Discs:
     """Resting discs that fill the box to the area fraction, no two overlapping by more than tolerance diameters.
 
     diameter [m]: mean; density [kg/m^2]. Thrown in at random, spread evenly and pushed apart. ValueError where

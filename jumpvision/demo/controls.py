@@ -52,8 +52,17 @@ def _robot(key: str, label: str, unit: str, lo: float, hi: float, step: float) -
     return Slider("robot", key, label, unit, lo, hi, step, group="Robot")
 
 
-def _bed(key: str, label: str, unit: str, lo: float, hi: float, step: float, factor: float = 1.0, only: str = "",
-         section: str = "model") -> Slider:  # fmt: skip
+def _bed(
+    key: str,
+    label: str,
+    unit: str,
+    lo: float,
+    hi: float,
+    step: float,
+    factor: float = 1.0,
+    only: str = "",
+    section: str = "model",
+) -> Slider:
     return Slider(section, key, label, unit, lo, hi, step, factor, "Ground", only)
 
 

@@ -66,10 +66,16 @@ def jump(question: Mapping[str, Any]) -> dict[str, Any]:
         foot, rest = motion.foot, motion.rest
     power = powers(motion, law, motor_mass=m.model.m_m, rod_mass=m.model.rod_mass, gravity=m.model.g)
     columns = {
-        "t": t, "rod": motion.rod - rest, "motor": motion.motor - rest, "foot": foot, "stretch": motion.rod - foot,
-        "drive": motion.motor - motion.rod, "spring": motion.spring_force, "ground": motion.ground_force,
+        "t": t,
+        "rod": motion.rod - rest,
+        "motor": motion.motor - rest,
+        "foot": foot,
+        "stretch": motion.rod - foot,
+        "drive": motion.motor - motion.rod,
+        "spring": motion.spring_force,
+        "ground": motion.ground_force,
         "power": power["internal_power"],
-    }  # fmt: skip
+    }
     columns |= _hole(m, foot)
     v = m.values
     mass = v["motor_mass"] + v["rod_mass"]
@@ -175,10 +181,15 @@ def _exact(m: Machine, law: Forcing) -> tuple[dict[str, float], float]:
 
     j = until_landed(follow, law.stop)
     numbers = {
-        "com_height_m": j.com_height, "jump_height_m": j.jump_height, "flight_height_m": j.flight_height,
-        "n_jumps": float(j.n_jumps), "lift_off_s": float(j.lift_off[0]) - law.start if j.lift_off.size else math.nan,
-        "peak_power_W": j.peak_power_W, "peak_force_N": j.peak_force_N, "peak_motor_speed": j.peak_motor_speed,
-    }  # fmt: skip
+        "com_height_m": j.com_height,
+        "jump_height_m": j.jump_height,
+        "flight_height_m": j.flight_height,
+        "n_jumps": float(j.n_jumps),
+        "lift_off_s": float(j.lift_off[0]) - law.start if j.lift_off.size else math.nan,
+        "peak_power_W": j.peak_power_W,
+        "peak_force_N": j.peak_force_N,
+        "peak_motor_speed": j.peak_motor_speed,
+    }
     return numbers, _landing(j.landing, law)
 
 

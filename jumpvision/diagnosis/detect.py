@@ -212,9 +212,13 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     largest = np.sort(np.max(np.abs(draws), axis=1))
     cells_out = [
         Cell(
-            dict(zip(by, key[:-1])), key[-1], n, mean, z,
+            dict(zip(by, key[:-1])),
+            key[-1],
+            n,
+            mean,
+            z,
             float(DRAWS - np.searchsorted(largest, abs(z)) + 1) / (DRAWS + 1),
         )
         for key, n, mean, z in rows
-    ]  # fmt: skip
+    ]
     return sorted(cells_out, key=lambda c: -abs(c.z_score))

@@ -255,9 +255,11 @@ def _twins(problem: Problem, best: Explanation, tried: Sequence[Explanation]) ->
         others = [
             next(iter(set(e.mechanisms) - rest))
             for e in confidence_set(tried)
-            if rest <= set(e.mechanisms) and len(e.mechanisms) == len(best.mechanisms) and e is not best
+            if rest <= set(e.mechanisms)
+            and len(e.mechanisms) == len(best.mechanisms)
+            and e is not best
             and m not in e.mechanisms
-        ]  # fmt: skip
+        ]
         others += shared(problem, best, m)
         if others:
             out.append((m, *dict.fromkeys(others)))

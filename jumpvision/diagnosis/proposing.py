@@ -139,9 +139,13 @@ def extrapolation(
 
 
 def _score(
-    problem: Problem, before: Fit, after: Fit, folds: Sequence[Sequence[int]], stops: Sequence[float],
+    problem: Problem,
+    before: Fit,
+    after: Fit,
+    folds: Sequence[Sequence[int]],
+    stops: Sequence[float],
     rng: np.random.Generator,
-) -> Gain | None:  # fmt: skip
+) -> Gain | None:
     observations = problem.system.observations
     squares: dict[int, tuple[float, float, int, float, float]] = {}
     for held in folds:

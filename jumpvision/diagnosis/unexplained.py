@@ -65,9 +65,13 @@ class Unexplained:
         each = zip(self.terms, self.coefficients, self.sigmas, self.units)
         strengths = {t: {"value": c, "sigma": s, "unit": u} for t, c, s, u in each}
         return {
-            "terms": list(self.terms), "coefficients": strengths, "r2": self.r2, "where": self.where,
-            "beside": list(self.beside), "stability": dict(self.stability),
-        }  # fmt: skip
+            "terms": list(self.terms),
+            "coefficients": strengths,
+            "r2": self.r2,
+            "where": self.where,
+            "beside": list(self.beside),
+            "stability": dict(self.stability),
+        }
 
 
 def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.random.Generator) -> Unexplained | None:
@@ -105,12 +109,15 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
         left -= z * z
     dof = max(problem.n - len(plain.parameters), 1)
     return Unexplained(
-        before.mechanisms, tuple(terms), tuple(values), tuple(sigmas),
+        before.mechanisms,
+        tuple(terms),
+        tuple(values),
+        tuple(sigmas),
         tuple(shapes.candidates[t].parameters[0].unit for t in terms),
         (plain.chi2 - left) / (plain.chi2 - min(left, dof)),
         _stability(problem, [f for _, f in tried], rng),
         "; ".join(x for x in (_parts(problem, plain, best), shapes.reach(first, best.mechanisms, best.named)) if x),
-    )  # fmt: skip
+    )
 
 
 def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:

@@ -158,10 +158,18 @@ def line_crater(
     excess = max(half**2 - sum_sigma(weights(reach, side), rest(reach)) ** 2, 0.0)
     smooth = uniform_filter1d(level, _window(x.size))[inside]
     return Crater(
-        volume, math.sqrt(noise_sigma**2 + TWO_HALVES**2 * excess), noise_sigma, 2.0 * half, (centre,), reach,
-        float(max(-smooth.min(), 0.0)), float(max(smooth.max(), 0.0)),
-        x - centre, np.where(good, level, np.nan), np.where(good, s, np.nan),
-    )  # fmt: skip
+        volume,
+        math.sqrt(noise_sigma**2 + TWO_HALVES**2 * excess),
+        noise_sigma,
+        2.0 * half,
+        (centre,),
+        reach,
+        float(max(-smooth.min(), 0.0)),
+        float(max(smooth.max(), 0.0)),
+        x - centre,
+        np.where(good, level, np.nan),
+        np.where(good, s, np.nan),
+    )
 
 
 def _window(n: int) -> int:
@@ -252,9 +260,12 @@ class ZeroCrossing:
             return self
         low, high = widened(self.value, self.low95, self.high95, common)
         return replace(
-            self, sigma=math.hypot(self.sigma, common), sigma_common=math.hypot(self.sigma_common, common),
-            low95=low, high95=high,
-        )  # fmt: skip
+            self,
+            sigma=math.hypot(self.sigma, common),
+            sigma_common=math.hypot(self.sigma_common, common),
+            low95=low,
+            high95=high,
+        )
 
 
 def critical_fraction(phi: ArrayLike, phi_sigma: ArrayLike, volume: ArrayLike, volume_sigma: ArrayLike) -> ZeroCrossing:
@@ -295,9 +306,11 @@ def critical_fraction(phi: ArrayLike, phi_sigma: ArrayLike, volume: ArrayLike, v
     tries = np.linspace(phi.min() - 0.5 * span, phi.max() + 0.5 * span, 61)
     k = int(np.argmin([profile(z)[0] for z in tries]))
     found = minimize_scalar(
-        lambda z: profile(z)[0], bounds=(tries[max(k - 1, 0)], tries[min(k + 1, 60)]), method="bounded",
+        lambda z: profile(z)[0],
+        bounds=(tries[max(k - 1, 0)], tries[min(k + 1, 60)]),
+        method="bounded",
         options={"xatol": 1e-7 * span},
-    )  # fmt: skip
+    )
     value, least = float(found.x), float(found.fun)
     scatter = scatter_factor(least, n - 2) ** 2
 

@@ -83,10 +83,18 @@ def map_crater(
     inside = r <= reach
     smooth = gaussian_filter(level, SMOOTH)[inside]
     return Crater(
-        float(np.sum(weights(reach) * z)), sigma, sigma, NAN, at, reach * pitch,
-        float(max(-smooth.min(), 0.0)), float(max(smooth.max(), 0.0)),
-        (bins[:-1] + 0.5) * pitch, mean, scatter / np.sqrt(np.maximum(count, 1)),
-    )  # fmt: skip
+        float(np.sum(weights(reach) * z)),
+        sigma,
+        sigma,
+        NAN,
+        at,
+        reach * pitch,
+        float(max(-smooth.min(), 0.0)),
+        float(max(smooth.max(), 0.0)),
+        (bins[:-1] + 0.5) * pitch,
+        mean,
+        scatter / np.sqrt(np.maximum(count, 1)),
+    )
 
 
 def _without_spikes(z: Array) -> Array:

@@ -103,9 +103,10 @@ def _motion(t: Array, q: Array, ring: RingDown, size: float) -> Array:
     w = ring.omega0 * (1.0 + q[3])
     gamma, beta, dry = q[5:] * _scales(ring, size)
     return np.asarray(
-        ring.offset + size * q[2]
+        ring.offset
+        + size * q[2]
         + swing(t, size * q[0], size * w * q[1], w, q[4] / size**2, max(gamma, 0.0), max(beta, 0.0), max(dry, 0.0))
-    )  # fmt: skip
+    )
 
 
 def _fit(t: Array, x: Array, sigma: Array, ring: RingDown, size: float, laws: tuple[str, ...], lead: str) -> Fit:

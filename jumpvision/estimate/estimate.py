@@ -102,9 +102,12 @@ def least_squares_fit(
     start = np.asarray(start, dtype=float)
     try:
         fit = least_squares(
-            residual, start, jacobian or "2-point", method="lm" if jacobian else "trf",
+            residual,
+            start,
+            jacobian or "2-point",
+            method="lm" if jacobian else "trf",
             x_scale=np.broadcast_to(scale, start.shape),
-        )  # fmt: skip
+        )
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
     half = np.broadcast_to(scale, start.shape)

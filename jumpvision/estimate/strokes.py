@@ -230,8 +230,12 @@ def roughness(residual: Array, jacobian: Array, z: Array, inside: Array, *, widt
         )
 
     simplex = np.array([[0.0, math.log(3.0 * step)], [2.0, math.log(3.0 * step)], [0.0, math.log(12.0 * step)]])
-    q = minimize(cost, simplex[0], method="Nelder-Mead",
-                 options={"initial_simplex": simplex, "maxiter": 80, "xatol": 0.05, "fatol": 0.02}).x  # fmt: skip
+    q = minimize(
+        cost,
+        simplex[0],
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxiter": 80, "xatol": 0.05, "fatol": 0.02},
+    ).x
     factor = np.linalg.cholesky(covariance(q))
     whiten = solve_triangular(factor, np.eye(n), lower=True)
     j, r = whiten @ jacobian, whiten @ residual

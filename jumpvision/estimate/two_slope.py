@@ -121,8 +121,9 @@ def fit_penetration(bins: Bins, *, rng: np.random.Generator, significance: float
     events = bins.event_depth.size > 0
     start = _solve(bins, _Shape(True, True, events), white)
     jacobian = _jacobian(bins, start)
-    noise = roughness(start.residual, jacobian, bins.path, np.maximum(bins.z - start.q[0], 0.0),
-                      width=float(np.ptp(bins.z)) / BINS)  # fmt: skip
+    noise = roughness(
+        start.residual, jacobian, bins.path, np.maximum(bins.z - start.q[0], 0.0), width=float(np.ptp(bins.z)) / BINS
+    )
     free, flat = (_solve(bins, _Shape(contact, True, events), noise.whiten) for contact in (True, False))
     in_air = abs(flat.linear[1]) < AIR * abs(flat.linear[1] + flat.linear[2])  # its one break is the contact
     two = free if in_air or (flat.rss - free.rss) / (free.rss / (n - free.size)) > CONTACT_GAIN else flat

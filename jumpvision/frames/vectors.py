@@ -79,9 +79,11 @@ def _stacked(files: list[Path]) -> Vectors:
     fields = [_text(f) for f in files]
     first = fields[0]
     for file, f in zip(files, fields):
-        if f.x.shape != first.x.shape or f.y.shape != first.y.shape or not (
-            np.allclose(f.x, first.x) and np.allclose(f.y, first.y)
-        ):  # fmt: skip
+        if (
+            f.x.shape != first.x.shape
+            or f.y.shape != first.y.shape
+            or not (np.allclose(f.x, first.x) and np.allclose(f.y, first.y))
+        ):
             raise InputError([f"{file}: its grid is not that of {files[0].name}; all fields of a film need one grid"])
         if (f.length, f.speed) != (first.length, first.speed):
             raise InputError(
@@ -147,9 +149,11 @@ def _grid(file: Path, table: Array) -> tuple[Array, Array, Array]:
     x, y = np.unique(table[:, 0]), np.unique(table[:, 1])
     if x.size < 2 or y.size < 2 or x.size * y.size != len(table) or not np.isfinite(table[:, :2]).all():
         raise InputError(
-            [f"{file}: {len(table)} rows, {x.size} different x, {y.size} different y: must be a whole grid, one row "
-             "a vector; export all vectors, missing ones as NaN, and coordinates with enough digits"]
-        )  # fmt: skip
+            [
+                f"{file}: {len(table)} rows, {x.size} different x, {y.size} different y: must be a whole grid, one row "
+                "a vector; export all vectors, missing ones as NaN, and coordinates with enough digits"
+            ]
+        )
     if table[0, 1] > table[-1, 1]:
         y = y[::-1]
     row = np.searchsorted(y if y[0] < y[-1] else -y, table[:, 1] if y[0] < y[-1] else -table[:, 1])
@@ -183,13 +187,20 @@ def _netcdf(file: Path) -> Vectors:
     a = data.attrs
     with_sigma = "u_sigma" in data and "v_sigma" in data
     return Vectors(
-        data.x.values.astype(float), y, u, v, valid, data.x.attrs.get("units"), data.u.attrs.get("units"),
+        data.x.values.astype(float),
+        y,
+        u,
+        v,
+        valid,
+        data.x.attrs.get("units"),
+        data.u.attrs.get("units"),
         "+y" if says_up else None,
         time=data.t.values.astype(float) if seconds else None,
         window=float(a["window_px"] / a["step_px"]) if "window_px" in a and "step_px" in a else None,
-        u_sigma=data.u_sigma.values if with_sigma else None, v_sigma=data.v_sigma.values if with_sigma else None,
+        u_sigma=data.u_sigma.values if with_sigma else None,
+        v_sigma=data.v_sigma.values if with_sigma else None,
         foot={k: data[k].values for k in FOOT} if all(k in data for k in FOOT) else {},
-    )  # fmt: skip
+    )
 
 
 def _matlab(file: Path) -> Vectors:
@@ -224,11 +235,16 @@ def _matlab(file: Path) -> Vectors:
     length, speed = both[:2] if len(both) >= 2 else (None, None)
     calu, calv = (float(np.squeeze(data[k])) if k in data else None for k in ("calu", "calv"))
     return Vectors(
-        xs[there[0]][0].astype(float), ys[there[0]][:, 0].astype(float), u, v,
-        (kinds == 1) & np.isfinite(u) & np.isfinite(v), length, speed,
+        xs[there[0]][0].astype(float),
+        ys[there[0]][:, 0].astype(float),
+        u,
+        v,
+        (kinds == 1) & np.isfinite(u) & np.isfinite(v),
+        length,
+        speed,
         None if calv is None else "+y" if calv < 0.0 else "-y",  # PIVlab turns an axis by the sign of its factor
         mirrored=calu is not None and calu < 0.0,
-    )  # fmt: skip
+    )
 
 
 def _cells(value: NDArray[Any]) -> list[Array]:

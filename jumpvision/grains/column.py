@@ -170,9 +170,17 @@ class Plug(NamedTuple):
 
 
 def follow_plug(
-    v: ArrayLike, v_sigma: ArrayLike, valid: ArrayLike, x: ArrayLike, y: ArrayLike, t: ArrayLike, *, half_width: float,
-    window: float, correlation_length: float,
-) -> Plug:  # fmt: skip
+    v: ArrayLike,
+    v_sigma: ArrayLike,
+    valid: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    t: ArrayLike,
+    *,
+    half_width: float,
+    window: float,
+    correlation_length: float,
+) -> Plug:
     """Mean velocity of the vectors just below the face on the axis, and its integral from the face at (0, 0), t[0].
 
     v, v_sigma [m/s], v up, valid [bool]: (ny, nx, nt); y (ny,) up and x (nx,) [m] from the face and axis at t[0];

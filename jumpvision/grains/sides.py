@@ -39,9 +39,17 @@ class Sides:
 
 
 def shear_bands(
-    rate: ArrayLike, sigma: ArrayLike, x: ArrayLike, y: ArrayLike, *, face: float, top: float, bottom: float,
-    reach: float, correlation_length: float,
-) -> Sides:  # fmt: skip
+    rate: ArrayLike,
+    sigma: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    face: float,
+    top: float,
+    bottom: float,
+    reach: float,
+    correlation_length: float,
+) -> Sides:
     """Ridges in the rows between the depths top and bottom [m] below the face, with |x| < reach [m], and their lines.
 
     rate, sigma [1/s]: shear rate and its standard uncertainty, (ny, nx), NaN where unknown. x (nx,), y (ny,), face [m],
@@ -59,9 +67,18 @@ def shear_bands(
 
 
 def cone_outline(
-    v: ArrayLike, valid: ArrayLike, x: ArrayLike, y: ArrayLike, *, speed: float, face: float, top: float, bottom: float,
-    reach: float, correlation_length: float,
-) -> Sides:  # fmt: skip
+    v: ArrayLike,
+    valid: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    speed: float,
+    face: float,
+    top: float,
+    bottom: float,
+    reach: float,
+    correlation_length: float,
+) -> Sides:
     """Where the grains' downward speed falls through `speed` [m/s] on the way outwards, and its two lines.
 
     v [m/s] up and valid: (ny, nx); the rest as in `shear_bands`. Grains inside move with the foot (thesis: 0.9 of its
@@ -160,10 +177,22 @@ class ConeSide:
 
 
 def cone_side(
-    v: ArrayLike, sigma: ArrayLike, valid: ArrayLike, x: ArrayLike, y: ArrayLike, *, start: tuple[float, float],
-    speed: float, face: float, top: float, bottom: float, edge: float, window: float, blur: float,
+    v: ArrayLike,
+    sigma: ArrayLike,
+    valid: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    start: tuple[float, float],
+    speed: float,
+    face: float,
+    top: float,
+    bottom: float,
+    edge: float,
+    window: float,
+    blur: float,
     correlation_length: float,
-) -> ConeSide:  # fmt: skip
+) -> ConeSide:
     """Least squares of v = -V exp(-(a(t) S + (b0 + b1 t) n + c n^2)) around both sides |x - offset| = radius - d/tan.
 
     d depth below the face, n distance outwards from the side, t position along it: the complete second-order expansion
@@ -220,7 +249,7 @@ def cone_side(
     shifts = float(fitted[0] - p[0]), float(sharper[0] - p[0])
     return ConeSide(
         float(p[0]), angle_sigma, *shifts, float(p[1]), radius_sigma, float(p[2]), math.exp(fitted[10]), n, chi2
-    )  # fmt: skip
+    )
 
 
 def _outwards(p: Array, d: Array, r: Array) -> Array:

@@ -53,8 +53,11 @@ def recordings(folder: Path, given: Mapping[str, str]) -> tuple[list[Recording],
 
     given: section -> file, over what names and contents say. Raises InputError for a given file that is not there.
     """
-    if absent := [f"{folder}: --{s.split('_')[0]} {f}: no such file here" for s, f in given.items()
-                  if not (folder / f).exists() and not list(folder.glob(f))]:  # fmt: skip
+    if absent := [
+        f"{folder}: --{s.split('_')[0]} {f}: no such file here"
+        for s, f in given.items()
+        if not (folder / f).exists() and not list(folder.glob(f))
+    ]:
         raise InputError(absent)
     roles = {f: s for s, f in given.items()}
     found: dict[str, Recording] = {}
@@ -84,8 +87,12 @@ def candidates(folder: Path) -> Iterator[str]:
                 yield f.name
         elif m := re.fullmatch(r"(.*?)[0-9]+", f.stem):
             series.setdefault(f"{m[1]}*{f.suffix}", []).append(f)
-    numbered = {f for p, s in series.items() if len(s) >= SERIES and set(folder.glob(p)) == set(s)
-                and s[0].suffix.lower() in (*SUFFIXES, ".txt") for f in s}  # fmt: skip
+    numbered = {
+        f
+        for p, s in series.items()
+        if len(s) >= SERIES and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt")
+        for f in s
+    }
     yield from (pattern for pattern, s in series.items() if s[0] in numbered)
     yield from (f.name for f in files if f.is_file() and f not in numbered and f.suffix.lower() not in IGNORED)
 
@@ -191,8 +198,16 @@ def ball(first: Any, seed: tuple[float, float] | None = None) -> tuple[str, floa
     from jumpvision.vision.ball.track import track_ball
 
     for polarity in ("bright", "dark"):
-        t = track_ball([first], diameter=None, polarity=polarity, method="disc", search=1.5, seed=seed, streak=False,
-                       exposure_fraction=0.0)  # fmt: skip
+        t = track_ball(
+            [first],
+            diameter=None,
+            polarity=polarity,
+            method="disc",
+            search=1.5,
+            seed=seed,
+            streak=False,
+            exposure_fraction=0.0,
+        )
         if not t.flag[0]:
             return polarity, float(t.x[0]), float(t.y[0]), float(t.diameter[0])
     return None

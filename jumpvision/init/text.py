@@ -47,9 +47,15 @@ HEAD = """# Written by `jumpvision init`. What could be read from the recordings
 
 
 def experiment_toml(
-    recordings: Sequence[Recording], track: Values, actuation: Values, notes: Sequence[str], *, ground: str, why: str,
+    recordings: Sequence[Recording],
+    track: Values,
+    actuation: Values,
+    notes: Sequence[str],
+    *,
+    ground: str,
+    why: str,
     shared: bool,
-) -> str:  # fmt: skip
+) -> str:
     """The whole file. shared: robot, bed and model stand in campaign.toml."""
     parts = [HEAD, f"schema = 1\n{_line('ground', ground, why)}\n{_open('group', GROUP)}"]
     if notes:
@@ -126,9 +132,11 @@ class Choices:
 
 
 STOPPED = {  # keys without which the section's stage stops
-    "rod_video": ("frame_rate", "scale", "ball_diameter"), "grain_video": ("frame_rate",),
-    "bed_image": ("scale", "floor_row"), "crater_image": ("scale",),
-}  # fmt: skip
+    "rod_video": ("frame_rate", "scale", "ball_diameter"),
+    "grain_video": ("frame_rate",),
+    "bed_image": ("scale", "floor_row"),
+    "crater_image": ("scale",),
+}
 Ask = Callable[[Path, list[Recording]], Mapping[str, Picks]]
 
 

@@ -14,17 +14,20 @@ class TrackParams:
     polarity: str = param("bright", "", "ball against the background", choices=("bright", "dark"))
     method: str = param("disc", "", "disc fit, or the published threshold and centroid", choices=("disc", "threshold"))
     search: float = param(1.5, "ball diameters", "half width of the moving search window", lo=0.6, hi=20.0)
-    background: str = param("static", "", "remove the still scene behind the ball, or leave it",
-                            choices=("static", "none"))  # fmt: skip
+    background: str = param(
+        "static", "", "remove the still scene behind the ball, or leave it", choices=("static", "none")
+    )
     seed: tuple[float, ...] = param((), "px", "column, row of the ball in the first frame; default: found by search")
     markers: tuple[tuple[float, ...], ...] = param(
         (), "px", "[[column, row], ...] of further balls in the first frame: track_2.csv, track_3.csv ..."
     )
     diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
     exposure_correction: str = param(
-        "report", "", "acceleration during the exposure shifts a height by a T^2/24: leave it, say so, or take it out",
+        "report",
+        "",
+        "acceleration during the exposure shifts a height by a T^2/24: leave it, say so, or take it out",
         choices=("none", "report", "apply"),
-    )  # fmt: skip
+    )
 
     def check(self) -> list[str]:
         """A seed is a point, and so is every marker; several balls cannot be told apart without the first's."""
@@ -41,9 +44,12 @@ class OverlayParams:
     """Film of the track to check by eye."""
 
     every: int | None = param(
-        None, "frames", "track.webm shows every n-th frame with the ball found; 0: no film; default: at most 300",
-        lo=0, hi=10000,
-    )  # fmt: skip
+        None,
+        "frames",
+        "track.webm shows every n-th frame with the ball found; 0: no film; default: at most 300",
+        lo=0,
+        hi=10000,
+    )
 
 
 @dataclass(frozen=True)
@@ -54,9 +60,12 @@ class BedParams:
         "edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold")
     )
     reference_height: float | None = param(
-        None, "m", "bed height at reference_fraction, if V_s is unknown; default: that of a series' first picture",
-        lo=0, hi=10,
-    )  # fmt: skip
+        None,
+        "m",
+        "bed height at reference_fraction, if V_s is unknown; default: that of a series' first picture",
+        lo=0,
+        hi=10,
+    )
     reference_fraction: float | None = param(None, "", "volume fraction at reference_height", lo=0.3, hi=0.8)
 
 
@@ -64,24 +73,48 @@ class BedParams:
 class PivParams:
     """Windows of the grain matching and validation of its vectors."""
 
-    preset: str = param("default", "", "fast: about half the time, 0.003 px more error for particles below 4 px",
-                        choices=("default", "fast"))  # fmt: skip
+    preset: str = param(
+        "default",
+        "",
+        "fast: about half the time, 0.003 px more error for particles below 4 px",
+        choices=("default", "fast"),
+    )
     window: int = param(24, "px", "side of the matched window: a few grains", lo=8, hi=256)
     step: int = param(8, "px", "distance between vectors", lo=1, hi=256)
     gap: int = param(1, "frames", "frames between the two images of a pair", lo=1, hi=100)
-    baseline: int = param(1, "frames", "slow flow: pairs 3, 9, ... times as far apart as gap, up to this, are combined "
-                          "with each", lo=1, hi=100)  # fmt: skip
-    ensemble: int = param(1, "pairs", "steady flow: so many consecutive pairs are matched together and give one field",
-                          lo=1, hi=64)  # fmt: skip
-    passes: tuple[int, ...] = param((64, 32), "px", "correlation windows where the start fails; the first exceeds "
-                                    "twice the largest displacement", lo=8, hi=1024)  # fmt: skip
+    baseline: int = param(
+        1,
+        "frames",
+        "slow flow: pairs 3, 9, ... times as far apart as gap, up to this, are combined with each",
+        lo=1,
+        hi=100,
+    )
+    ensemble: int = param(
+        1, "pairs", "steady flow: so many consecutive pairs are matched together and give one field", lo=1, hi=64
+    )
+    passes: tuple[int, ...] = param(
+        (64, 32),
+        "px",
+        "correlation windows where the start fails; the first exceeds twice the largest displacement",
+        lo=8,
+        hi=1024,
+    )
     min_correlation: float = param(0.3, "", "matches below this correlation are replaced", lo=0, hi=1)
     min_texture: float = param(1.0, "grey levels", "windows with less contrast are left out", lo=0, hi=1e4)
     outlier: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
-    smooth: str = param("none", "", "adaptive: draw vectors together where they differ only by their noise; errors are "
-                        "then alike over more vectors than a window covers", choices=("none", "adaptive"))  # fmt: skip
-    backend: str = param("numpy", "", "where the correlation passes are computed; a GPU needs CuPy or PyTorch",
-                         choices=("numpy", "cupy", "torch"))  # fmt: skip
+    smooth: str = param(
+        "none",
+        "",
+        "adaptive: draw vectors together where they differ only by their noise; errors are "
+        "then alike over more vectors than a window covers",
+        choices=("none", "adaptive"),
+    )
+    backend: str = param(
+        "numpy",
+        "",
+        "where the correlation passes are computed; a GPU needs CuPy or PyTorch",
+        choices=("numpy", "cupy", "torch"),
+    )
     foot_rows: int = param(16, "px", "rows of the foot's body used to follow its lower face", lo=4, hi=500)
 
     def check(self) -> list[str]:
@@ -117,8 +150,9 @@ class FitParams:
     debounce: float = param(0.003, "s", "contact flickers shorter than this are ignored", lo=0, hi=0.1)
     shortest_flight: float = param(0.03, "s", "shorter ballistic intervals are not counted as jumps", lo=0, hi=10)
     max_gap: float = param(0.05, "s", "a longer gap in the track ends a flight", lo=0, hi=10, open_lo=True)
-    ring_method: str = param("waveform", "", "damping from the whole waveform, or the published peaks",
-                             choices=("waveform", "peaks"))  # fmt: skip
+    ring_method: str = param(
+        "waveform", "", "damping from the whole waveform, or the published peaks", choices=("waveform", "peaks")
+    )
     settle: float = param(0.1, "s", "pause after the last landing before the ring-down is fitted", lo=0, hi=10)
 
 
@@ -126,8 +160,9 @@ class FitParams:
 class CraterParams:
     """The crater's volume change."""
 
-    radius: float | None = param(None, "m", "beyond it the surface is undisturbed; default: found", lo=0, hi=10,
-                                 open_lo=True)  # fmt: skip
+    radius: float | None = param(
+        None, "m", "beyond it the surface is undisturbed; default: found", lo=0, hi=10, open_lo=True
+    )
 
 
 @dataclass(frozen=True)
@@ -166,8 +201,9 @@ class SimulateParams:
     """Integration of the model."""
 
     tolerance: float = param(1e-7, "", "relative tolerance of the integrator", lo=1e-12, hi=1e-2)
-    driver: str = param("auto", "", "what drives the motor: log, law, or the law where both agree",
-                        choices=("auto", "log", "law"))  # fmt: skip
+    driver: str = param(
+        "auto", "", "what drives the motor: log, law, or the law where both agree", choices=("auto", "log", "law")
+    )
     encoder_step: float = param(6.25e-6, "m", "resolution of the motor log", lo=0, hi=1e-2, open_lo=True)
 
 

@@ -13,18 +13,24 @@ from .section import FileSection, Section
 
 SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
 SCALE_SIGMA: dict[str, Any] = {
-    "default": 0.0, "unit": "m/px", "lo": 0.0,
+    "default": 0.0,
+    "unit": "m/px",
+    "lo": 0.0,
     "meaning": "standard uncertainty of the scale, one and the same for all that name it; 0 takes it as exact",
-}  # fmt: skip
+}
 RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
 CLOCK: dict[str, Any] = {
-    "default": "file", "unit": "", "choices": ("file", "declared"),
+    "default": "file",
+    "unit": "",
+    "choices": ("file", "declared"),
     "meaning": "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
-}  # fmt: skip
+}
 TRUNCATED: dict[str, Any] = {
-    "default": "refuse", "unit": "", "choices": ("refuse", "accept"),
+    "default": "refuse",
+    "unit": "",
+    "choices": ("refuse", "accept"),
     "meaning": "a film that was cut off: refuse it, or accept its whole frames",
-}  # fmt: skip
+}
 
 LENGTHS = ("px", "m", "cm", "mm", "um")  # of a vector file
 SPEEDS = ("px/frame", "px/s", "m/s", "cm/s", "mm/s", "um/s")
@@ -121,14 +127,22 @@ class BedImage(FileSection):
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
     scale_sigma: float = param(**SCALE_SIGMA)
     floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
-    use: str = param("last", "", "picture of a series that gives the experiment's volume fraction",
-                     choices=("first", "last"))  # fmt: skip
-    gamma: float = param(1.0, "", "camera's response: grey value ~ light^(1/gamma); 1 linear, about 2.2 for ordinary "
-                         "JPEG, PNG and video", lo=0.2, hi=5.0)  # fmt: skip
-    saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
-                                     lo=0, hi=65536, open_lo=True)  # fmt: skip
-    frame_rate: float | None = param(None, "1/s", "of a series without time stamps; default one picture a second",
-                                     **RATE)  # fmt: skip
+    use: str = param(
+        "last", "", "picture of a series that gives the experiment's volume fraction", choices=("first", "last")
+    )
+    gamma: float = param(
+        1.0,
+        "",
+        "camera's response: grey value ~ light^(1/gamma); 1 linear, about 2.2 for ordinary JPEG, PNG and video",
+        lo=0.2,
+        hi=5.0,
+    )
+    saturation: float | None = param(
+        None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
+    )
+    frame_rate: float | None = param(
+        None, "1/s", "of a series without time stamps; default one picture a second", **RATE
+    )
 
     def check(self) -> list[str]:
         """The scale is known to better than itself."""
@@ -146,9 +160,12 @@ class GrainVideo(FileSection):
     foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
     axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
     roi: tuple[float, ...] = param(
-        (), "px", "[first column, first row, last column, last row] of the part to match; default: the whole picture",
-        lo=0, hi=1e5,
-    )  # fmt: skip
+        (),
+        "px",
+        "[first column, first row, last column, last row] of the part to match; default: the whole picture",
+        lo=0,
+        hi=1e5,
+    )
     clock: str = param(**CLOCK)
     truncated: str = param(**TRUNCATED)
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
@@ -199,9 +216,11 @@ class SpringLog(FileSection):
 
     name: ClassVar[str] = "spring_log"
     force: str = param(
-        "along", "", "along: the force on the spring, growing with displacement; against: its own, which pulls back",
+        "along",
+        "",
+        "along: the force on the spring, growing with displacement; against: its own, which pulls back",
         choices=("along", "against"),
-    )  # fmt: skip
+    )
     displacement_sigma: float = param(0.0, "m", "standard uncertainty of a displacement", lo=0, hi=0.1)
     force_sigma: float | None = param(
         None, "N", "standard uncertainty of a force; default: from the scatter about the line", lo=0, open_lo=True
@@ -215,8 +234,13 @@ class CraterDepth(FileSection):
     name: ClassVar[str] = "crater_depth"
     scale: float | None = param(None, "m/px", "metres per pixel", lo=0, hi=0.1, open_lo=True)
     scale_sigma: float = param(**SCALE_SIGMA)
-    height_scale: float = param(1.0, "m", "height of one stored unit, up: 0.001 for mm, negative for a distance from a "
-                                "camera above", lo=-1000, hi=1000)  # fmt: skip
+    height_scale: float = param(
+        1.0,
+        "m",
+        "height of one stored unit, up: 0.001 for mm, negative for a distance from a camera above",
+        lo=-1000,
+        hi=1000,
+    )
     axis: tuple[float, ...] = param((), "px", "column, row of the crater's axis; default: found")
 
     def check(self) -> list[str]:
@@ -231,12 +255,18 @@ class PivField(FileSection):
     """A velocity field computed elsewhere: pivpy .nc, PIVlab .mat, or a folder or pattern of OpenPIV or PIVlab .txt."""
 
     name: ClassVar[str] = "piv_field"
-    length: str = param("file", "", "unit of x and y in the file; default: what the file says",
-                        choices=("file", *LENGTHS))  # fmt: skip
-    speed: str = param("file", "", "unit of u and v in the file; default: what the file says",
-                       choices=("file", *SPEEDS))  # fmt: skip
-    up: str = param("file", "", "which way y and v count up in the file; default: what the file says, PIVlab text: -y",
-                    choices=("file", "+y", "-y"))  # fmt: skip
+    length: str = param(
+        "file", "", "unit of x and y in the file; default: what the file says", choices=("file", *LENGTHS)
+    )
+    speed: str = param(
+        "file", "", "unit of u and v in the file; default: what the file says", choices=("file", *SPEEDS)
+    )
+    up: str = param(
+        "file",
+        "",
+        "which way y and v count up in the file; default: what the file says, PIVlab text: -y",
+        choices=("file", "+y", "-y"),
+    )
     scale: float | None = param(None, "m/px", "metres per pixel, for a file in pixels", **SCALE)
     scale_sigma: float = param(**SCALE_SIGMA)
     frame_rate: float | None = param(None, "1/s", "of the film that was matched, where the file counts frames", **RATE)
@@ -245,14 +275,22 @@ class PivField(FileSection):
     start: float = param(
         0.0, "s", "time of the first image, or of the file's t = 0, on the common clock", lo=-1e6, hi=1e9
     )
-    foot_row: float | None = param(None, "file", "y of the foot's lower face at the first time, as the file counts y",
-                                   lo=-1e5, hi=1e5)  # fmt: skip
+    foot_row: float | None = param(
+        None, "file", "y of the foot's lower face at the first time, as the file counts y", lo=-1e5, hi=1e5
+    )
     axis_column: float | None = param(None, "file", "x of the foot's axis, as the file counts x", lo=-1e5, hi=1e5)
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
-    window: float | None = param(None, "steps", "matched window over distance of vectors; default: the file's, else 2",
-                                 lo=1.0, hi=100.0)  # fmt: skip
-    sigma: float | None = param(None, "speed", "standard uncertainty of u and v, in the file's unit; default: the "
-                                "file's, else from the scatter of neighbours", lo=0, hi=1e6, open_lo=True)  # fmt: skip
+    window: float | None = param(
+        None, "steps", "matched window over distance of vectors; default: the file's, else 2", lo=1.0, hi=100.0
+    )
+    sigma: float | None = param(
+        None,
+        "speed",
+        "standard uncertainty of u and v, in the file's unit; default: the file's, else from the scatter of neighbours",
+        lo=0,
+        hi=1e6,
+        open_lo=True,
+    )
 
     def check(self) -> list[str]:
         """The scale is known to better than itself."""
@@ -267,14 +305,19 @@ class CraterImage(FileSection):
     scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
     scale_sigma: float = param(**SCALE_SIGMA)
     laser_angle: float = param(
-        0.5 * math.pi, "rad", "between line of sight and laser sheet: height = rows x scale / sin(laser_angle)",
-        lo=0.0, hi=0.5 * math.pi + 1e-6, open_lo=True,
-    )  # fmt: skip
+        0.5 * math.pi,
+        "rad",
+        "between line of sight and laser sheet: height = rows x scale / sin(laser_angle)",
+        lo=0.0,
+        hi=0.5 * math.pi + 1e-6,
+        open_lo=True,
+    )
     axis_column: float | None = param(
         None, "px", "column of the crater's axis; default: found by symmetry", lo=0, hi=1e5
     )
-    saturation: float | None = param(None, "grey", "level from which pixels are clipped; default: the type's largest",
-                                     lo=0, hi=65536, open_lo=True)  # fmt: skip
+    saturation: float | None = param(
+        None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
+    )
 
     def check(self) -> list[str]:
         """The scale is known to better than itself."""

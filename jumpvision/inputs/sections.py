@@ -61,7 +61,23 @@ __all__ = [
 SECTIONS: dict[str, type[Section]] = {
     s.name: s
     for s in (
-        Robot, Motor, Actuation, Bed, Fan, RodVideo, Calibration, Clock, BedImage, GrainVideo, RodTrack, MotorLog,
-        ContactLog, IntrusionLog, SpringLog, CraterDepth, PivField, CraterImage,
+        Robot,
+        Motor,
+        Actuation,
+        Bed,
+        Fan,
+        RodVideo,
+        Calibration,
+        Clock,
+        BedImage,
+        GrainVideo,
+        RodTrack,
+        MotorLog,
+        ContactLog,
+        IntrusionLog,
+        SpringLog,
+        CraterDepth,
+        PivField,
+        CraterImage,
     )
-}  # fmt: skip
+}

@@ -55,24 +55,43 @@ EFFECTS: dict[str, tuple[tuple[str, ...], dict[str, tuple[Any, ...]], dict[str, 
     "depth_rate_drag": (_SAND, {"d_zv": (50.0, 3000.0)}, {}),
 }
 ROBOTS = {
-    "granular": {"motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0,
-                 "spring_damping": 1.2, "foot_radius": 0.0381, "gravity": 9.81},
-    "hard": {"motor_mass": 1.003, "rod_mass": 0.175, "spring_stiffness": 5760.6, "spring_damping": 1.368,
-             "gravity": 2.70756},
-}  # fmt: skip
+    "granular": {
+        "motor_mass": 1.125,
+        "rod_mass": 0.175,
+        "foot_mass": 0.04,
+        "spring_stiffness": 3300.0,
+        "spring_damping": 1.2,
+        "foot_radius": 0.0381,
+        "gravity": 9.81,
+    },
+    "hard": {
+        "motor_mass": 1.003,
+        "rod_mass": 0.175,
+        "spring_stiffness": 5760.6,
+        "spring_damping": 1.368,
+        "gravity": 2.70756,
+    },
+}
 Sweeps = tuple[tuple[str, tuple[float, ...], float], ...]  # kind, frequencies [Hz], delay [s]
 REPEATED: dict[str, Sweeps] = {  # 12 conditions
-    "granular": (("single", (4.5, 5.5, 6.5, 7.5, 8.5, 10.0), 0.0), ("stutter", (4.5, 5.0, 5.5, 6.0), 0.0),
-                 ("delayed_stutter", (6.0, 7.0), 0.1)),
+    "granular": (
+        ("single", (4.5, 5.5, 6.5, 7.5, 8.5, 10.0), 0.0),
+        ("stutter", (4.5, 5.0, 5.5, 6.0), 0.0),
+        ("delayed_stutter", (6.0, 7.0), 0.1),
+    ),
     "hard": (("single", (9.0, 11.0, 13.0, 15.0, 17.0, 19.0), 0.0), ("stutter", (6.5, 7.5, 8.0, 8.5, 9.5, 11.0), 0.0)),
-}  # fmt: skip
+}
 ONCE: dict[str, Sweeps] = {  # 24 conditions over the same ranges
-    "granular": (("single", (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 8.5, 9.0, 9.5, 10.0), 0.0),
-                 ("stutter", (4.5, 4.7, 4.9, 5.1, 5.3, 5.5, 5.75, 6.0), 0.0),
-                 ("delayed_stutter", (6.0, 6.35, 6.65, 7.0), 0.1)),
-    "hard": (("single", (9.0, 9.9, 10.8, 11.7, 12.6, 13.5, 14.5, 15.4, 16.3, 17.2, 18.1, 19.0), 0.0),
-             ("stutter", (6.5, 7.0, 7.25, 7.5, 7.75, 8.0, 8.25, 8.5, 9.0, 9.5, 10.25, 11.0), 0.0)),
-}  # fmt: skip
+    "granular": (
+        ("single", (4.5, 5.0, 5.5, 6.0, 6.5, 7.0, 7.5, 8.0, 8.5, 9.0, 9.5, 10.0), 0.0),
+        ("stutter", (4.5, 4.7, 4.9, 5.1, 5.3, 5.5, 5.75, 6.0), 0.0),
+        ("delayed_stutter", (6.0, 6.35, 6.65, 7.0), 0.1),
+    ),
+    "hard": (
+        ("single", (9.0, 9.9, 10.8, 11.7, 12.6, 13.5, 14.5, 15.4, 16.3, 17.2, 18.1, 19.0), 0.0),
+        ("stutter", (6.5, 7.0, 7.25, 7.5, 7.75, 8.0, 8.25, 8.5, 9.0, 9.5, 10.25, 11.0), 0.0),
+    ),
+}
 FEW: dict[tuple[str, bool], Sweeps] = {  # 4 jumps: 4 conditions, or (True) 2 that are repeated
     ("granular", False): (("single", (5.5, 8.5), 0.0), ("stutter", (5.0,), 0.0), ("delayed_stutter", (6.0,), 0.1)),
     ("granular", True): (("single", (6.5,), 0.0), ("stutter", (5.0,), 0.0)),
@@ -156,8 +175,11 @@ def draw(
         "noise": float(np.exp(rng.uniform(math.log(5e-5), math.log(5e-4)))) if noise is None else noise,
         "rho": float(rng.choice([0.0, rng.uniform(0.0, 0.7)])) if rho is None else rho,
         "step": float(rng.choice([0.0, 5e-5, 1e-4])) if step is None else step,
-        "family": family, "drift": drift, "ratio": ratio, "stated": stated,
-    }  # fmt: skip
+        "family": family,
+        "drift": drift,
+        "ratio": ratio,
+        "stated": stated,
+    }
     table = _table(ground, effects, true, nuisance, sweeps(ground, trials, jumps), rng)
     return Setting(effects, true, levels, nuisance, protocol_of(table, "the drawn setting"))
 
@@ -239,7 +261,7 @@ def _table(
         "jumps": jumps,
         "record": record,
         "model": {k: v for k, v in model.items() if v != {}},
-    }  # fmt: skip
+    }
 
 
 def _corrected(terms: list[str], truth: dict[str, Any], dk: float) -> dict[str, Any]:
@@ -281,9 +303,13 @@ def campaign(setting: Setting, rng: np.random.Generator, *, dt: float = DT) -> l
     for jump in protocol.jumps:
         motion, phi, parameters = jump_of(protocol, jump, rng, dt=dt, every=EVERY)
         seen = logs.seen_rod(
-            motion, track, zero=rng.uniform(-0.05, 0.05), rng=rng,
-            scale=parameters.get("scale", 1.0), dt=parameters.get("dt", 0.0),
-        )  # fmt: skip
+            motion,
+            track,
+            zero=rng.uniform(-0.05, 0.05),
+            rng=rng,
+            scale=parameters.get("scale", 1.0),
+            dt=parameters.get("dt", 0.0),
+        )
         log = protocol.records.get("motor_log")
         motor = logs.motor_log(motion, rate=log.rate, force_noise=log.force_noise, rng=rng) if log else None
         out.append(Recorded(jump, phi, seen.columns, motor, seen.error, seen.sigma))

@@ -47,12 +47,23 @@ def write_intrusion_log(
     extra = {n: parameters[n] if term in terms else 0.0 for n, term in overshoots.items()}
     lam = {"lam": parameters["lam"]} if any(extra.values()) else {}
     grains = Grains(
-        static=lambda z: float(penetration(z, 1.0, q)), delta=q.delta, saw=parameters.get("saw", 0.0),
-        fluctuation=record.fluctuation * size**2, grain_length=record.grain_length, **extra, **lam,
-    )  # fmt: skip
+        static=lambda z: float(penetration(z, 1.0, q)),
+        delta=q.delta,
+        saw=parameters.get("saw", 0.0),
+        fluctuation=record.fluctuation * size**2,
+        grain_length=record.grain_length,
+        **extra,
+        **lam,
+    )
     surface = float(np.round(rng.normal(0.0, record.surface), 5))
-    arm = Arm(speed=record.speed, rate=record.rate, weight=record.weight, surface=surface, noise=record.noise,
-              step=record.step)  # fmt: skip
+    arm = Arm(
+        speed=record.speed,
+        rate=record.rate,
+        weight=record.weight,
+        surface=surface,
+        noise=record.noise,
+        step=record.step,
+    )
     write.table(folder / "intrusion.csv", log(moves, grains, arm, start=-record.start, rng=rng))
     known = {n: parameters[n] for n in ("k", "k1", "k2", "delta") if n in parameters}
     if "linear_penetration" in static:
@@ -74,16 +85,21 @@ def grains(radius: float, phi: float) -> Grains:
     area, over = math.pi * radius**2, max(0.0, phi - CRITICAL)
     k1 = STRESS * area * (1.0 + 12.0 * (phi - 0.57) + 60.0 * over)
     return Grains(
-        k1=k1, k2=0.55 * k1, delta=0.4 * radius, s=0.15 * k1, s_p=0.1 * k1, fluctuation=0.002 * k1 * 0.03,
+        k1=k1,
+        k2=0.55 * k1,
+        delta=0.4 * radius,
+        s=0.15 * k1,
+        s_p=0.1 * k1,
+        fluctuation=0.002 * k1 * 0.03,
         saw=0.8e-3 * k1 * over / 0.02,
-    )  # fmt: skip
+    )
 
 
 PROTOCOLS: dict[str, list[Move]] = {
     "intrusion": [("to", 0.06)],
     "reintrusion": [m for z in (0.012, 0.024, 0.036, 0.048) for m in (("to", z), ("to", -0.004))] + [("to", 0.06)],
     "stop-go": [m for i in range(5) for m in (("to", 0.01 * (i + 1)), ("pause", (0.3, 3.0)[i % 2]))] + [("to", 0.06)],
-}  # fmt: skip
+}
 
 
 def intrusion_campaign(folder: Path, *, seed: int = 20140630) -> None:
@@ -103,12 +119,25 @@ def one(folder: Path, kind: str, radius: float, phi: float, rng: np.random.Gener
     bed, arm = grains(radius, phi), Arm(surface=float(np.round(rng.normal(0.0, 5e-4), 5)))
     write.table(folder / "intrusion.csv", log(PROTOCOLS[kind], bed, arm, start=START, rng=rng))
     sections: dict[str, Any] = {
-        "schema": 1, "robot": {"foot_radius": radius}, "bed": {"volume_fraction": phi},
+        "schema": 1,
+        "robot": {"foot_radius": radius},
+        "bed": {"volume_fraction": phi},
         "intrusion_log": {"file": "intrusion.csv"},
-    }  # fmt: skip
+    }
     write.toml(folder / "experiment.toml", sections)
     write.truth(
         folder / "truth.json",
-        {"fits": {"k1": bed.k1, "k2": bed.k2, "delta": bed.delta, "contact_depth_m": arm.surface,
-                  "weight_N": arm.weight, "lam": bed.lam, "s": bed.s, "s_p": bed.s_p}, "saw_N": bed.saw},
-    )  # fmt: skip
+        {
+            "fits": {
+                "k1": bed.k1,
+                "k2": bed.k2,
+                "delta": bed.delta,
+                "contact_depth_m": arm.surface,
+                "weight_N": arm.weight,
+                "lam": bed.lam,
+                "s": bed.s,
+                "s_p": bed.s_p,
+            },
+            "saw_N": bed.saw,
+        },
+    )

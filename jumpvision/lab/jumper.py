@@ -103,8 +103,18 @@ def simulate(
         command = (0.0, 0.0, 0.0, law.start, law.stop, 0.0, law.stop, 1.0, np.asarray(law.position, float), law.rate)
     else:
         half = law.start + (0.5 / law.frequency if law.delay > 0 else law.cycles / law.frequency)
-        command = (law.amplitude, 2 * math.pi * law.frequency, law.phase, law.start, half, law.delay, law.stop,
-                   law.dwell_gain, np.empty(0), 0.0)  # fmt: skip
+        command = (
+            law.amplitude,
+            2 * math.pi * law.frequency,
+            law.phase,
+            law.start,
+            half,
+            law.delay,
+            law.stop,
+            law.dwell_gain,
+            np.empty(0),
+            0.0,
+        )
     loop = _loop(motor, law, q.tau)
     n = round(duration / (dt * every)) + 1
     out, contact, lift_offs, landings = integrate(q, command, loop, dt, every, n)

@@ -153,9 +153,19 @@ def _slopes(t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[
 def _step(r, h, t, y, w, x_f, v_f, X, V, mode, over, cmd, loop, q):  # type: ignore[no-untyped-def]
     """The slopes a time h on, along the slopes r."""
     return _slopes(
-        t + h, y + h * r[0], w + h * r[1], x_f + h * r[2], v_f + h * r[3], X + h * r[4], V + h * r[5],
-        mode, over, cmd, loop, q,
-    )  # fmt: skip
+        t + h,
+        y + h * r[0],
+        w + h * r[1],
+        x_f + h * r[2],
+        v_f + h * r[3],
+        X + h * r[4],
+        V + h * r[5],
+        mode,
+        over,
+        cmd,
+        loop,
+        q,
+    )
 
 
 @nb.njit(cache=True)

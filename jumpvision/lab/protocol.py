@@ -181,9 +181,21 @@ def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: 
     loop = Motor(**{f.name: getattr(motor, f.name) for f in fields(motor)}) if motor else None
     tables = {"model": table.get("model", {}), "robot.sigma": declared.get("sigma", {})}
     protocol = Protocol(
-        header, Robot(**values), loop, bed, terms, parameters, scatter, jumps, intrusions, records, cameras,
-        {k: v for k, v in tables.items() if v}, Path(where), part,
-    )  # fmt: skip
+        header,
+        Robot(**values),
+        loop,
+        bed,
+        terms,
+        parameters,
+        scatter,
+        jumps,
+        intrusions,
+        records,
+        cameras,
+        {k: v for k, v in tables.items() if v},
+        Path(where),
+        part,
+    )
     if problems := _check(protocol, where):
         raise InputError(problems)
     return protocol
@@ -254,8 +266,9 @@ def _check(protocol: Protocol, where: str) -> list[str]:
     twice = sorted({n for n in names if names.count(n) > 1}) if len(set(names)) < len(names) else []
     problems = [
         f"{where}: {'[[intrusions]]' if n in {i.name for i in protocol.intrusions} else '[[jumps]]'}: '{n}' is made "
-        "twice; put its trials into one entry" for n in twice
-    ]  # fmt: skip
+        "twice; put its trials into one entry"
+        for n in twice
+    ]
     problems += [
         f"{where}: duration = {header.duration:g}: the motor of '{j.name}' stops at {j.law.stop:.4g} s; record longer"
         for j in [j for j in protocol.jumps if j.law.stop >= header.duration][:1]

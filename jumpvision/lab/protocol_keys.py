@@ -108,9 +108,12 @@ class RodTrack:
     rho: float = param(0.0, "", "correlation of neighbouring samples", lo=0, hi=0.99)
     step: float = param(0.0, "m", "heights are rounded to multiples of it (0: not)", lo=0)
     family: str = param(
-        "white", "", "Gaussian, Student's t with 3 degrees of freedom, or Gaussian with 0.5 % of outliers of 8 to 60 "
-        "standard deviations", choices=("white", "t3", "outliers"),
-    )  # fmt: skip
+        "white",
+        "",
+        "Gaussian, Student's t with 3 degrees of freedom, or Gaussian with 0.5 % of outliers of 8 to 60 "
+        "standard deviations",
+        choices=("white", "t3", "outliers"),
+    )
     drift: float = param(0.0, "m", "root mean square of a slow wander of each track over its record", lo=0)
     ratio: float = param(1.0, "", "noisiest / quietest track; each has its own factor about `noise`", lo=1, hi=1e4)
     stated: bool = param(True, "", "whether the table has a column sigma_m")
@@ -197,9 +200,12 @@ class CraterImage:
 
 
 JUMP_RECORDS: dict[str, type] = {
-    "rod_track": RodTrack, "rod_film": RodFilm, "motor_log": MotorLog, "contact_log": ContactLog,
+    "rod_track": RodTrack,
+    "rod_film": RodFilm,
+    "motor_log": MotorLog,
+    "contact_log": ContactLog,
     "grain_film": GrainFilm,
-}  # fmt: skip
+}
 BED_RECORDS: dict[str, type] = {"bed_image": BedImage, "crater_image": CraterImage}  # of jumps and intrusions alike
 RECORDS: dict[str, type] = JUMP_RECORDS | BED_RECORDS | {"intrusion_log": IntrusionLog}
 

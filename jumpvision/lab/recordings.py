@@ -81,9 +81,17 @@ def of_jump(
         else:
             cone: dict[str, Any] = {name: parameters.get(name, value) for name, value in CONE.items()}
             made = write_grain_film(
-                folder, motion, density, rng, n=grains.frames, shape=(grains.rows, grains.columns), scale=grains.scale,
-                quick=True, **cone, **given,
-            )  # fmt: skip
+                folder,
+                motion,
+                density,
+                rng,
+                n=grains.frames,
+                shape=(grains.rows, grains.columns),
+                scale=grains.scale,
+                quick=True,
+                **cone,
+                **given,
+            )
         sections["grain_video"], depth, true["grain_film"] = made
         sections["params.flow"] = {"initial_depth": round(depth, 6)}
     return sections, true
@@ -128,19 +136,31 @@ def of_bed(
         floor = float(round(height / picture.scale) + 66)
         glass = Glass(View((int(floor) + 36, 420), picture.scale, floor, 0.5 * 419), camera)
         mean, _ = bed_picture(
-            height, scale=picture.scale, floor_row=glass.wide.surface_row, shape=glass.wide.shape,
-            grain_diameter=bed.grain_diameter, rng=rng,
-        )  # fmt: skip
+            height,
+            scale=picture.scale,
+            floor_row=glass.wide.surface_row,
+            shape=glass.wide.shape,
+            grain_diameter=bed.grain_diameter,
+            rng=rng,
+        )
         write.picture(folder / "bed.png", record(glass(mean), rng=rng, **chip_of(camera)))
         row, _ = seen_places(np.array([floor]), glass.view.axis_column, glass.lens)
-        sections["bed_image"] = {"file": "bed.png", "scale": picture.scale * (1 + camera.scale_error),
-                                 "floor_row": round(float(row[0]), 3)}  # fmt: skip
+        sections["bed_image"] = {
+            "file": "bed.png",
+            "scale": picture.scale * (1 + camera.scale_error),
+            "floor_row": round(float(row[0]), 3),
+        }
         true["bed"] = {"height_m": height}
     if crater := protocol.records.get("crater_image"):
         section, true["crater"] = write_crater(
-            folder, scaled(parameters, size)["crater_volume"], crater, rng, size=size,
-            foot_radius=protocol.robot.foot_radius * size, grain_diameter=bed.grain_diameter,
-        )  # fmt: skip
+            folder,
+            scaled(parameters, size)["crater_volume"],
+            crater,
+            rng,
+            size=size,
+            foot_radius=protocol.robot.foot_radius * size,
+            grain_diameter=bed.grain_diameter,
+        )
         sections |= section
 
 

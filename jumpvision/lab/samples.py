@@ -196,10 +196,16 @@ def _films(folder: Path, motion: Motion, phi: float, rng: np.random.Generator) -
     )
     write.picture(folder / "bed.png", record(mean, electrons_per_grey=40.0, read_noise=1.5, rng=rng))
     grains, depth, grain_true = write_grain_film(
-        folder, motion, phi * BED["grain_density"], rng,
-        radius=SAND_ROBOT.foot_radius, mu=SAND_TRUTH["mu"], theta=SAND_TRUTH["theta"], C=SAND_TRUTH["C"],
+        folder,
+        motion,
+        phi * BED["grain_density"],
+        rng,
+        radius=SAND_ROBOT.foot_radius,
+        mu=SAND_TRUTH["mu"],
+        theta=SAND_TRUTH["theta"],
+        C=SAND_TRUTH["C"],
         diameter=BED["grain_diameter"],
-    )  # fmt: skip
+    )
     sections = {
         "rod_video": rod,
         "bed_image": bed,

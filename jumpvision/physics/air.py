@@ -129,14 +129,22 @@ def side_walls(length: float, width: float, radius: float, *, ratio: float) -> l
     least = 0.5 * (ratio - 1.0) * diameter
     return [
         Finding(
-            "bed/foot diameter", shorter / diameter, ratio, "", shorter / diameter > ratio,
+            "bed/foot diameter",
+            shorter / diameter,
+            ratio,
+            "",
+            shorter / diameter > ratio,
             f"the bed is {shorter / diameter:.2f} foot diameters wide; above {ratio:g} the walls do not matter",
         ),
         Finding(
-            "foot to wall", room, least, "m", room > least,
+            "foot to wall",
+            room,
+            least,
+            "m",
+            room > least,
             f"{room * 1e3:.0f} mm from the foot's rim to the nearest wall; {least * 1e3:.0f} mm are wanted",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def floor(height: float, force_at_floor: float, radius: float, depth: float, *, constant: float) -> Finding:
@@ -148,7 +156,11 @@ def floor(height: float, force_at_floor: float, radius: float, depth: float, *, 
     zeta = bottom_height(force_at_floor, radius, constant)
     free = height - zeta
     return Finding(
-        "depth before the floor is felt", free, depth, "m", free > depth,
+        "depth before the floor is felt",
+        free,
+        depth,
+        "m",
+        free > depth,
         f"the floor is felt from {max(free, 0.0) * 1e3:.0f} mm depth on (zeta_b = {zeta * 1e3:.0f} mm above it); the "
         f"foot reaches about {depth * 1e3:.0f} mm",
-    )  # fmt: skip
+    )

@@ -114,8 +114,13 @@ def _build(model: Model, values: dict[str, float], i: int) -> None:
 M = TypeVar("M")
 
 VALUES_OF_ROBOT = ("motor_mass", "rod_mass", "stiffness", "damping", "gravity", "landing_loss")
-OF_ROBOT = {"motor_mass": "motor_mass", "rod_mass": "rod_mass", "stiffness": "spring_stiffness",
-            "damping": "spring_damping", "gravity": "gravity"}  # fmt: skip
+OF_ROBOT = {
+    "motor_mass": "motor_mass",
+    "rod_mass": "rod_mass",
+    "stiffness": "spring_stiffness",
+    "damping": "spring_damping",
+    "gravity": "gravity",
+}
 LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
 VALUES_OF_BED = ("phi", "foot_radius")
 OF_MODEL = "model."  # before the name of a model parameter that differs from point to point, e.g. model.k1

@@ -112,11 +112,18 @@ def fit_packing_law(
     j = _jacobian(x - at, below, above) * w[:, None]
     inside = trial[profile <= chi2 + CHI2_95 * scatter]
     return PackingFit(
-        phi_c=at, value_c=value_c, slope_below=below, slope_above=above, covariance=scatter * _inverse(j.T @ j),
+        phi_c=at,
+        value_c=value_c,
+        slope_below=below,
+        slope_above=above,
+        covariance=scatter * _inverse(j.T @ j),
         interval=(min(float(inside.min()), at), max(float(inside.max()), at)) if inside.size else (at, at),
         p_straight=float((1 + np.sum(ratio[1:] >= ratio[0])) / (1 + DRAWS)),
-        chi2=chi2, n=x.size, range=(float(x.min()), float(x.max())), line=_straight(x, y, w),
-    )  # fmt: skip
+        chi2=chi2,
+        n=x.size,
+        range=(float(x.min()), float(x.max())),
+        line=_straight(x, y, w),
+    )
 
 
 def _linear(c: float, x: Array, y: Array, w: Array) -> tuple[tuple[float, float, float], float]:

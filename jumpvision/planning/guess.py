@@ -17,8 +17,10 @@ from .transcription import SHORTEST, Guess
 Array = NDArray[np.float64]
 
 END = {
-    STUCK: {AIR: "lift_off", INTRUDE: "intrude"}, INTRUDE: {STUCK: "stop"}, AIR: {STUCK: "landing", INTRUDE: "landing"},
-}  # fmt: skip
+    STUCK: {AIR: "lift_off", INTRUDE: "intrude"},
+    INTRUDE: {STUCK: "stop"},
+    AIR: {STUCK: "landing", INTRUDE: "landing"},
+}
 STEP = 5e-4  # s
 ONE_THRUST = ((1, 1.0, (0.8, 1.2, 0.6, 1.6)), (1, 1.6, (0.8, 1.2, 1.6)))  # cycles, size, paces (of the spring's)
 PUMPED = ((2, 0.3, (0.8, 1.0, 1.2)), (3, 0.3, (0.8, 1.0)))
@@ -58,8 +60,17 @@ def guessed(jumper: Jumper, sequence: tuple[str, ...], command: Forcing) -> Gues
         x, v, rod, rod_rate, x_f, v_f = (
             np.interp(at, t, a) for a in (X, speed, motion.rod, motion.rod_velocity, motion.foot, motion.foot_velocity)
         )
-        return {"y": rod + ratio * x, "w": rod_rate + ratio * v, "X": x, "V": v, "x_f": x_f, "v_f": v_f, "x_c": x_c,
-                "v_c": v_c, "a_c": a_c}  # fmt: skip
+        return {
+            "y": rod + ratio * x,
+            "w": rod_rate + ratio * v,
+            "X": x,
+            "V": v,
+            "x_f": x_f,
+            "v_f": v_f,
+            "x_c": x_c,
+            "v_c": v_c,
+            "a_c": a_c,
+        }
 
     phases: list[tuple[float, float]] = []
     now, first = 0.0, 0

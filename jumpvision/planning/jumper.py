@@ -132,5 +132,14 @@ class Jumper:
                 self.static_force(z, memory) + self.law("inertial_drag", v=v_f) + self.law("depth_drag", z=z, v=v_f)
             )
             rates["v_f"] = (resist - push) / self.foot_inertia(z)
-        return {"rates": [rates[n] for n in self.states(mode)], "rod": x_r, "rod_rate": v_r, "foot": x_f,
-                "foot_rate": v_f, "X": X, "V": V, "force": effort, "push": push}  # fmt: skip
+        return {
+            "rates": [rates[n] for n in self.states(mode)],
+            "rod": x_r,
+            "rod_rate": v_r,
+            "foot": x_f,
+            "foot_rate": v_f,
+            "X": X,
+            "V": V,
+            "force": effort,
+            "push": push,
+        }

@@ -83,8 +83,12 @@ class Planner:
         if (need := NEEDS.get((self.motion, self.model.ground))) and need not in self.model:
             raise InputError([f"motion = '{self.motion}': the model has no '{need}'; add it with its parameters"])
         if self.drive.kp > 0 and "motor_lag" in self.model:
-            raise InputError(["model terms: 'motor_lag' cannot act together with [motor] kp (both say how the motor "
-                              "follows its command); set kp = 0 or remove the term"])  # fmt: skip
+            raise InputError(
+                [
+                    "model terms: 'motor_lag' cannot act together with [motor] kp (both say how the motor "
+                    "follows its command); set kp = 0 or remove the term"
+                ]
+            )
         self.jumper = Jumper(self.model, self.drive, namespace)
         self.sequence = MOTIONS[self.motion][self.model.ground]
 
@@ -187,6 +191,15 @@ class Planner:
     def _plan(self, status: str, apex: float, s: Solution, began: float) -> Plan:
         motion, found = self.simulate(s.command)
         return Plan(
-            status, apex, s.apex, s.command, motion, found, s.active, s.durations,
-            sum(solver.build_s for solver in self._solvers.values()), s.seconds, time.perf_counter() - began,
-        )  # fmt: skip
+            status,
+            apex,
+            s.apex,
+            s.command,
+            motion,
+            found,
+            s.active,
+            s.durations,
+            sum(solver.build_s for solver in self._solvers.values()),
+            s.seconds,
+            time.perf_counter() - began,
+        )

@@ -23,13 +23,22 @@ LONGEST = 3.0  # of a phase, in periods of the spring
 WIDEST = 1.0  # m, travel where no stroke is given
 HIT = 1e-3  # of a limit, within which it is called active
 OPTIONS: dict[str, Any] = {
-    "print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": TOLERANCE,
-    "ipopt.max_iter": MAX_ITERATIONS, "ipopt.mu_strategy": "adaptive",
+    "print_time": False,
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": TOLERANCE,
+    "ipopt.max_iter": MAX_ITERATIONS,
+    "ipopt.mu_strategy": "adaptive",
     "ipopt.mumps_pivot_order": 6,  # QAMD: 10 % less time an iteration than the automatic choice, and fewer iterations
-    "ipopt.acceptable_tol": 1e-5, "ipopt.acceptable_iter": 8,
-}  # fmt: skip
-WARM = {"ipopt.warm_start_init_point": "yes", "ipopt.warm_start_bound_push": 1e-7,
-        "ipopt.warm_start_mult_bound_push": 1e-7, "ipopt.warm_start_slack_bound_push": 1e-7}  # fmt: skip
+    "ipopt.acceptable_tol": 1e-5,
+    "ipopt.acceptable_iter": 8,
+}
+WARM = {
+    "ipopt.warm_start_init_point": "yes",
+    "ipopt.warm_start_bound_push": 1e-7,
+    "ipopt.warm_start_mult_bound_push": 1e-7,
+    "ipopt.warm_start_slack_bound_push": 1e-7,
+}
 # least effort: a small barrier at once; the adaptive one took 118 iterations at worst, this 25
 SMALL = {"ipopt.mu_init": 1e-5, "ipopt.mu_strategy": "monotone"}
 
@@ -59,8 +68,11 @@ class Solver:
         self.programme = programme
         nlp = programme.build()
         self._cold = ca.nlpsol("plan", "ipopt", nlp, OPTIONS)
-        shared = {"grad_f": self._cold.get_function("nlp_grad_f"), "jac_g": self._cold.get_function("nlp_jac_g"),
-                  "hess_lag": self._cold.get_function("nlp_hess_l")}  # fmt: skip
+        shared = {
+            "grad_f": self._cold.get_function("nlp_grad_f"),
+            "jac_g": self._cold.get_function("nlp_jac_g"),
+            "hess_lag": self._cold.get_function("nlp_hess_l"),
+        }
         small = SMALL if programme.objective == "effort" else {}
         self._warm = ca.nlpsol("plan", "ipopt", nlp, OPTIONS | WARM | small | shared)
         self._apex = ca.Function("apex", [nlp["x"]], [programme.apex, programme.apex_time])
@@ -137,7 +149,15 @@ class Solver:
                 active.append(name)
         apex, apex_time = (float(value) for value in self._apex(x))
         return Solution(
-            bool(stats["success"]), str(stats["return_status"]), x,
-            (np.asarray(r["lam_x"]).ravel(), np.asarray(r["lam_g"]).ravel()), command, T, apex, apex_time,
-            tuple(active), int(stats["iter_count"]), seconds,
-        )  # fmt: skip
+            bool(stats["success"]),
+            str(stats["return_status"]),
+            x,
+            (np.asarray(r["lam_x"]).ravel(), np.asarray(r["lam_g"]).ravel()),
+            command,
+            T,
+            apex,
+            apex_time,
+            tuple(active),
+            int(stats["iter_count"]),
+            seconds,
+        )

@@ -22,8 +22,21 @@ from .jumper import AIR, INTRUDE, STUCK, Jumper, Memory
 Array = NDArray[np.float64]
 
 OBJECTIVES = ("effort", "height", "power", "energy")
-SCALE = {"y": 0.01, "w": 0.5, "X": 0.01, "V": 0.5, "x_f": 0.01, "v_f": 0.5, "x_c": 0.01, "v_c": 0.5, "a_c": 50.0,
-         "T": 0.05, "low": 0.01, "peak": 10.0, "work": 10.0}  # fmt: skip
+SCALE = {
+    "y": 0.01,
+    "w": 0.5,
+    "X": 0.01,
+    "V": 0.5,
+    "x_f": 0.01,
+    "v_f": 0.5,
+    "x_c": 0.01,
+    "v_c": 0.5,
+    "a_c": 50.0,
+    "T": 0.05,
+    "low": 0.01,
+    "peak": 10.0,
+    "work": 10.0,
+}
 DEGREE = 3  # collocation points of an interval (Radau, of order 2 DEGREE - 1)
 INTERVALS = {STUCK: 8, INTRUDE: 9, AIR: 6}
 ON_HARD = 16  # intervals of a contact with hard ground, which holds a whole push-off
@@ -46,9 +59,13 @@ class Limits:
 
     def bounds(self) -> dict[str, tuple[float, float]]:
         """(low, high) of the rows of each limit that is finite."""
-        table = {"force": (-self.max_force, self.max_force), "speed": (-self.max_speed, self.max_speed),
-                 "stroke": (0.0, self.stroke), "power": (-math.inf, self.max_power),
-                 "time": (0.0, self.by)}  # fmt: skip
+        table = {
+            "force": (-self.max_force, self.max_force),
+            "speed": (-self.max_speed, self.max_speed),
+            "stroke": (0.0, self.stroke),
+            "power": (-math.inf, self.max_power),
+            "time": (0.0, self.by),
+        }
         return {name: pair for name, pair in table.items() if pair[1] < math.inf}
 
 
@@ -193,8 +210,11 @@ class Programme:
         heat, smooth = self.totals["heat"] / SPAN, self.totals["smooth"] / SPAN
         if self.objective == "effort":
             return heat + SMOOTH * smooth
-        parts = {"power": self.peak / SCALE["peak"], "energy": self.totals["work"] / (0.02 * self.weight),
-                 "height": -self.apex / SCALE["y"]}  # fmt: skip
+        parts = {
+            "power": self.peak / SCALE["peak"],
+            "energy": self.totals["work"] / (0.02 * self.weight),
+            "height": -self.apex / SCALE["y"],
+        }
         return parts[self.objective] + SMOOTH * (heat + smooth)
 
     def _hold(self, mode: str, e: Mapping[str, Any], memory: Memory, place: float, late: bool) -> None:
@@ -216,8 +236,12 @@ class Programme:
     def _limit(self, e: Mapping[str, Any]) -> None:
         """The motor's limits."""
         asked = self.limits.bounds()
-        values = {"force": (e["force"], self.weight), "speed": (e["V"], 0.5), "stroke": (e["X"] - self.low, 0.01),
-                  "power": (e["force"] * e["V"], 10.0)}  # fmt: skip
+        values = {
+            "force": (e["force"], self.weight),
+            "speed": (e["V"], 0.5),
+            "stroke": (e["X"] - self.low, 0.01),
+            "power": (e["force"] * e["V"], 10.0),
+        }
         for name, (value, scale) in values.items():
             if name in asked:
                 self.row(value, *asked[name], scale, name)

@@ -74,8 +74,13 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
         yield "heights", ("jump heights against frequency, measured and simulated", lambda F: heights(r.jumps, F))
     if tracked := r.having("rod.csv"):
         chosen = of_each_kind(r, tracked)
-        yield "tracks", ("rod height against time beside the simulation, of each kind of jump the highest",
-                         lambda F: films.tracks([track(n, r.experiments[n]) for n in chosen], F))  # fmt: skip
+        yield (
+            "tracks",
+            (
+                "rod height against time beside the simulation, of each kind of jump the highest",
+                lambda F: films.tracks([track(n, r.experiments[n]) for n in chosen], F),
+            ),
+        )
     diagnosis = json_of(r.folder / "diagnosis.json")
     if diagnosis:
         yield "diagnosis", ("heights, where the model fails, and the gain held out", lambda F: gains(diagnosis, F))
@@ -84,12 +89,22 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
         yield of_intrusion(name, folder, "" if len(r.experiments) == 1 else f"-{name}")
     if rows := intrusion_rows(r):
         laws = json_of(r.folder / "intrusion_laws.json")
-        yield "resistances", ("resistances, bend and oscillations against packing; feet beside the cone",
-                              lambda F: resistances(rows, laws, F))  # fmt: skip
+        yield (
+            "resistances",
+            (
+                "resistances, bend and oscillations against packing; feet beside the cone",
+                lambda F: resistances(rows, laws, F),
+            ),
+        )
     craters = [c for c in craters_table(r.experiments) if c["volume_fraction"] is not None]
     if len(craters) > 1:
-        yield "craters", ("volume change against packing, and where it is zero",
-                          lambda F: critical(craters, zero_crossing(craters), F))  # fmt: skip
+        yield (
+            "craters",
+            (
+                "volume change against packing, and where it is zero",
+                lambda F: critical(craters, zero_crossing(craters), F),
+            ),
+        )
     driven = table(r.folder / "actuator.csv")
     if len({d["frequency_hz"] for d in driven}) > 2:
         fit = json_of(r.folder / "actuator_bandwidth.json")
@@ -109,22 +124,47 @@ def of_grains(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
         yield from of_film(name, folder, "" if len(filmed) == 1 else f"-{name}")
     if filmed:
         kinds = {n: str(r.summary(n).get("kind")) for n in filmed}
-        yield "grain-momentum", ("momentum of the grains against time, by kind of jump", lambda F: films.momentum(
-            [(n, kinds[n], Flow.load(filmed[n]).field) for n in filmed], F))  # fmt: skip
+        yield (
+            "grain-momentum",
+            (
+                "momentum of the grains against time, by kind of jump",
+                lambda F: films.momentum([(n, kinds[n], Flow.load(filmed[n]).field) for n in filmed], F),
+            ),
+        )
 
 
 def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str, Draw]]]:
     """The figures of one grain film; end: of their names."""
     fits = fits_of(folder)
-    yield f"grain-speed{end}", (f"downwards speed of the grains over the foot's: {name}", lambda F: films.grain_speed(
-        Piv.load(folder).field, Flow.load(folder).field, F))  # fmt: skip
-    yield f"shear-rate{end}", (f"shear rate with the cone: {name}", lambda F: films.shear_rate(
-        Flow.load(folder).field, Column.load(folder).field, F))  # fmt: skip
-    yield f"column{end}", (f"central column: exponential, beta, jammed front, theta: {name}", lambda F: films.column(
-        fits, Column.load(folder), F))  # fmt: skip
+    yield (
+        f"grain-speed{end}",
+        (
+            f"downwards speed of the grains over the foot's: {name}",
+            lambda F: films.grain_speed(Piv.load(folder).field, Flow.load(folder).field, F),
+        ),
+    )
+    yield (
+        f"shear-rate{end}",
+        (
+            f"shear rate with the cone: {name}",
+            lambda F: films.shear_rate(Flow.load(folder).field, Column.load(folder).field, F),
+        ),
+    )
+    yield (
+        f"column{end}",
+        (
+            f"central column: exponential, beta, jammed front, theta: {name}",
+            lambda F: films.column(fits, Column.load(folder), F),
+        ),
+    )
     if (fits.get("cone_slope_kg_m") or {}).get("value") is not None:
-        yield f"added-mass{end}", (f"added mass against depth and the cone: {name}", lambda F: films.added_mass(
-            fits, Column.load(folder), Flow.load(folder), F))  # fmt: skip
+        yield (
+            f"added-mass{end}",
+            (
+                f"added mass against depth and the cone: {name}",
+                lambda F: films.added_mass(fits, Column.load(folder), Flow.load(folder), F),
+            ),
+        )
 
 
 def of_each_kind(r: Results, tracked: dict[str, Path]) -> list[str]:

@@ -20,12 +20,23 @@ def styled() -> Iterator[Any]:
 
     with matplotlib.rc_context(
         {
-            "font.size": 9, "axes.titlesize": 9.5, "axes.titlelocation": "left", "axes.titleweight": "bold",
-            "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.alpha": 0.25,
-            "grid.linewidth": 0.6, "legend.frameon": False, "lines.linewidth": 1.4, "figure.facecolor": "white",
-            "savefig.dpi": 140, "image.cmap": MAP, "font.family": "DejaVu Sans",
+            "font.size": 9,
+            "axes.titlesize": 9.5,
+            "axes.titlelocation": "left",
+            "axes.titleweight": "bold",
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.grid": True,
+            "grid.alpha": 0.25,
+            "grid.linewidth": 0.6,
+            "legend.frameon": False,
+            "lines.linewidth": 1.4,
+            "figure.facecolor": "white",
+            "savefig.dpi": 140,
+            "image.cmap": MAP,
+            "font.family": "DejaVu Sans",
         }
-    ):  # fmt: skip
+    ):
         yield Figure
 
 
@@ -35,14 +46,32 @@ FORMATS = ("pdf", "svg", "png")
 INCH = 25.4
 
 RC: dict[Any, Any] = {
-    "font.size": 7, "axes.titlesize": 7, "axes.labelsize": 7, "xtick.labelsize": 6.5, "ytick.labelsize": 6.5,
-    "legend.fontsize": 6, "figure.titlesize": 7, "axes.titleweight": "normal", "axes.linewidth": 0.6,
-    "axes.grid": False, "lines.linewidth": 1.0, "lines.markersize": 3.5, "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6, "xtick.major.size": 2.5, "ytick.major.size": 2.5, "legend.handlelength": 1.6,
-    "figure.constrained_layout.w_pad": 0.03, "figure.constrained_layout.h_pad": 0.03,
-    "font.sans-serif": ["Arial", "Helvetica", "Liberation Sans", "DejaVu Sans"], "font.family": "sans-serif",
-    "pdf.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "jumpvision", "savefig.dpi": 600,
-}  # fmt: skip
+    "font.size": 7,
+    "axes.titlesize": 7,
+    "axes.labelsize": 7,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6,
+    "figure.titlesize": 7,
+    "axes.titleweight": "normal",
+    "axes.linewidth": 0.6,
+    "axes.grid": False,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "legend.handlelength": 1.6,
+    "figure.constrained_layout.w_pad": 0.03,
+    "figure.constrained_layout.h_pad": 0.03,
+    "font.sans-serif": ["Arial", "Helvetica", "Liberation Sans", "DejaVu Sans"],
+    "font.family": "sans-serif",
+    "pdf.fonttype": 42,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "jumpvision",
+    "savefig.dpi": 600,
+}
 
 
 @contextmanager

@@ -15,6 +15,17 @@ from .simulate import simulate  # isort: skip
 from .summary import summary  # isort: skip
 
 __all__ = [
-    "bed", "column", "crater", "fit", "flow", "geometry", "intrusion", "piv", "rod", "simulate", "spring", "summary",
+    "bed",
+    "column",
+    "crater",
+    "fit",
+    "flow",
+    "geometry",
+    "intrusion",
+    "piv",
+    "rod",
+    "simulate",
+    "spring",
+    "summary",
     "track",
-]  # fmt: skip
+]

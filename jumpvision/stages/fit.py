@@ -93,9 +93,13 @@ def begin_of(rod: RodMotion | None, contact: ContactLog | None) -> float:
 
 
 def find_flights(
-    rod: RodMotion | None, contact: ContactLog | None, robot: Robot | None, law: Actuation | None, log: MotorLog | None,
+    rod: RodMotion | None,
+    contact: ContactLog | None,
+    robot: Robot | None,
+    law: Actuation | None,
+    log: MotorLog | None,
     p: FitParams,
-) -> Flights | None:  # fmt: skip
+) -> Flights | None:
     """Flights from the contact sensor, or without one from the track of the centre of mass of motor and rod."""
     if contact is not None:
         d = read_log(contact.path, "time_s", "contact")

@@ -157,9 +157,15 @@ def bare_view(calibration: Calibration | None, section: Filmed, middle: tuple[fl
     centre = c.centre or middle
     up, tilt = (section.up, c.tilt) if isinstance(section, RodVideo) else ("-y", 0.0)
     return camera(
-        scale=section.scale, up=up, tilt=tilt, marks=c.marks,
-        k1=c.k1, k2=c.k2, centre=(centre[0], centre[1]), scale_sigma=section.scale_sigma,
-    )  # fmt: skip
+        scale=section.scale,
+        up=up,
+        tilt=tilt,
+        marks=c.marks,
+        k1=c.k1,
+        k2=c.k2,
+        centre=(centre[0], centre[1]),
+        scale_sigma=section.scale_sigma,
+    )
 
 
 def other_lens(calibration: Calibration | None, section: Filmed, shape: tuple[int, int]) -> Camera | None:

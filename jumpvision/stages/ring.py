@@ -30,9 +30,13 @@ REFUSED = 1e-4  # chance below which a user is told that the decay is not viscou
 
 
 def ring_fits(
-    rod: RodMotion, flights: Flights | None, robot: Robot | None, law: Actuation | None, p: FitParams,
+    rod: RodMotion,
+    flights: Flights | None,
+    robot: Robot | None,
+    law: Actuation | None,
+    p: FitParams,
     clock: Clock | None = None,
-) -> dict[str, Estimate]:  # fmt: skip
+) -> dict[str, Estimate]:
     """Free oscillation on the ground after the last landing (or of the whole track with actuation kind "none").
 
     Nothing where it is not known when the motor rests: a driven motion is no ring-down.
@@ -71,10 +75,12 @@ def ring_fits(
             )
         times = t[ringing]
         values = {
-            "ring_amplitude_m": (ring.amplitude, ring.amplitude_sigma, "m"), "ring_phase_rad": (ring.phase, NAN, "rad"),
-            "ring_offset_m": (ring.offset, ring.offset_sigma, "m"), "ring_start_s": (times[0], 0.0, "s"),
+            "ring_amplitude_m": (ring.amplitude, ring.amplitude_sigma, "m"),
+            "ring_phase_rad": (ring.phase, NAN, "rad"),
+            "ring_offset_m": (ring.offset, ring.offset_sigma, "m"),
+            "ring_start_s": (times[0], 0.0, "s"),
             "ring_stop_s": (times[-1], 0.0, "s"),
-        }  # fmt: skip
+        }
         rows = {k: Estimate(float(v), float(s), unit, ring.n, ring.chi2) for k, (v, s, unit) in values.items()}
         lens, begin = rod.lens[ringing], float(t[0])
         bend = abs(float(np.polyfit(h[ringing], lens, 1)[0])) if lens.any() else 0.0  # by the lens, over the swing
@@ -92,8 +98,10 @@ def decay_fits(t: Array, h: Array, sigma: Array) -> dict[str, Estimate]:
         shares = ", ".join(f"{k} {e.value:.2f} ± {e.sigma:.2f}" for k, e in decay.share.items())
         warnings.warn(
             f"ring-down: viscous damping alone is refused (p = {decay.p_alone['viscous']:.1g}), zeta is an effective "
-            f"value; shares of the energy lost: {shares}", StageWarning, stacklevel=2,
-        )  # fmt: skip
+            f"value; shares of the energy lost: {shares}",
+            StageWarning,
+            stacklevel=2,
+        )
     return {f"decay_{k}_share": decay.share[k] for k in LAWS} | {
         f"decay_{k}_p_value": Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2) for k, e in decay.share.items()
     }
@@ -115,6 +123,13 @@ def actuator_fits(log: MotorLog, law: Actuation) -> dict[str, Estimate]:
     out = follow(t, commanded(law)(t)[0], position, frequency=frequency, noise=noise)
     logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))
     if "force_N" in logged:
-        out |= motor_power(t, position, logged.force_N.to_numpy(), position_noise=noise, period=1.0 / frequency,
-                           begin=law.start, end=law.stop)  # fmt: skip
+        out |= motor_power(
+            t,
+            position,
+            logged.force_N.to_numpy(),
+            position_noise=noise,
+            period=1.0 / frequency,
+            begin=law.start,
+            end=law.stop,
+        )
     return out

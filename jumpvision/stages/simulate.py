@@ -53,10 +53,16 @@ def simulate(
     linear = model.ground == "hard" and model.m_f == 0.0 and set(model.terms) <= LINEAR_TERMS
     if linear and not isinstance(forcing, Loop):
         m = hard_jump(
-            motor_mass=model.m_m, rod_mass=model.rod_mass, stiffness=model.k_s, damping=model.c_s, gravity=model.g,
-            landing_loss=model.parameters.e or 0.0 if "landing_loss" in model else 0.0, forcing=forcing, t=true,
+            motor_mass=model.m_m,
+            rod_mass=model.rod_mass,
+            stiffness=model.k_s,
+            damping=model.c_s,
+            gravity=model.g,
+            landing_loss=model.parameters.e or 0.0 if "landing_loss" in model else 0.0,
+            forcing=forcing,
+            t=true,
             t_end=max(float(true[-1]), forcing.stop),
-        )  # fmt: skip
+        )
         foot = np.maximum(m.rod, 0.0)  # the massless foot stands at 0 or hangs on the relaxed spring
         columns = (m.rod, foot, m.motor, m.ground_force, m.spring_force)
     else:
@@ -92,11 +98,19 @@ def build_model(
         values |= {name.removeprefix(OF_MODEL): float(x) for name, x in at.items()}
     try:
         return Model(
-            experiment.ground, spec.terms, ModelParameters(**values),
-            motor_mass=motor_mass, rod_mass=rod_mass, foot_mass=robot.foot_mass, spring_stiffness=stiffness,
-            spring_damping=robot.spring_damping, gravity=robot.gravity, foot_radius=robot.foot_radius,
-            volume_fraction=phi, grain_density=section.grain_density if section else None,
-        )  # fmt: skip
+            experiment.ground,
+            spec.terms,
+            ModelParameters(**values),
+            motor_mass=motor_mass,
+            rod_mass=rod_mass,
+            foot_mass=robot.foot_mass,
+            spring_stiffness=stiffness,
+            spring_damping=robot.spring_damping,
+            gravity=robot.gravity,
+            foot_radius=robot.foot_radius,
+            volume_fraction=phi,
+            grain_density=section.grain_density if section else None,
+        )
     except InputError as e:
         raise InputError([f"{experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None
 

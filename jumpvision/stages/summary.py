@@ -13,10 +13,17 @@ from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.workflow.stage import stage
 
 FROM_FITS = {  # key of summary.json: name in fits.json
-    "flight_height_m": "flight_height_m", "flight_time_s": "flight_time_s", "lift_off_s": "lift_off_s", "mu": "mu",
-    "beta_deg": "beta_deg", "added_mass_kg": "added_mass_kg", "frequency_hz": "frequency_hz", "zeta": "zeta",
-    "motor_rise_m": "motor_rise_m", "spring_stiffness_N_m": "spring_stiffness",
-}  # fmt: skip
+    "flight_height_m": "flight_height_m",
+    "flight_time_s": "flight_time_s",
+    "lift_off_s": "lift_off_s",
+    "mu": "mu",
+    "beta_deg": "beta_deg",
+    "added_mass_kg": "added_mass_kg",
+    "frequency_hz": "frequency_hz",
+    "zeta": "zeta",
+    "motor_rise_m": "motor_rise_m",
+    "spring_stiffness_N_m": "spring_stiffness",
+}
 
 
 @stage(version=3, any_of=("fits", "bed"))

@@ -71,15 +71,17 @@ def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataF
         left = np.count_nonzero(np.isfinite(height) & ~known)
         warnings.warn(
             f"exposure {exposure:g} s: acceleration {size}; taken out, but for {left} frames without neighbours",
-            StageWarning, stacklevel=2,
-        )  # fmt: skip
+            StageWarning,
+            stacklevel=2,
+        )
         better = np.where(known, shift_sigma(sigma, time, exposure), sigma)
         return motion.assign(height_m=height - np.where(known, shift, 0.0), sigma_m=better)
     if abs(shift[worst]) > SAY_FROM * sigma[worst]:
         warnings.warn(
             f'exposure {exposure:g} s: acceleration {size}; track.exposure_correction = "apply" takes it out',
-            StageWarning, stacklevel=2,
-        )  # fmt: skip
+            StageWarning,
+            stacklevel=2,
+        )
     return motion
 
 
@@ -104,10 +106,16 @@ def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], vie
     x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))
     return pd.DataFrame(
         {
-            "frame": np.arange(n), "time_s": time, "x_px": x, "y_px": y, "sigma_px": sigma,
-            "height_m": view.height(x, y), "sigma_m": sigma * view.scale, "flag": flag,
+            "frame": np.arange(n),
+            "time_s": time,
+            "x_px": x,
+            "y_px": y,
+            "sigma_px": sigma,
+            "height_m": view.height(x, y),
+            "sigma_m": sigma * view.scale,
+            "flag": flag,
         }
-    )  # fmt: skip
+    )
 
 
 def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.DataFrame:
@@ -123,8 +131,11 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
         )
     if not rest.any():
         rest[np.flatnonzero(good)[0]] = True
-    zeros = {c: weighted_mean(motion[c][rest], motion.sigma_m[rest], "m").value
-             for c in ("height_m", "lens_m") if c in motion}  # fmt: skip
+    zeros = {
+        c: weighted_mean(motion[c][rest], motion.sigma_m[rest], "m").value
+        for c in ("height_m", "lens_m")
+        if c in motion
+    }
     return motion.assign(**{c: motion[c] - zero for c, zero in zeros.items()})
 
 
@@ -163,9 +174,13 @@ class BallFilm:
         film, p, scale = self.film, self.p, self.camera((shape[0], shape[1])).scale
         return BallSettings(
             diameter=p.diameter or (film.ball_diameter / scale if film.ball_diameter else None),
-            polarity=p.polarity, method=p.method, search=p.search, seed=(p.seed[0], p.seed[1]) if p.seed else None,
-            streak=exposure > 0, exposure_fraction=min(exposure * rate, 1.0),
-        )  # fmt: skip
+            polarity=p.polarity,
+            method=p.method,
+            search=p.search,
+            seed=(p.seed[0], p.seed[1]) if p.seed else None,
+            streak=exposure > 0,
+            exposure_fraction=min(exposure * rate, 1.0),
+        )
 
     @property
     def scene(self) -> bool:

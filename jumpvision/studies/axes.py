@@ -81,8 +81,10 @@ def read_axes(ground: str, given: Mapping[str, str]) -> dict[str, Array]:
             ends = [float(p) for p in parts[:2]]
             count = int(parts[2]) if len(parts) == 3 else 1
         except ValueError:
-            problems.append(f"{at}: must be one value or LO:HI:N with a whole number N, in {axis.unit or 'no unit'} "
-                            f"({axis.meaning}); e.g. {option(name)} 1:2:50")  # fmt: skip
+            problems.append(
+                f"{at}: must be one value or LO:HI:N with a whole number N, in {axis.unit or 'no unit'} "
+                f"({axis.meaning}); e.g. {option(name)} 1:2:50"
+            )
             continue
         bad = [e for e in ends if not axis.holds(e)]
         if bad:

@@ -75,8 +75,13 @@ class Jump:
 def law_of(e: Experiment) -> dict[str, float]:
     """The numbers of [actuation]; the phase counts modulo 2 pi."""
     a = e.section(Actuation)
-    return {"frequency": a.frequency, "phase": a.start_phase % (2 * math.pi), "amplitude": a.amplitude,
-            "cycles": a.cycles, "delay": a.delay}  # fmt: skip
+    return {
+        "frequency": a.frequency,
+        "phase": a.start_phase % (2 * math.pi),
+        "amplitude": a.amplitude,
+        "cycles": a.cycles,
+        "delay": a.delay,
+    }
 
 
 def compare(
@@ -100,8 +105,12 @@ def compare(
         else:
             jumps.append(measured_jump(e, o, plan))
     if not jumps:
-        raise InputError([f"{campaign.path}: no experiment has a measured jump height; it needs [rod_video] or "
-                          "[rod_track], and an [actuation] that moves"])  # fmt: skip
+        raise InputError(
+            [
+                f"{campaign.path}: no experiment has a measured jump height; it needs [rod_video] or "
+                "[rod_track], and an [actuation] that moves"
+            ]
+        )
     keys = list(dict.fromkeys(sorted(j.condition for j in jumps)))
     at = np.array([keys.index(j.condition) for j in jumps])
     names = list(dict.fromkeys(n for j in jumps for n in j.steps))
@@ -111,9 +120,14 @@ def compare(
     )
     shared = [common * np.array([j.apparatus == one for j in jumps]) for one in {j.apparatus: None for j in jumps}]
     found = agreement(
-        height, independent(sigma, common), model, at, steps, rng=np.random.default_rng(0),
+        height,
+        independent(sigma, common),
+        model,
+        at,
+        steps,
+        rng=np.random.default_rng(0),
         shared=np.transpose(shared) if common.any() else (),
-    )  # fmt: skip
+    )
     robot = machine("hard", jumps[0].experiment.path, overrides)
     data = _dataset(campaign, robot, jumps, at, steps, names, found)
     return data, rows(data)
@@ -176,9 +190,14 @@ def _ends(owner: Any, name: str, value: float, sigma: float) -> tuple[float, flo
 
 
 def _dataset(
-    campaign: Campaign, robot: Machine, jumps: list[Jump], at: NDArray[np.int64], steps: Array, names: list[str],
+    campaign: Campaign,
+    robot: Machine,
+    jumps: list[Jump],
+    at: NDArray[np.int64],
+    steps: Array,
+    names: list[str],
     found: Agreement,
-) -> xr.Dataset:  # fmt: skip
+) -> xr.Dataset:
     first = [jumps[int(np.flatnonzero(at == c)[0])] for c in range(found.trials.size)]
     by_condition: dict[str, tuple[Any, str, str]] = {
         "measured_height_m": (found.measured, "m", "jump_height, mean of the trials"),
@@ -216,14 +235,25 @@ def _dataset(
         n: (("condition",), [j.law[n] for j in first], {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning})
         for n in COORDS
     }
-    coords |= {"group": (("condition",), [j.experiment.header.group for j in first]),
-               "experiment": (("trial",), [j.experiment.name for j in jumps]), "parameter": names}  # fmt: skip
+    coords |= {
+        "group": (("condition",), [j.experiment.header.group for j in first]),
+        "experiment": (("trial",), [j.experiment.name for j in jumps]),
+        "parameter": names,
+    }
     behind, more = simulated_map(robot, jumps)
     return xr.Dataset(
-        variables | behind, coords | more,
-        {**provenance(robot), "analysis": "comparison", "campaign": campaign.path.resolve().name, "chi2": found.chi2,
-         "conditions": found.trials.size, "p_value": found.p_value, "p_largest": float(found.p_holm.min())},
-    )  # fmt: skip
+        variables | behind,
+        coords | more,
+        {
+            **provenance(robot),
+            "analysis": "comparison",
+            "campaign": campaign.path.resolve().name,
+            "chi2": found.chi2,
+            "conditions": found.trials.size,
+            "p_value": found.p_value,
+            "p_largest": float(found.p_holm.min()),
+        },
+    )
 
 
 def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -253,11 +283,18 @@ def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, Any], di
 def rows(data: xr.Dataset) -> Rows:
     """One row a condition, and one of all."""
     columns = {
-        "frequency_hz": data.frequency, "phase_rad": data.phase, "amplitude_mm": data.amplitude * 1e3,
-        "trials": data.trials, "measured_mm": data.measured_height_m * 1e3, "sigma_mm": data.measured_sigma_m * 1e3,
-        "simulated_mm": data.simulated_height_m * 1e3, "model_sigma_mm": data.model_sigma_m * 1e3,
-        "difference_mm": data.difference_m * 1e3, "z": data.z, "p_corrected": data.p_corrected,
-    }  # fmt: skip
+        "frequency_hz": data.frequency,
+        "phase_rad": data.phase,
+        "amplitude_mm": data.amplitude * 1e3,
+        "trials": data.trials,
+        "measured_mm": data.measured_height_m * 1e3,
+        "sigma_mm": data.measured_sigma_m * 1e3,
+        "simulated_mm": data.simulated_height_m * 1e3,
+        "model_sigma_mm": data.model_sigma_m * 1e3,
+        "difference_mm": data.difference_m * 1e3,
+        "z": data.z,
+        "p_corrected": data.p_corrected,
+    }
     out: Rows = []
     for c, odd in enumerate(data.stands_out.values):
         numbers = {n: float(f"{float(v[c]):.{2 if n == 'p_corrected' else 5}g}") for n, v in columns.items()}

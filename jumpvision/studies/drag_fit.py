@@ -61,9 +61,15 @@ def measured(
 
 
 def drag_fit(
-    path: Path, *, overrides: Mapping[str, Mapping[str, Any]], results: Path, workers: int, say: Say,
-    model_file: Path | None, laws: Laws | None,
-) -> tuple[xr.Dataset, Rows]:  # fmt: skip
+    path: Path,
+    *,
+    overrides: Mapping[str, Mapping[str, Any]],
+    results: Path,
+    workers: int,
+    say: Say,
+    model_file: Path | None,
+    laws: Laws | None,
+) -> tuple[xr.Dataset, Rows]:
     """b (alpha without depth_drag) with the least chi2 between measured and simulated jump heights at every packing.
 
     laws: the other parameters of the bed against phi. The data set has the jumps (dimension `jump`) and the packings;
@@ -75,15 +81,20 @@ def drag_fit(
     robot = machine("granular", used[0].path, overrides, model_file=model_file, laws=laws)
     name = "b" if "depth_drag" in robot.model else "alpha"
     if not {"depth_drag", "inertial_drag"} & set(robot.model.terms):
-        raise InputError([f"model terms = {list(robot.model.terms)}: holds no drag to fit; add depth_drag or "
-                          "inertial_drag, or give --model FILE"])  # fmt: skip
+        raise InputError(
+            [
+                f"model terms = {list(robot.model.terms)}: holds no drag to fit; add depth_drag or "
+                "inertial_drag, or give --model FILE"
+            ]
+        )
     v = resolve(robot.values, at | {"phi": phi})
     if robot.laws:
         v |= robot.laws.without([name]).points(phi, robot.model.foot_radius or math.nan)
     v = {n: np.broadcast_to(x, phi.shape) for n, x in v.items()}
     tried = TRIED[name]
-    found = [simulated_points(robot.model, {**v, OF_MODEL + name: np.full(phi.size, x)}, rtol=RTOL, atol=ATOL)
-             for x in tried]  # fmt: skip
+    found = [
+        simulated_points(robot.model, {**v, OF_MODEL + name: np.full(phi.size, x)}, rtol=RTOL, atol=ATOL) for x in tried
+    ]
     heights = np.stack([x["jump_height_m"] for x in found])
     order = np.argsort(phi)
     groups = np.split(order, np.flatnonzero(np.diff(phi[order]) > APART) + 1)
@@ -98,17 +109,22 @@ def drag_fit(
     unit, per = ("1", "") if name == "b" else ("kg/m", " kg/m")
     best = {n: np.stack([x[n] for x in found])[np.argmin(np.abs(tried - np.nanmedian(fits[:, 0])))] for n in found[0]}
     data = dataset(
-        robot, {"jump": [e.name for e in used], "packing": packing}, ("jump",), best,
-        {"value": (("packing",), fits[:, 0], unit, f"{name} fitted to the measured jumps"),
-         "value_sigma": (("packing",), total, unit, "its standard uncertainty, widened by the scatter"),
-         "value_sigma_common": (("packing",), shift, unit, "the part of it that all packings share"),
-         "chi2": (("packing",), fits[:, 2], "1", "of its heights"),
-         "n": (("packing",), np.array([g.size for g in groups]), "1", "jumps"),
-         "phi_of_jump": (("jump",), phi, "1", "volume fraction"),
-         "measured_height_m": (("jump",), height, "m", "measured jump height"),
-         "sigma_height_m": (("jump",), sigma, "m", "its standard uncertainty")},
+        robot,
+        {"jump": [e.name for e in used], "packing": packing},
+        ("jump",),
+        best,
+        {
+            "value": (("packing",), fits[:, 0], unit, f"{name} fitted to the measured jumps"),
+            "value_sigma": (("packing",), total, unit, "its standard uncertainty, widened by the scatter"),
+            "value_sigma_common": (("packing",), shift, unit, "the part of it that all packings share"),
+            "chi2": (("packing",), fits[:, 2], "1", "of its heights"),
+            "n": (("packing",), np.array([g.size for g in groups]), "1", "jumps"),
+            "phi_of_jump": (("jump",), phi, "1", "volume fraction"),
+            "measured_height_m": (("jump",), height, "m", "measured jump height"),
+            "sigma_height_m": (("jump",), sigma, "m", "its standard uncertainty"),
+        },
         attrs={"analysis": "drag-fit", "parameter": name},
-    )  # fmt: skip
+    )
     study = Study(dataclasses.replace(robot, thesis=False), {}, {}, workers, say)
     numbers = [
         study.number(f"{name} at phi {x:.4f}, {g.size} jumps", f"{value:.3g} ± {s:.2g}{per}, chi2 {c:.3g}")
@@ -120,7 +136,9 @@ def drag_fit(
         law = fit.law
         numbers += [
             study.number(f"kink of {name} against phi", kink(fit, 0.01, f"{per} per 0.01".strip())),
-            study.number(f"law of {name} for --laws", f"phi = {[round(x, 4) for x in law.phi]}, "
-                                                      f"value = {[float(f'{x:.4g}') for x in law.value]}"),
-        ]  # fmt: skip
+            study.number(
+                f"law of {name} for --laws",
+                f"phi = {[round(x, 4) for x in law.phi]}, value = {[float(f'{x:.4g}') for x in law.value]}",
+            ),
+        ]
     return data, numbers

@@ -24,22 +24,42 @@ CORRECTIONS = {"payload", "foot_mass", "spring_stiffness", "spring_damping", "ti
 
 THESIS: dict[str, dict[str, dict[str, Any]]] = {  # PHYSICS.md section 1
     "hard": {
-        "robot": {"motor_mass": 1.003, "rod_mass": 0.175, "spring_stiffness": 5760.6, "spring_damping": 1.368,
-                  "gravity": 0.276 * 9.81},
+        "robot": {
+            "motor_mass": 1.003,
+            "rod_mass": 0.175,
+            "spring_stiffness": 5760.6,
+            "spring_damping": 1.368,
+            "gravity": 0.276 * 9.81,
+        },
         "actuation": {"kind": "stutter", "frequency": 8.2, "amplitude": 4e-3},
         "bed": {},
         "model": {"terms": ()},
     },
     "granular": {
-        "robot": {"motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0,
-                  "spring_damping": 1.2, "foot_radius": 0.0381, "gravity": 9.81},
+        "robot": {
+            "motor_mass": 1.125,
+            "rod_mass": 0.175,
+            "foot_mass": 0.04,
+            "spring_stiffness": 3300.0,
+            "spring_damping": 1.2,
+            "foot_radius": 0.0381,
+            "gravity": 9.81,
+        },
         "actuation": {"kind": "stutter", "frequency": 5.0, "amplitude": 0.01875},
         "bed": {"volume_fraction": 0.57, "grain_density": 1000.0},
         # the set printed in PHYSICS.md: the bend is without effect at k1 = k2
-        "model": {"terms": ("two_resistance", "depth_drag", "added_mass"), "k1": 2100.0, "k2": 2100.0, "delta": 0.01,
-                  "C": 2.7, "mu": 2.0, "theta": math.pi / 3, "b": 17.2},
+        "model": {
+            "terms": ("two_resistance", "depth_drag", "added_mass"),
+            "k1": 2100.0,
+            "k2": 2100.0,
+            "delta": 0.01,
+            "C": 2.7,
+            "mu": 2.0,
+            "theta": math.pi / 3,
+            "b": 17.2,
+        },
     },
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -105,11 +125,19 @@ def machine(
     frequency = law.frequency or usual.frequency
     amplitude = law.amplitude or usual.amplitude
     values = {
-        "motor_mass": model.m_m, "rod_mass": model.rod_mass, "stiffness": model.k_s, "damping": model.c_s,
-        "gravity": model.g, "landing_loss": (model.parameters.e or 0.0) if "landing_loss" in model else 0.0,
-        "frequency": frequency, "frequency2": frequency, "amplitude": amplitude, "phase": law.start_phase,
-        "cycles": law.cycles, "delay": law.delay,
-    }  # fmt: skip
+        "motor_mass": model.m_m,
+        "rod_mass": model.rod_mass,
+        "stiffness": model.k_s,
+        "damping": model.c_s,
+        "gravity": model.g,
+        "landing_loss": (model.parameters.e or 0.0) if "landing_loss" in model else 0.0,
+        "frequency": frequency,
+        "frequency2": frequency,
+        "amplitude": amplitude,
+        "phase": law.start_phase,
+        "cycles": law.cycles,
+        "delay": law.delay,
+    }
     laws = laws or (spec.laws and spec.laws.without(overrides.get("model", {})))
     values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
     return Machine(name, model, values, thesis, laws)
@@ -118,9 +146,14 @@ def machine(
 def plain_model(model: Model) -> Model:
     """The model with its corrections of the robot's values applied, so that an axis sets the true value."""
     return dataclasses.replace(
-        model, terms=tuple(t for t in model.terms if t not in CORRECTIONS), motor_mass=model.m_m, foot_mass=model.m_f,
-        spring_stiffness=model.k_s, spring_damping=model.c_s, gravity=model.g,
-    )  # fmt: skip
+        model,
+        terms=tuple(t for t in model.terms if t not in CORRECTIONS),
+        motor_mass=model.m_m,
+        foot_mass=model.m_f,
+        spring_stiffness=model.k_s,
+        spring_damping=model.c_s,
+        gravity=model.g,
+    )
 
 
 def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Bed, ModelSpec]:

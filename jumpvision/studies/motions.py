@@ -31,9 +31,12 @@ def grid(s: Study) -> tuple[xr.Dataset, Rows]:
     given = {**s.values, **s.ranges}
     results = grid_results(s.machine, given, workers=s.workers, say=s.say)
     data = dataset(
-        s.machine, given, tuple(s.ranges), results,
+        s.machine,
+        given,
+        tuple(s.ranges),
+        results,
         attrs={"analysis": "map"} | ({"f0_Hz": s.f0}),
-    )  # fmt: skip
+    )
     failed = int(np.isnan(results["com_height_m"]).sum())
     if failed:
         s.say(f"warning: {failed} of {data.com_height_m.size} motions could not be followed; they are NaN")
@@ -63,8 +66,14 @@ def best_jumps(s: Study) -> Rows:
     def at_phase(f: np.ndarray) -> dict[str, np.ndarray]:
         return hard_sweep(sine_rows(f, amp, np.array([[STUTTER], [SINGLE]]), 1.0), **robot)
 
-    at, best = best_jump(lambda x: at_phase(x[0] * f0), np.full((2, 1), 0.3), np.full((2, 1), 2.5), points=400,
-                         rounds=2, key="com_height_m")  # fmt: skip
+    at, best = best_jump(
+        lambda x: at_phase(x[0] * f0),
+        np.full((2, 1), 0.3),
+        np.full((2, 1), 2.5),
+        points=400,
+        rounds=2,
+        key="com_height_m",
+    )
     r, h = at[:, 0], best["com_height_m"]
     fine = np.linspace(0.3, 2.5, 4401)
     near = fine[at_phase(np.tile(fine * f0, (2, 1)))["com_height_m"][1] > 0.99 * h[1]]
@@ -72,20 +81,39 @@ def best_jumps(s: Study) -> Rows:
     power, speed, force = (best[k] for k in ("peak_power_W", "peak_motor_speed", "peak_force_N"))
     p78, v78 = used["peak_power_W"][:, 0], used["peak_motor_speed"][:, 0]
     return [
-        s.number("stutter (pi/2): best f/f_0", f"{r[0]:.4f} ({r[0] * f0:.2f} Hz)", "0.72 sim (7.98 Hz), 0.78 exp",
-                 "0.7375 (8.21 Hz)"),
-        s.number("single (3 pi/2): best f/f_0, within 1 %", f"{r[1]:.3f}, {near[0]:.2f} to {near[-1]:.2f}",
-                 "1.4 exp (edge of the sweep)", "1.54, 1.39 to 1.71"),
-        s.number("best COM heights: stutter, single [mm]", f"{h[0] * 1e3:.2f}, {h[1] * 1e3:.2f}",
-                 "about 35 (8.75 A)", "41.0, 38.1"),
-        s.number("the same as flight heights [mm]",
-                 ", ".join(f"{x * 1e3:.2f}" for x in best["flight_height_m"])),
-        s.number("single / stutter peak power, at the optima; at 1.4 and 0.78 f_0",
-                 f"{power[1] / power[0]:.3f}; {p78[1] / p78[0]:.3f}", "1.66", "1.52; 1.31"),
-        s.number("single / stutter peak motor speed, likewise", f"{speed[1] / speed[0]:.3f}; {v78[1] / v78[0]:.3f}",
-                 "2.0", "2.09; 1.79"),
+        s.number(
+            "stutter (pi/2): best f/f_0",
+            f"{r[0]:.4f} ({r[0] * f0:.2f} Hz)",
+            "0.72 sim (7.98 Hz), 0.78 exp",
+            "0.7375 (8.21 Hz)",
+        ),
+        s.number(
+            "single (3 pi/2): best f/f_0, within 1 %",
+            f"{r[1]:.3f}, {near[0]:.2f} to {near[-1]:.2f}",
+            "1.4 exp (edge of the sweep)",
+            "1.54, 1.39 to 1.71",
+        ),
+        s.number(
+            "best COM heights: stutter, single [mm]",
+            f"{h[0] * 1e3:.2f}, {h[1] * 1e3:.2f}",
+            "about 35 (8.75 A)",
+            "41.0, 38.1",
+        ),
+        s.number("the same as flight heights [mm]", ", ".join(f"{x * 1e3:.2f}" for x in best["flight_height_m"])),
+        s.number(
+            "single / stutter peak power, at the optima; at 1.4 and 0.78 f_0",
+            f"{power[1] / power[0]:.3f}; {p78[1] / p78[0]:.3f}",
+            "1.66",
+            "1.52; 1.31",
+        ),
+        s.number(
+            "single / stutter peak motor speed, likewise",
+            f"{speed[1] / speed[0]:.3f}; {v78[1] / v78[0]:.3f}",
+            "2.0",
+            "2.09; 1.79",
+        ),
         s.number("stutter / single peak force", f"{force[0] / force[1]:.3f}", "1.25", "1.33"),
-    ]  # fmt: skip
+    ]
 
 
 def scatter(s: Study) -> tuple[xr.Dataset, Rows]:
@@ -107,8 +135,14 @@ def scatter(s: Study) -> tuple[xr.Dataset, Rows]:
         for n, v in spread.items()
     }
     extra["other_n_jumps"] = (("frequency", "phase"), changed, "1", "share of trials with another number of jumps")
-    data = dataset(s.machine, {"frequency": f, "phase": phase}, ("frequency", "phase"), clean, extra,
-                   attrs={"analysis": "scatter", "f0_Hz": s.f0, "ringing_m": RINGING, "trials": TRIALS})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"frequency": f, "phase": phase},
+        ("frequency", "phase"),
+        clean,
+        extra,
+        attrs={"analysis": "scatter", "f0_Hz": s.f0, "ringing_m": RINGING, "trials": TRIALS},
+    )
     std, height = spread["flight_height_m"], clean["flight_height_m"]
     rows = []
     for name, where, thesis in (
@@ -142,31 +176,46 @@ def bifurcation(s: Study) -> tuple[xr.Dataset, Rows]:
     jumps = hard_sweep(sine_rows(f, amp, PHASE, float(long["settle"] + long["keep"])), **robot)
     extra: dict[str, Variable] = {
         "apex_height_m": (("direction", "frequency", "hop"), apex, "m", "apex of the centre of mass above rest"),
-        "distinct_apexes": (("direction", "frequency"), np.stack([distinct(x, tolerance=DIFFERENT) for x in apex]), "1",
-                            "different apex heights in the long run"),
+        "distinct_apexes": (
+            ("direction", "frequency"),
+            np.stack([distinct(x, tolerance=DIFFERENT) for x in apex]),
+            "1",
+            "different apex heights in the long run",
+        ),
         "map_distinct_apexes": (("direction", "map_amplitude", "map_frequency"), kinds, "1", "different apex heights"),
         "map_mean_apex_m": (("direction", "map_amplitude", "map_frequency"), mean, "m", "mean apex; 0 without hops"),
         "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
-    }  # fmt: skip
+    }
     data = dataset(
         s.machine,
         {"frequency": f, "direction": ["up", "down"], "map_amplitude": amps, "map_frequency": fewer},
-        ("frequency",), jumps, extra,
-        attrs={"analysis": "bifurcation", "f0_Hz": s.f0, "amplitude_m": amp, "landing_loss": robot["landing_loss"],
-               "results": "of the jump from rest"},
-    )  # fmt: skip
+        ("frequency",),
+        jumps,
+        extra,
+        attrs={
+            "analysis": "bifurcation",
+            "f0_Hz": s.f0,
+            "amplitude_m": amp,
+            "landing_loss": robot["landing_loss"],
+            "results": "of the jump from rest",
+        },
+    )
     n = data.distinct_apexes.values
     hops = np.nan_to_num(np.nanmax(np.nan_to_num(apex, nan=-1.0), axis=2), nan=-1.0) > 0.0
     regular = (kinds <= 2).all(axis=0)
     apart = regular & (np.abs(mean[0] - mean[1]) > 0.1 * np.maximum(mean.max(axis=0), DIFFERENT * 10))
     rows = [
-        s.number(f"share of f with 1, 2, 3-8, more apexes (A = {amp * 1e3:g} mm, e = {robot['landing_loss']:g})",
-                 ", ".join(f"{np.mean((n >= lo) & (n <= hi)):.0%}" for lo, hi in ((1, 1), (2, 2), (3, 8), (9, 999))),
-                 "bifurcations, hysteresis, chaos"),
-        s.number("hops begin at f/f_0 going up; end going down",
-                 ", ".join(f"{f[h][0] / s.f0:.3f}" if h.any() else "none" for h in hops)),
+        s.number(
+            f"share of f with 1, 2, 3-8, more apexes (A = {amp * 1e3:g} mm, e = {robot['landing_loss']:g})",
+            ", ".join(f"{np.mean((n >= lo) & (n <= hi)):.0%}" for lo, hi in ((1, 1), (2, 2), (3, 8), (9, 999))),
+            "bifurcations, hysteresis, chaos",
+        ),
+        s.number(
+            "hops begin at f/f_0 going up; end going down",
+            ", ".join(f"{f[h][0] / s.f0:.3f}" if h.any() else "none" for h in hops),
+        ),
         s.number("share of the (f, A) map, both ways regular, that differs by > 10 %", f"{np.mean(apart):.0%}"),
-    ]  # fmt: skip
+    ]
     return data, rows
 
 
@@ -181,9 +230,13 @@ def traces(s: Study) -> tuple[xr.Dataset, Rows]:
     amp, f0 = float(s.machine.values["amplitude"]), s.f0
     best = [float(r["ours"].split()[0].rstrip(",")) for r in best_jumps(s)[:2]]
     cases = [
-        ("impulse, phase pi", 1.0, np.pi), ("slow stutter", 0.54, STUTTER), ("thesis' best stutter", 0.72, STUTTER),
-        ("best stutter", best[0], STUTTER), ("fast stutter", 1.0, STUTTER), ("best single", best[1], SINGLE),
-    ]  # fmt: skip
+        ("impulse, phase pi", 1.0, np.pi),
+        ("slow stutter", 0.54, STUTTER),
+        ("thesis' best stutter", 0.72, STUTTER),
+        ("best stutter", best[0], STUTTER),
+        ("fast stutter", 1.0, STUTTER),
+        ("best single", best[1], SINGLE),
+    ]
     if "frequency" in s.ranges or "frequency" in s.values or "phase" in s.values or "phase" in s.ranges:
         asked = s.axis("frequency", [best[0] * f0]) / f0
         phase = s.axis("phase", [STUTTER])
@@ -197,10 +250,16 @@ def traces(s: Study) -> tuple[xr.Dataset, Rows]:
     for r, p in zip(ratio, phase):
         law = sinusoid(r * f0, amp, p)
         motion = hard_jump(**s.robot, forcing=law, t=t, t_end=max(end, law.stop))
-        found = powers(motion, law, motor_mass=s.robot["motor_mass"], rod_mass=s.robot["rod_mass"],
-                       gravity=s.robot["gravity"])  # fmt: skip
-        found |= {"rod_position": motion.rod, "motor_position": motion.motor, "relative_position": law(t)[0],
-                  "rod_velocity": motion.rod_velocity, "spring_force": motion.spring_force}  # fmt: skip
+        found = powers(
+            motion, law, motor_mass=s.robot["motor_mass"], rod_mass=s.robot["rod_mass"], gravity=s.robot["gravity"]
+        )
+        found |= {
+            "rod_position": motion.rod,
+            "motor_position": motion.motor,
+            "relative_position": law(t)[0],
+            "rod_velocity": motion.rod_velocity,
+            "spring_force": motion.spring_force,
+        }
         for n, v in found.items():
             columns.setdefault(n, []).append(v)
         impulses.append(motion.impulse_work_J)
@@ -211,16 +270,27 @@ def traces(s: Study) -> tuple[xr.Dataset, Rows]:
     extra["impulse_work_J"] = (("case", "edge"), np.array(impulses), "J", "work of the velocity steps of the law")
     data = dataset(
         s.machine,
-        {"case": [c[0] for c in cases], "case_frequency": ("case", ratio * f0), "case_phase": ("case", phase),
-         "time": ("time", t), "edge": ["start", "end"]},
-        ("case",), results, extra, attrs={"analysis": "traces", "f0_Hz": f0, "amplitude_m": amp},
-    )  # fmt: skip
+        {
+            "case": [c[0] for c in cases],
+            "case_frequency": ("case", ratio * f0),
+            "case_phase": ("case", phase),
+            "time": ("time", t),
+            "edge": ["start", "end"],
+        },
+        ("case",),
+        results,
+        extra,
+        attrs={"analysis": "traces", "f0_Hz": f0, "amplitude_m": amp},
+    )
     rows = [
-        s.number(f"{c[0]} ({c[1]:.3f} f_0): COM height; peak internal, external, absolute power; impulses",
-                 f"{results['com_height_m'][i] * 1e3:.1f} mm; {results['peak_power_W'][i]:.2f}, "
-                 + ", ".join(f"{columns[n][i][t <= 1 / (c[1] * f0)].max():.2f}"
-                             for n in ("external_power", "absolute_power"))
-                 + f" W; {impulses[i][0]:.3f}, {impulses[i][1]:.3f} J")
+        s.number(
+            f"{c[0]} ({c[1]:.3f} f_0): COM height; peak internal, external, absolute power; impulses",
+            f"{results['com_height_m'][i] * 1e3:.1f} mm; {results['peak_power_W'][i]:.2f}, "
+            + ", ".join(
+                f"{columns[n][i][t <= 1 / (c[1] * f0)].max():.2f}" for n in ("external_power", "absolute_power")
+            )
+            + f" W; {impulses[i][0]:.3f}, {impulses[i][1]:.3f} J",
+        )
         for i, c in enumerate(cases)
-    ]  # fmt: skip
+    ]
     return data, rows

@@ -89,9 +89,15 @@ def planned_robot(
 
 
 def make_plan(
-    robot: Robot1D, apex: float | None, *, objective: str, motion: str, limits: Mapping[str, float],
-    say: Callable[[str], None], rng: np.random.Generator,
-) -> tuple[Any, Any, dict[str, Any]]:  # fmt: skip
+    robot: Robot1D,
+    apex: float | None,
+    *,
+    objective: str,
+    motion: str,
+    limits: Mapping[str, float],
+    say: Callable[[str], None],
+    rng: np.random.Generator,
+) -> tuple[Any, Any, dict[str, Any]]:
     """(plan, planner, the numbers of plan.json); apex None: the highest. limits: by name, they replace the motor's."""
     try:
         from jumpvision.planning.jumper import Drive
@@ -115,14 +121,24 @@ def make_plan(
         say("no uncertainties in [robot.sigma] or [model.sigma]: the spread of the apex stays open")
     reached = plan.status == "solved"
     numbers = {
-        "status": plan.status, "apex_m": plan.apex, "resimulated_apex_m": plan.resimulated_apex if reached else None,
-        "apex_spread_m": spread, "solve_s": plan.solve_s, "active_limits": list(plan.active),
-        "highest_apex_m": None if reached else plan.planned_apex, "planned_apex_m": plan.planned_apex,
-        "build_s": plan.build_s, "total_s": plan.total_s, "robot": robot.name, "ground": robot.model.ground,
-        "objective": "height" if apex is None else objective, "motion": motion,
+        "status": plan.status,
+        "apex_m": plan.apex,
+        "resimulated_apex_m": plan.resimulated_apex if reached else None,
+        "apex_spread_m": spread,
+        "solve_s": plan.solve_s,
+        "active_limits": list(plan.active),
+        "highest_apex_m": None if reached else plan.planned_apex,
+        "planned_apex_m": plan.planned_apex,
+        "build_s": plan.build_s,
+        "total_s": plan.total_s,
+        "robot": robot.name,
+        "ground": robot.model.ground,
+        "objective": "height" if apex is None else objective,
+        "motion": motion,
         "limits": {n: v for n, v in asdict(planner.limits).items() if v < math.inf},
-        "duration_s": plan.command.stop, "phases_s": dict(zip(_phases(planner.sequence), plan.durations.tolist())),
-    }  # fmt: skip
+        "duration_s": plan.command.stop,
+        "phases_s": dict(zip(_phases(planner.sequence), plan.durations.tolist())),
+    }
     return plan, planner, numbers
 
 
@@ -141,8 +157,13 @@ def message(numbers: Mapping[str, Any]) -> str:
 
 
 def _limit(name: str, limits: Mapping[str, float]) -> str:
-    key, unit = {"force": ("max_force", "N"), "speed": ("max_speed", "m/s"), "stroke": ("stroke", "m"),
-                 "power": ("max_power", "W"), "time": ("by", "s")}[name]  # fmt: skip
+    key, unit = {
+        "force": ("max_force", "N"),
+        "speed": ("max_speed", "m/s"),
+        "stroke": ("stroke", "m"),
+        "power": ("max_power", "W"),
+        "time": ("by", "s"),
+    }[name]
     return f"{limits[key]:g} {unit}"
 
 

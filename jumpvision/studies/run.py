@@ -94,8 +94,11 @@ def run(
         problems.append(f"sweep {ground}: unknown ground{closest(ground, GROUNDS)}")
     elif analysis not in OF_GROUND[ground]:
         other = next((g for g in GROUNDS if analysis in OF_GROUND[g]), None)
-        problems.append(f"--analysis {analysis}: is of {other} ground; sweep {other}, or leave --analysis out" if other
-                        else f"--analysis {analysis}: unknown{closest(analysis, OF_GROUND[ground])}")  # fmt: skip
+        problems.append(
+            f"--analysis {analysis}: is of {other} ground; sweep {other}, or leave --analysis out"
+            if other
+            else f"--analysis {analysis}: unknown{closest(analysis, OF_GROUND[ground])}"
+        )
     if ground == "hard" and laws is not None:
         problems.append(f"--laws {laws}: has no meaning on hard ground; leave it out")
     if (campaign is not None) != (analysis in (COMPARISON, DRAG_FIT)):
@@ -109,8 +112,15 @@ def run(
     if problems:
         raise InputError(problems)
     if campaign is not None and results is not None and analysis == DRAG_FIT:
-        return drag_fit(campaign, overrides=overrides, results=results, workers=workers, say=say, model_file=model,
-                        laws=_laws(laws, overrides, example=False))  # fmt: skip
+        return drag_fit(
+            campaign,
+            overrides=overrides,
+            results=results,
+            workers=workers,
+            say=say,
+            model_file=model,
+            laws=_laws(laws, overrides, example=False),
+        )
     if campaign is not None and results is not None:
         return compare(campaign, overrides=overrides, results=results, workers=workers, say=say)
     axes = read_axes(ground, given)
@@ -131,8 +141,12 @@ def run(
         if wanted and robot.laws is None:
             raise InputError([f"--analysis {analysis}: needs the bed's parameters against phi; give --laws FILE"])
     elif not robot.exact:
-        raise InputError([f"--analysis {analysis}: needs the exact flow, which holds for a massless foot and the terms "
-                          f"landing_loss and corrections of the robot; this one is: {robot.model}"])  # fmt: skip
+        raise InputError(
+            [
+                f"--analysis {analysis}: needs the exact flow, which holds for a massless foot and the terms "
+                f"landing_loss and corrections of the robot; this one is: {robot.model}"
+            ]
+        )
     else:
         function, takes, singles = ANALYSES[analysis]
     allowed = {*takes, *singles, *ROBOT_AXES}

@@ -56,8 +56,9 @@ def batch(s: Study, given: Mapping[str, ArrayLike], model: Model | None = None, 
     return grid_results(machine, arrays, workers=s.workers, say=s.say)
 
 
-def heights(s: Study, kind: str, given: Mapping[str, ArrayLike], model: Model | None = None,
-            laws: Laws | None = None) -> Array:  # fmt: skip
+def heights(
+    s: Study, kind: str, given: Mapping[str, ArrayLike], model: Model | None = None, laws: Laws | None = None
+) -> Array:
     """Jump heights [m] of a type over the grid of `given`."""
     phase, delay = TYPES[kind]
     return np.asarray(batch(s, {"phase": phase, "delay": delay, **given}, model, laws)["jump_height_m"])
@@ -86,8 +87,12 @@ def need_cone(s: Study) -> None:
     model = s.machine.model
     lacking = [t for t in FORCE_MODELS["cone"] if t not in model]
     if lacking:
-        raise InputError([f"model terms = {list(model.terms)}: this analysis compares the older force models with the "
-                          f"cone of eq. (34); add {', '.join(lacking)} with b, C, mu, theta"])  # fmt: skip
+        raise InputError(
+            [
+                f"model terms = {list(model.terms)}: this analysis compares the older force models with the "
+                f"cone of eq. (34); add {', '.join(lacking)} with b, C, mu, theta"
+            ]
+        )
 
 
 def baseline(s: Study) -> str:

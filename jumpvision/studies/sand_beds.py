@@ -46,8 +46,10 @@ def best_on_hard_ground(s: Study, kind: str, frequency: Array) -> float:
 def kink(fit: PackingFit, factor: float, unit: str) -> str:
     """A fitted kink in words."""
     low, high = fit.interval
-    return (f"{fit.phi_c:.4f} (95 %: {low:.4f} to {high:.4f}); slopes {fit.slope_below * factor:.3g} below, "
-            f"{fit.slope_above * factor:.3g} {unit} above; straight: p = {fit.p_straight:.2g}")  # fmt: skip
+    return (
+        f"{fit.phi_c:.4f} (95 %: {low:.4f} to {high:.4f}); slopes {fit.slope_below * factor:.3g} below, "
+        f"{fit.slope_above * factor:.3g} {unit} above; straight: p = {fit.p_straight:.2g}"
+    )
 
 
 def height_phi(s: Study) -> tuple[xr.Dataset, Rows]:
@@ -58,18 +60,26 @@ def height_phi(s: Study) -> tuple[xr.Dataset, Rows]:
     hard = best_on_hard_ground(s, "single", f)
     best = found["jump_height_m"].max(axis=0)
     data = dataset(
-        s.machine, {"frequency": f, "phi": phi, "phase": phase}, ("frequency", "phi"), found,
-        {"hard_ground_height_m": ((), np.asarray(hard), "m", "best single jump on hard ground"),
-         "best_frequency_Hz": (("phi",), f[found["jump_height_m"].argmax(axis=0)], "Hz", "of the highest jump")},
+        s.machine,
+        {"frequency": f, "phi": phi, "phase": phase},
+        ("frequency", "phi"),
+        found,
+        {
+            "hard_ground_height_m": ((), np.asarray(hard), "m", "best single jump on hard ground"),
+            "best_frequency_Hz": (("phi",), f[found["jump_height_m"].argmax(axis=0)], "Hz", "of the highest jump"),
+        },
         attrs={"analysis": "height-phi"},
-    )  # fmt: skip
+    )
     near = found["jump_height_m"] >= 0.9 * best
     rows = [
-        s.number(f"best single at phi {phi[i]:.3f}: height, share of hard ground's, f, f within 10 %",
-                 f"{best[i] * 1e3:.1f} mm, {best[i] / hard:.2f}, {float(data.best_frequency_Hz[i]):.3g} Hz, "
-                 f"{f[near[:, i]][0]:.3g} to {f[near[:, i]][-1]:.3g} Hz", thesis)
+        s.number(
+            f"best single at phi {phi[i]:.3f}: height, share of hard ground's, f, f within 10 %",
+            f"{best[i] * 1e3:.1f} mm, {best[i] / hard:.2f}, {float(data.best_frequency_Hz[i]):.3g} Hz, "
+            f"{f[near[:, i]][0]:.3g} to {f[near[:, i]][-1]:.3g} Hz",
+            thesis,
+        )
         for i, thesis in ((0, "about 1/3 of hard ground's; a broad range of f"), (phi.size - 1, "a broad range of f"))
-    ]  # fmt: skip
+    ]
     return data, rows
 
 
@@ -106,16 +116,23 @@ def jump_types(s: Study) -> tuple[xr.Dataset, Rows]:
         "height_after_hop_m": (("phi",), after, "m", "delayed stutter, above the rod's rest after the hop"),
         "equivalent_phi": (("phi",), alike, "1", "volume fraction whose single jump is as high as from after the hop"),
     }
-    data = dataset(s.machine, {"jump": list(TYPES), "phi": phi}, over, results, extra,
-                   attrs={"analysis": "jump-types", "baseline": older})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"jump": list(TYPES), "phi": phi},
+        over,
+        results,
+        extra,
+        attrs={"analysis": "jump-types", "baseline": older},
+    )
     return data, _rows_of_types(s, data)
 
 
 def _sunk_by_hop(s: Study, frequency: float, phi: float) -> float:
     """How much deeper the foot stands before the second half cycle than before the first [m]."""
     phase, delay = TYPES["delayed stutter"]
-    m, law, _ = motion(s, s.machine.model,
-                       {"frequency": frequency, "phi": phi, "phase": phase, "delay": delay}, samples=3001)  # fmt: skip
+    m, law, _ = motion(
+        s, s.machine.model, {"frequency": frequency, "phi": phi, "phase": phase, "delay": delay}, samples=3001
+    )
     before = np.flatnonzero(m.t < law.rows[1, 1])[-1]
     return float(m.foot[0] - m.foot[before])
 
@@ -131,20 +148,40 @@ def _rows_of_types(s: Study, data: xr.Dataset) -> Rows:
     after = data.equivalent_phi.values
     rows = [
         s.number(f"single at phi {phi[0]:.3f}: share of hard ground's height", f"{share:.2f}", "about 1/3"),
-        *(s.number(f"{kind}: height at phi {phi[0]:.3f} and {phi[-1]:.3f}", ends(mm.sel(jump=kind)),
-                   {"stutter": "below the single at low phi, above at high phi",
-                    "delayed stutter": "above the single at low phi"}.get(kind, "")) for kind in TYPES),
-        *(s.number(f"{kind}, '{data.attrs['baseline']}' with alpha of the singles", ends(old.sel(jump=kind)),
-                   {"stutter": "over-estimated at low phi, right at high phi"}.get(kind, "")) for kind in TYPES),
-        s.number(f"best stutter at phi {phi[0]:.3f}, its own frequency",
-                 f"{float(data.best_height_m.sel(jump='stutter')[0]) * 1e3:.1f} mm"),
-        s.number(f"single jumps that rise as much as from after the hop at phi {phi[0]:.3f}",
-                 f"those at phi {after[0]:.4f}", "phi_c and higher"),
-    ]  # fmt: skip
+        *(
+            s.number(
+                f"{kind}: height at phi {phi[0]:.3f} and {phi[-1]:.3f}",
+                ends(mm.sel(jump=kind)),
+                {
+                    "stutter": "below the single at low phi, above at high phi",
+                    "delayed stutter": "above the single at low phi",
+                }.get(kind, ""),
+            )
+            for kind in TYPES
+        ),
+        *(
+            s.number(
+                f"{kind}, '{data.attrs['baseline']}' with alpha of the singles",
+                ends(old.sel(jump=kind)),
+                {"stutter": "over-estimated at low phi, right at high phi"}.get(kind, ""),
+            )
+            for kind in TYPES
+        ),
+        s.number(
+            f"best stutter at phi {phi[0]:.3f}, its own frequency",
+            f"{float(data.best_height_m.sel(jump='stutter')[0]) * 1e3:.1f} mm",
+        ),
+        s.number(
+            f"single jumps that rise as much as from after the hop at phi {phi[0]:.3f}",
+            f"those at phi {after[0]:.4f}",
+            "phi_c and higher",
+        ),
+    ]
     if phi.size >= 5:
         fit = fit_packing_law(phi, data.jump_height_m.sel(jump="single").values, np.full(phi.size, HEIGHT_SIGMA))
-        rows.append(s.number("kink of the single's height against phi", kink(fit, 10.0, "mm per 0.01"),
-                             "phi_c about 0.605"))  # fmt: skip
+        rows.append(
+            s.number("kink of the single's height against phi", kink(fit, 10.0, "mm per 0.01"), "phi_c about 0.605")
+        )
     return rows
 
 
@@ -174,22 +211,35 @@ def delay(s: Study) -> tuple[xr.Dataset, Rows]:
         "single_height_m": ((), np.asarray(single), "m", "best single jump"),
         "settled_height_m": ((), np.asarray(rested), "m", "delayed until the spring has rung out"),
     }
-    data = dataset(s.machine, {"delay": wait, "phase": phase, "frequency": at}, ("delay",), found, extra,
-                   attrs={"analysis": "delay", "alpha": alpha[0], "loaded_half_period_s": half,
-                          "baseline": older})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"delay": wait, "phase": phase, "frequency": at},
+        ("delay",),
+        found,
+        extra,
+        attrs={"analysis": "delay", "alpha": alpha[0], "loaded_half_period_s": half, "baseline": older},
+    )
     first = np.argmax(h[: swing.size])
     below = wait < wait[first]
     rows = [
-        s.number("best delay within one loaded period; half that period; at f",
-                 f"{wait[first] * 1e3:.0f}, {half * 1e3:.0f} ms; {at:.3g} Hz", "about 100 ms; half a 5 Hz oscillation"),
-        s.number("heights: no delay, best delay, 0.75 s, rung out, best single",
-                 f"{h[0] * 1e3:.1f}, {h[first] * 1e3:.1f}, {np.interp(HOP_DELAY, wait, h) * 1e3:.1f}, "
-                 f"{rested * 1e3:.1f}, {single * 1e3:.1f} mm", "the delayed one above the single",
-                 "0.75 s: 44 against 49 mm"),
-        s.number(f"'{older}' minus cone, mean below and beyond the best delay",
-                 f"{_mean((o - h)[below]) * 1e3:.1f}, {_mean((o - h)[~below]) * 1e3:.1f} mm",
-                 "over-estimates below, agrees beyond"),
-    ]  # fmt: skip
+        s.number(
+            "best delay within one loaded period; half that period; at f",
+            f"{wait[first] * 1e3:.0f}, {half * 1e3:.0f} ms; {at:.3g} Hz",
+            "about 100 ms; half a 5 Hz oscillation",
+        ),
+        s.number(
+            "heights: no delay, best delay, 0.75 s, rung out, best single",
+            f"{h[0] * 1e3:.1f}, {h[first] * 1e3:.1f}, {np.interp(HOP_DELAY, wait, h) * 1e3:.1f}, "
+            f"{rested * 1e3:.1f}, {single * 1e3:.1f} mm",
+            "the delayed one above the single",
+            "0.75 s: 44 against 49 mm",
+        ),
+        s.number(
+            f"'{older}' minus cone, mean below and beyond the best delay",
+            f"{_mean((o - h)[below]) * 1e3:.1f}, {_mean((o - h)[~below]) * 1e3:.1f} mm",
+            "over-estimates below, agrees beyond",
+        ),
+    ]
     return data, rows
 
 
@@ -229,18 +279,31 @@ def foot_radius(s: Study) -> tuple[xr.Dataset, Rows]:
         "added_mass_kg": (("foot_radius",), mass, "kg", "of the complete cone (33)"),
         "drag_kg_per_m": (("foot_radius",), (p.b or 0.0) * slope, "kg/m", "b dm_a/dz at the surface"),
         "cone_depth_m": (("foot_radius",), full, "m", "depth where the cone is complete, R tan(theta)/mu"),
-    }  # fmt: skip
-    data = dataset(s.machine, {"jump": list(kinds), "foot_radius": r}, ("jump", "foot_radius"), results, extra,
-                   attrs={"analysis": "foot-radius"})  # fmt: skip
+    }
+    data = dataset(
+        s.machine,
+        {"jump": list(kinds), "foot_radius": r},
+        ("jump", "foot_radius"),
+        results,
+        extra,
+        attrs={"analysis": "foot-radius"},
+    )
     power = {n: np.polyfit(np.log(r), np.log(data[n].values), 1)[0] for n in ("added_mass_kg", "drag_kg_per_m")}
     h = data.jump_height_m.values * 1e3
     rows = [
-        s.number("powers of R: added mass, drag", f"{power['added_mass_kg']:.3f}, {power['drag_kg_per_m']:.3f}",
-                 "3, 2"),
-        *(s.number(f"best {kind} at R {r[0] * 1e3:.0f}, {r[-1] * 1e3:.0f} mm", f"{h[i, 0]:.1f}, {h[i, -1]:.1f} mm")
-          for i, kind in enumerate(kinds)),
-        s.number("added mass / foot mass of this foot",
-                 f"{float(data.added_mass_kg.interp(foot_radius=m.foot_radius)) / m.m_f:.1f}"
-                 if m.foot_radius and r[0] <= m.foot_radius <= r[-1] else "outside the range", "over 4"),
-    ]  # fmt: skip
+        s.number(
+            "powers of R: added mass, drag", f"{power['added_mass_kg']:.3f}, {power['drag_kg_per_m']:.3f}", "3, 2"
+        ),
+        *(
+            s.number(f"best {kind} at R {r[0] * 1e3:.0f}, {r[-1] * 1e3:.0f} mm", f"{h[i, 0]:.1f}, {h[i, -1]:.1f} mm")
+            for i, kind in enumerate(kinds)
+        ),
+        s.number(
+            "added mass / foot mass of this foot",
+            f"{float(data.added_mass_kg.interp(foot_radius=m.foot_radius)) / m.m_f:.1f}"
+            if m.foot_radius and r[0] <= m.foot_radius <= r[-1]
+            else "outside the range",
+            "over 4",
+        ),
+    ]
     return data, rows

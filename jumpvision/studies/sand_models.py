@@ -54,19 +54,39 @@ def alpha_fit(s: Study) -> tuple[xr.Dataset, Rows]:
         "alpha_kg_per_m": (("packing",), all_alpha, "kg/m", "constant drag fitted to the cone's single jumps"),
         "alpha_rms_m": (("packing",), all_rms, "m", "rms height difference of that fit"),
     }
-    data = dataset(s.machine, {"frequency": f, "drag": DRAGS, "packing": phi}, ("frequency",), found, extra,
-                   attrs={"analysis": "alpha-fit", "phi": here[0], "alpha": alpha[0], "rms_m": rms[0]})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"frequency": f, "drag": DRAGS, "packing": phi},
+        ("frequency",),
+        found,
+        extra,
+        attrs={"analysis": "alpha-fit", "phi": here[0], "alpha": alpha[0], "rms_m": rms[0]},
+    )
     rows = [
-        s.number(f"alpha of the singles at phi {here[0]:.3f}, rms", f"{alpha[0]:.1f} kg/m, {rms[0] * 1e3:.2f} mm", "",
-                 "73 at phi 0.57"),
-        s.number("spread of heights over the drags at the least and the greatest f",
-                 f"{spread[0] * 1e3:.1f}, {spread[-1] * 1e3:.1f} mm", "greatest at high f"),
-        s.number("best single: cone, fitted constant drag",
-                 ", ".join(f"{best[n][0] * 1e3:.1f}" for n in best) + " mm", "", "49.0, 49.4 mm at phi 0.57"),
-        s.number("best stutter: cone, fitted constant drag",
-                 ", ".join(f"{best[n][1] * 1e3:.1f}" for n in best) + " mm", "over-estimated at low phi",
-                 "24.4, 36.8 mm at phi 0.57"),
-    ]  # fmt: skip
+        s.number(
+            f"alpha of the singles at phi {here[0]:.3f}, rms",
+            f"{alpha[0]:.1f} kg/m, {rms[0] * 1e3:.2f} mm",
+            "",
+            "73 at phi 0.57",
+        ),
+        s.number(
+            "spread of heights over the drags at the least and the greatest f",
+            f"{spread[0] * 1e3:.1f}, {spread[-1] * 1e3:.1f} mm",
+            "greatest at high f",
+        ),
+        s.number(
+            "best single: cone, fitted constant drag",
+            ", ".join(f"{best[n][0] * 1e3:.1f}" for n in best) + " mm",
+            "",
+            "49.0, 49.4 mm at phi 0.57",
+        ),
+        s.number(
+            "best stutter: cone, fitted constant drag",
+            ", ".join(f"{best[n][1] * 1e3:.1f}" for n in best) + " mm",
+            "over-estimated at low phi",
+            "24.4, 36.8 mm at phi 0.57",
+        ),
+    ]
     if phi.size >= 5:
         fit = fit_packing_law(phi, all_alpha, ALPHA_SIGMA * all_alpha)
         rows.append(s.number("kink of alpha against phi", kink(fit, 0.01, "kg/m per 0.01"), "higher slope above phi_c"))
@@ -103,8 +123,13 @@ def force_models(s: Study) -> tuple[xr.Dataset, Rows]:
         start = float(m.t[up][0])
         landed = (m.t > m.flights[0, 1]) & (m.t < law.stop) if len(m.flights) else up
         peak = float(m.t[landed][np.argmax(m.spring_force[landed])]) - start
-        for n, v in (("mean_push_N", float(np.mean(m.spring_force[up]))), ("peak_time_s", peak),
-                     ("depth_m", m.depth_max), ("jump_height_m", m.jump_height), ("start_s", start)):  # fmt: skip
+        for n, v in (
+            ("mean_push_N", float(np.mean(m.spring_force[up]))),
+            ("peak_time_s", peak),
+            ("depth_m", m.depth_max),
+            ("jump_height_m", m.jump_height),
+            ("start_s", start),
+        ):
             numbers.setdefault(n, []).append(v)
         t, stop = m.t, law.stop
     units = {
@@ -135,17 +160,26 @@ def force_models(s: Study) -> tuple[xr.Dataset, Rows]:
         "depth_m": (("model",), np.array(numbers["depth_m"]), "m", "greatest depth of the foot"),
     }
     stacked = {n: np.array([float(x[n]) for x in results]) for n in results[0]}
-    data = dataset(s.machine, {"model": list(COMPARED), "time": t}, ("model",), stacked, extra,
-                   attrs={"analysis": "force-models", "alpha": alpha, "upswing_s": [numbers["start_s"][0], stop],
-                          **law_of})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"model": list(COMPARED), "time": t},
+        ("model",),
+        stacked,
+        extra,
+        attrs={"analysis": "force-models", "alpha": alpha, "upswing_s": [numbers["start_s"][0], stop], **law_of},
+    )
     rows = [
-        s.number(f"{name}: height; mean spring force in the upswing; its peak after the upswing's start; depth",
-                 f"{numbers['jump_height_m'][i] * 1e3:.1f} mm; {numbers['mean_push_N'][i]:.1f} N; "
-                 f"{numbers['peak_time_s'][i] * 1e3:.0f} ms; {numbers['depth_m'][i] * 1e3:.1f} mm",
-                 {"constant drag": "slightly above the static model, less sinking",
-                  "cone": "less compression in the upswing, lower"}.get(name, ""))
+        s.number(
+            f"{name}: height; mean spring force in the upswing; its peak after the upswing's start; depth",
+            f"{numbers['jump_height_m'][i] * 1e3:.1f} mm; {numbers['mean_push_N'][i]:.1f} N; "
+            f"{numbers['peak_time_s'][i] * 1e3:.0f} ms; {numbers['depth_m'][i] * 1e3:.1f} mm",
+            {
+                "constant drag": "slightly above the static model, less sinking",
+                "cone": "less compression in the upswing, lower",
+            }.get(name, ""),
+        )
         for i, name in enumerate(COMPARED)
-    ]  # fmt: skip
+    ]
     whole = max(series["added_mass"][-1]) / s.machine.model.m_f
     rows.append(s.number("greatest added mass / foot mass", f"{whole:.1f}", "over 4"))
     return data, rows
@@ -177,21 +211,32 @@ def drag_scale(s: Study) -> tuple[xr.Dataset, Rows]:
         "scaled_height_m": (("scale", *over), h, "m", "jump height with b times scale"),
         "massless_height_m": (over, massless, "m", "jump height without the added mass"),
     }
-    data = dataset(s.machine, {"jump": list(kinds), "phi": phi, "frequency": f, "scale": SCALES}, over, results, extra,
-                   attrs={"analysis": "drag-scale"})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"jump": list(kinds), "phi": phi, "frequency": f, "scale": SCALES},
+        over,
+        results,
+        extra,
+        attrs={"analysis": "drag-scale"},
+    )
     best = results["jump_height_m"].max(axis=2)
     lost = massless.max(axis=2) - best
     span = np.ptp(h, axis=0)
     rows: list[dict[str, Any]] = [
-        s.number(f"added mass lowers the best {k} at phi {x:.3f} by",
-                 f"{lost[i, j] * 1e3:.1f} mm ({lost[i, j] / massless[i, j].max():.0%})",
-                 "negligible at high phi" if j else ("lowers the stutter" if k == "stutter" else ""))
-        for i, k in enumerate(kinds) for j, x in enumerate(phi)
-    ]  # fmt: skip
-    rows += [
-        s.number(f"single at phi {x:.3f}: b halved to doubled moves the height at {f[0]:g} and {f[-1]:g} Hz by",
-                 f"{span[0, j, 0] * 1e3:.1f}, {span[0, j, -1] * 1e3:.1f} mm",
-                 "most at high f, at high phi" if j else "most at high f")
+        s.number(
+            f"added mass lowers the best {k} at phi {x:.3f} by",
+            f"{lost[i, j] * 1e3:.1f} mm ({lost[i, j] / massless[i, j].max():.0%})",
+            "negligible at high phi" if j else ("lowers the stutter" if k == "stutter" else ""),
+        )
+        for i, k in enumerate(kinds)
         for j, x in enumerate(phi)
-    ]  # fmt: skip
+    ]
+    rows += [
+        s.number(
+            f"single at phi {x:.3f}: b halved to doubled moves the height at {f[0]:g} and {f[-1]:g} Hz by",
+            f"{span[0, j, 0] * 1e3:.1f}, {span[0, j, -1] * 1e3:.1f} mm",
+            "most at high f, at high phi" if j else "most at high f",
+        )
+        for j, x in enumerate(phi)
+    ]
     return data, rows

@@ -76,25 +76,44 @@ def alpha(s: Study) -> tuple[xr.Dataset, Rows]:
     by_zeta = [_region(s, coarse, s.rod_share, z) for z in watch(DAMPINGS, "damping ratios")]
     few, phase, height, flights = _phases(s)
     extra = _scaled(best, ("jump", "alpha")) | {
-        "power_scaled": (("jump", "alpha"), p / (s.robot["stiffness"] * best["amplitude_m"] ** 2 * 2 * np.pi * s.f0),
-                         "1", "peak power / (k A^2 w_0)"),
+        "power_scaled": (
+            ("jump", "alpha"),
+            p / (s.robot["stiffness"] * best["amplitude_m"] ** 2 * 2 * np.pi * s.f0),
+            "1",
+            "peak power / (k A^2 w_0)",
+        ),
         **{
             f"region_{end}_by_{name}": ((dim,), np.array([x[k] for x in found]), "1", words)
             for name, dim, found in (("rod", "rod_share", by_share), ("zeta", "damping_ratio", by_zeta))
-            for k, (end, words) in enumerate((("low", "stutter higher than single from this alpha"),
-                                              ("high", "and at lower peak power up to this alpha")))
+            for k, (end, words) in enumerate(
+                (
+                    ("low", "stutter higher than single from this alpha"),
+                    ("high", "and at lower peak power up to this alpha"),
+                )
+            )
         },
         "phase_height_ratio": (("some_alpha", "some_phase"), height, "1", "com_height / A, best over frequency"),
         "phase_n_jumps": (("some_alpha", "some_phase"), flights, "1", "n_jumps of those"),
-    }  # fmt: skip
+    }
     data = dataset(
         s.machine,
-        {"jump": list(TYPES), "alpha": a, "rod_share": SHARES, "damping_ratio": DAMPINGS,
-         "some_alpha": few, "some_phase": phase},
-        ("jump", "alpha"), best, extra,
-        attrs={"analysis": "alpha", "f0_Hz": s.f0,
-               "alpha_of_robot": s.mass * s.robot["gravity"] / (s.robot["stiffness"] * s.machine.values["amplitude"])},
-    )  # fmt: skip
+        {
+            "jump": list(TYPES),
+            "alpha": a,
+            "rod_share": SHARES,
+            "damping_ratio": DAMPINGS,
+            "some_alpha": few,
+            "some_phase": phase,
+        },
+        ("jump", "alpha"),
+        best,
+        extra,
+        attrs={
+            "analysis": "alpha",
+            "f0_Hz": s.f0,
+            "alpha_of_robot": s.mass * s.robot["gravity"] / (s.robot["stiffness"] * s.machine.values["amplitude"]),
+        },
+    )
     up, of_flight = crossing(a, h[0] / h[1], rising=True), flight["flight_height_m"]
     flights = crossing(a, of_flight[0] / of_flight[1], rising=True)
     power = crossing(a, p[0] / p[1], rising=True)
@@ -102,25 +121,45 @@ def alpha(s: Study) -> tuple[xr.Dataset, Rows]:
     high = _both(s, np.array([0.9]), s.rod_share, s.zeta)["frequency_ratio"][:, 0]
     beyond = _both(s, np.array([1.2]), s.rod_share, s.zeta)["frequency_ratio"][0, 0]
     rows = [
-        s.number("alpha where stutter height passes single (COM, flight time)", f"{up:.3f}, {flights:.3f}", "0.09",
-                 "0.12, 0.108"),
+        s.number(
+            "alpha where stutter height passes single (COM, flight time)",
+            f"{up:.3f}, {flights:.3f}",
+            "0.09",
+            "0.12, 0.108",
+        ),
         s.number("alpha where stutter power passes single", f"{power:.3f}", "0.28", "0.276"),
-        s.number("stutter height/power above single's", f"below alpha {efficient:.3f}", "at every alpha",
-                 "only below alpha 0.69"),
-        s.number("f_opt/f_0 at alpha 0.9: stutter, single; stutter beyond",
-                 f"{high[0]:.3f}, {high[1]:.3f}; {beyond:.3f}",
-                 "about 1.2; 1.2", "1.18 and 1.20; 1.20"),
-    ]  # fmt: skip
+        s.number(
+            "stutter height/power above single's",
+            f"below alpha {efficient:.3f}",
+            "at every alpha",
+            "only below alpha 0.69",
+        ),
+        s.number(
+            "f_opt/f_0 at alpha 0.9: stutter, single; stutter beyond",
+            f"{high[0]:.3f}, {high[1]:.3f}; {beyond:.3f}",
+            "about 1.2; 1.2",
+            "1.18 and 1.20; 1.20",
+        ),
+    ]
     closed = [z for z, x in zip(DAMPINGS, by_zeta) if np.isnan(x[0])]
-    rows.append(s.number("damping ratio from where the stutter is nowhere the higher one",
-                         f"{closed[0]:g}" if closed else "none", "region narrows, then shifts down"))  # fmt: skip
+    rows.append(
+        s.number(
+            "damping ratio from where the stutter is nowhere the higher one",
+            f"{closed[0]:g}" if closed else "none",
+            "region narrows, then shifts down",
+        )
+    )
     for own, name in ((STUTTER, "pi/2"), (SINGLE, "3 pi/2")):
         k = int(np.argmin(np.abs(phase - own)))
         peak = (height[:, k] >= height[:, k - 1]) & (height[:, k] >= height[:, k + 1])
         off = ", ".join(f"{x:.3g}" for x in few[~peak])
-        rows.append(s.number(f"height best over f has a maximum over phase at {name}",
-                             f"at {peak.sum()} of {few.size} alphas" + (f"; not at {off}" if off else ""),
-                             "at every alpha"))  # fmt: skip
+        rows.append(
+            s.number(
+                f"height best over f has a maximum over phase at {name}",
+                f"at {peak.sum()} of {few.size} alphas" + (f"; not at {off}" if off else ""),
+                "at every alpha",
+            )
+        )
     return data, rows
 
 
@@ -152,19 +191,32 @@ def estimates(s: Study) -> tuple[xr.Dataset, Rows]:
     for n, v in found.items():
         extra[f"estimate_{n}"] = (("alpha",), v, "1", f"f_opt / f_0 of eq. ({n})")
     extra["estimate_13"] = ((), np.asarray(peak), "1", "f_opt / f_0 of eq. (13), for alpha >= 0.9")
-    data = dataset(s.machine, {"kind": list(kinds), "alpha": a}, ("kind", "alpha"), best, extra,
-                   attrs={"analysis": "estimates", "f0_Hz": s.f0})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"kind": list(kinds), "alpha": a},
+        ("kind", "alpha"),
+        best,
+        extra,
+        attrs={"analysis": "estimates", "f0_Hz": s.f0},
+    )
     sim, low = best["frequency_ratio"][0], a < 0.9
     rows = [
-        s.number(f"rms error of eq. ({n}) against simulation, alpha < 0.9",
-                 f"{np.sqrt(np.nanmean((v - sim)[low] ** 2)):.3f} f_0",
-                 {"8": "not accurate", "10": "more accurate", "12": "most accurate"}[n])
+        s.number(
+            f"rms error of eq. ({n}) against simulation, alpha < 0.9",
+            f"{np.sqrt(np.nanmean((v - sim)[low] ** 2)):.3f} f_0",
+            {"8": "not accurate", "10": "more accurate", "12": "most accurate"}[n],
+        )
         for n, v in found.items()
-    ]  # fmt: skip
+    ]
     rows.append(s.number("argmax of eq. (13)", f"{peak:.3f}", "1.2", "1.194"))
     if (~low).any():
-        rows.append(s.number("simulated f_opt/f_0, alpha >= 0.9 (no damping, no rod)",
-                             f"{sim[~low].min():.3f} to {sim[~low].max():.3f}", "1.2"))  # fmt: skip
+        rows.append(
+            s.number(
+                "simulated f_opt/f_0, alpha >= 0.9 (no damping, no rod)",
+                f"{sim[~low].min():.3f} to {sim[~low].max():.3f}",
+                "1.2",
+            )
+        )
     return data, rows
 
 
@@ -199,8 +251,14 @@ def animals(s: Study) -> tuple[xr.Dataset, Rows]:
         "relative_height": (("jump", "length"), relative[:, :-1], "1", "com_height / body length"),
         "frequency_ratio": (("jump", "length"), best["frequency_ratio"][:, :-1], "1", "best frequency / f_0"),
     }
-    data = dataset(s.machine, {"jump": list(TYPES), "length": length}, ("jump", "length"), own, extra,
-                   attrs={"analysis": "animals", "human": str(HUMAN), "zeta": zeta, "rod_share": share})  # fmt: skip
+    data = dataset(
+        s.machine,
+        {"jump": list(TYPES), "length": length},
+        ("jump", "length"),
+        own,
+        extra,
+        attrs={"analysis": "animals", "human": str(HUMAN), "zeta": zeta, "rod_share": share},
+    )
     rows = [
         s.number("human alpha, zeta", f"{a[-1]:.3f}, {zeta:.2f}", "about 0.05, 0.32"),
         s.number("human: stutter, single height [m]", f"{human[0]:.2f}, {human[1]:.2f}", "2, 5", "2.1, 5.2"),
@@ -221,25 +279,45 @@ def two_frequency(s: Study) -> tuple[xr.Dataset, Rows]:
     second = np.concatenate([two["frequency2_ratio"][None], one["frequency_ratio"]])
     extra = _scaled(results, ("jump", "alpha")) | {
         "frequency2_ratio": (("jump", "alpha"), second, "1", "best frequency of the second half cycle / f_0"),
-        "efficiency": (("jump", "alpha"), s.mass * s.robot["gravity"] * results["com_height_m"] * 2 * np.pi * s.f0
-                       / results["peak_power_W"], "1", "M g com_height w_0 / peak power"),
-    }  # fmt: skip
-    data = dataset(s.machine, {"jump": ["two frequencies", *TYPES], "alpha": a}, ("jump", "alpha"), results, extra,
-                   attrs={"analysis": "two-frequency", "f0_Hz": s.f0})  # fmt: skip
+        "efficiency": (
+            ("jump", "alpha"),
+            s.mass * s.robot["gravity"] * results["com_height_m"] * 2 * np.pi * s.f0 / results["peak_power_W"],
+            "1",
+            "M g com_height w_0 / peak power",
+        ),
+    }
+    data = dataset(
+        s.machine,
+        {"jump": ["two frequencies", *TYPES], "alpha": a},
+        ("jump", "alpha"),
+        results,
+        extra,
+        attrs={"analysis": "two-frequency", "f0_Hz": s.f0},
+    )
     h, p = results["com_height_m"], results["peak_power_W"]
     always = bool(np.all(h[0] >= h[1:].max(axis=0) * (1 - 1e-6)))
     joined = a[(np.abs(h[0] / h[1] - 1) < 0.01)]
     rows = [
         s.number("two frequencies jump higher than both others", "always" if always else "not always", "always"),
-        s.number("height over the better of the others, least alpha, at alpha 0.14",
-                 ", ".join(f"{np.interp(x, a, h[0] / h[1:].max(axis=0)):.2f}" for x in (a[0], 0.14))),
-        s.number("f_1 below the stutter's, f_2 above the single's",
-                 f"{np.mean(two['frequency_ratio'] < one['frequency_ratio'][0]):.0%}, "
-                 f"{np.mean(two['frequency2_ratio'] > one['frequency_ratio'][1]):.0%} of the alphas", "yes"),
-        s.number("peak power over the greater of the others (least over alpha)",
-                 f"{np.min(p[0] / p[1:].max(axis=0)):.2f}",
-                 "above 1"),
-        s.number("alpha from where it gains less than 1 % over the stutter",
-                 f"{joined[0]:.2f}" if joined.size else "none", "0.9"),
-    ]  # fmt: skip
+        s.number(
+            "height over the better of the others, least alpha, at alpha 0.14",
+            ", ".join(f"{np.interp(x, a, h[0] / h[1:].max(axis=0)):.2f}" for x in (a[0], 0.14)),
+        ),
+        s.number(
+            "f_1 below the stutter's, f_2 above the single's",
+            f"{np.mean(two['frequency_ratio'] < one['frequency_ratio'][0]):.0%}, "
+            f"{np.mean(two['frequency2_ratio'] > one['frequency_ratio'][1]):.0%} of the alphas",
+            "yes",
+        ),
+        s.number(
+            "peak power over the greater of the others (least over alpha)",
+            f"{np.min(p[0] / p[1:].max(axis=0)):.2f}",
+            "above 1",
+        ),
+        s.number(
+            "alpha from where it gains less than 1 % over the stutter",
+            f"{joined[0]:.2f}" if joined.size else "none",
+            "0.9",
+        ),
+    ]
     return data, rows

@@ -39,13 +39,14 @@ def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
     least = np.stack(
         [
             [
-                minimum_amplitude(f, phase, cycles=n, wait=wait, largest=LARGEST, resolution=ENCODER_STEP,
-                                  **s.grounded).T
+                minimum_amplitude(
+                    f, phase, cycles=n, wait=wait, largest=LARGEST, resolution=ENCODER_STEP, **s.grounded
+                ).T
                 for wait in (0.0, 1.0 / s.f0)
             ]
             for n in watch(cycles, "cycle numbers")
         ]
-    )  # fmt: skip
+    )
     known = np.isfinite(least)
     jumps = hard_sweep(
         sine_rows(f, np.where(known, least + ENCODER_STEP, LARGEST), phase[:, None], cycles[:, None, None, None]),
@@ -58,13 +59,21 @@ def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
         ("cycles", "window", "phase", "frequency"),
         results,
         {
-            "minimum_amplitude_m": (("cycles", "window", "phase", "frequency"), least, "m",
-                                    "least amplitude that lifts off within the window, to half an encoder step"),
+            "minimum_amplitude_m": (
+                ("cycles", "window", "phase", "frequency"),
+                least,
+                "m",
+                "least amplitude that lifts off within the window, to half an encoder step",
+            ),
             "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
         },
-        attrs={"analysis": "minimum-amplitude", "f0_Hz": s.f0, "resolution_m": ENCODER_STEP,
-               "results": "of the jump one encoder step above the least amplitude"},
-    )  # fmt: skip
+        attrs={
+            "analysis": "minimum-amplitude",
+            "f0_Hz": s.f0,
+            "resolution_m": ENCODER_STEP,
+            "results": "of the jump one encoder step above the least amplitude",
+        },
+    )
     rows = []
     for n in cycles:
         for p in phase:
@@ -79,8 +88,9 @@ def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
 def _fine_best(s: Study, cycles: float, phase: float, f: np.ndarray, wait: float) -> float:
     """f/f_0 of the least A_min in the range of f, where the encoder's step would hide it."""
     fine = np.linspace(f[0], f[-1], 400)
-    least = minimum_amplitude(fine, [phase], cycles=cycles, wait=wait, largest=LARGEST, resolution=1e-8,
-                              **s.grounded)[:, 0]  # fmt: skip
+    least = minimum_amplitude(fine, [phase], cycles=cycles, wait=wait, largest=LARGEST, resolution=1e-8, **s.grounded)[
+        :, 0
+    ]
     return float(fine[np.nanargmin(least)] / s.f0) if np.isfinite(least).any() else np.nan
 
 
@@ -102,29 +112,37 @@ def lift_off_time(s: Study) -> tuple[xr.Dataset, Rows]:
         [
             [
                 easiest_frequency(
-                    p, cycles=cuts[-1], **SEARCH,
+                    p,
+                    cycles=cuts[-1],
+                    **SEARCH,
                     **(s.grounded | {"damping": float(damping_of(z, s.robot["stiffness"], s.mass))}),
                 )[0]
                 for p in phase
             ]
             for z in watch(DAMPINGS, "damping ratios")
         ]
-    )  # fmt: skip
+    )
     extra = {
-        "lift_off_cycles": (("phase", "frequency", "amplitude"), cycles, "1",
-                            f"cycles until the first lift-off, NaN where {most:g} cycles do not do it"),
+        "lift_off_cycles": (
+            ("phase", "frequency", "amplitude"),
+            cycles,
+            "1",
+            f"cycles until the first lift-off, NaN where {most:g} cycles do not do it",
+        ),
         "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
         "easiest_frequency_ratio": (("cut_off", "phase"), at_cut[..., 0], "1", "f_N / f_0"),
         "easiest_amplitude_m": (("cut_off", "phase"), at_cut[..., 1], "m", "least amplitude for N cycles"),
         "easiest_ratio_damped": (("damping_ratio", "phase"), damped, "1", f"f_N / f_0 at N = {cuts[-1]:g}"),
         "inertial_peak_ratio": (("damping_ratio",), inertial_peak(DAMPINGS), "1", "1/sqrt(1 - 2 zeta^2)"),
-    }  # fmt: skip
+    }
     data = dataset(
         s.machine,
         {"phase": phase, "frequency": f, "amplitude": amp, "cut_off": cuts, "damping_ratio": DAMPINGS},
-        ("phase", "frequency", "amplitude"), results, extra,
+        ("phase", "frequency", "amplitude"),
+        results,
+        extra,
         attrs={"analysis": "lift-off-time", "f0_Hz": s.f0, "cycles": most},
-    )  # fmt: skip
+    )
     rows: Rows = []
     for n in (1.0, 2.0, 5.0, 100.0):
         for k, p in enumerate(phase):
@@ -132,6 +150,12 @@ def lift_off_time(s: Study) -> tuple[xr.Dataset, Rows]:
                 ours = f"{at_cut[list(cuts).index(n), k, 0]:.5f}"
                 thesis = {100.0: "below 1 exp, 1 sim", 2.0: "1 down to about N = 2"}.get(n, "")
                 rows.append(s.number(f"f_{n:g}/f_0, phase {p / np.pi:.3g} pi", ours, thesis))
-    rows.append(s.number(f"least f_N/f_0 at N = {cuts[-1]:g} over zeta {DAMPINGS[0]:g} to {DAMPINGS[-1]:g}",
-                         f"{damped.min():.5f}", "damping suspected to lower it", "never below 1"))  # fmt: skip
+    rows.append(
+        s.number(
+            f"least f_N/f_0 at N = {cuts[-1]:g} over zeta {DAMPINGS[0]:g} to {DAMPINGS[-1]:g}",
+            f"{damped.min():.5f}",
+            "damping suspected to lower it",
+            "never below 1",
+        )
+    )
     return data, rows

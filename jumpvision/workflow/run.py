@@ -267,11 +267,28 @@ def run_single(experiment: Experiment, plan: Plan, *, workers: int, hook: Hook |
 
 
 JUMP_COLUMNS = (
-    "jump_height_m", "sigma_m", "sigma_common_m", "simulated_height_m", "flight_height_m", "flight_height_m_sigma",
-    "flight_height_m_sigma_common", "flight_time_s", "lift_off_s", "n_jumps", "mu", "mu_sigma", "mu_sigma_common",
-    "beta_deg", "beta_deg_sigma", "beta_deg_sigma_common", "added_mass_kg", "added_mass_kg_sigma",
-    "added_mass_kg_sigma_common", "sigma_volume_fraction", "sigma_common_volume_fraction",
-)  # fmt: skip
+    "jump_height_m",
+    "sigma_m",
+    "sigma_common_m",
+    "simulated_height_m",
+    "flight_height_m",
+    "flight_height_m_sigma",
+    "flight_height_m_sigma_common",
+    "flight_time_s",
+    "lift_off_s",
+    "n_jumps",
+    "mu",
+    "mu_sigma",
+    "mu_sigma_common",
+    "beta_deg",
+    "beta_deg_sigma",
+    "beta_deg_sigma_common",
+    "added_mass_kg",
+    "added_mass_kg_sigma",
+    "added_mass_kg_sigma_common",
+    "sigma_volume_fraction",
+    "sigma_common_volume_fraction",
+)
 
 
 def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:

@@ -214,10 +214,13 @@ class Workspace:
             if record is not None:
                 record.save(aside)
             receipt = {
-                "stage": made.name, "version": made.version, "key": key, "warnings": notes,
+                "stage": made.name,
+                "version": made.version,
+                "key": key,
+                "warnings": notes,
                 "not_applicable": nothing_to_do,
                 "outputs": {f.name: sha256(f) for f in sorted(aside.iterdir())},
-            }  # fmt: skip
+            }
             (aside / "receipt.json").write_text(sealed(receipt), encoding="utf-8")
             sync(aside)
             entry.parent.mkdir(parents=True, exist_ok=True)

@@ -82,7 +82,7 @@ def observation(jump: Jump, motion: Motion, coarse: float) -> Observation:
     parts = parts_of(motion, jump)[-jump.t.size :][keep]
     return Observation(
         jump.name, jump.t[keep], jump.y[keep], jump.group, jump.condition, labels=dict(jump.labels), parts=parts
-    )  # fmt: skip
+    )
 
 
 def parts_of(motion: Motion, jump: Jump) -> NDArray[np.str_]:
@@ -130,8 +130,12 @@ def common(jumps: Sequence[Jump]) -> tuple[Parameter, ...]:
     """A parameter for every common error that is stated, of every apparatus."""
     out: dict[str, Parameter] = {}
     for j, k in zip(jumps, groups(jumps)):
-        sigmas = {"scale": j.shared.scale, "offset": j.shared.offset, "rate": j.shared.rate,
-                  "lens": 0.0 if j.shared.lens is None else 1.0}  # fmt: skip
+        sigmas = {
+            "scale": j.shared.scale,
+            "offset": j.shared.offset,
+            "rate": j.shared.rate,
+            "lens": 0.0 if j.shared.lens is None else 1.0,
+        }
         for kind, sigma in sigmas.items():
             if sigma > 0:
                 value, unit = KINDS[kind]

@@ -64,12 +64,15 @@ def learn_noise(system: Jumper) -> Learned:
     usable = [x for kind in alone.values() for x in kind]
     scale, doubt = _tracks(usable, stated, frame)
     factors = [f * w for f, w in zip(scale, weights)]
-    alone = {k: [replace(x, spread=x.spread * scale[x.track]) for x in v if x.spread is not None]
-             for k, v in alone.items()}  # fmt: skip
+    alone = {
+        k: [replace(x, spread=x.spread * scale[x.track]) for x in v if x.spread is not None] for k, v in alone.items()
+    }
     pairs = differences(system, factors)
     parts = {
-        "rest": alone["rest"], "flight": alone["flight"], "repeats": [steadied(x) for x in pairs],
-    }  # fmt: skip
+        "rest": alone["rest"],
+        "flight": alone["flight"],
+        "repeats": [steadied(x) for x in pairs],
+    }
     # a repeated track's rest is in its differences already
     repeated = {x.track for x in pairs} | {i for x in pairs for i in _like(system, x.track)}
     used = [*parts["repeats"], *parts["flight"], *(x for x in parts["rest"] if x.track not in repeated)]

@@ -87,9 +87,13 @@ def _apart(a: Source, b: Source) -> float:
 
 
 def combined(
-    noise: Noise, sources: Mapping[str, Source | None], used: Sequence[Stretch], parts: Mapping[str, list[Stretch]],
-    least: float, warnings: list[str],
-) -> Noise:  # fmt: skip
+    noise: Noise,
+    sources: Mapping[str, Source | None],
+    used: Sequence[Stretch],
+    parts: Mapping[str, list[Stretch]],
+    least: float,
+    warnings: list[str],
+) -> Noise:
     """The noise of all sources where they agree; else that of the motion, which is what is questioned."""
     still, moving = sources["rest"], sources["flight"] or sources["repeats"]
     if still is not None and moving is not None and abs(z := _apart(moving, still)) > APART:
@@ -116,9 +120,13 @@ def combined(
 
 
 def with_stated(
-    noise: Noise, sources: Mapping[str, Source | None], stated: Array, scale: Array, kurtosis: float,
+    noise: Noise,
+    sources: Mapping[str, Source | None],
+    stated: Array,
+    scale: Array,
+    kurtosis: float,
     warnings: list[str],
-) -> Noise:  # fmt: skip
+) -> Noise:
     """The learned noise and the stated one, each by its uncertainty; the learned one where they contradict."""
     good = np.isfinite(stated)
     if not good.any():

@@ -139,9 +139,15 @@ def write_crater(
     line = above - rise
     rows = math.ceil(float(line.max())) + 30
     mean = laser_picture(
-        line, rows=rows, width=np.full(columns, picture.line_width), peak=np.full(columns, 170.0),
-        background=np.full((rows, columns), 20.0), speckle=picture.speckle, speckle_size=1.5, rng=rng,
-    )  # fmt: skip
+        line,
+        rows=rows,
+        width=np.full(columns, picture.line_width),
+        peak=np.full(columns, 170.0),
+        background=np.full((rows, columns), 20.0),
+        speckle=picture.speckle,
+        speckle_size=1.5,
+        rng=rng,
+    )
     write.picture(folder / "crater.png", record(mean, electrons_per_grey=60.0, read_noise=1.5, rng=rng))
     section = {"file": "crater.png", "scale": picture.scale, "laser_angle": picture.laser_angle}
     return {"crater_image": section}, true

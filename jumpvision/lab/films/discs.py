@@ -71,8 +71,9 @@ class DiscCamera:
             total += one
         return soften(total / np.float32(len(foot_y)), 0.55) * self.light + self.glare
 
-    def record(self, mean: NDArray[np.float32], *, electrons_per_grey: float, read_noise: float,
-               rng: np.random.Generator) -> NDArray[np.uint8]:  # fmt: skip
+    def record(
+        self, mean: NDArray[np.float32], *, electrons_per_grey: float, read_noise: float, rng: np.random.Generator
+    ) -> NDArray[np.uint8]:
         """Grey levels 0..255: variance mean/electrons_per_grey + read_noise^2 + 1/12.
 
         Normal in place of Poisson numbers: at more than 500 electrons a pixel they differ by less than the rounding.
@@ -203,23 +204,41 @@ def write_disc_film(
     begin = float(instants[0, 0]) - 1e-3
     extent = max(BED * 0.5 * glass.wide.shape[1] * film.scale, 1.5 * radius)
     discs, m = runner(
-        motion.t, motion.foot, np.concatenate([[begin], instants.ravel()]), half_width=radius,
-        bed=(extent, BED * glass.wide.shape[0] * film.scale), diameter=diameter, fraction=film.area_fraction, rng=rng,
+        motion.t,
+        motion.foot,
+        np.concatenate([[begin], instants.ravel()]),
+        half_width=radius,
+        bed=(extent, BED * glass.wide.shape[0] * film.scale),
+        diameter=diameter,
+        fraction=film.area_fraction,
+        rng=rng,
         deepest=float(motion.foot[motion.t <= begin].min()),
-    )  # fmt: skip
+    )
     x, y = (a[1:].reshape(len(instants), INSTANTS, -1) for a in (m.x, m.y))
     face = motion.at("foot", instants)
     draw = DiscCamera(
-        glass.wide.shape, discs.radius, scale=film.scale, surface_row=glass.wide.surface_row,
-        axis_column=glass.wide.axis_column, half_width=radius, height=FOOT_HEIGHT, glare=0.0, rng=rng,
-    )  # fmt: skip
+        glass.wide.shape,
+        discs.radius,
+        scale=film.scale,
+        surface_row=glass.wide.surface_row,
+        axis_column=glass.wide.axis_column,
+        half_width=radius,
+        height=FOOT_HEIGHT,
+        glare=0.0,
+        rng=rng,
+    )
     frames = np.stack([record_bright(glass(draw.frame(*at)), rng=rng, **chip_of(camera)) for at in zip(x, y, face)])
     write.movie(folder / "grains.mkv", frames, rate=GRAIN_RATE, numbers=clock.number, bits=camera.bits)
 
     k = INSTANTS // 2
     depth_0 = -float(face[0, k])
-    section = {"file": "grains.mkv", "frame_rate": GRAIN_RATE, **glass.section(-depth_0, camera.scale_error),
-               "foot": "half", "start": start_of(motion)}  # fmt: skip
+    section = {
+        "file": "grains.mkv",
+        "frame_rate": GRAIN_RATE,
+        **glass.section(-depth_0, camera.scale_error),
+        "foot": "half",
+        "start": start_of(motion),
+    }
     time, shown = clock.stamp + 0.5 * EXPOSURE, clock.shown + 0.5 * EXPOSURE
     height, speed = face[:, k], -np.diff(face[:, k]) / np.diff(shown)
     momentum = disc_momentum(view, shown, x[:, k], y[:, k], height, diameter=diameter, bed_density=bed_density)
@@ -233,10 +252,13 @@ def write_disc_film(
         "exposure_s": EXPOSURE,
         "frames": {"time_s": time, "foot_row_px": view.row(height), "foot_depth_m": -height} | clock.extra,
         "pairs": {
-            "time_s": middle(time), "foot_depth_m": -middle(height), "foot_speed_m_s": speed,
-            "momentum_in_view_kg_m_s": momentum, "added_mass_in_view_kg": mass,
+            "time_s": middle(time),
+            "foot_depth_m": -middle(height),
+            "foot_speed_m_s": speed,
+            "momentum_in_view_kg_m_s": momentum,
+            "added_mass_in_view_kg": mass,
         },
-    }  # fmt: skip
+    }
     return section, depth_0, true
 
 

@@ -53,8 +53,9 @@ class Glass:
     def __init__(self, view: View, camera: GrainCamera):
         self.view, self.lens = view, lens_of(camera.k1, camera.k2, view.shape)
         m = margin(view.shape, self.lens)
-        self.wide = View((view.shape[0] + 2 * m, view.shape[1] + 2 * m), view.scale, view.surface_row + m,
-                         view.axis_column + m)  # fmt: skip
+        self.wide = View(
+            (view.shape[0] + 2 * m, view.shape[1] + 2 * m), view.scale, view.surface_row + m, view.axis_column + m
+        )
         self.light = shade(view.shape, camera.shading) if camera.shading else None
         self.glare = reflection(view.shape, camera.glare) if camera.glare else None
 
@@ -68,8 +69,11 @@ class Glass:
     def section(self, y: float, scale_error: float) -> dict[str, float]:
         """scale, foot_row and axis_column of [grain_video], as read off the picture, for a face at the height y [m]."""
         row, column = seen_places(np.array([float(self.view.row(y))]), self.view.axis_column, self.lens)
-        return {"scale": self.view.scale * (1 + scale_error), "foot_row": round(float(row[0]), 3),
-                "axis_column": round(float(column[0]), 3)}  # fmt: skip
+        return {
+            "scale": self.view.scale * (1 + scale_error),
+            "foot_row": round(float(row[0]), 3),
+            "axis_column": round(float(column[0]), 3),
+        }
 
 
 def start_of(motion: Motion) -> float:

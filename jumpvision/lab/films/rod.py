@@ -179,9 +179,16 @@ def write_rod_film(
     rows, column = top - up, 0.42 * shape[1] + 0.17
     lens = lens_of(camera.k1, camera.k2, shape)
     mean = rod_film(
-        rows, column, radius=radius, shape=shape, brightness=205.0, rng=rng,
-        lens=lens, reflection=camera.reflection, shading=camera.shading,
-    )  # fmt: skip
+        rows,
+        column,
+        radius=radius,
+        shape=shape,
+        brightness=205.0,
+        rng=rng,
+        lens=lens,
+        reflection=camera.reflection,
+        shading=camera.shading,
+    )
     kept = np.flatnonzero((rng.random(n) >= camera.dropped) | (np.arange(n) == 0))
     pixels = record(mean[kept], rng=rng, **chip_of(camera))
     write.movie(folder / film.file, pixels, rate=film.rate, numbers=kept, bits=camera.bits)

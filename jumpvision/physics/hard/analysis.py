@@ -39,9 +39,13 @@ def half_cycle_rows(
     zero = np.zeros(f1.shape)
     first = (zero, half, base, amp, w1, ph)
     pause = (
-        half, middle, np.where(paused, base + amp * np.sin(ph + np.pi), base), np.where(paused, 0.0, amp),
-        np.where(paused, 0.0, w2), np.where(paused, 0.0, ph + np.pi),
-    )  # fmt: skip
+        half,
+        middle,
+        np.where(paused, base + amp * np.sin(ph + np.pi), base),
+        np.where(paused, 0.0, amp),
+        np.where(paused, 0.0, w2),
+        np.where(paused, 0.0, ph + np.pi),
+    )
     second = (middle, end, base, amp, w2, np.where(paused, ph + np.pi, ph + 1.5 * np.pi))
     return np.stack([np.stack(row, axis=-1) for row in (first, pause, second)], axis=-2)
 
@@ -160,8 +164,9 @@ def crossing(alpha: ArrayLike, ratio: ArrayLike, *, rising: bool) -> Array:
     return np.where(passes.any(axis=-1), at, np.nan)
 
 
-def animal_alpha(length: ArrayLike, *, mass: float, stiffness: float, gravity: float, amplitude: float,
-                 body: float) -> Array:  # fmt: skip
+def animal_alpha(
+    length: ArrayLike, *, mass: float, stiffness: float, gravity: float, amplitude: float, body: float
+) -> Array:
     """Eq. (14): alpha of an animal of body length `length` [m], isometric to one of length `body` with these values.
 
     Mass as length^3, stiffness and stroke amplitude as length: alpha as length.
@@ -277,9 +282,18 @@ def easiest_frequency(
 
     def jumps(at: list[Array]) -> dict[str, NDArray]:
         least = minimum_amplitude(
-            at[0] * f0, [phase], cycles=cycles, wait=0.0, largest=largest, resolution=resolution,
-            motor_mass=motor_mass, rod_mass=rod_mass, stiffness=stiffness, damping=damping, gravity=gravity,
-        )[:, 0]  # fmt: skip
+            at[0] * f0,
+            [phase],
+            cycles=cycles,
+            wait=0.0,
+            largest=largest,
+            resolution=resolution,
+            motor_mass=motor_mass,
+            rod_mass=rod_mass,
+            stiffness=stiffness,
+            damping=damping,
+            gravity=gravity,
+        )[:, 0]
         return {"amplitude": -least}
 
     at, best = best_jump(jumps, [lowest], [highest], points=points, rounds=rounds, key="amplitude")

@@ -86,10 +86,27 @@ def make_arc(
         qa = q * amp
         jerk = 6.0 * abs(q * d3) + abs(qa) * om**3
         return (
-            AIR, 0.0, 0.0, 0.0,
-            x + qa * sin, v + qa * om * cos, -0.5 * g - q * d2, -q * d3, -qa, 0.0, 0.0, 0.0,
-            d0, d1, d2, d3, amp, om, ph, jerk,
-        )  # fmt: skip
+            AIR,
+            0.0,
+            0.0,
+            0.0,
+            x + qa * sin,
+            v + qa * om * cos,
+            -0.5 * g - q * d2,
+            -q * d3,
+            -qa,
+            0.0,
+            0.0,
+            0.0,
+            d0,
+            d1,
+            d2,
+            d3,
+            amp,
+            om,
+            ph,
+            jerk,
+        )
     kind, om_d = UNDER, math.sqrt(abs(w2 - gam * gam))
     if w2 <= gam * gam:
         kind = OVER
@@ -114,9 +131,7 @@ def make_arc(
     ah = -2.0 * gam * vh - w2 * xh
     jh = -2.0 * gam * ah - w2 * vh
     jerk += math.sqrt(jh * jh + w2 * ah * ah)
-    return (
-        kind, w2, gam, om_d, p0, p1, 0.0, 0.0, ps, pc, xh, vh + gam * xh, d0, d1, d2, d3, amp, om, ph, jerk
-    )  # fmt: skip
+    return (kind, w2, gam, om_d, p0, p1, 0.0, 0.0, ps, pc, xh, vh + gam * xh, d0, d1, d2, d3, amp, om, ph, jerk)
 
 
 @nb.njit(**KERNEL)

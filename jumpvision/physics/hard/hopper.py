@@ -46,8 +46,14 @@ def apexes(
     already falls. frequencies: (n,) [Hz] in the order of the sweep; settle cycles are left out at each, then the
     flights of `keep` cycles are taken (at most `keep` of them, the last).
     """
-    robot = {"motor_mass": motor_mass, "rod_mass": rod_mass, "stiffness": stiffness, "damping": damping,
-             "gravity": gravity, "landing_loss": landing_loss}  # fmt: skip
+    robot = {
+        "motor_mass": motor_mass,
+        "rod_mass": rod_mass,
+        "stiffness": stiffness,
+        "damping": damping,
+        "gravity": gravity,
+        "landing_loss": landing_loss,
+    }
     f = np.asarray(frequencies, float)
     law = cycles_in_a_row(f, amplitude=amplitude, cycles=settle + keep)
     flights = hard_jump(**robot, forcing=law, t=None, t_end=law.stop)
@@ -123,7 +129,12 @@ def scattered(
     pause = (0.5 + rng.uniform(size=shape)) / f0
     laws = ringing_rows(sine_rows(f, amplitude, ph, cycles), a, pause, share=motor_mass / mass, f0=f0)
     out = hard_sweep(
-        laws, motor_mass=motor_mass, rod_mass=rod_mass, stiffness=stiffness, damping=damping, gravity=gravity,
+        laws,
+        motor_mass=motor_mass,
+        rod_mass=rod_mass,
+        stiffness=stiffness,
+        damping=damping,
+        gravity=gravity,
         landing_loss=landing_loss,
-    )  # fmt: skip
+    )
     return out | {"lift_off_s": out["lift_off_s"] - laws[..., 2, 0]}

@@ -25,9 +25,18 @@ STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a s
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
 LOG = 500  # events of a jump in a batch
 RESULTS = (
-    "com_height_m", "flight_height_m", "jump_height_m", "n_jumps", "lift_off_s", "peak_power_W", "peak_force_N",
-    "peak_motor_speed", "driven_height_m", "max_depth_m", "status",
-)  # fmt: skip
+    "com_height_m",
+    "flight_height_m",
+    "jump_height_m",
+    "n_jumps",
+    "lift_off_s",
+    "peak_power_W",
+    "peak_force_N",
+    "peak_motor_speed",
+    "driven_height_m",
+    "max_depth_m",
+    "status",
+)
 COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, SPEED, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
 
 
@@ -81,9 +90,23 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
         s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
         edges[n - 1] = stop + tail
         status, n_log, depth, before, after, top = events.run(
-            constants, granular.SINE, rows, edges, s, deep, stop, no_times, no_out, no_modes, log, rtol, tolerance,
-            2.0 * math.pi / rate / STEPS_PER_PERIOD, peaks, space,
-        )  # fmt: skip
+            constants,
+            granular.SINE,
+            rows,
+            edges,
+            s,
+            deep,
+            stop,
+            no_times,
+            no_out,
+            no_modes,
+            log,
+            rtol,
+            tolerance,
+            2.0 * math.pi / rate / STEPS_PER_PERIOD,
+            peaks,
+            space,
+        )
         out[STATUS] = status
         if status != events.OK:
             return
@@ -201,9 +224,21 @@ def _tracks(key: str) -> Callable[..., Any]:
                 s[granular.X] = a.before
             full, mode = np.empty((times.size - driven, within.N_OUT)), np.empty(times.size - driven, np.int64)
             status = _one(
-                own, a.kind, rows[a.row : a.row + n], until, s, deep, a.stop, times[driven:], full, mode, log, rtol,
-                tolerance, 2.0 * math.pi / rate / STEPS_PER_PERIOD,
-            )[0]  # fmt: skip
+                own,
+                a.kind,
+                rows[a.row : a.row + n],
+                until,
+                s,
+                deep,
+                a.stop,
+                times[driven:],
+                full,
+                mode,
+                log,
+                rtol,
+                tolerance,
+                2.0 * math.pi / rate / STEPS_PER_PERIOD,
+            )[0]
             heights[driven:] = full[:, 0] - height
             if status != events.OK:
                 heights[:] = math.nan

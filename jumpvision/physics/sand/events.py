@@ -65,9 +65,11 @@ def positive(g: Guards) -> bool:
 def above(half: Guards, a: Guards, b: Guards) -> bool:
     """Whether the guards in the middle of a step are well above zero, measured by those at its ends."""
     return (
-        half[0] > NEAR * max(a[0], b[0]) and half[1] > NEAR * max(a[1], b[1])
-        and half[2] > NEAR * max(a[2], b[2]) and half[3] > NEAR * max(a[3], b[3])
-    )  # fmt: skip
+        half[0] > NEAR * max(a[0], b[0])
+        and half[1] > NEAR * max(a[1], b[1])
+        and half[2] > NEAR * max(a[2], b[2])
+        and half[3] > NEAR * max(a[3], b[3])
+    )
 
 
 @kernel
@@ -80,8 +82,16 @@ def first_step(s: Array, acceleration: float, p: Any) -> float:
 @njit(error_model="numpy")
 def workspace(n: int) -> Any:
     """Arrays that a run of n states writes to; serves any number of runs, one at a time."""
-    return (np.empty(n), np.empty(n), np.empty((n, 4)), np.empty(N_ARC), np.empty((N_SLOPES, n)), np.empty((1, n)),
-            np.empty(4), np.empty(4, np.bool_))  # fmt: skip
+    return (
+        np.empty(n),
+        np.empty(n),
+        np.empty((n, 4)),
+        np.empty(N_ARC),
+        np.empty((N_SLOPES, n)),
+        np.empty((1, n)),
+        np.empty(4),
+        np.empty(4, np.bool_),
+    )
 
 
 @kernel
@@ -222,11 +232,47 @@ def run(
                         dense(slopes, trial, q)
                         known = True
                     if half[i] > 0.0:
-                        at = locate(i, 0.5, 1.0, half[i], final[i], t, s, trial, exact, arc, q, work, mode, slip,
-                                    memory, kind, row, p)  # fmt: skip
+                        at = locate(
+                            i,
+                            0.5,
+                            1.0,
+                            half[i],
+                            final[i],
+                            t,
+                            s,
+                            trial,
+                            exact,
+                            arc,
+                            q,
+                            work,
+                            mode,
+                            slip,
+                            memory,
+                            kind,
+                            row,
+                            p,
+                        )
                     else:
-                        at = locate(i, 0.0, 0.5, now[i], half[i], t, s, trial, exact, arc, q, work, mode, slip,
-                                    memory, kind, row, p)  # fmt: skip
+                        at = locate(
+                            i,
+                            0.0,
+                            0.5,
+                            now[i],
+                            half[i],
+                            t,
+                            s,
+                            trial,
+                            exact,
+                            arc,
+                            q,
+                            work,
+                            mode,
+                            slip,
+                            memory,
+                            kind,
+                            row,
+                            p,
+                        )
                     if at < theta or event < 0:
                         event, theta = i, at
                 if unresolved:

@@ -50,8 +50,20 @@ FOOT, CARRIAGE, CONE = 0, 1, 2  # what a residual force acts on; CONE: r z^i is 
 Y, W, XF, VF, X, V = range(6)
 N_MOTION = V + 1
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
-WORKS = ("motor", "impulse", "spring_damping", "static", "reintrusion_overshoot", "stop_go_overshoot", "inertial_drag",
-         "depth_drag", "added_mass", "viscous_friction", "coulomb_friction", "landing")  # fmt: skip
+WORKS = (
+    "motor",
+    "impulse",
+    "spring_damping",
+    "static",
+    "reintrusion_overshoot",
+    "stop_go_overshoot",
+    "inertial_drag",
+    "depth_drag",
+    "added_mass",
+    "viscous_friction",
+    "coulomb_friction",
+    "landing",
+)
 """Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
 
 CONSTANTS = np.dtype(
@@ -232,9 +244,18 @@ def loop_acceleration(
 
 @kernel
 def works(
-    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, force: float, k: Array,
+    t: float,
+    s: Array,
+    mode: int,
+    slip: int,
+    memory: Array,
+    kind: int,
+    row: Array,
+    p: Any,
+    force: float,
+    k: Array,
     i: int,
-) -> None:  # fmt: skip
+) -> None:
     """Writes the powers [W] of WORKS behind the slopes of the motion: the motor's into the jumper, losses out of it."""
     for j in range(N_MOTION, s.size):
         k[i, j] = 0.0

@@ -103,9 +103,21 @@ def follow(
     tolerance[granular.V : granular.N_MOTION] *= rate
     tolerance[granular.N_MOTION :] *= model.M * model.g
     status, count, depth, before, after, top = compiled.solver()(
-        constants, kind, rows, edges, state, -foot, stop, t[driven:], out[driven:], modes[driven:], log, rtol,
-        tolerance, 2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
-    )  # fmt: skip
+        constants,
+        kind,
+        rows,
+        edges,
+        state,
+        -foot,
+        stop,
+        t[driven:],
+        out[driven:],
+        modes[driven:],
+        log,
+        rtol,
+        tolerance,
+        2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
+    )
     if status != events.OK:
         what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
         raise RuntimeError(f"simulate: {what}; check the parameters of the model:\n{model}")

@@ -39,9 +39,20 @@ DENSE = np.array(
 
 @kernel
 def step(
-    t: float, s: Array, h: float, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array,
-    s1: Array, rtol: float, atol: Array,
-) -> float:  # fmt: skip
+    t: float,
+    s: Array,
+    h: float,
+    mode: int,
+    slip: int,
+    memory: Array,
+    kind: int,
+    row: Array,
+    p: Any,
+    k: Array,
+    s1: Array,
+    rtol: float,
+    atol: Array,
+) -> float:
     """Writes s1 = s(t + h); returns the error over its tolerance (<= 1: accept).
 
     k: (N_SLOPES, n); k[0] = ds/dt at t on entry, the others are filled; k[6] = ds/dt at t + h.

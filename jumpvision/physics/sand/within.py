@@ -28,9 +28,19 @@ ROD, FOOT, MOTOR, ROD_VELOCITY, FOOT_VELOCITY, GROUND_FORCE, SPRING_FORCE = rang
 
 @kernel
 def inside(
-    theta: float, t: float, s: Array, h: float, exact: bool, arc: Array, q: Array, mode: int, kind: int, row: Array,
-    p: Any, out: Array,
-) -> None:  # fmt: skip
+    theta: float,
+    t: float,
+    s: Array,
+    h: float,
+    exact: bool,
+    arc: Array,
+    q: Array,
+    mode: int,
+    kind: int,
+    row: Array,
+    p: Any,
+    out: Array,
+) -> None:
     """Writes the state at the share theta of the step that began at s."""
     if exact:
         flow(t + theta * h, mode, kind, row, p, arc, out)
@@ -49,9 +59,25 @@ def dips(a: float, b: float, c: float) -> bool:
 
 @kernel
 def locate(
-    i: int, lo: float, hi: float, g_lo: float, g_hi: float, t: float, s: Array, h: float, exact: bool, arc: Array,
-    q: Array, work: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any,
-) -> float:  # fmt: skip
+    i: int,
+    lo: float,
+    hi: float,
+    g_lo: float,
+    g_hi: float,
+    t: float,
+    s: Array,
+    h: float,
+    exact: bool,
+    arc: Array,
+    q: Array,
+    work: Array,
+    mode: int,
+    slip: int,
+    memory: Array,
+    kind: int,
+    row: Array,
+    p: Any,
+) -> float:
     """Share of the step where guard i, g_lo > 0 at lo and g_hi <= 0 at hi, reaches zero (Illinois method)."""
     if g_lo <= 0.0:
         return lo
@@ -87,9 +113,20 @@ def heights(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, f
 
 @kernel
 def peak(
-    which: int, t: float, s: Array, h: float, end: tuple[float, float, float, float], exact: bool, arc: Array, q: Array,
-    work: Array, mode: int, kind: int, row: Array, p: Any,
-) -> float:  # fmt: skip
+    which: int,
+    t: float,
+    s: Array,
+    h: float,
+    end: tuple[float, float, float, float],
+    exact: bool,
+    arc: Array,
+    q: Array,
+    work: Array,
+    mode: int,
+    kind: int,
+    row: Array,
+    p: Any,
+) -> float:
     """Greatest height within a step over which its rate turns from up to down. which: 0 rod, 2 centre of mass;
     end: `heights` at its end."""
     lo, hi, side = 0.0, 1.0, 0
@@ -129,9 +166,22 @@ def sample(
 
 @kernel
 def efforts(
-    t: float, s: Array, h: float, s1: Array, f0: Triple, exact: bool, arc: Array, q: Array, work: Array, mode: int,
-    slip: int, kind: int, row: Array, p: Any, peaks: Array,
-) -> Triple:  # fmt: skip
+    t: float,
+    s: Array,
+    h: float,
+    s1: Array,
+    f0: Triple,
+    exact: bool,
+    arc: Array,
+    q: Array,
+    work: Array,
+    mode: int,
+    slip: int,
+    kind: int,
+    row: Array,
+    p: Any,
+    peaks: Array,
+) -> Triple:
     """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
     peaks: (6,), behind them the least seen. f0: `motor_force` at the begin of the step; returns it at the end. A step

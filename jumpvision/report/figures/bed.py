@@ -111,8 +111,9 @@ def draw_profile(axis: Any, v: dict[str, Any]) -> None:
     axis.axvline(v["radius_m"] * 1e3, color=ACCENT, lw=0.8, ls="--", label="integrated to here")
     axis.set(
         title=f"volume change {measured(v['volume_m3'], v['sigma_m3'], 1e6)} cm³",
-        xlabel="distance from the axis [mm]", ylabel="height [mm]",
-    )  # fmt: skip
+        xlabel="distance from the axis [mm]",
+        ylabel="height [mm]",
+    )
     axis.legend()
 
 
@@ -129,8 +130,9 @@ def critical(rows: list[dict[str, Any]], found: ZeroCrossing, Figure: Any) -> An
     if not found.reason:
         ends = np.array([phi.min(), phi.max()])
         axis.plot(ends, found.slope * (ends - found.value) * 1e6, color=MODEL)
-        axis.axvspan(max(found.low95, axis.get_xlim()[0]), min(found.high95, axis.get_xlim()[1]), color=MODEL,
-                     alpha=0.15, lw=0)  # fmt: skip
+        axis.axvspan(
+            max(found.low95, axis.get_xlim()[0]), min(found.high95, axis.get_xlim()[1]), color=MODEL, alpha=0.15, lw=0
+        )
         title = f"φ_c = {measured(found.value, found.sigma)}"
     axis.set(title=title, xlabel="volume fraction φ", ylabel="volume change [cm³]\n(below zero: compacted)")
     return figure

@@ -30,7 +30,7 @@ class ConeOverlay(Picture):
 @stage(version=1, picture=True)
 def cone_overlay(
     flow: Flow, piv: Piv, film: GrainVideo, column: Column | None, calibration: Calibration | None
-) -> ConeOverlay:  # fmt: skip
+) -> ConeOverlay:
     """Shear rate in colour where it is strong, white dots on its ridges, green sides of the cone, the foot in blue."""
     if "foot_y" not in piv.field:
         raise NotApplicable(["cone_overlay needs foot_row and axis_column of [grain_video]"])

@@ -33,7 +33,7 @@ def busiest(field: Any) -> int:
 @stage(version=2, picture=True)
 def piv_picture(
     piv: Piv, film: GrainVideo | None, calibration: Calibration | None, given: PivField | None
-) -> PivPicture:  # fmt: skip
+) -> PivPicture:
     """Velocity vectors at the busiest moment, over the grains where their film is known; replaced ones told apart."""
     field = piv.field
     i = busiest(field)
@@ -77,8 +77,9 @@ def piv_picture(
         share = float((field.chc.isel(t=i) > 0).sum() / np.isfinite(field.u.isel(t=i)).sum())
         axis.set(
             title=f"t = {float(field.t[i]):.3f} s, {100 * share:.1f} % of vectors measured",
-            xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)",
-        )  # fmt: skip
+            xlabel=f"x [{shown}]",
+            ylabel=f"y [{shown}] (up)",
+        )
         axis.grid(False)
         return PivPicture(png(figure))
 

@@ -87,8 +87,9 @@ def webm(pictures: Any) -> bytes:
 
     out = io.BytesIO()
     with av.open(out, "w", format="webm", options={"fflags": "+bitexact"}) as container:
-        stream: Any = container.add_stream("libvpx", rate=RATE, options={"deadline": "realtime", "cpu-used": "8",
-                                                                         "crf": "18", "b": "2M"})  # fmt: skip
+        stream: Any = container.add_stream(
+            "libvpx", rate=RATE, options={"deadline": "realtime", "cpu-used": "8", "crf": "18", "b": "2M"}
+        )
         stream.pix_fmt = "yuv420p"
         for k, image in enumerate(pictures):
             if k == 0:

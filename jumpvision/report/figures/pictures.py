@@ -168,9 +168,17 @@ def draw_ring(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     """The ring-down after the last landing and its damped cosine."""
     t, h, _ = of["rod"].arrays
     f, zeta, a, offset, phase, start, stop = (
-        fits[k]["value"] for k in ("frequency_hz", "zeta", "ring_amplitude_m", "ring_offset_m", "ring_phase_rad",
-                                   "ring_start_s", "ring_stop_s")
-    )  # fmt: skip
+        fits[k]["value"]
+        for k in (
+            "frequency_hz",
+            "zeta",
+            "ring_amplitude_m",
+            "ring_offset_m",
+            "ring_phase_rad",
+            "ring_start_s",
+            "ring_stop_s",
+        )
+    )
     w = (t >= start) & (t <= stop)
     axis.plot(t[w], (h[w] - offset) * 1e3, ".", ms=3, color=MEASURED)
     line = np.linspace(start, stop, 1500)
@@ -237,8 +245,9 @@ def draw_theta(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     """Angle of the cone's side and of the bands of shear against the foot's depth."""
     c = of["column"].field
     for name, color, mark, label in (
-        ("theta_bands_deg", QUIET, "x", "bands of shear"), ("theta_deg", MEASURED, ".", "side of the cone"),
-    ):  # fmt: skip
+        ("theta_bands_deg", QUIET, "x", "bands of shear"),
+        ("theta_deg", MEASURED, ".", "side of the cone"),
+    ):
         axis.errorbar(c.foot_depth * 1e3, c[name], c[f"{name}_sigma"], fmt=mark, lw=0.7, ms=4, color=color, label=label)
     theta = fits.get("theta_deg")
     if theta and theta["value"] is not None:

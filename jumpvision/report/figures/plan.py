@@ -71,8 +71,13 @@ def plan_animation(plan: Any, planner: Any, numbers: dict[str, Any]) -> str:
         return [round(1e3 * float(v), 2) for v in np.interp(t, motion.t, a)]
 
     tracks = {"rod": at(motion.rod - motion.rest), "foot": at(motion.foot), "motor": at(motion.motor - motion.rod)}
-    data = {**tracks, "frame_s": FRAME, "sand": numbers["ground"] == "granular", "title": _title(numbers),
-            "apex": round(1e3 * numbers["apex_m"], 2)}  # fmt: skip
+    data = {
+        **tracks,
+        "frame_s": FRAME,
+        "sand": numbers["ground"] == "granular",
+        "title": _title(numbers),
+        "apex": round(1e3 * numbers["apex_m"], 2),
+    }
     return PAGE.replace("DATA", json.dumps(data))
 
 

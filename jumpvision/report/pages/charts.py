@@ -141,12 +141,21 @@ def diagnosis_charts(d: Mapping[str, Any] | None) -> list[Chart]:
         causes = d["causes"]
         panels.append(
             panel(
-                "probability of each mechanism", axis("probability", range=[0.0, 1.0]),
+                "probability of each mechanism",
+                axis("probability", range=[0.0, 1.0]),
                 axis("mechanism", names=[c["mechanism"].replace("_", " ") for c in causes]),
-                [series("probability", "green", [c["probability"] for c in causes], range(len(causes)), kind="bars",
-                        label=[parameters(c) for c in causes])],
+                [
+                    series(
+                        "probability",
+                        "green",
+                        [c["probability"] for c in causes],
+                        range(len(causes)),
+                        kind="bars",
+                        label=[parameters(c) for c in causes],
+                    )
+                ],
             )
-        )  # fmt: skip
+        )
     if g := d["gain"]:
         low, high = g["ratio_ci95"]
         what = ["track", "height"]
@@ -154,11 +163,14 @@ def diagnosis_charts(d: Mapping[str, Any] | None) -> list[Chart]:
         panels.append(
             panel(
                 f"jumps held out: track {g['ratio']:.3g}× better ({low:.3g} to {high:.3g})",
-                axis("rms error", "mm", log=True), axis("of", names=what),
-                [series("baseline", "model", before, range(2), kind="bars"),
-                 series("extended", "green", after, range(2), kind="bars")],
+                axis("rms error", "mm", log=True),
+                axis("of", names=what),
+                [
+                    series("baseline", "model", before, range(2), kind="bars"),
+                    series("extended", "green", after, range(2), kind="bars"),
+                ],
             )
-        )  # fmt: skip
+        )
     note = "A dot marks a residual beyond chance (p < 0.02)." if d["where"] else ""
     return [chart("Where it fails, why, and what is gained", panels, note)] if panels else []
 

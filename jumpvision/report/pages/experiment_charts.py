@@ -38,11 +38,15 @@ def jump_chart(results: Path, law: Any = None) -> Chart | None:
     panels = [
         panel("rod", x, y, [series("model", "model", t, simulated, kind="line"), measured], spans=spans),
         panel(
-            "measured − model", x, axis("difference", "mm"),
+            "measured − model",
+            x,
+            axis("difference", "mm"),
             [series("difference", "measured", t, rod.height_m * 1e3 - simulated, rod.sigma_m * 1e3, kind="line")],
-            spans=spans, rules=[{"y": 0}], height=170,
+            spans=spans,
+            rules=[{"y": 0}],
+            height=170,
         ),
-    ]  # fmt: skip
+    ]
     return chart("The jump", panels, note, stacked=True)
 
 
@@ -62,8 +66,14 @@ def grains_chart(results: Path) -> Chart | None:
         )
     if not np.isfinite(p).any():
         return None
-    panels = [panel("momentum of the grains, downwards", axis("time", "ms"), axis("P", "g m/s"),
-                    [series("momentum", "measured", t * 1e3, p * 1e3, p_sigma * 1e3, kind="line")])]  # fmt: skip
+    panels = [
+        panel(
+            "momentum of the grains, downwards",
+            axis("time", "ms"),
+            axis("P", "g m/s"),
+            [series("momentum", "measured", t * 1e3, p * 1e3, p_sigma * 1e3, kind="line")],
+        )
+    ]
     shown = [series("measured", "measured", depth, mass * 1e3, mass_sigma * 1e3, size=3)]
     radius = float("nan")
     if (results / "column.nc").exists():
@@ -118,7 +128,13 @@ def intrusion_chart(results: Path) -> Chart | None:
     depth, left = axis("depth below the surface", "mm"), p["force_N"] - p["fitted_N"]
     panels = [
         panel("force against depth", depth, axis("force", "N", zero=True), shown, rules=rules),
-        panel("measured − fit", depth, axis("force", "N"), [series("difference", "measured", z, left, kind="line")],
-              rules=[{"y": 0}], height=170),
-    ]  # fmt: skip
+        panel(
+            "measured − fit",
+            depth,
+            axis("force", "N"),
+            [series("difference", "measured", z, left, kind="line")],
+            rules=[{"y": 0}],
+            height=170,
+        ),
+    ]
     return chart("Slow intrusion", panels, "Dashed: the depth δ of the bend." if rules else "", stacked=True)

@@ -81,9 +81,13 @@ def write_report(
 
 
 def write_campaign(
-    campaign: Campaign, outcomes: list[Outcome], rows: list[dict[str, Any]], results: Path,
-    diagnosis: dict[str, Any] | None, key: str,
-) -> None:  # fmt: skip
+    campaign: Campaign,
+    outcomes: list[Outcome],
+    rows: list[dict[str, Any]],
+    results: Path,
+    diagnosis: dict[str, Any] | None,
+    key: str,
+) -> None:
     """The page of a campaign."""
     craters = craters_table({o.name: o.results for o in outcomes})
     crossing = zero_crossing(craters) if craters else None
@@ -221,10 +225,13 @@ def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[st
     """Rows of the table of experiments with the address of each page and what went wrong."""
     by_name = {o.name: o for o in outcomes}
     return [
-        {"cells": row, "href": f"{row['experiment']}/{NAME}" if by_name[row["experiment"]].results.is_dir() else "",
-         "errors": by_name[row["experiment"]].errors}
+        {
+            "cells": row,
+            "href": f"{row['experiment']}/{NAME}" if by_name[row["experiment"]].results.is_dir() else "",
+            "errors": by_name[row["experiment"]].errors,
+        }
         for row in table
-    ]  # fmt: skip
+    ]
 
 
 def fit_rows(fits: dict[str, Any]) -> list[dict[str, str]]:
@@ -242,9 +249,11 @@ def template(name: str) -> Any:
     from jinja2 import Environment, PackageLoader, select_autoescape
 
     return Environment(
-        loader=PackageLoader("jumpvision.report"), autoescape=select_autoescape(["html", "j2"]), trim_blocks=True,
+        loader=PackageLoader("jumpvision.report"),
+        autoescape=select_autoescape(["html", "j2"]),
+        trim_blocks=True,
         lstrip_blocks=True,
-    ).get_template(name)  # fmt: skip
+    ).get_template(name)
 
 
 @cache

@@ -91,11 +91,25 @@ def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> dict[str, Any]:
     seen = z[np.isfinite(z)]
     limits = [min(0.0, float(seen.min())), float(np.percentile(seen, 99.5)) or 1.0] if seen.size else [0.0, 1.0]
     x, y = (part[d].values * AXIS[d][1] for d in dims[::-1])
-    drawn = {"name": title, "kind": "map", "role": "ink", "x": numbers(x), "y": numbers(y),
-             "z": [numbers(row, digits=4) for row in z], "limits": numbers(limits), "unit": unit}  # fmt: skip
+    drawn = {
+        "name": title,
+        "kind": "map",
+        "role": "ink",
+        "x": numbers(x),
+        "y": numbers(y),
+        "z": [numbers(row, digits=4) for row in z],
+        "limits": numbers(limits),
+        "unit": unit,
+    }
     edges = [edges_of(x), edges_of(y)]
-    return panel(f"{title} [{unit}]" if unit else title, axis_of(dims[1], range=edges[0]),
-                 axis_of(dims[0], range=edges[1]), [drawn], height=300, share=1.25)  # fmt: skip
+    return panel(
+        f"{title} [{unit}]" if unit else title,
+        axis_of(dims[1], range=edges[0]),
+        axis_of(dims[0], range=edges[1]),
+        [drawn],
+        height=300,
+        share=1.25,
+    )
 
 
 def edges_of(x: Any) -> list[float]:

@@ -11,9 +11,12 @@ from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
 
 TYPE = {"single": (MEASURED, "o"), "stutter": (MODEL, "s"), "delayed stutter": (GREEN, "^")}
 FORCE = {  # force model: colour, line
-    "static": (GREEN, ":"), "constant drag": ("black", "--"), "depth drag": (QUIET, "-."),
-    "drag and added mass": (ACCENT, (0, (5, 1, 1, 1))), "cone": (MODEL, "-"),
-}  # fmt: skip
+    "static": (GREEN, ":"),
+    "constant drag": ("black", "--"),
+    "depth drag": (QUIET, "-."),
+    "drag and added mass": (ACCENT, (0, (5, 1, 1, 1))),
+    "cone": (MODEL, "-"),
+}
 PHI = "volume fraction φ"
 HEIGHT = "jump height [mm]"
 
@@ -165,8 +168,10 @@ def foot_radius(data: xr.Dataset, Figure: Any) -> Any:
     left.set(title="best height over frequency", xlabel="foot radius [mm]", ylabel=HEIGHT)
     left.legend(fontsize=7)
     middle = data.foot_radius.size // 2
-    for name, label, color, line in (("drag_kg_per_m", "drag at the surface, R²", MODEL, "-"),
-                                     ("added_mass_kg", "added mass, R³", MEASURED, "--")):  # fmt: skip
+    for name, label, color, line in (
+        ("drag_kg_per_m", "drag at the surface, R²", MODEL, "-"),
+        ("added_mass_kg", "added mass, R³", MEASURED, "--"),
+    ):
         right.plot(r, data[name] / float(data[name][middle]), line, color=color, label=label)
     right.set(title=f"relative to R = {float(r[middle]):.3g} mm", xlabel="foot radius [mm]", ylim=(0, None))
     right.legend(fontsize=7)

@@ -35,8 +35,11 @@ def scatter(data: xr.Dataset, Figure: Any) -> Any:
     axes[0].set_ylabel("frequency [Hz] (dotted: 4 Hz)")
     figure.suptitle(
         f"{data.attrs['trials']} trials a point; the spring still rings with {data.attrs['ringing_m'] * 1e6:g} µm rms",
-        fontsize=8, color=QUIET, x=0.01, ha="left",
-    )  # fmt: skip
+        fontsize=8,
+        color=QUIET,
+        x=0.01,
+        ha="left",
+    )
     return figure
 
 
@@ -53,8 +56,12 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
         axis.plot(f.ravel(), heights.values.ravel() * 1e3, mark, ms=1.2, color=color, alpha=0.5, ls="", rasterized=True)
         axis.plot([], [], mark, color=color, ls="", label=f"frequency going {data.direction.values[i]}")
     amp, loss = data.attrs["amplitude_m"] * 1e3, data.attrs["landing_loss"]
-    axis.set(title=f"apexes of the driven hopper, A = {amp:g} mm, landing loss {loss:g}", xlabel="f / f₀",
-             ylabel="height of the centre of mass [mm]", yscale="log")  # fmt: skip
+    axis.set(
+        title=f"apexes of the driven hopper, A = {amp:g} mm, landing loss {loss:g}",
+        xlabel="f / f₀",
+        ylabel="height of the centre of mass [mm]",
+        yscale="log",
+    )
     low = np.nanpercentile(data.apex_height_m, 1) * 1e3 if np.isfinite(data.apex_height_m).any() else 0.1
     axis.set_ylim(bottom=max(low * 0.7, 1e-2))
     axis.legend()
@@ -64,8 +71,15 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
     kinds = mpl.colors.ListedColormap(["#dddddd", *colors])
     axes = bottom.subplots(1, 3, sharey=True)
     for i in range(2):
-        seen = axes[i].pcolormesh(x, y, data.map_distinct_apexes.isel(direction=i), shading="nearest", cmap=kinds,
-                                  norm=mpl.colors.BoundaryNorm(edges, 6), rasterized=True)  # fmt: skip
+        seen = axes[i].pcolormesh(
+            x,
+            y,
+            data.map_distinct_apexes.isel(direction=i),
+            shading="nearest",
+            cmap=kinds,
+            norm=mpl.colors.BoundaryNorm(edges, 6),
+            rasterized=True,
+        )
         axes[i].set(title=f"different apexes, going {data.direction.values[i]}", xlabel="f / f₀")
     bar = bottom.colorbar(seen, ax=axes[1])
     bar.set_ticks([0, 1, 2, 3.5, 6.5, 50], labels=["none", "1", "2", "3–4", "5–8", "more"])
@@ -88,14 +102,23 @@ def traces(data: xr.Dataset, Figure: Any) -> Any:
     axes = figure.subplots(4, count, sharex="col", sharey="row", squeeze=False)
     t = data.time.values * 1e3
     groups = (
-        (("rod_position", "rod", MEASURED, "-"), ("motor_position", "motor", MODEL, "--"),
-         ("relative_position", "motor on rod", QUIET, ":")),
-        (("rod_velocity", "rod", MEASURED, "-"), ("motor_velocity", "motor", MODEL, "--"),
-         ("relative_velocity", "motor on rod", QUIET, ":")),
+        (
+            ("rod_position", "rod", MEASURED, "-"),
+            ("motor_position", "motor", MODEL, "--"),
+            ("relative_position", "motor on rod", QUIET, ":"),
+        ),
+        (
+            ("rod_velocity", "rod", MEASURED, "-"),
+            ("motor_velocity", "motor", MODEL, "--"),
+            ("relative_velocity", "motor on rod", QUIET, ":"),
+        ),
         (("motor_force", "motor", MODEL, "-"), ("spring_force", "spring", MEASURED, "--")),
-        (("internal_power", "internal", ACCENT, "-"), ("external_power", "external", GREEN, "--"),
-         ("absolute_power", "absolute", QUIET, ":")),
-    )  # fmt: skip
+        (
+            ("internal_power", "internal", ACCENT, "-"),
+            ("external_power", "external", GREEN, "--"),
+            ("absolute_power", "absolute", QUIET, ":"),
+        ),
+    )
     scales = ((1e3, "position [mm]"), (1.0, "velocity [m/s]"), (1.0, "force [N]"), (1.0, "power [W]"))
     ends = np.minimum(1e3 / data.case_frequency.values + SHOWN, t[-1])
     for j in range(count):
@@ -169,12 +192,20 @@ def time(data: xr.Dataset, Figure: Any) -> Any:
     for i in range(phases):
         axis = axes[0, i]
         seen = axis.pcolormesh(
-            data.frequency_ratio, data.amplitude * 1e3, data.lift_off_cycles.isel(phase=i).T, shading="nearest",
-            norm=mpl.colors.LogNorm(0.1, most), rasterized=True,
-        )  # fmt: skip
+            data.frequency_ratio,
+            data.amplitude * 1e3,
+            data.lift_off_cycles.isel(phase=i).T,
+            shading="nearest",
+            norm=mpl.colors.LogNorm(0.1, most),
+            rasterized=True,
+        )
         axis.axvline(1.0, color=QUIET, lw=0.8, ls=":")
-        axis.set(title=f"cycles to lift-off, {phase_name(float(data.phase[i]))}", xlabel="f / f₀", ylabel="A [mm]",
-                 facecolor="#dddddd")  # fmt: skip
+        axis.set(
+            title=f"cycles to lift-off, {phase_name(float(data.phase[i]))}",
+            xlabel="f / f₀",
+            ylabel="A [mm]",
+            facecolor="#dddddd",
+        )
         if float(data.amplitude.max() / data.amplitude.min()) > 30:
             axis.set_yscale("log")
         axis.grid(False)
@@ -195,7 +226,10 @@ def time(data: xr.Dataset, Figure: Any) -> Any:
     z = np.linspace(float(data.damping_ratio[0]), float(data.damping_ratio[-1]), 100)
     right.plot(z, 1 / np.sqrt(1 - 2 * z**2) - 1, color=QUIET, lw=0.9, label="1/√(1 − 2ζ²): inertial forcing")
     right.plot(z, np.sqrt(1 - 2 * z**2) - 1, color=QUIET, lw=0.9, ls=":", label="√(1 − 2ζ²): as suspected")
-    right.set(title=f"viscous damping never lowers it (N = {float(data.cut_off[-1]):g})", xlabel="damping ratio ζ",
-              ylabel="f_N / f₀ − 1")  # fmt: skip
+    right.set(
+        title=f"viscous damping never lowers it (N = {float(data.cut_off[-1]):g})",
+        xlabel="damping ratio ζ",
+        ylabel="f_N / f₀ − 1",
+    )
     right.legend()
     return figure

@@ -39,8 +39,9 @@ def alpha(data: xr.Dataset, Figure: Any) -> Any:
     ratio = data.sel(jump="stutter") / data.sel(jump="single")
     ideal = ((ratio.com_height_m > 1) & (ratio.peak_power_W < 1)).values
     for axis in (height, power):
-        axis.fill_between(data.alpha, 0, 1, where=ideal, color=GREEN, alpha=0.15, lw=0,
-                          transform=axis.get_xaxis_transform())  # fmt: skip
+        axis.fill_between(
+            data.alpha, 0, 1, where=ideal, color=GREEN, alpha=0.15, lw=0, transform=axis.get_xaxis_transform()
+        )
         axis.set(xlabel="α = M g / (k A)")
         logarithmic(axis, "y")
     for axis in (height, power, freq):
@@ -85,8 +86,13 @@ def estimates(data: xr.Dataset, Figure: Any) -> Any:
     axis.plot(
         [0.9, max(last, 0.9)], [float(data.estimate_13)] * 2, color=ACCENT, lw=2, label="argmax of eq. (13), α ≥ 0.9"
     )
-    axis.set(title="best frequency of the stutter jump", xlabel="α = M g / (k A)", ylabel="f / f₀", ylim=(0, 1.6),
-             xlim=(0, min(last, 1.5)))  # fmt: skip
+    axis.set(
+        title="best frequency of the stutter jump",
+        xlabel="α = M g / (k A)",
+        ylabel="f / f₀",
+        ylim=(0, 1.6),
+        xlim=(0, min(last, 1.5)),
+    )
     axis.legend(fontsize=8)
     return figure
 
@@ -99,8 +105,13 @@ def animals(data: xr.Dataset, Figure: Any) -> Any:
         color, style = LOOK[name]
         left.plot(data.length, data.relative_height.sel(jump=name), style, color=color, label=name)
     left.plot([1.8, 1.8], data.relative_height.interp(length=1.8), "o", ms=4, color="black", label="human values")
-    left.set(title="isometric animals: height / body length", xlabel="body length [m]", ylabel="height / length",
-             xscale="log", yscale="log")  # fmt: skip
+    left.set(
+        title="isometric animals: height / body length",
+        xlabel="body length [m]",
+        ylabel="height / length",
+        xscale="log",
+        yscale="log",
+    )
     left.legend()
     right.plot(data.length, data.alpha, color=QUIET)
     right.set(title="α, eq. (14)", xlabel="body length [m]", xscale="log", yscale="log")
@@ -116,10 +127,17 @@ def two_frequency(data: xr.Dataset, Figure: Any) -> Any:
         height.plot(data.alpha, one.height_ratio, style, color=color, label=name)
         power.plot(data.alpha, one.peak_power_W / data.sel(jump="stutter").peak_power_W, style, color=color)
         efficiency.plot(data.alpha, one.efficiency, style, color=color)
-        freq.plot(data.alpha, one.frequency_ratio, style, color=color,
-                  label="first half" if name.startswith("two") else name)  # fmt: skip
-    freq.plot(data.alpha, data.sel(jump="two frequencies").frequency2_ratio, color=GREEN, lw=2.2, alpha=0.6,
-              label="second half")  # fmt: skip
+        freq.plot(
+            data.alpha, one.frequency_ratio, style, color=color, label="first half" if name.startswith("two") else name
+        )
+    freq.plot(
+        data.alpha,
+        data.sel(jump="two frequencies").frequency2_ratio,
+        color=GREEN,
+        lw=2.2,
+        alpha=0.6,
+        label="second half",
+    )
     height.set(title="best height / A")
     height.legend()
     power.set(title="peak power / the stutter's")

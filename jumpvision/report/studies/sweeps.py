@@ -27,13 +27,21 @@ SHOWN = {
     "lift_off_s": ("first lift-off", 1e3, "ms"),
 }
 AXIS = {
-    "frequency": ("frequency", 1.0, "Hz"), "frequency2": ("second frequency", 1.0, "Hz"),
+    "frequency": ("frequency", 1.0, "Hz"),
+    "frequency2": ("second frequency", 1.0, "Hz"),
     "phase": ("phase", 1 / np.pi, "π"),
-    "amplitude": ("amplitude", 1e3, "mm"), "delay": ("delay", 1e3, "ms"), "gravity": ("gravity", 1.0, "m/s²"),
-    "rod_mass": ("rod mass", 1.0, "kg"), "motor_mass": ("motor mass", 1.0, "kg"), "zeta": ("ζ", 1.0, ""),
-    "alpha": ("α", 1.0, ""), "phi": ("volume fraction φ", 1.0, ""), "foot_radius": ("foot radius", 1e3, "mm"),
-    "cycles": ("cycles", 1.0, ""), "stiffness": ("stiffness", 1e-3, "kN/m"),
-}  # fmt: skip
+    "amplitude": ("amplitude", 1e3, "mm"),
+    "delay": ("delay", 1e3, "ms"),
+    "gravity": ("gravity", 1.0, "m/s²"),
+    "rod_mass": ("rod mass", 1.0, "kg"),
+    "motor_mass": ("motor mass", 1.0, "kg"),
+    "zeta": ("ζ", 1.0, ""),
+    "alpha": ("α", 1.0, ""),
+    "phi": ("volume fraction φ", 1.0, ""),
+    "foot_radius": ("foot radius", 1e3, "mm"),
+    "cycles": ("cycles", 1.0, ""),
+    "stiffness": ("stiffness", 1e-3, "kN/m"),
+}
 DRAWN = 600  # points of an axis in a figure: more than its pixels
 COUNTED = 8  # from here numbers of jumps share a colour
 
@@ -228,10 +236,26 @@ def maps(data: xr.Dataset, Figure: Any) -> Any:
     )
     for axis, (title, values, lo, hi, colours, unit) in zip(axes.flat, panels):
         if title == "simulated" and "simulated_map_m" in data:
-            axis.pcolormesh(data.map_phase / np.pi, data.map_frequency, data.simulated_map_m * 1e3, vmin=lo, vmax=hi,
-                            shading="nearest", rasterized=True)  # fmt: skip
-        seen = axis.scatter(x, y, c=values, vmin=lo, vmax=hi, cmap=colours, s=70, linewidths=0.8,
-                            edgecolors="white" if colours is None else QUIET)  # fmt: skip
+            axis.pcolormesh(
+                data.map_phase / np.pi,
+                data.map_frequency,
+                data.simulated_map_m * 1e3,
+                vmin=lo,
+                vmax=hi,
+                shading="nearest",
+                rasterized=True,
+            )
+        seen = axis.scatter(
+            x,
+            y,
+            c=values,
+            vmin=lo,
+            vmax=hi,
+            cmap=colours,
+            s=70,
+            linewidths=0.8,
+            edgecolors="white" if colours is None else QUIET,
+        )
         figure.colorbar(seen, ax=axis, label=unit)
         axis.set(title=title, facecolor="#eeeeee" if colours is None else "white")
         if colours is not None:
@@ -252,10 +276,27 @@ def difference_lines(data: xr.Dataset, Figure: Any, name: str) -> Any:
     x = data[name] if name in data.coords else data.z * 0.0 + np.arange(data.sizes["condition"])
     data = data.isel(condition=np.argsort(x.values, kind="stable"))
     x = np.sort(x.values)
-    top.errorbar(x, data.simulated_height_m * 1e3, data.model_sigma_m * 1e3, fmt="s", ms=9, mfc="none", color=MODEL,
-                 capsize=4, label="simulated")  # fmt: skip
-    top.errorbar(x, data.measured_height_m * 1e3, data.measured_sigma_m * 1e3, fmt="o", ms=4, color=MEASURED, capsize=2,
-                 label="measured")  # fmt: skip
+    top.errorbar(
+        x,
+        data.simulated_height_m * 1e3,
+        data.model_sigma_m * 1e3,
+        fmt="s",
+        ms=9,
+        mfc="none",
+        color=MODEL,
+        capsize=4,
+        label="simulated",
+    )
+    top.errorbar(
+        x,
+        data.measured_height_m * 1e3,
+        data.measured_sigma_m * 1e3,
+        fmt="o",
+        ms=4,
+        color=MEASURED,
+        capsize=2,
+        label="measured",
+    )
     top.set(title=heading(data), ylabel="jump height [mm]")
     top.legend()
     odd = data.stands_out.values == 1
@@ -271,11 +312,22 @@ def difference_lines(data: xr.Dataset, Figure: Any, name: str) -> Any:
 
 
 NAMED = {
-    "minimum-amplitude": lift_off.least_amplitude, "lift-off-time": lift_off.time, "alpha": scaling.alpha,
-    "estimates": scaling.estimates, "animals": scaling.animals, "two-frequency": scaling.two_frequency,
-    "scatter": motion.scatter, "bifurcation": motion.bifurcation, "traces": motion.traces,
+    "minimum-amplitude": lift_off.least_amplitude,
+    "lift-off-time": lift_off.time,
+    "alpha": scaling.alpha,
+    "estimates": scaling.estimates,
+    "animals": scaling.animals,
+    "two-frequency": scaling.two_frequency,
+    "scatter": motion.scatter,
+    "bifurcation": motion.bifurcation,
+    "traces": motion.traces,
     "comparison": comparison,
-    "height-phi": granular.height_phi, "jump-types": granular.jump_types, "delay": granular.delay,
-    "alpha-fit": granular.alpha_fit, "force-models": granular.force_models, "drag-scale": granular.drag_scale,
-    "foot-radius": granular.foot_radius, "drag-fit": granular.drag_fit,
-}  # fmt: skip
+    "height-phi": granular.height_phi,
+    "jump-types": granular.jump_types,
+    "delay": granular.delay,
+    "alpha-fit": granular.alpha_fit,
+    "force-models": granular.force_models,
+    "drag-scale": granular.drag_scale,
+    "foot-radius": granular.foot_radius,
+    "drag-fit": granular.drag_fit,
+}

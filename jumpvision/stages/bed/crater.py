@@ -42,14 +42,22 @@ def crater(
     common = share * abs(found.volume)
     return CraterShape(
         {
-            "volume_m3": found.volume, "sigma_m3": math.hypot(found.sigma, common), "sigma_common_m3": common,
+            "volume_m3": found.volume,
+            "sigma_m3": math.hypot(found.sigma, common),
+            "sigma_common_m3": common,
             "noise_sigma_m3": found.noise_sigma,
-            "half_difference_m3": found.half_difference, "depth_m": found.depth, "rim_height_m": found.rim_height,
-            "radius_m": found.radius, "axis_m": found.axis, "volume_fraction": phi, "sigma_volume_fraction": phi_sigma,
+            "half_difference_m3": found.half_difference,
+            "depth_m": found.depth,
+            "rim_height_m": found.rim_height,
+            "radius_m": found.radius,
+            "axis_m": found.axis,
+            "volume_fraction": phi,
+            "sigma_volume_fraction": phi_sigma,
             "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
-            "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma}, **seen,
+            "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma},
+            **seen,
         }
-    )  # fmt: skip
+    )
 
 
 def from_line(

@@ -48,10 +48,12 @@ def geometry(
             warnings.warn(f"{f.check}: {f.text}", StageWarning, stacklevel=2)
     return Geometry(
         {
-            "findings": [dataclasses.asdict(f) for f in findings], "bed_height_m": height, "volume_fraction": phi,
+            "findings": [dataclasses.asdict(f) for f in findings],
+            "bed_height_m": height,
+            "volume_fraction": phi,
             "fluidisation": flow,
         }
-    )  # fmt: skip
+    )
 
 
 def bed_depth(section: Bed, bed: BedHeight | None, phi: float | None) -> float | None:
@@ -120,11 +122,13 @@ def fluidised(
         for name, law in (("ergun", air.ergun), ("wu", air.wu))
     }
     out: dict[str, Any] = {
-        "onset_ergun_m_s": laws["ergun"].speed(weight), "onset_wu_m_s": laws["wu"].speed(weight),
-        "bed_weight_Pa_m": weight, "bed_weight_Pa": None if height is None else weight * height,
+        "onset_ergun_m_s": laws["ergun"].speed(weight),
+        "onset_wu_m_s": laws["wu"].speed(weight),
+        "bed_weight_Pa_m": weight,
+        "bed_weight_Pa": None if height is None else weight * height,
         "tortuosity": air.tortuosity(1.0 - phi),
         "laws": {k: {"viscous": d.viscous, "inertial": d.inertial} for k, d in laws.items()},
-    }  # fmt: skip
+    }
     if fan is None or not fan.speed or height is None:
         return out, []
     speed, pressure, lifted = air.operating_point(laws["wu"], height, weight, fan.speed, fan.pressure, loss=fan.loss)
@@ -132,7 +136,11 @@ def fluidised(
     onset = out["onset_wu_m_s"]
     where = f"{speed:.3f} m/s at {pressure:.0f} Pa" if math.isfinite(speed) else "beyond the end of its curve"
     finding = Finding(
-        "fan's air speed", speed, onset, "m/s", lifted,
+        "fan's air speed",
+        speed,
+        onset,
+        "m/s",
+        lifted,
         f"the fan works at {where}; the bed fluidises from {onset:.3f} m/s on",
-    )  # fmt: skip
+    )
     return out, [finding]

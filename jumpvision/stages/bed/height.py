@@ -32,8 +32,9 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
         warnings.warn(
             f"the light is saturated in {100 * saturated:.0f} % of the columns: the surface is known there only to a "
             "tenth of a pixel or worse (sigma says so); expose less, or give [bed_image] saturation if that is wrong",
-            StageWarning, stacklevel=2,
-        )  # fmt: skip
+            StageWarning,
+            stacklevel=2,
+        )
     found = [bed_height(s, 0.0) for s in surfaces]
     chosen = 0 if image.use == "first" else len(found) - 1
     best, surface = found[chosen], surfaces[chosen]
@@ -49,29 +50,39 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
     # scale and lens: alike in every picture of this camera, so a change knows them better than a height
     off = [hypot(view.scale_share * f.height, lens) for f, lens in zip(found, by_lens(found, other))]
     off_change = [view.scale_share * abs(c) for c, _ in change]
-    off_packing = [
-        fraction_common(f[0], h, o, section, p) for f, (h, _), o in zip(packings, heights, off)
-    ]  # fmt: skip
+    off_packing = [fraction_common(f[0], h, o, section, p) for f, (h, _), o in zip(packings, heights, off)]
     out: dict[str, Any] = {
-        "height_m": best.height, "sigma_m": hypot(best.sigma, off[chosen]), "sigma_common_m": off[chosen],
+        "height_m": best.height,
+        "sigma_m": hypot(best.sigma, off[chosen]),
+        "sigma_common_m": off[chosen],
         "volume_fraction": packings[chosen][0],
         "sigma_volume_fraction": both(packings[chosen][1], off_packing[chosen]),
         "sigma_common_volume_fraction": off_packing[chosen],
-        "tilt_rad": best.tilt, "roughness_m": best.roughness, "columns": best.n, "picture": chosen,
-        "profile": {"column_px": pixels[chosen].column, "row_px": pixels[chosen].row,
-                    "sigma_px": pixels[chosen].sigma, "x_m": surface.column, "height_m": -surface.row},
-    }  # fmt: skip
+        "tilt_rad": best.tilt,
+        "roughness_m": best.roughness,
+        "columns": best.n,
+        "picture": chosen,
+        "profile": {
+            "column_px": pixels[chosen].column,
+            "row_px": pixels[chosen].row,
+            "sigma_px": pixels[chosen].sigma,
+            "x_m": surface.column,
+            "height_m": -surface.row,
+        },
+    }
     if len(found) > 1:
         out["series"] = {
-            "time_s": time, "height_m": [h for h, _ in heights],
-            "sigma_m": [hypot(s, o) for (_, s), o in zip(heights, off)], "sigma_common_m": off,
+            "time_s": time,
+            "height_m": [h for h, _ in heights],
+            "sigma_m": [hypot(s, o) for (_, s), o in zip(heights, off)],
+            "sigma_common_m": off,
             "change_m": [c for c, _ in change],
             "sigma_change_m": [hypot(s, o) for (_, s), o in zip(change, off_change)],
             "sigma_common_change_m": off_change,
             "volume_fraction": [f for f, _ in packings],
             "sigma_volume_fraction": [both(s, o) for (_, s), o in zip(packings, off_packing)],
             "sigma_common_volume_fraction": off_packing,
-        }  # fmt: skip
+        }
     return BedHeight(out)
 
 
@@ -107,9 +118,10 @@ def surfaces_of(
             limit = image.saturation or (float(np.iinfo(picture.dtype).max) if picture.dtype.kind == "u" else None)
             s = bed_surface(
                 picture.astype(float) ** image.gamma,  # light, up to a factor
-                floor_row=image.floor_row, method=p.method,
+                floor_row=image.floor_row,
+                method=p.method,
                 saturation=None if limit is None else limit**image.gamma,
-            )  # fmt: skip
+            )
             pixels.append(s)
             surfaces.append(in_metres(s, view, image.floor_row, 0.5 * (columns - 1)))
             if other is not None:

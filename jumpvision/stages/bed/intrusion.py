@@ -32,8 +32,9 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
             f"{log.path}: depth_m: {fresh.index.size} samples go deeper than those before; {LEAST} are needed "
             "(depth is positive downwards; was the foot pushed in?)"
         )
-    curve = fit_penetration(in_bins(depth, d.force_N.to_numpy(), fresh), rng=np.random.default_rng(0),
-                            significance=p.significance)  # fmt: skip
+    curve = fit_penetration(
+        in_bins(depth, d.force_N.to_numpy(), fresh), rng=np.random.default_rng(0), significance=p.significance
+    )
     if not curve.k1.value > 3.0 * curve.k1.sigma:
         raise ValueError(
             f"{log.path}: force_N does not rise with depth_m: {curve.k1.value:.3g} ± {curve.k1.sigma:.2g} N/m; "
@@ -47,24 +48,42 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
             "fits": {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in fits.items()},
             "p_one_slope": curve.p_value,
             "delta_ci95_m": [curve.delta_low, curve.delta_high],
-            "noise": {"white_N": curve.noise.white, "correlated_N": curve.noise.correlated,
-                      "length_m": curve.noise.length},
-            "profile": {"depth_m": below, "force_N": curve.bins.F - curve.offset.value, "event": curve.bins.event,
-                        "fitted_N": curve.fitted - curve.offset.value, "first_N": curve.virgin - curve.offset.value},
+            "noise": {
+                "white_N": curve.noise.white,
+                "correlated_N": curve.noise.correlated,
+                "length_m": curve.noise.length,
+            },
+            "profile": {
+                "depth_m": below,
+                "force_N": curve.bins.F - curve.offset.value,
+                "event": curve.bins.event,
+                "fitted_N": curve.fitted - curve.offset.value,
+                "first_N": curve.virgin - curve.offset.value,
+            },
             "events": [
                 {"kind": kind, "depth_m": z - surface, "pause_s": pause, "overshoot_N": o, "sigma_N": math.sqrt(v)}
-                for kind, z, pause, o, v in zip(fresh.event_kind, fresh.event_depth, fresh.event_pause, curve.overshoot,
-                                                np.diag(curve.overshoot_covariance))
+                for kind, z, pause, o, v in zip(
+                    fresh.event_kind,
+                    fresh.event_depth,
+                    fresh.event_pause,
+                    curve.overshoot,
+                    np.diag(curve.overshoot_covariance),
+                )
             ],
             "cone": cone(curve, robot, np.maximum(below, 0.0), p),
         }
-    )  # fmt: skip
+    )
 
 
 def curve_fits(curve: Penetration, surface: float) -> dict[str, Estimate]:
     """k1, k2, delta, the contact point, the weight that the load cell carries, ripples below the bend."""
-    out = {"k1": curve.k1, "k2": curve.k2, "delta": curve.delta, "contact_depth_m": curve.contact,
-           "weight_N": curve.offset}  # fmt: skip
+    out = {
+        "k1": curve.k1,
+        "k2": curve.k2,
+        "delta": curve.delta,
+        "contact_depth_m": curve.contact,
+        "weight_N": curve.offset,
+    }
     if not curve.delta.reason:
         ripple = deep_ripple(curve.bins.z, curve.residual, surface=surface, bend=surface + curve.delta.value)
         out |= {"ripple_variance_N2": ripple.variance, "ripple_N": ripple.amplitude}
@@ -82,9 +101,12 @@ def event_fits(curve: Penetration, fresh: Fresh, surface: float) -> dict[str, Es
     for kind, name in LAWS.items():
         mine = np.flatnonzero(kinds == kind)
         law = overshoot_law(
-            fresh.event_depth[mine] - surface, curve.overshoot[mine], curve.overshoot_covariance[np.ix_(mine, mine)],
-            lam=curve.lam.value, pause=fresh.event_pause[mine],
-        )  # fmt: skip
+            fresh.event_depth[mine] - surface,
+            curve.overshoot[mine],
+            curve.overshoot_covariance[np.ix_(mine, mine)],
+            lam=curve.lam.value,
+            pause=fresh.event_pause[mine],
+        )
         out |= {name if k == "s" else f"{name}_{k}": e for k, e in law.items()}
     return out
 
@@ -98,6 +120,11 @@ def cone(curve: Penetration, robot: Robot | None, depth: Any, p: IntrusionParams
         return None
     R, k2 = robot.foot_radius, curve.k1.value if curve.k2.reason else curve.k2.value
     sigma = k2 * math.cos(p.theta) / (math.pi * R * R)
-    return {"sigma_cone": sigma, "mu": p.mu, "theta_rad": p.theta, "foot_radius_m": R,
-            "complete_depth_m": R * math.tan(p.theta) / p.mu,
-            "force_N": rft_cone(np, depth, curve.k1.value, sigma, p.mu, p.theta, R)}  # fmt: skip
+    return {
+        "sigma_cone": sigma,
+        "mu": p.mu,
+        "theta_rad": p.theta,
+        "foot_radius_m": R,
+        "complete_depth_m": R * math.tan(p.theta) / p.mu,
+        "force_N": rft_cone(np, depth, curve.k1.value, sigma, p.mu, p.theta, R),
+    }

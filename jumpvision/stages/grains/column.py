@@ -37,9 +37,10 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
     ]
     for row, (band, outline, side) in zip(rows, sides):
         for name, (angle, sigma_of) in {
-            "theta_bands": (band.theta, band.theta_sigma), "theta_outline": (outline.theta, outline.theta_sigma),
+            "theta_bands": (band.theta, band.theta_sigma),
+            "theta_outline": (outline.theta, outline.theta_sigma),
             "theta": (side.theta, side.theta_sigma),
-        }.items():  # fmt: skip
+        }.items():
             row |= {f"{name}_deg": math.degrees(angle), f"{name}_deg_sigma": math.degrees(sigma_of)}
         row |= {"cone_radius": side.radius, "cone_radius_sigma": side.radius_sigma}
         row |= {"outline_radius": outline.radius, "outline_radius_sigma": outline.radius_sigma}
@@ -94,24 +95,42 @@ OWN_BLUR = 0.14  # windows: standard deviation of the blur of our own piv (films
 PLAIN_BLUR = 1.0 / math.sqrt(12.0)  # of the mean over a window, for a field computed elsewhere
 
 UNITS = {
-    "max_speed": "m/s", "max_speed_sigma": "m/s", "jammed_thickness": "m", "jammed_thickness_sigma": "m",
-    "jammed_thickness_left": "m", "jammed_thickness_right": "m",
-    "log_a": "1/m", "log_a_sigma": "1/m", "b": "m", "b_sigma": "m", "beta_deg": "degree", "beta_deg_sigma": "degree",
-    "chi2": "1", "n": "1", "theta_deg": "degree", "theta_deg_sigma": "degree", "theta_bands_deg": "degree",
-    "theta_bands_deg_sigma": "degree", "theta_outline_deg": "degree", "theta_outline_deg_sigma": "degree",
-    "theta_shift_fitted_deg": "degree", "theta_shift_sharper_deg": "degree", "cone_blur": "m", "cone_radius": "m",
-    "cone_radius_sigma": "m", "outline_radius": "m", "outline_radius_sigma": "m",
-}  # fmt: skip
+    "max_speed": "m/s",
+    "max_speed_sigma": "m/s",
+    "jammed_thickness": "m",
+    "jammed_thickness_sigma": "m",
+    "jammed_thickness_left": "m",
+    "jammed_thickness_right": "m",
+    "log_a": "1/m",
+    "log_a_sigma": "1/m",
+    "b": "m",
+    "b_sigma": "m",
+    "beta_deg": "degree",
+    "beta_deg_sigma": "degree",
+    "chi2": "1",
+    "n": "1",
+    "theta_deg": "degree",
+    "theta_deg_sigma": "degree",
+    "theta_bands_deg": "degree",
+    "theta_bands_deg_sigma": "degree",
+    "theta_outline_deg": "degree",
+    "theta_outline_deg_sigma": "degree",
+    "theta_shift_fitted_deg": "degree",
+    "theta_shift_sharper_deg": "degree",
+    "cone_blur": "m",
+    "cone_radius": "m",
+    "cone_radius_sigma": "m",
+    "outline_radius": "m",
+    "outline_radius_sigma": "m",
+}
 
 
 def middle_of(field: xr.Dataset, depth: Array, axis: float, shared: float, p: ColumnParams) -> tuple[Array, Array]:
     """(speed, sigma) [m/s] over (y, t) around the axis, moved by `axis` [m] to the right; NaN close below the face."""
     profiles = [
-        central_column(
-            f.v, f.v_sigma, f.chc.values > 0, f.x - axis, half_width=p.half_width, correlation_length=shared
-        )
+        central_column(f.v, f.v_sigma, f.chc.values > 0, f.x - axis, half_width=p.half_width, correlation_length=shared)
         for f in (field.isel(t=i) for i in range(field.sizes["t"]))
-    ]  # fmt: skip
+    ]
     speed, sigma = (np.where(depth > p.clear, np.stack(a, axis=-1), np.nan) for a in zip(*profiles, strict=True))
     # windows overlap down the column too: a fit to its rows is worth fewer vectors than it has
     return speed, sigma * math.sqrt(max(1.0, shared))
@@ -134,19 +153,29 @@ def cone_sides(
     window = frame.attrs["window_px"] * frame.attrs["scale_m_per_px"]
     radius = robot.foot_radius if robot and robot.foot_radius else None
     where: dict[str, float] = {
-        "face": float(frame.foot_y), "top": p.clear, "bottom": CONE_SHARE * front["jammed_thickness"],
+        "face": float(frame.foot_y),
+        "top": p.clear,
+        "bottom": CONE_SHARE * front["jammed_thickness"],
         "correlation_length": shared,
-    }  # fmt: skip
+    }
     reach = min(WIDEST * radius, edge) if radius else edge
     valid = frame.chc.values > 0
     bands = shear_bands(strain.shear_rate, strain.shear_rate_sigma, frame.x, frame.y, reach=reach, **where)
     speed = p.front * front["max_speed"]
     outline = cone_outline(frame.v, valid, frame.x, frame.y, speed=speed, reach=reach, **where)
     side = cone_side(
-        frame.v, frame.v_sigma, valid, frame.x, frame.y, start=(outline.theta, outline.radius),
-        speed=front["max_speed"], edge=radius or outline.radius, blur=blur_of(frame),
-        window=window, **where,
-    )  # fmt: skip
+        frame.v,
+        frame.v_sigma,
+        valid,
+        frame.x,
+        frame.y,
+        start=(outline.theta, outline.radius),
+        speed=front["max_speed"],
+        edge=radius or outline.radius,
+        blur=blur_of(frame),
+        window=window,
+        **where,
+    )
     if not where["bottom"] - where["top"] >= SHORTEST * window:
         nothing = (math.nan,) * 5
         outline = Sides(outline.places, *nothing, outline.n, f"the side is shorter than {SHORTEST:g} windows")
@@ -159,13 +188,27 @@ def fit_frame(z: np.ndarray, speed: np.ndarray, sigma: np.ndarray, p: ColumnPara
     z, speed, sigma = z[ok], speed[ok], sigma[ok]
     front = jammed_thickness(z, speed, sigma, threshold=p.front)
     decay = fit_column(
-        z, speed, sigma, maximum=front.maximum, maximum_sigma=front.maximum_sigma, front=front.thickness, top=p.front,
+        z,
+        speed,
+        sigma,
+        maximum=front.maximum,
+        maximum_sigma=front.maximum_sigma,
+        front=front.thickness,
+        top=p.front,
         floor=p.floor,
-    )  # fmt: skip
+    )
     angle, angle_sigma = beta(decay.ln_a, decay.ln_a_sigma, p.layer)
     return {
-        "max_speed": front.maximum, "max_speed_sigma": front.maximum_sigma, "jammed_thickness": front.thickness,
-        "jammed_thickness_sigma": front.sigma, "log_a": decay.ln_a, "log_a_sigma": decay.ln_a_sigma, "b": decay.b,
-        "b_sigma": decay.b_sigma, "beta_deg": math.degrees(angle), "beta_deg_sigma": math.degrees(angle_sigma),
-        "chi2": decay.chi2, "n": float(decay.n),
-    }  # fmt: skip
+        "max_speed": front.maximum,
+        "max_speed_sigma": front.maximum_sigma,
+        "jammed_thickness": front.thickness,
+        "jammed_thickness_sigma": front.sigma,
+        "log_a": decay.ln_a,
+        "log_a_sigma": decay.ln_a_sigma,
+        "b": decay.b,
+        "b_sigma": decay.b_sigma,
+        "beta_deg": math.degrees(angle),
+        "beta_deg_sigma": math.degrees(angle_sigma),
+        "chi2": decay.chi2,
+        "n": float(decay.n),
+    }

@@ -50,9 +50,12 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
     broad = broad if broad.any() else use  # a plug narrower than the column has no other frames
     out = {
         name: weighted_mean(c[name].values[k], c[f"{name}_sigma"].values[k], unit)
-        for name, unit, k in (("beta_deg", "degree", broad), ("log_a", "1/m", broad),
-                              ("theta_bands_deg", "degree", use))
-    } | {"theta_outline_deg": contour}  # fmt: skip
+        for name, unit, k in (
+            ("beta_deg", "degree", broad),
+            ("log_a", "1/m", broad),
+            ("theta_bands_deg", "degree", use),
+        )
+    } | {"theta_outline_deg": contour}
     # where the side cannot be told, the contour stands in for it, with what it may be off
     out["theta_deg"] = theta if theta is side else replace(theta, sigma=math.hypot(theta.sigma, CONTOUR))
     line = front_line(c, use, broad)
@@ -158,9 +161,14 @@ def mass_fits(flow: Flow) -> dict[str, Estimate]:
 
 
 def grown_cone(
-    column: Column, flow: Flow, known: dict[str, Estimate], R: float | None, phi: float | None, section: Bed | None,
+    column: Column,
+    flow: Flow,
+    known: dict[str, Estimate],
+    R: float | None,
+    phi: float | None,
+    section: Bed | None,
     phi_share: float = 0.0,
-) -> dict[str, Estimate]:  # fmt: skip
+) -> dict[str, Estimate]:
     """C, mu and theta of the saturating cone (33) from added mass against depth, front and outline together.
 
     phi_share: relative uncertainty of phi that other experiments share; that of the film's lengths is the flow's.
@@ -210,7 +218,10 @@ def grown_cone(
         return out
     other, moved = fitted(1.0 + f.attrs["scale_share"])
     changes = {
-        "cone_slope_kg_m": other.slope - curve.slope, "mu_over_tan_theta": other.narrowing - curve.narrowing,
-        "C": moved.C - cone.C, "mu_cone": moved.mu - cone.mu, "theta_cone_deg": math.degrees(moved.theta - cone.theta),
-    }  # fmt: skip
+        "cone_slope_kg_m": other.slope - curve.slope,
+        "mu_over_tan_theta": other.narrowing - curve.narrowing,
+        "C": moved.C - cone.C,
+        "mu_cone": moved.mu - cone.mu,
+        "theta_cone_deg": math.degrees(moved.theta - cone.theta),
+    }
     return {k: e.with_common(abs(changes[k])) if k in changes else e for k, e in out.items()}

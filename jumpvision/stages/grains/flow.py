@@ -25,10 +25,16 @@ OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_
 
 @stage(version=6)
 def flow(
-    piv: Piv, film: GrainVideo | None, section: Bed | None, bed: BedHeight | None, given: PivField | None = None,
-    robot: Robot | None = None, clock: Clock | None = None, *,
+    piv: Piv,
+    film: GrainVideo | None,
+    section: Bed | None,
+    bed: BedHeight | None,
+    given: PivField | None = None,
+    robot: Robot | None = None,
+    clock: Clock | None = None,
+    *,
     p: FlowParams,
-) -> Flow:  # fmt: skip
+) -> Flow:
     """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known.
 
     The sigmas over t are all of a value's uncertainty; `*_sigma_common`, what other films of this camera share.
@@ -40,14 +46,24 @@ def flow(
     for i in range(field.sizes["t"]):
         f = field.isel(t=i)
         g = gradients(
-            f.u, f.v, f.x, f.y, f.u_sigma, f.v_sigma, f.chc.values > 0, half_width=p.half_width,
+            f.u,
+            f.v,
+            f.x,
+            f.y,
+            f.u_sigma,
+            f.v_sigma,
+            f.chc.values > 0,
+            half_width=p.half_width,
             correlation_length=overlap,
-        )  # fmt: skip
+        )
         found = {
-            "shear_rate": strain.shear_rate(g.u_x, g.u_y, g.v_x, g.v_y), "shear_rate_sigma": strain.shear_rate_sigma(g),
-            "vorticity": strain.vorticity(g.u_y, g.v_x), "vorticity_sigma": strain.vorticity_sigma(g),
-            "divergence": strain.divergence(g.u_x, g.v_y), "divergence_sigma": strain.divergence_sigma(g),
-        }  # fmt: skip
+            "shear_rate": strain.shear_rate(g.u_x, g.u_y, g.v_x, g.v_y),
+            "shear_rate_sigma": strain.shear_rate_sigma(g),
+            "vorticity": strain.vorticity(g.u_y, g.v_x),
+            "vorticity_sigma": strain.vorticity_sigma(g),
+            "divergence": strain.divergence(g.u_x, g.v_y),
+            "divergence_sigma": strain.divergence_sigma(g),
+        }
         for name, values in found.items():
             maps.setdefault(name, []).append(values)
     data = xr.Dataset(
@@ -79,9 +95,14 @@ def flow(
 
 
 def under_the_foot(
-    field: xr.Dataset, source: GrainVideo | PivField, section: Bed | None, bed: BedHeight | None, robot: Robot | None,
-    p: FlowParams, overlap: float,
-) -> dict[str, tuple[Array, str]]:  # fmt: skip
+    field: xr.Dataset,
+    source: GrainVideo | PivField,
+    section: Bed | None,
+    bed: BedHeight | None,
+    robot: Robot | None,
+    p: FlowParams,
+    overlap: float,
+) -> dict[str, tuple[Array, str]]:
     """Momentum, added mass and the foot's motion over t."""
     n = field.sizes["t"]
     out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
@@ -104,10 +125,12 @@ def under_the_foot(
 
     def integral(lifted: Array) -> Array:
         frames = (field.isel(t=i) for i in range(n))
-        return np.array([
-            momentum_of(f, source.foot, section, phi, overlap, radius=radius, lifted=float(d))
-            for f, d in zip(frames, lifted)
-        ]).T  # fmt: skip
+        return np.array(
+            [
+                momentum_of(f, source.foot, section, phi, overlap, radius=radius, lifted=float(d))
+                for f, d in zip(frames, lifted)
+            ]
+        ).T
 
     face = np.hypot(field.foot_y_sigma.values, field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
     momentum, sigma, covered = integral(np.zeros(n))
@@ -115,10 +138,13 @@ def under_the_foot(
     jammed = jammed_share(field, source.foot, section, phi, overlap, speed, momentum, p.min_speed)
     mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
     return out | {
-        "momentum": (momentum, "kg m/s"), "momentum_sigma": (sigma, "kg m/s"), "covered": (covered, "1"),
+        "momentum": (momentum, "kg m/s"),
+        "momentum_sigma": (sigma, "kg m/s"),
+        "covered": (covered, "1"),
         "jammed_share": (jammed, "1"),
-        "added_mass": (mass, "kg"), "added_mass_sigma": (mass_sigma, "kg"),
-    }  # fmt: skip
+        "added_mass": (mass, "kg"),
+        "added_mass_sigma": (mass_sigma, "kg"),
+    }
 
 
 def shares_of(scale: float, rate: float, phi: float) -> dict[str, float]:
@@ -128,9 +154,10 @@ def shares_of(scale: float, rate: float, phi: float) -> dict[str, float]:
     phi; momentum over speed with the scale's third power and phi.
     """
     return {
-        "foot_speed": math.hypot(scale, rate), "momentum": math.hypot(4.0 * scale, rate, phi),
+        "foot_speed": math.hypot(scale, rate),
+        "momentum": math.hypot(4.0 * scale, rate, phi),
         "added_mass": math.hypot(3.0 * scale, phi),
-    }  # fmt: skip
+    }
 
 
 def with_shares(over_t: dict[str, tuple[Array, str]], shares: dict[str, float]) -> dict[str, tuple[Array, str]]:
@@ -146,9 +173,15 @@ def with_shares(over_t: dict[str, tuple[Array, str]], shares: dict[str, float]) 
 
 
 def jammed_share(
-    field: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float, speed: Array, momentum: Array,
+    field: xr.Dataset,
+    disc: str,
+    section: Bed | None,
+    phi: float,
+    overlap: float,
+    speed: Array,
+    momentum: Array,
     min_speed: float,
-) -> Array:  # fmt: skip
+) -> Array:
     """Share of the momentum carried by grains at JAMMED of the foot's speed or more, where the foot is fast enough."""
     out = np.full(momentum.size, np.nan)
     for i in np.flatnonzero((speed >= min_speed) & (momentum > 0.0)):
@@ -177,9 +210,17 @@ def sensitivities(
 
 
 def momentum_of(
-    frame: xr.Dataset, disc: str, section: Bed | None, phi: float, overlap: float, *, radius: float | None = None,
-    axis: float = 0.0, inwards: float = 0.0, lifted: float = 0.0,
-) -> tuple[float, float, float]:  # fmt: skip
+    frame: xr.Dataset,
+    disc: str,
+    section: Bed | None,
+    phi: float,
+    overlap: float,
+    *,
+    radius: float | None = None,
+    axis: float = 0.0,
+    inwards: float = 0.0,
+    lifted: float = 0.0,
+) -> tuple[float, float, float]:
     """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost.
 
     radius [m] of the foot, where known. axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn
@@ -191,7 +232,11 @@ def momentum_of(
     a = frame.attrs
     scale = a["scale_m_per_px"]
     found = grain_momentum(
-        frame.v, frame.x, frame.y, frame.v_sigma, frame.chc.values > 0,
+        frame.v,
+        frame.x,
+        frame.y,
+        frame.v_sigma,
+        frame.chc.values > 0,
         top=top,
         bottom=-(a["image_rows"] - 0.5 - a["origin_row_px"]) * scale + inwards,
         left=(-0.5 - a["origin_column_px"]) * scale + inwards,
@@ -203,5 +248,5 @@ def momentum_of(
         correlation_length=overlap,
         error_length=a["error_px"] / a["step_px"],
         foot=(radius, float(frame.foot_v)) if radius and "foot_v" in frame else None,
-    )  # fmt: skip
+    )
     return found.value, found.sigma, found.covered

@@ -33,9 +33,13 @@ FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 @stage(version=10, any_of=("film", "field"))
 def piv(
-    film: GrainVideo | None, field: PivField | None, robot: Robot | None, calibration: Calibration | None, *,
+    film: GrainVideo | None,
+    field: PivField | None,
+    robot: Robot | None,
+    calibration: Calibration | None,
+    *,
     p: PivParams,
-) -> Piv:  # fmt: skip
+) -> Piv:
     """m/s where the scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y).
 
     A field that is given in a file ([piv_field]) is taken instead of matching the film.
@@ -64,9 +68,15 @@ def piv(
 
 
 def matched(
-    frames: Film, film: GrainVideo, given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
-    robot: Robot | None, prefilter: float, p: PivParams,
-) -> Iterator[VectorField]:  # fmt: skip
+    frames: Film,
+    film: GrainVideo,
+    given: GrainVideo,
+    calibration: Calibration | None,
+    foot: FootTrack | None,
+    robot: Robot | None,
+    prefilter: float,
+    p: PivParams,
+) -> Iterator[VectorField]:
     """Fields of all pairs; those of a long film by several processes, PART pairs at a time.
 
     given: the section as the experiment has it, film: as `open_grains` straightened it.
@@ -84,9 +94,14 @@ def matched(
 
 
 def _part(
-    part: tuple[int, int], given: GrainVideo, calibration: Calibration | None, foot: FootTrack | None,
-    robot: Robot | None, prefilter: float, p: PivParams,
-) -> list[VectorField]:  # fmt: skip
+    part: tuple[int, int],
+    given: GrainVideo,
+    calibration: Calibration | None,
+    foot: FootTrack | None,
+    robot: Robot | None,
+    prefilter: float,
+    p: PivParams,
+) -> list[VectorField]:
     """Fields of the pairs from part[0] on, before part[1]."""
     first, end = part
     with warnings.catch_warnings():
@@ -98,14 +113,25 @@ def _part(
 
 
 def _fields(
-    images: Iterable[NDArray[np.generic]], shape: tuple[int, int], first: int, film: GrainVideo,
-    foot: FootTrack | None, robot: Robot | None, prefilter: float, p: PivParams,
-) -> Iterator[VectorField]:  # fmt: skip
+    images: Iterable[NDArray[np.generic]],
+    shape: tuple[int, int],
+    first: int,
+    film: GrainVideo,
+    foot: FootTrack | None,
+    robot: Robot | None,
+    prefilter: float,
+    p: PivParams,
+) -> Iterator[VectorField]:
     usable = foot_mask(foot, shape, film, robot)
     return piv_film(
-        images, mask=usable and (lambda k: usable(first + k)), gap=p.gap, baseline=p.baseline, ensemble=p.ensemble,
-        prefilter=prefilter, **matching(p),
-    )  # fmt: skip
+        images,
+        mask=usable and (lambda k: usable(first + k)),
+        gap=p.gap,
+        baseline=p.baseline,
+        ensemble=p.ensemble,
+        prefilter=prefilter,
+        **matching(p),
+    )
 
 
 def matching(p: PivParams) -> dict[str, Any]:
@@ -180,16 +206,27 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) 
             "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
         },
         attrs={
-            "delta_t": float(np.median(end - begin)), "files": [film.file], "pivpy_schema_version": "1",
-            "source": f"jumpvision {__version__}", "scale_m_per_px": film.scale or np.nan,
+            "delta_t": float(np.median(end - begin)),
+            "files": [film.file],
+            "pivpy_schema_version": "1",
+            "source": f"jumpvision {__version__}",
+            "scale_m_per_px": film.scale or np.nan,
             "scale_share": film.scale_sigma / film.scale if film.scale else 0.0,
-            "origin_column_px": origin_x, "origin_row_px": origin_y, "window_px": p.window, "step_px": p.step,
-            "image_rows": shape[0], "image_columns": shape[1], "preset": p.preset, "smooth": p.smooth,
-            "gap_frames": p.gap, "baseline_frames": p.baseline, "ensemble_pairs": p.ensemble,
+            "origin_column_px": origin_x,
+            "origin_row_px": origin_y,
+            "window_px": p.window,
+            "step_px": p.step,
+            "image_rows": shape[0],
+            "image_columns": shape[1],
+            "preset": p.preset,
+            "smooth": p.smooth,
+            "gap_frames": p.gap,
+            "baseline_frames": p.baseline,
+            "ensemble_pairs": p.ensemble,
             "error_px": length_of_errors(p.window, p.step, p.smooth, p.preset),
             "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
         },
-    )  # fmt: skip
+    )
 
 
 def as_dataset(f: VectorField, film: GrainVideo, dt: float) -> xr.Dataset:
@@ -201,20 +238,33 @@ def as_dataset(f: VectorField, film: GrainVideo, dt: float) -> xr.Dataset:
 
     return xr.Dataset(
         {
-            "u": speed(f.u, standard_name="u_velocity"), "v": speed(f.v, -1.0, standard_name="v_velocity"),
-            "u_sigma": speed(f.u_sigma), "v_sigma": speed(f.v_sigma),
-            "u_raw": speed(f.u_raw), "v_raw": speed(f.v_raw, -1.0),
-            "chc": (("y", "x"), np.isin(f.reason, MEASURED).astype(float), {
-                "units": "1", "standard_name": "validity_flag",
-            }),
+            "u": speed(f.u, standard_name="u_velocity"),
+            "v": speed(f.v, -1.0, standard_name="v_velocity"),
+            "u_sigma": speed(f.u_sigma),
+            "v_sigma": speed(f.v_sigma),
+            "u_raw": speed(f.u_raw),
+            "v_raw": speed(f.v_raw, -1.0),
+            "chc": (
+                ("y", "x"),
+                np.isin(f.reason, MEASURED).astype(float),
+                {
+                    "units": "1",
+                    "standard_name": "validity_flag",
+                },
+            ),
             "correlation": (("y", "x"), f.correlation, {"units": "1"}),
-            "reason": (("y", "x"), f.reason.astype(np.int8), {
-                "units": "1", "flag_values": np.array(sorted(REASONS), np.int8),
-                "flag_meanings": " ".join(_word(REASONS[k]) for k in sorted(REASONS)),
-                "long_name": "; ".join(f"{k}: {REASONS[k]}" for k in sorted(REASONS)),
-            }),
+            "reason": (
+                ("y", "x"),
+                f.reason.astype(np.int8),
+                {
+                    "units": "1",
+                    "flag_values": np.array(sorted(REASONS), np.int8),
+                    "flag_meanings": " ".join(_word(REASONS[k]) for k in sorted(REASONS)),
+                    "long_name": "; ".join(f"{k}: {REASONS[k]}" for k in sorted(REASONS)),
+                },
+            ),
         }
-    )  # fmt: skip
+    )
 
 
 def _word(meaning: str) -> str:

@@ -61,19 +61,24 @@ def foreign_field(section: PivField, robot: Robot | None) -> Piv:
             "t": ("t", time, {"units": "s", "long_name": "mid-time of the pair, common clock"}),
         },
         attrs={
-            "delta_t": dt, "files": [section.file], "pivpy_schema_version": "1",
-            "source": f"{section.file}, read by jumpvision {__version__}", "foot": section.foot,
+            "delta_t": dt,
+            "files": [section.file],
+            "pivpy_schema_version": "1",
+            "source": f"{section.file}, read by jumpvision {__version__}",
+            "foot": section.foot,
             "scale_m_per_px": pixel if metric else np.nan,
             "scale_share": section.scale_sigma / section.scale if section.scale else 0.0,
-            "window_px": window, "step_px": window / overlap,
+            "window_px": window,
+            "step_px": window / overlap,
             "error_px": window,  # how far a foreign program's errors are alike is not known
             # the picture is not known: it is taken to end half a window beyond the outermost vectors
             "origin_column_px": -x.min() / pixel + 0.5 * window - 0.5,
             "origin_row_px": y.max() / pixel + 0.5 * window - 0.5,
-            "image_rows": np.ptp(y) / pixel + window, "image_columns": np.ptp(x) / pixel + window,
+            "image_rows": np.ptp(y) / pixel + window,
+            "image_columns": np.ptp(x) / pixel + window,
             "where": "a vector is the velocity at (x, y) at mid-time; x right, y up",
         },
-    )  # fmt: skip
+    )
     data["u"].attrs["standard_name"], data["v"].attrs["standard_name"] = "u_velocity", "v_velocity"
     data = data.sortby("x").sortby("y", ascending=False)
     if held:
@@ -89,9 +94,16 @@ def add_plug(data: xr.Dataset, robot: Robot | None, overlap: float, window: floa
     """The foot's motion from the grains it pushes; vectors above its face and half a window below are not used."""
     near = max(min(COLUMN, 0.25 * robot.foot_radius) if robot and robot.foot_radius else COLUMN, 0.6 * window)
     found = follow_plug(
-        data.v, data.v_sigma, data.chc.values > 0, data.x, data.y, data.t, half_width=near, window=window,
+        data.v,
+        data.v_sigma,
+        data.chc.values > 0,
+        data.x,
+        data.y,
+        data.t,
+        half_width=near,
+        window=window,
         correlation_length=overlap,
-    )  # fmt: skip
+    )
     for name, values in found._asdict().items():
         data[name] = ("t", values, {"units": "m/s" if name.startswith("foot_v") else "m"})
     covers = data.y.values[:, None, None] > found.foot_y - 0.5 * window
@@ -103,8 +115,9 @@ def add_plug(data: xr.Dataset, robot: Robot | None, overlap: float, window: floa
     note = f"; not in the last {lost} of {data.sizes['t']} fields: no vectors under it" if lost else ""
     warnings.warn(
         f"the foot's motion is that of the grains under it, and right only while it pushes them{note}",
-        StageWarning, stacklevel=4,
-    )  # fmt: skip
+        StageWarning,
+        stacklevel=4,
+    )
 
 
 def _problem(section: PivField, text: str) -> InputError:
@@ -158,8 +171,11 @@ def upwards(section: PivField, raw: Vectors) -> str:
     if raw.up is not None:
         return raw.up
     if section.path.suffix.lower() == ".nc":
-        raise _problem(section, 'up: y grows along the rows and the file does not say where it is up; give up = "+y" '
-                       '(y and v upwards) or "-y" (as rows of a picture)')  # fmt: skip
+        raise _problem(
+            section,
+            'up: y grows along the rows and the file does not say where it is up; give up = "+y" '
+            '(y and v upwards) or "-y" (as rows of a picture)',
+        )
     return "-y"
 
 

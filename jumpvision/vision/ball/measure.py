@@ -187,9 +187,18 @@ class DiscMeasure:
         self.noise = fit.noise if self.noise is None else self.noise + (fit.noise - self.noise) / n
         self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
         self.rim_factor = learn(
-            self.frames, n, fit.p, fit.cov, fit.shifts, fit.shift_sigmas, self.rim, self.rim_factor, self.last,
-            self.light_var, self.drift,
-        )  # fmt: skip
+            self.frames,
+            n,
+            fit.p,
+            fit.cov,
+            fit.shifts,
+            fit.shift_sigmas,
+            self.rim,
+            self.rim_factor,
+            self.last,
+            self.light_var,
+            self.drift,
+        )
 
     def missed(self) -> None:
         """A frame without the ball: the lighting has drifted on."""

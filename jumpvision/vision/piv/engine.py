@@ -213,9 +213,19 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     spread = np.where(measured, np.sqrt(spread**2 + left), spread)
     shape = reason.shape
     return VectorField(
-        x, y, filled[0], filled[1], spread[0], spread[1], m.quality, reason, raw[0], raw[1],
-        p[2:].reshape(2, 2, *shape), sigma[2:].reshape(2, 2, *shape),
-    )  # fmt: skip
+        x,
+        y,
+        filled[0],
+        filled[1],
+        spread[0],
+        spread[1],
+        m.quality,
+        reason,
+        raw[0],
+        raw[1],
+        p[2:].reshape(2, 2, *shape),
+        sigma[2:].reshape(2, 2, *shape),
+    )
 
 
 def _second_try(
@@ -233,9 +243,12 @@ def _second_try(
         trial = refine(pairs, grid, start, s.min_texture, None, False)
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
-            np.where(better, trial.p, m.p), None, np.nan,
-            np.where(better, trial.quality, m.quality), np.where(better, trial.state, m.state),
-        )  # fmt: skip
+            np.where(better, trial.p, m.p),
+            None,
+            np.nan,
+            np.where(better, trial.quality, m.quality),
+            np.where(better, trial.state, m.state),
+        )
         reason = _judge(m, np.where(better, start, kept), s)
     return m, reason, at(coarse, coarse.at_edge.astype(np.float64), grid.x, grid.y) > 0.5
 

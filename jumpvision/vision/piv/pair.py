@@ -112,6 +112,4 @@ def combined(fields: list[tuple[float, VectorField]]) -> VectorField:
     birge = np.sqrt(np.maximum(1.0, chi2.sum(0) / np.maximum(2 * (count - 1), 1)))
     several = count > 1
     d, s = np.where(several, mean, d), np.where(several, birge / np.sqrt(total), s)
-    return replace(
-        base, u=d[0], v=d[1], u_sigma=s[0], v_sigma=s[1], gradient=gradient, gradient_sigma=gradient_sigma
-    )  # fmt: skip
+    return replace(base, u=d[0], v=d[1], u_sigma=s[0], v_sigma=s[1], gradient=gradient, gradient_sigma=gradient_sigma)

@@ -96,10 +96,12 @@ def refine(
     steps(sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, state)
 
     change = step.T.reshape(8, ny, nx)
-    smooth = np.stack([
-        *start,
-        *(q for f in start for q in (f @ columns.slope.T, rows.slope @ f)),
-    ])  # fmt: skip
+    smooth = np.stack(
+        [
+            *start,
+            *(q for f in start for q in (f @ columns.slope.T, rows.slope @ f)),
+        ]
+    )
     p = smooth + change[ALONG]
     sigma, clumping = None, np.nan
     if errors:
