@@ -529,7 +529,7 @@ def test_laboratory_shares_nothing_with_the_analysis():
                 found = {a.name.split(".")[0] for a in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level != 1:
                 # the modules below both: the shape of error messages, and progress
-                below = ("jumpvision.base.schema", "jumpvision.base.progress")
+                below = ("jumpvision.base.schema", "jumpvision.base.progress", "jumpvision.base.arrays")
                 found = {(node.module or "").split(".")[0]} if node.module not in below else set()
             else:
                 continue

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jumpvision import __version__
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import copy_aside, write_aside
 from jumpvision.diagnosis.diagnose import Diagnosis, diagnose
@@ -32,8 +32,6 @@ from jumpvision.workflow.run import Outcome
 from .document import common_of, confirmed, document, model_toml, noise_of, sentence, values
 from .films import confirmation, films, jumps_alone, ledgers
 from .jumps import load_jumps, measurements, questioned, spec_of
-
-Array = NDArray[np.float64]
 
 SEED = 1  # of the simulated noise: the same data give the same answer
 VERSION = 7  # of the method: another one asks again

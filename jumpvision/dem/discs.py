@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 
 @dataclass(frozen=True)

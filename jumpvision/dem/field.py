@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from jumpvision import __version__
+from jumpvision.base.arrays import Array
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Array = NDArray[np.float64]
 
 CUT = 3.0  # widths
 LEAST_SIGMA = 1e-3  # of the greatest speed: discs at rest must not weigh without bounds

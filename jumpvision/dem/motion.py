@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
+
 from .contacts import DAMPING, STIFFNESS, march, neighbours, step
 from .discs import Block, Box, Discs, Law, Plate
 from .packing import pack
-
-Array = NDArray[np.float64]
 
 SKIN = 0.3  # of the mean diameter: neighbours are listed so much farther than they touch
 STEPS_PER_CONTACT = 30.0  # time step = the shortest contact time over this: energy of an elastic contact within 0.1 %

@@ -6,12 +6,11 @@ import math
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
 
 from .contacts import neighbours
 from .discs import Box, Discs
-
-Array = NDArray[np.float64]
 
 BIDISPERSE = 1.4  # ratio of the two diameters, in equal numbers: the usual one, which does not crystallise
 

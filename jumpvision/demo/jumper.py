@@ -14,8 +14,8 @@ from threading import Lock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.mechanisms.cone import cone_mass, flat_radius
 from jumpvision.physics.batch import (
@@ -36,8 +36,6 @@ from jumpvision.studies.compute import ATOL, RTOL
 from jumpvision.studies.machine import Machine, machine
 
 from .controls import GROUNDS
-
-Array = NDArray[np.float64]
 
 FEWEST, MOST = 600, 2000  # samples of the motion that is drawn
 SPACING = 2e-3  # s, of the samples where their number is between those

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from jumpvision.base.arrays import Array
+
 from .fitting import Fit, Problem
 from .system import Candidate
-
-Array = NDArray[np.float64]
 
 LEVEL = 0.02  # below this p a model is called discrepant
 DRAWS = 20_000  # of the noise, for the largest of many scores

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
 from jumpvision.diagnosis.noise.noise import Noise, whiten
 from jumpvision.diagnosis.noise.readings import shapes
 
 from .system import Observation, Parameter, System, parameters
-
-Array = NDArray[np.float64]
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30

@@ -8,13 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
 from .system import Parameter
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.9  # of the set of models that is kept
 FIRSTS, SECONDS = 4, 4  # pairs tried: the best single ones, each with those its residuals ask for

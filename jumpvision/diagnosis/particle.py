@@ -18,13 +18,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
 
 from .system import Candidate, Observation, Parameter
-
-Array = NDArray[np.float64]
 
 LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding")
 SENSOR = {"scale": 1.0}  # value at which each does nothing

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.noise.noise import Noise
 
 from .fitting import STEP, Fit, Problem
-
-Array = NDArray[np.float64]
 
 
 class Runnable(Protocol):

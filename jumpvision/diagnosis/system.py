@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,14 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
+
+from jumpvision.base.arrays import Array
 
 from .detect import LEVEL, Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
 from .naming import Start, _best_of, held_out_score, race, start_of
 from .system import System
-
-Array = NDArray[np.float64]
 
 FITTED = 8  # shapes of the greatest scores are fitted through the simulation
 LEAST_OWN = 0.05  # share of a second shape that the first model cannot mimic

@@ -12,9 +12,9 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import stdtrit
 
-from .estimate import TWO_SIDED_95, checked, checked_sigma, scatter_factor, widened
+from jumpvision.base.arrays import FROM_MAD, Array
 
-Array = NDArray[np.float64]
+from .estimate import TWO_SIDED_95, checked, checked_sigma, scatter_factor, widened
 
 SETTLED = 1.5  # noise widths of a change of the integral that count as none
 GROWTH = 1.15  # the step in which the radius of an integral is enlarged
@@ -204,7 +204,7 @@ def _extent(
         if outside.sum() < 12:
             return "fewer than 12 undisturbed columns beside the crater: give the axis and the radius"
         level = uniform_filter1d(_levelled(x, h, good, centre, reach)[0], _window(x.size))
-        noise = 1.4826 * float(np.median(np.abs(level[outside])))
+        noise = FROM_MAD * float(np.median(np.abs(level[outside])))
         away = np.abs(level) > DISTURBED * noise
         away &= np.abs(x - 0.5 * (x[0] + x[-1])) < 0.5 * span - 2 * _window(x.size) * (x[1] - x[0])
         if not away.any():

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, label, median_filter
 
-from .crater import BEYOND, DISTURBED, NAN, Crater, no_crater, settled_radius, sum_sigma
+from jumpvision.base.arrays import FROM_MAD, Array
 
-Array = NDArray[np.float64]
+from .crater import BEYOND, DISTURBED, NAN, Crater, no_crater, settled_radius, sum_sigma
 
 SMOOTH = 2.0  # px, over which the map is smoothed to see where it is disturbed
 SMALLEST = 40  # px, smaller disturbed patches are none: the smoothing alone makes noise hang together over 25
@@ -103,7 +103,7 @@ def _without_spikes(z: Array) -> Array:
     filled = np.where(known, z, np.median(z[known])) if known.any() else z
     smooth = median_filter(filled, 5)
     off = filled - smooth
-    noise = 1.4826 * float(np.median(np.abs(off)))
+    noise = FROM_MAD * float(np.median(np.abs(off)))
     return np.where(known & (np.abs(off) <= SPIKE * max(noise, 1e-300)), filled, smooth)
 
 
@@ -119,10 +119,10 @@ def _extent(
     use = np.ones(z.size, bool)
     for _ in range(12):  # the plane of the undisturbed ground, which is most of the map
         rest = z.ravel() - design @ np.linalg.lstsq(design[use], z.ravel()[use], rcond=None)[0]
-        noise = 1.4826 * float(np.median(np.abs(rest[use] - np.median(rest[use]))))
+        noise = FROM_MAD * float(np.median(np.abs(rest[use] - np.median(rest[use]))))
         use = np.abs(rest) < 3.0 * max(noise, 1e-300)
     level = gaussian_filter(rest.reshape(z.shape), SMOOTH)
-    noise = 1.4826 * float(np.median(np.abs(level - np.median(level))))
+    noise = FROM_MAD * float(np.median(np.abs(level - np.median(level))))
     parts, count = label(np.abs(level) > DISTURBED * noise)
     edge = set(np.unique(np.r_[parts[:2].ravel(), parts[-2:].ravel(), parts[:, :2].ravel(), parts[:, -2:].ravel()]))
     size = np.bincount(parts.ravel())

@@ -8,15 +8,16 @@ from itertools import combinations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 from scipy.special import fdtrc, ndtr, ndtri
+
+from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, checked, checked_sigma
 from .mean import correlation_time
 from .ringdown import RingDown, ring_down
 
-Array = NDArray[np.float64]
 NAN = float("nan")
 Fit = tuple[Array, float, Array, Array]
 LAWS = ("viscous", "quadratic", "coulomb")

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 
 @dataclass(frozen=True)

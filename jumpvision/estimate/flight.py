@@ -10,10 +10,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
+from jumpvision.base.arrays import Array
+
 from .estimate import Estimate, checked, checked_sigma, least_squares_fit, scatter_factor
 from .line import fit_line
-
-Array = NDArray[np.float64]
 
 NAN = float("nan")
 ALLOWED = 1e-3  # chance that a window wholly in flight fails the chi2 test

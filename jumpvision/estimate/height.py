@@ -6,13 +6,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtri
+
+from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, checked, checked_sigma, scatter_factor
 from .mean import difference_noise, weighted_mean
-
-Array = NDArray[np.float64]
 
 NAN = float("nan")
 ALLOWED = 0.01  # chance that a window wholly on the parabola fails the chi2 test

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri
 
-from .estimate import Estimate, checked, checked_sigma, scatter_factor
+from jumpvision.base.arrays import Array
 
-Array = NDArray[np.float64]
+from .estimate import Estimate, checked, checked_sigma, scatter_factor
 
 
 @dataclass(frozen=True)

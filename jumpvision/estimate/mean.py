@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 
+from jumpvision.base.arrays import FROM_MAD, MAD, Array
+
 from .estimate import Estimate, checked, checked_sigma, scatter_factor
 
 
@@ -48,7 +50,7 @@ def near_the_median(values: ArrayLike, sigma: ArrayLike, *, reject: float) -> ND
     if not use.any():
         return use
     off = np.abs(values - np.median(values[use])) / np.where(use, sigma, np.nan)
-    near: NDArray[np.bool_] = off <= reject * max(1.0, 1.4826 * float(np.median(off[use])))
+    near: NDArray[np.bool_] = off <= reject * max(1.0, FROM_MAD * float(np.median(off[use])))
     return near
 
 
@@ -60,10 +62,9 @@ def difference_noise(series: NDArray[np.float64]) -> float:
     """
     if series.size < 8:
         return 0.0
-    return float(np.median(np.abs(np.diff(series, 3)))) / 0.6745 / math.sqrt(20.0)
+    return float(np.median(np.abs(np.diff(series, 3)))) / MAD / math.sqrt(20.0)
 
 
-Array = NDArray[np.float64]
 WINDOW = 5.0  # the sum over lags ends where the lag exceeds this many correlation times (Sokal 1997)
 
 

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 from scipy.special import fdtrc
 
+from jumpvision.base.arrays import Array
+
 from .estimate import Estimate, least_squares_fit, scatter_factor
 from .mean import difference_noise
 
-Array = NDArray[np.float64]
 NAN = math.nan
 DRAWS = 400
 

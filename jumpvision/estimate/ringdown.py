@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, checked, checked_sigma, least_squares_fit, scatter_factor
 from .line import fit_line
-
-Array = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
 DECAYS = np.array([0.0, 0.5, 1.5, 5.0, 15.0])  # over the record's length, first tries of the rate of decay

@@ -7,11 +7,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, checked, scatter_factor
 
-Array = NDArray[np.float64]
 STROKE = 0.02  # of the range of displacement: smaller reversals are none
 FEWEST = 5  # points
 BENT = 4.0  # sigmas of the curvature from which it is fitted along

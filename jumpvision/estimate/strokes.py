@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
+from jumpvision.base.arrays import Array
+
 from .estimate import Estimate, scatter_factor
 from .mean import correlation_time
 
-Array = NDArray[np.float64]
 SLOW = 0.25  # share of the typical intrusion speed below which the foot counts as paused
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from jumpvision.base.arrays import Array
+
 from .estimate import Estimate
 from .strokes import Fresh, Roughness, roughness
 
-Array = NDArray[np.float64]
 NAN = float("nan")
 BINS = 240  # the log is averaged over so many depths: far below delta, few enough to search
 CONTACT_GAIN = 15.0  # chi2 gain that shows a contact point within the log (a chance of 1e-4)

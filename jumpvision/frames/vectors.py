@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-
-Array = NDArray[np.float64]
 
 FORMATS = "pivpy .nc, OpenPIV .txt, PIVlab .txt or .mat"
 FOOT = ("foot_y", "foot_y_sigma", "foot_v", "foot_v_sigma")

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jumpvision.base.arrays import MAD, Array
 from jumpvision.estimate.estimate import checked, checked_sigma, least_squares_fit, scatter_factor
 
 from .gradients import overlap
-
-Array = NDArray[np.float64]
 
 
 def central_column(
@@ -228,4 +227,4 @@ def scatter_sigma(f: ArrayLike, valid: ArrayLike, correlation_length: float) -> 
     if second.size < 10:
         return float("nan")
     rho = np.maximum(0.0, 1.0 - np.arange(1, 3) / max(1.0, correlation_length))
-    return float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0 - 8.0 * rho[0] + 2.0 * rho[1]))
+    return float(np.median(np.abs(second)) / MAD / np.sqrt(6.0 - 8.0 * rho[0] + 2.0 * rho[1]))

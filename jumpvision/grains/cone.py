@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jumpvision.base.arrays import Array
 from jumpvision.estimate.estimate import checked, checked_sigma, least_squares_fit, scatter_factor
-
-Array = NDArray[np.float64]
 
 NAN = math.nan
 LEAST_POINTS = 4

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import FROM_MAD, Array
 from jumpvision.estimate.estimate import checked, checked_sigma, least_squares_fit, scatter_factor
 from jumpvision.estimate.line import Line, line_or_alike
-
-Array = NDArray[np.float64]
 
 LOCAL = (
     0.5  # the profile below this share of its largest speed is not used: only the neighbourhood of the front matters
@@ -141,7 +140,7 @@ def _strays(x: Array, y: Array, sigma: Array) -> NDArray[np.bool_]:
     left = y[good] - slope * x[good]
     near = np.array([np.median(left[max(0, k - 2) : k + 3]) for k in range(good.size)])
     off = np.abs(left - near)
-    out[good] = off > REJECT * np.hypot(sigma[good], 1.4826 * float(np.median(off)))
+    out[good] = off > REJECT * np.hypot(sigma[good], FROM_MAD * float(np.median(off)))
     return out
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import convolve1d
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 
 def overlap(distance: Array | float, correlation_length: float) -> Array:

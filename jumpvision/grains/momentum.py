@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .gradients import correlated_variance
+from jumpvision.base.arrays import Array
 
-Array = NDArray[np.float64]
+from .gradients import correlated_variance
 
 ANGLE = {"full": 2.0 * math.pi, "half": math.pi}  # rad of the disc that pushes grains: whole, or half at the wall
 PUSHING = 0.5  # of the foot's speed: slower grains under it are not pushed by it (it is in the air, or has a gap below)

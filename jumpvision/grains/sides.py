@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-from .gradients import correlated_variance
+from jumpvision.base.arrays import FROM_MAD, Array
 
-Array = NDArray[np.float64]
+from .gradients import correlated_variance
 
 REACH = 2  # vectors on each side of the greatest shear rate through which its parabola is laid
 LEAST_RIDGE = 4.0  # sigmas of the shear rate below which a row has no ridge
@@ -103,7 +103,7 @@ def _lines(places: Array, depth: Array, step: float, correlation_length: float) 
     sign = np.where(side == 1, 1.0, -1.0)
     design = np.stack([np.ones(at.size), -d, sign], axis=1)  # radius, 1/tan theta, offset
     start = np.linalg.lstsq(design, at, rcond=None)[0]
-    noise = max(1.4826 * float(np.median(np.abs(at - design @ start))), 1e-3 * step)
+    noise = max(FROM_MAD * float(np.median(np.abs(at - design @ start))), 1e-3 * step)
     fit = least_squares(lambda p: (at - design @ p) / (SOFT * noise), start, loss="soft_l1")
     left = at - design @ fit.x
     weight = 1.0 / np.sqrt(1.0 + (left / (SOFT * noise)) ** 2)

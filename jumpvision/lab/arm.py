@@ -11,9 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 Move = tuple[str, float]  # ("to", depth [m]) | ("pause", time [s])
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
 
 from . import recordings as logs
 from .campaign import jump_of
@@ -21,8 +22,6 @@ from .jumper import OUTSIDE, STATIC
 from .protocol import Protocol, protocol_of
 from .protocol_keys import Jump
 from .recordings import Errors
-
-Array = NDArray[np.float64]
 
 DT, EVERY = 1e-5, 50  # s: rod within 0.01 mm of dt = 1e-6, a fifth of the smallest noise (tests/test_lab_blind.py)
 EITHER = "either"  # of both signs

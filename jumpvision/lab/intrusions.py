@@ -8,16 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from . import write
 from .arm import Arm, Grains, Move, log
 from .jumper import STATIC, Robot, truth_of
 from .jumper_kernel import penetration
 from .protocol_keys import IntrusionLog
-
-Array = NDArray[np.float64]
-
 
 # how a parameter given for the robot's foot goes with the radius of another: forces with the area, lengths with it
 POWERS = {"k": 2, "k1": 2, "k2": 2, "s": 2, "s_p": 2, "saw": 2, "delta": 1, "crater_volume": 3}

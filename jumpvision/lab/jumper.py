@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jumper_kernel import integrate
+from jumpvision.base.arrays import Array
 
-Array = NDArray[np.float64]
+from .jumper_kernel import integrate
 
 
 class Loop(NamedTuple):

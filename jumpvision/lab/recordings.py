@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.lab.films.bed import bed_height, bed_picture, write_crater
 from jumpvision.lab.films.discs import Runner, write_disc_film
 from jumpvision.lab.films.grain_record import GRAIN_RATE, Glass, write_grain_film
@@ -163,8 +164,6 @@ def of_bed(
         )
         sections |= section
 
-
-Array = NDArray[np.float64]
 
 ENCODER_STEP = 6.25e-6  # m
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.lab.films.bed import bed_height, bed_picture
@@ -25,8 +24,6 @@ from . import recordings as logs
 from . import write
 from .intrusions import intrusion_campaign
 from .jumper import Law, Motion, Robot, simulate
-
-Array = NDArray[np.float64]
 
 SEED = 20140630
 LOG_RATE, FILM_RATE = 1000.0, 200.0  # 1/s

@@ -12,6 +12,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.hard.analysis import half_cycle_rows
@@ -24,8 +25,6 @@ from .forcing import Forcing
 from .model import BED, ROBOT, Model
 from .oscillator import amplitude_of, damping_of, gravity_of
 from .sand import compiled, events
-
-Array = NDArray[np.float64]
 
 PARAMETERS = tuple(f.name for f in dataclasses.fields(ModelParameters))
 FAILURE = {

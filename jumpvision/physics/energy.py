@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.cone import cone_mass
 from jumpvision.mechanisms.laws import STATIC
 from jumpvision.physics.hard.jump import HardMotion
@@ -15,8 +15,6 @@ from jumpvision.physics.sand.jump import Motion, follow
 
 from .forcing import Forcing, Loop, Segments
 from .model import Model
-
-Array = NDArray[np.float64]
 
 
 def acceleration(law: Forcing, t: Array) -> Array:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -254,8 +254,6 @@ def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[s
             yield f"{where} {n} = {value!r}: {problem}"
 
 
-Array = NDArray[np.float64]
-
 DYNAMIC = ("inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot", "stop_go_overshoot")
 FORCE_MODELS: dict[str, tuple[str, ...]] = {  # over the static force F_p (PHYSICS.md section 1, baselines 2 to 4)
     "static": (),

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
+
 RIPPLE = 3.0  # static deflections M g/k by which a foot swings at most after lift-off
 
 
@@ -50,7 +52,6 @@ def gravity_of(alpha: Any, stiffness: Any, mass: Any, amplitude: Any) -> Any:
     return alpha * stiffness * amplitude / mass
 
 
-Array = NDArray[np.float64]
 Jumps = Callable[[list[Array]], dict[str, NDArray]]
 
 

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import check_value, closest, type_of
 from jumpvision.mechanisms.parameters import ModelParameters
 
 from .batch import BY_AREA, OF_MODEL
-
-Array = NDArray[np.float64]
 
 GRID = 301  # trial places of the kink
 DRAWS = 2000  # of noise, for the distribution of the test without a kink

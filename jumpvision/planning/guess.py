@@ -6,15 +6,13 @@ import math
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import Forcing, Loop, Segments, sinusoid
 from jumpvision.physics.sand.jump import simulate
 
 from .jumper import AIR, INTRUDE, STUCK, Jumper
 from .transcription import SHORTEST, Guess
-
-Array = NDArray[np.float64]
 
 END = {
     STUCK: {AIR: "lift_off", INTRUDE: "intrude"},

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
 from jumpvision.physics.forcing import Forcing, Loop, Spline
 from jumpvision.physics.model import Model
@@ -20,8 +20,6 @@ from .guess import guessed, starts
 from .jumper import AIR, INTRUDE, STUCK, Drive, Jumper
 from .solve import Solution, Solver
 from .transcription import OBJECTIVES, Guess, Limits, Programme
-
-Array = NDArray[np.float64]
 
 MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "single": {"hard": (STUCK, AIR), "granular": (STUCK, INTRUDE, STUCK, AIR)},

@@ -9,13 +9,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import Spline
 
 from .transcription import SCALE, SHORTEST, Guess, Limits, Programme
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-7
 MAX_ITERATIONS = 250

@@ -7,15 +7,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.physics.forcing import Spline
 from jumpvision.physics.model import Model
 
 from .plan import Planner
-
-Array = NDArray[np.float64]
 
 
 def drawn(model: Model, sigma: Mapping[str, float], rng: np.random.Generator) -> Model:

@@ -15,11 +15,10 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
 
 from .jumper import AIR, INTRUDE, STUCK, Jumper, Memory
-
-Array = NDArray[np.float64]
 
 OBJECTIVES = ("effort", "height", "power", "energy")
 SCALE = {

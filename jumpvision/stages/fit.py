@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
 from jumpvision.estimate.height import jump_height, rest_height
@@ -26,7 +26,6 @@ from .recordings import scaled, timed
 from .ring import actuator_fits, ring_fits
 from .rod import hanging_foot, position_at, total_mass
 
-Array = NDArray[np.float64]
 NAN = math.nan
 
 

@@ -6,8 +6,8 @@ import math
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.estimate.decay import LAWS, decay_law
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import Flights
@@ -23,7 +23,6 @@ from jumpvision.workflow.stage import StageWarning
 from .recordings import scaled, timed
 from .rod import commanded, read_motor, total_mass
 
-Array = NDArray[np.float64]
 NAN = math.nan
 HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved past hops too short to be seen
 REFUSED = 1e-4  # chance below which a user is told that the decay is not viscous

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.estimate.estimate import independent
 from jumpvision.estimate.mean import difference_noise
 from jumpvision.inputs.logs import read_log
@@ -56,9 +57,6 @@ def noise_of(height: NDArray[np.float64]) -> float:
     steps = np.diff(np.unique(height))
     rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0
     return max(difference_noise(height), rounding, np.finfo(float).tiny)
-
-
-Array = NDArray[np.float64]
 
 
 def commanded(law: Actuation) -> Forcing:

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.physics.packing import Laws, laws_from
 
-Array = NDArray[np.float64]
 MOST = 100_000_000  # points of one sweep
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError, check_value
 from jumpvision.estimate.estimate import independent
@@ -40,7 +41,6 @@ from .compute import Say, provenance
 from .machine import Machine, machine
 from .study import Rows
 
-Array = NDArray[np.float64]
 LEVEL = 0.05  # corrected p of a condition that stands out
 COORDS = ("frequency", "phase", "amplitude", "cycles", "delay")
 DRAWN = 80  # points an axis of the simulated map behind the measured points

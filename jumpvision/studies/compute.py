@@ -19,6 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jumpvision import __version__
+from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
 from jumpvision.physics.batch import BY_AREA, hard_points, resolve, simulated_points
@@ -28,7 +29,6 @@ from jumpvision.results.records import plain
 from .axes import AXES, option
 from .machine import Machine
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
 CHUNK = 200_000  # points of an exact sweep in memory at once

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.estimate.estimate import independent
 from jumpvision.inputs.experiment import Experiment, open_campaign
@@ -26,8 +26,6 @@ from .compute import ATOL, RTOL, Say, dataset
 from .machine import machine
 from .sand_beds import kink
 from .study import Rows, Study
-
-Array = NDArray[np.float64]
 
 TRIED = {"b": np.geomspace(0.6, 120.0, 25), "alpha": np.geomspace(5.0, 1000.0, 25)}
 SEEN = ("volume_fraction", "jump_height_m", "sigma_m", "sigma_common_m")

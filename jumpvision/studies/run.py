@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
 from jumpvision.physics.batch import resolve
 
 from . import motions, scaling, thresholds
 from . import sand_beds as granular_studies
 from . import sand_models as granular_models
-from .axes import EXAMPLE, Array, Laws, option, read_axes, read_laws
+from .axes import EXAMPLE, Laws, option, read_axes, read_laws
 from .comparison import compare
 from .compute import Say
 from .drag_fit import drag_fit

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
@@ -21,8 +22,6 @@ from jumpvision.physics.sand.jump import Motion, simulate
 from .axes import Laws
 from .compute import ATOL, RTOL, grid_results
 from .study import Study
-
-Array = NDArray[np.float64]
 
 HOP_DELAY = 0.75  # s, of the thesis' delayed stutter jump
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.cone import cone_mass
 from jumpvision.physics.hard.analysis import STUTTER
 from jumpvision.physics.model import force_model
@@ -20,9 +20,6 @@ from .compute import Variable, dataset
 from .sand import DRAGS, FREQUENCIES, batch, drag_of_singles, heights, motion, need_cone, packings, placeholder
 from .sand_beds import PACKINGS, kink
 from .study import Rows, Study
-
-Array = NDArray[np.float64]
-
 
 COMPARED = ("static", "constant drag", "depth drag", "drag and added mass", "cone")
 SAMPLES = 2001

@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from jumpvision.base.arrays import Array
 from jumpvision.physics.oscillator import natural_frequency
 
-from .axes import Array
 from .compute import Say
 from .machine import Machine
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import fdtrc
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
+
 UP = {"-y": 1j, "+y": -1j, "-x": -1.0, "+x": 1.0}  # image directions as complex numbers, x right, y up
 OFF = 0.3  # px rms, by which marks are missed when they are clicked: less is no sign of perspective
 READING = 0.5  # px, standard uncertainty of each coordinate of a mark that is clicked

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, special
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import FROM_MAD, Array
 
 BELOW = 3  # rows under the face that take part in the fit of the edge
 BLURS = (0.3, 0.5, 0.7, 0.9, 1.2, 1.6)  # px, widths tried for the edge in frame 0
@@ -85,7 +85,7 @@ class Body:
         keep = slice(0, max(len(inside) - SPARED, 0))
         self.first, self.texture = self.top, ndimage.gaussian_filter(inside, SMOOTH)[keep]
         # noise from second differences along the columns, robust against the texture of the body
-        self.noise = max(1.4826 * float(np.median(np.abs(np.diff(inside, 2, axis=0)))) / math.sqrt(6), 0.5)
+        self.noise = max(FROM_MAD * float(np.median(np.abs(np.diff(inside, 2, axis=0)))) / math.sqrt(6), 0.5)
 
     def template(self, y: Array, f: float) -> Array:
         """The body with its face at f, on the rows y: (len(y), columns)."""

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from .foot_body import Body
+from jumpvision.base.arrays import Array
 
-Array = NDArray[np.float64]
+from .foot_body import Body
 
 APART = 0.5  # px, standard uncertainty from grains that do not reach right up to the face: nine films have 0.44 rms
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import FROM_MAD, Array
 
 LARGEST_STEP = 6  # px by which the line may change from one column to the next
 STEP_COST = 0.02  # of the typical contrast, per px of such a change
@@ -52,7 +52,7 @@ def laser_line(image: ArrayLike, *, saturation: float | None = None) -> LaserLin
     grey = np.where(whole, grey, np.nanmedian(grey))
     strength = gaussian_filter1d(grey, NARROW, axis=0) - gaussian_filter1d(grey, WIDE, axis=0)
     typical = float(np.median(strength.max(axis=0)))
-    noise = 1.4826 * float(np.median(np.abs(np.diff(grey, axis=0)))) / np.sqrt(2.0)
+    noise = FROM_MAD * float(np.median(np.abs(np.diff(grey, axis=0)))) / np.sqrt(2.0)
     if not typical > max(3.0 * noise, 1e-9 * float(np.abs(grey).max())):
         nothing = np.full(nx, NAN)
         return LaserLine(column, nothing, nothing, nothing, np.full(nx, "no bright line"))

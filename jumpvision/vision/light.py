@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 REACH = 8  # px, rows on each side of the edge
 PER_PIXEL = 4  # bins a pixel

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_closing, binary_opening, label
 from scipy.special import ndtr, stdtrit
 
+from jumpvision.base.arrays import Array
+
 from .laser_line import strongest_chain
 from .light import clipped_columns, clipped_shift, glow_shift
-
-Array = NDArray[np.float64]
 
 REACH = 8  # px above and below the surface that the step filter and the edge fit look at
 LARGEST_STEP = 6  # px by which the surface may change from one column to the next

@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.diagnosis.system import Observation, Parameter
 from jumpvision.physics.forcing import Forcing, Loop, Segments, Spline
@@ -20,8 +20,6 @@ from jumpvision.physics.sand.jump import Motion, Tracks, simulate
 
 from .jumps import Jump, coarseness, common, groups, is_common, observation, value
 from .vocabulary import candidates
-
-Array = NDArray[np.float64]
 
 RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
 C_THESIS = 2.7  # scale of the added mass, where nothing in the data says it

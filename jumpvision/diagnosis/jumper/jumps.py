@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.noise.noise import rounding_step, step_apart
 from jumpvision.diagnosis.system import Observation, Parameter
 from jumpvision.physics.forcing import Forcing, Loop
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import Motion
-
-Array = NDArray[np.float64]
 
 LANDINGS = 2  # after the motor stopped; later bounces tell of chaos more than of the model
 PARTS = ("pre_load", "intrusion", "push_off", "flight", "landing", "re_intrusion")

@@ -11,15 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 from jumpvision.physics.model import Residual
 from jumpvision.physics.sand.granular import CARRIAGE, CONE, FOOT, INTRUDE
 
 from .jumper import Jumper
-
-Array = NDArray[np.float64]
 
 DEPTH, SPEED = 0.02, 0.5  # m, m/s: of an intrusion or a stroke, where a force of `share` of the weight matters
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import numpy as np
-from numpy.typing import NDArray
-
 from jumpvision.diagnosis.system import Candidate, Parameter
 from jumpvision.mechanisms.laws import STATIC
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
@@ -93,6 +90,3 @@ def _static(model: Model, mu: Parameter, theta: Parameter, stiff: float) -> dict
         for t, p in parts.items()
         if t != own
     }
-
-
-Array = NDArray[np.float64]

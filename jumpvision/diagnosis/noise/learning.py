@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import MAD, Array
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import coarseness
 
@@ -22,8 +22,6 @@ from .quiet import STEPS, differences, flights, rest, ring_of, steadied
 from .readings import half_width
 from .readings import kurtosis as kurtosis_of
 from .sources import FEWEST, Source, combined, of_statements, of_stretches, only_stated, stated_by, with_stated
-
-Array = NDArray[np.float64]
 
 ENOUGH = 8  # jumps that tell the frequency of the foot in flight
 FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
@@ -142,7 +140,7 @@ def _alone(system: Jumper, weights: Sequence[Array], least: float, coarse: float
     quiet: dict[str, list[Stretch]] = {"rest": [], "flight": []}
     about = []
     for i, (j, w) in enumerate(zip(system.jumps, weights)):
-        sigma = max(float(np.median(np.abs(readings.deviation(j.y)))) / 0.6745 / readings.OWN, least)
+        sigma = max(float(np.median(np.abs(readings.deviation(j.y)))) / MAD / readings.OWN, least)
         if (x := rest(j, w)) is not None:
             r, q = x.y / w[: x.t.size], x.design
             r = r - q @ np.linalg.lstsq(q, r, rcond=None)[0]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize_scalar
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 
 @dataclass(frozen=True)

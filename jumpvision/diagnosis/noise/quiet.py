@@ -7,17 +7,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.estimate.flight import in_flight
 from jumpvision.physics.oscillator import foot_ripple
 
 from .noise import Stretch, powers, samples, step_apart
-
-Array = NDArray[np.float64]
 
 REST = 6  # samples at least
 SHORTEST = 16  # samples of a flight

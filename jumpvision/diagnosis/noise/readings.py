@@ -6,13 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 from scipy.ndimage import median_filter
 
-from .noise import Noise, Stretch, solved, whitened
+from jumpvision.base.arrays import MAD, Array
 
-Array = NDArray[np.float64]
+from .noise import Noise, Stretch, solved, whitened
 
 BULK = 2.5  # robust sigmas beyond which a reading's weight falls, as Huber (1964) has it
 LISTED = 5.0  # from which it is called an outlier
@@ -39,10 +38,10 @@ def factors(r: Array, least: float) -> tuple[Array, Array]:
     not held against their neighbours.
     """
     calm = r.copy()
-    sigma = max(float(np.median(np.abs(deviation(r)[2:-2]))) / 0.6745 if r.size > 8 else 0.0, OWN * least)
+    sigma = max(float(np.median(np.abs(deviation(r)[2:-2]))) / MAD if r.size > 8 else 0.0, OWN * least)
     if not sigma > 0.0:
         return np.ones_like(r), np.zeros_like(r)
-    bulk = max(float(np.median(np.abs(r - median_filter(r, NEAR)))) / 0.6745, least)
+    bulk = max(float(np.median(np.abs(r - median_filter(r, NEAR)))) / MAD, least)
     for _ in range(ROUNDS):
         off = deviation(calm)
         # a reading between two that stand off deviates from the cubic, but not from the median about it

@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.jumper.jumper import Jumper
 
 from .noise import Noise, Stretch, estimate, samples, whitened
-
-Array = NDArray[np.float64]
 
 FEWEST = 20  # samples beyond their coefficients that a noise can be learned from
 APART = 3.0  # sigmas by which sources contradict each other

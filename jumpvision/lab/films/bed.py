@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.protocol_keys import CraterImage
 
 from .optics import blur, record, texture
-
-Array = NDArray[np.float64]
 
 
 def bed_height(volume_fraction: float, *, solid_volume: float, length: float, width: float) -> float:

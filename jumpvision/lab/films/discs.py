@@ -11,6 +11,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.jumper import Motion
 from jumpvision.lab.protocol_keys import GrainCamera, GrainFilm, chip_of
@@ -18,8 +19,6 @@ from jumpvision.lab.protocol_keys import GrainCamera, GrainFilm, chip_of
 from .grain_record import GRAIN_RATE, Clock, Glass, middle, start_of
 from .grains import View
 from .optics import record_bright, texture
-
-Array = NDArray[np.float64]
 
 GAP, BEHIND = 22.0, 46.0  # grey: dark between the grains, shadow above the foot and the bed
 LIT = 0.5, -0.10, -0.16  # share of a disc's light that comes from its bulge, and across and down its face

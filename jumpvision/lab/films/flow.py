@@ -19,9 +19,9 @@ from functools import cached_property
 
 import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 ABOVE = 0.003  # m, how far above the face grains beside the foot are dragged along
 

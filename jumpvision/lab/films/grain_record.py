@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.jumper import Motion
 from jumpvision.lab.protocol_keys import GrainCamera, chip_of
@@ -19,8 +20,6 @@ from .flow import Flow
 from .grains import View
 from .optics import distorted, lens_of, margin, record, record_bright, reflection, seen_places, shade
 from .quick import QuickGrainCamera
-
-Array = NDArray[np.float64]
 
 GRAIN_RATE = 500.0  # 1/s
 GOOD = GrainCamera()

@@ -13,10 +13,10 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
+
 from .flow import Flow
 from .optics import blur, texture
-
-Array = NDArray[np.float64]
 
 SKY, SOIL, HOLE = 198.0, 14.0, 46.0  # grey: back-light above the bed, gaps between grains, shadow behind the foot
 FOOT_HEIGHT, NECK = 0.012, 0.007  # m: thickness of the foot's disc, half width of the strut above it

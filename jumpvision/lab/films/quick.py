@@ -13,12 +13,11 @@ from itertools import pairwise
 import cv2
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
 
 from .flow import ABOVE, Flow
 from .grains import GrainCamera
-
-Array = NDArray[np.float64]
 
 PAD = 16  # px around the picture; discs are smaller
 STREAK = 0.5  # px: how far the foot may move between two instants of an exposure

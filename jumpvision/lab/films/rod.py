@@ -8,15 +8,13 @@ from typing import Any
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.jumper import Motion
 from jumpvision.lab.protocol_keys import Camera, RodFilm, chip_of
 
 from .optics import NO_LENS, Lens, blur, lens_of, record, seen_place, seen_places, shade, texture, true_place
-
-Array = NDArray[np.float64]
 
 _STEP = 1 / 256  # px, spacing of the tabulated profile
 _EXPOSURE_POINTS = 9

@@ -7,11 +7,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.physics.oscillator import amplitude_of, best_jump, damping_of, natural_frequency
 
 from .jump import hard_sweep, sine_rows
-
-Array = NDArray[np.float64]
 
 
 def half_cycle_rows(

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import Segments
 from jumpvision.physics.oscillator import natural_frequency
 
 from .jump import hard_jump, hard_sweep, sine_rows
 
-Array = NDArray[np.float64]
 PHASE = 1.5 * math.pi  # the motor is at rest between cycles: a change of frequency makes no velocity step
 
 

@@ -14,12 +14,11 @@ import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import Forcing, Segments
 
 from .arc import AIR, ARC_SIZE, KERNEL, KIND, evaluate
 from .flow import motor, row, simulate
-
-Array = NDArray[np.float64]
 
 # name: unit, lowest, whether the lowest itself is allowed
 RANGES = {

@@ -11,15 +11,13 @@ from typing import Any
 
 import numpy as np
 from numba import njit, prange
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms import cone
 from jumpvision.mechanisms import laws as terms
 from jumpvision.physics import forcing
 
 from . import events, granular, kernel, modes, rest, scalar, step, tangents, within
-
-Array = NDArray[np.float64]
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most

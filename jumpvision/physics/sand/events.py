@@ -17,6 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
+
 from .granular import (
     AIR,
     HARD,
@@ -41,8 +43,6 @@ from .kernel import kernel
 from .modes import grip, guards, limit, rail_force, room, settle
 from .step import N_ARC, N_SLOPES, ORDER, U, Z, begin, clear_until, dense, flow, longest_step, middle, step
 from .within import dips, efforts, heights, inside, locate, peak, sample
-
-Array = NDArray[np.float64]
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
 KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "motor_held", "motor_free")

@@ -21,8 +21,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.cone import cone_mass, cone_mass_slope
 from jumpvision.mechanisms.laws import (
     coulomb_friction,
@@ -40,7 +40,6 @@ from jumpvision.physics.forcing import segment_xv
 from . import scalar, tangents
 from .kernel import kernel
 
-Array = NDArray[np.float64]
 Guards = tuple[float, float, float, float]
 
 AIR, STUCK, INTRUDE = 0, 1, 2

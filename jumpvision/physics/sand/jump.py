@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms import laws as terms
 from jumpvision.mechanisms.parameters import MECHANISMS
 from jumpvision.physics.forcing import Forcing, Loop, Segments
 from jumpvision.physics.model import Model
 
 from . import compiled, events, granular, within
-
-Array = NDArray[np.float64]
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")

@@ -6,12 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
 
 from .granular import AIR, CARRIAGE, INTRUDE, SINE, VF, XF, W, Y, is_still, rhs
 from .kernel import kernel
-
-Array = NDArray[np.float64]
 
 ORDER = 5
 N_SLOPES = 7

@@ -6,14 +6,14 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
 
 from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from .kernel import kernel
 from .modes import guards
 from .step import between, flow
 
-Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 ROOT = 1e-14  # s, width of the bracket at which an event is found

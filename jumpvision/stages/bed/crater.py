@@ -7,8 +7,8 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.estimate.crater import Crater, line_crater
 from jumpvision.estimate.crater_map import map_crater
 from jumpvision.frames import open_frames
@@ -20,8 +20,6 @@ from jumpvision.vision.laser_line import laser_line
 from jumpvision.workflow.stage import StageWarning, stage
 
 from .height import packing, packing_common
-
-Array = NDArray[np.float64]
 
 
 @stage(version=2, any_of=("line", "depth"))

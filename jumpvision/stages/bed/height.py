@@ -8,8 +8,8 @@ from math import hypot
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.inputs.parameters import BedParams
 from jumpvision.inputs.sections import Bed, BedImage, Calibration, need
 from jumpvision.results.records import BedHeight
@@ -17,8 +17,6 @@ from jumpvision.stages.recordings import open_pictures, other_lens, view_of
 from jumpvision.vision.camera import Camera
 from jumpvision.vision.surface import BedHeightPx, Surface, bed_height, bed_surface, volume_fraction
 from jumpvision.workflow.stage import StageWarning, stage
-
-Array = NDArray[np.float64]
 
 EDGE_COMMON = 0.025  # px, by which all columns of one picture may be off together (light through the topmost grains)
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.grains.column import beta, central_column, fit_column
 from jumpvision.grains.front import jammed_thickness
 from jumpvision.grains.sides import SHORTEST, ConeSide, Sides, cone_outline, cone_side, shear_bands
@@ -15,8 +15,6 @@ from jumpvision.inputs.parameters import ColumnParams
 from jumpvision.inputs.sections import NotApplicable, Robot
 from jumpvision.results.records import Column, Flow, Piv
 from jumpvision.workflow.stage import stage
-
-Array = NDArray[np.float64]
 
 
 @stage(version=7)

@@ -7,8 +7,8 @@ import warnings
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.grains import gradients as strain
 from jumpvision.grains.gradients import gradients
 from jumpvision.grains.momentum import added_mass, grain_momentum
@@ -18,7 +18,6 @@ from jumpvision.results.records import BedHeight, Flow, Piv
 from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.workflow.stage import StageWarning, stage
 
-Array = NDArray[np.float64]
 JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.3.5)
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 

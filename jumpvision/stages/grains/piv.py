@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jumpvision import __version__
+from jumpvision.base.arrays import Array
 from jumpvision.base.processes import WORKERS, in_parts
 from jumpvision.base.progress import watch
 from jumpvision.frames import Film
@@ -25,7 +26,6 @@ from jumpvision.workflow.stage import StageWarning, stage
 
 from .vectors import foreign_field
 
-Array = NDArray[np.float64]
 UNEVEN = 0.02  # of the time between frames
 PART, LONG = 16, 64  # pairs a process matches at a time; from so many on several processes are worth their start
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame

@@ -6,9 +6,9 @@ import warnings
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from jumpvision import __version__
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.frames.vectors import FOOT, Vectors, read_vectors
 from jumpvision.grains.column import follow_plug, scatter_sigma
@@ -16,8 +16,6 @@ from jumpvision.inputs.sections import PivField, Robot
 from jumpvision.results.records import Piv
 from jumpvision.vision.piv.pair import INTERPOLATED, VALID
 from jumpvision.workflow.stage import StageWarning
-
-Array = NDArray[np.float64]
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 PIXELS = ("px", "pix", "pixel", "pixels")

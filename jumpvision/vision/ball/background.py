@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from jumpvision.base.arrays import Array
 
 CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 

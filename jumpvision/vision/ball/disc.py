@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
 
 from .sums import ROOM, SECTORS, accumulate, pixels_in_use
-
-Array = NDArray[np.float64]
 
 NAMES = ("x", "y", "R", "s", "b", "a", "bx", "by", "gx", "gy", "wx", "wy")
 X, Y, R, S, B, A, BX, BY, GX, GY, WX, WY = range(12)

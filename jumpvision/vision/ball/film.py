@@ -18,9 +18,6 @@ from .measure import Found, window_half
 from .track import BallSettings, BallTrack, BallTracker, as_track
 from .view import View, Window
 
-Array = NDArray[np.float64]
-
-
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache

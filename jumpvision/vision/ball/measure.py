@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import FROM_MAD
+
 from . import disc
 from .disc import DRIFT, LIGHT, learn, rim_faults
 from .view import View
@@ -306,7 +308,7 @@ def half_height_centroid(
         return None
     ball, ground = float(np.median(crop[rim])), float(np.median(crop[back]))
     height = ball - ground if polarity == "bright" else ground - ball
-    noise = 1.4826 * float(np.median(np.abs(crop[back] - ground)))
+    noise = FROM_MAD * float(np.median(np.abs(crop[back] - ground)))
     if not height > 4.0 * max(noise, 0.29):
         return None
     half = 0.5 * (ball + ground)

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from .background import Background
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Window:

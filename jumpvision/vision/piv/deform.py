@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
-from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Float32
 
 from .frame import Frame
-
-Float32 = NDArray[np.float32]
 
 EDGE = 2  # px at the border of the padded frame that the spline does not reach
 LANES = 8  # pixels computed at a time; a run's last ones reach into the next run, which then overwrites them

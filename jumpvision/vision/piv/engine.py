@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from jumpvision.base.arrays import Array
+
 from . import pair as code
 from .backend import backend
 from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
@@ -20,8 +22,6 @@ from .refine import Grid, Match, Pairs, refine
 from .solve import COVERED, FLAT, STEPPED
 from .surface import STIFF, smoothed
 from .validate import error_length, factors, local_median, normalised_median
-
-Array = NDArray[np.float64]
 
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from

@@ -12,9 +12,9 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from .pair import MEASURED, VectorField
+from jumpvision.base.arrays import Float32
 
-Float32 = NDArray[np.float32]
+from .pair import MEASURED, VectorField
 
 REACH = 10  # px of the smoothing and the spline's coefficients together
 GUARD = 2  # px next to a masked pixel that the gradient stencil and the spline reach
@@ -90,8 +90,6 @@ def taper(window: int) -> Float32:
 
 TAPER = 0.45  # Gaussian weight: standard deviation over half the window
 
-
-Array = NDArray[np.float64]
 
 LIGHT, STRONG = 0.8, 1.1  # px, standard deviation of the Gaussian
 BLOCK, ENOUGH = 32, 256  # px, side of the blocks whose spectra are averaged (Welch 1967), and how many tell enough

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array
+
 from .backend import backend
 
 SMOOTHING = ("none", "adaptive")
@@ -42,8 +44,6 @@ class Settings:
             raise ValueError(f"preset = {self.preset!r}: must be one of {', '.join(TIMES)}")
         backend(self.backend)
 
-
-Array = NDArray[np.float64]
 
 VALID, MASKED, NO_TEXTURE, LOW_CORRELATION, SECOND_PEAK, INTERPOLATED, EDGE_PEAK, NOT_CONVERGED = range(8)
 

@@ -10,12 +10,11 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from jumpvision.base.arrays import Array, Float32
+
 from .backend import NUMPY, Backend
 from .frame import Frame
 from .validate import local_median, normalised_median
-
-Array = NDArray[np.float64]
-Float32 = NDArray[np.float32]
 
 CHUNK = 512  # windows per batch of FFTs; larger batches leave the CPU cache
 MIN_OVERLAP = 0.25  # share of the texture of each window that must take part in a match

@@ -25,16 +25,14 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array, Float32
+
 from .deform import half_way
 from .frame import Frame, taper
 from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of, slopes
 from .solve import STEPPED, covariances, steps
 from .surface import axis, everywhere, lightly_smoothed
 from .validate import LAG
-
-Array = NDArray[np.float64]
-Float32 = NDArray[np.float32]
-
 
 AROUND = 33  # px, side of the region over which the correlation of neighbouring residuals is averaged
 LEAST_RATIO = 0.2  # of the variance with to that without correlation: less is chance

@@ -11,11 +11,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.arrays import Array, Float32
+
 from .validate import response
-
-Array = NDArray[np.float64]
-Float32 = NDArray[np.float32]
-
 
 AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
 LEAST = 0.02  # px: smaller differences are no step

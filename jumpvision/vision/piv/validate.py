@@ -10,9 +10,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from .frame import taper
+from jumpvision.base.arrays import FROM_MAD, Array
 
-Array = NDArray[np.float64]
+from .frame import taper
 
 NOISE_FLOOR = 0.1  # px: disagreement that is never an outlier by itself (Westerweel & Scarano 2005)
 MIN_NEIGHBOURS = 3
@@ -50,7 +50,7 @@ def local_median(
     if lonely.any():
         far = _medians(*_bordered(f, 2, slope), 2, lonely)
         middle, scatter = (np.where(lonely, w, n) for n, w in zip((middle, scatter), far))
-    return middle, 1.4826 * scatter
+    return middle, FROM_MAD * scatter
 
 
 def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[Array, Array, Array]:
