@@ -1,0 +1,1 @@
+"""What stages hand on, as types; a dict only at the file."""
