@@ -12,7 +12,7 @@ from .base import Film, FrameError, Image
 
 READERS: dict[str, tuple[str, str]] = {
     **dict.fromkeys((".avi", ".mp4", ".m4v", ".mkv", ".mov", ".webm"), ("video", "VideoFilm")),
-    **dict.fromkeys((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"), ("images", "ImageFilm")),
+    **dict.fromkeys((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"), ("pictures", "ImageFilm")),
     **dict.fromkeys((".tif", ".tiff"), ("tiff", "TiffFilm")),
     **dict.fromkeys((".mraw", ".cih", ".cihx"), ("mraw", "MrawFilm")),
     ".cine": ("cine", "CineFilm"),
