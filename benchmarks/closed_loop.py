@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.lab.films.discs import DiscCamera
-from jumpvision.results.records import Column
+from jumpvision.results.fields import Column
 from jumpvision.stages.grains.cone import broader_than_column, cone_fits, front_line, pushing, sides
 
 sys.path.insert(0, "tests")

@@ -13,7 +13,7 @@ TARGET = Path(__file__).with_name("api.md")
 ROOT = Path(jumpvision.__file__).parent
 ROOMS = {  # what a heading covers, in the order of the page
     "For notebooks": ["api.py"],
-    "Folders": ["inputs/experiment.py", "results/records.py", "base/schema.py"],
+    "Folders": ["inputs/experiment.py", "results", "base/schema.py"],
     "Films (`jumpvision.frames`)": ["frames"],
     "Pictures to pixels (`jumpvision.vision`)": ["vision"],
     "Velocity fields of grains (`jumpvision.grains`)": ["grains"],

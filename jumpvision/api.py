@@ -27,7 +27,8 @@ from jumpvision.inputs.model import model_tables
 from jumpvision.inputs.overrides import parse
 from jumpvision.report.figures import PICTURES
 
-from .results import records
+from .results import fields, tables, values
+from .results.record import Record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
-R = TypeVar("R", bound=records.Record)
+R = TypeVar("R", bound=Record)
 
 
 def open(
@@ -65,69 +66,69 @@ def results_of(path: Path) -> Path:
     return path.absolute().parent / "results" / path.absolute().name
 
 
-def track(experiment: Folder, *, results: PathLike | None = None) -> records.Track:
+def track(experiment: Folder, *, results: PathLike | None = None) -> tables.Track:
     """The ball on the rod in every frame of [rod_video]: position [px], height [m], their sigmas, a flag."""
-    return _make(experiment, records.Track, results)
+    return _make(experiment, tables.Track, results)
 
 
-def rod(experiment: Folder, *, results: PathLike | None = None) -> records.RodMotion:
+def rod(experiment: Folder, *, results: PathLike | None = None) -> tables.RodMotion:
     """Height of the rod [m] against time [s], zero at rest, from the track or [rod_track]."""
-    return _make(experiment, records.RodMotion, results)
+    return _make(experiment, tables.RodMotion, results)
 
 
-def bed(experiment: Folder, *, results: PathLike | None = None) -> records.BedHeight:
+def bed(experiment: Folder, *, results: PathLike | None = None) -> values.BedHeight:
     """Bed height [m] and volume fraction from [bed_image]."""
-    return _make(experiment, records.BedHeight, results)
+    return _make(experiment, values.BedHeight, results)
 
 
-def geometry(experiment: Folder, *, results: PathLike | None = None) -> records.Geometry:
+def geometry(experiment: Folder, *, results: PathLike | None = None) -> values.Geometry:
     """Whether walls, floor and air of the bed disturb the jump."""
-    return _make(experiment, records.Geometry, results)
+    return _make(experiment, values.Geometry, results)
 
 
-def crater(experiment: Folder, *, results: PathLike | None = None) -> records.CraterShape:
+def crater(experiment: Folder, *, results: PathLike | None = None) -> values.CraterShape:
     """Volume change [m^3] of a crater from [crater_image] or [crater_depth]."""
-    return _make(experiment, records.CraterShape, results)
+    return _make(experiment, values.CraterShape, results)
 
 
-def piv(experiment: Folder, *, results: PathLike | None = None) -> records.Piv:
+def piv(experiment: Folder, *, results: PathLike | None = None) -> fields.Piv:
     """Velocity of the grains in [grain_video]: a data set over (y, x, t) [m/s], x right, y up."""
-    return _make(experiment, records.Piv, results)
+    return _make(experiment, fields.Piv, results)
 
 
-def flow(experiment: Folder, *, results: PathLike | None = None) -> records.Flow:
+def flow(experiment: Folder, *, results: PathLike | None = None) -> fields.Flow:
     """Shear rate, vorticity, divergence [1/s] over (y, x, t); momentum [kg m/s] and added mass [kg] over t."""
-    return _make(experiment, records.Flow, results)
+    return _make(experiment, fields.Flow, results)
 
 
-def column(experiment: Folder, *, results: PathLike | None = None) -> records.Column:
+def column(experiment: Folder, *, results: PathLike | None = None) -> fields.Column:
     """Speed under the foot over (y, t), with the jammed front and the decay below it."""
-    return _make(experiment, records.Column, results)
+    return _make(experiment, fields.Column, results)
 
 
-def intrusion(experiment: Folder, *, results: PathLike | None = None) -> records.Intrusion:
+def intrusion(experiment: Folder, *, results: PathLike | None = None) -> values.Intrusion:
     """Two resistances, overshoots and oscillations of [intrusion_log]."""
-    return _make(experiment, records.Intrusion, results)
+    return _make(experiment, values.Intrusion, results)
 
 
-def spring(experiment: Folder, *, results: PathLike | None = None) -> records.SpringTest:
+def spring(experiment: Folder, *, results: PathLike | None = None) -> values.SpringTest:
     """Force against displacement of [spring_log]: stiffness and hysteresis."""
-    return _make(experiment, records.SpringTest, results)
+    return _make(experiment, values.SpringTest, results)
 
 
-def fit(experiment: Folder, *, results: PathLike | None = None) -> records.Fits:
+def fit(experiment: Folder, *, results: PathLike | None = None) -> values.Fits:
     """Every fit: jump height, flights, ring-down, mu, beta, added mass; `.table` has one row a fit."""
-    return _make(experiment, records.Fits, results)
+    return _make(experiment, values.Fits, results)
 
 
-def simulate(experiment: Folder, *, results: PathLike | None = None) -> records.Simulation:
+def simulate(experiment: Folder, *, results: PathLike | None = None) -> tables.Simulation:
     """The model driven by the motor log or the commanded law: positions [m] (x up), forces [N] against time [s]."""
-    return _make(experiment, records.Simulation, results)
+    return _make(experiment, tables.Simulation, results)
 
 
-def summary(experiment: Folder, *, results: PathLike | None = None) -> records.Summary:
+def summary(experiment: Folder, *, results: PathLike | None = None) -> values.Summary:
     """The experiment in a few numbers; None where unknown."""
-    return _make(experiment, records.Summary, results)
+    return _make(experiment, values.Summary, results)
 
 
 def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pictures: bool = True) -> pd.DataFrame:

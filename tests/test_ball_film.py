@@ -14,7 +14,7 @@ from jumpvision.frames import open_frames
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.sections import NotApplicable
 from jumpvision.report.figures.overlay import TrackFilm
-from jumpvision.results.records import Track
+from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
 from jumpvision.vision.ball.track import BallSettings
 from jumpvision.workflow.workspace import Workspace

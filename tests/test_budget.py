@@ -41,7 +41,9 @@ from jumpvision.inputs.sections import (
     RodVideo,
 )
 from jumpvision.lab import write
-from jumpvision.results.records import BedHeight, Fits, Flow, RodMotion, Track
+from jumpvision.results.fields import Flow
+from jumpvision.results.tables import RodMotion, Track
+from jumpvision.results.values import BedHeight, Fits
 from jumpvision.stages.bed.height import bed, packing_common
 from jumpvision.stages.fit import flight_fits, height_fits
 from jumpvision.stages.grains.cone import grown_cone

@@ -10,7 +10,7 @@ from test_field import window_noise
 
 from jumpvision.estimate.mean import near_the_median
 from jumpvision.grains.sides import cone_outline, cone_side
-from jumpvision.results.records import Column
+from jumpvision.results.fields import Column
 from jumpvision.stages.grains.cone import cone_fits, sides
 
 R, FOOT, STEP, WINDOW = 0.0381, 0.5, 2.4e-3, 7.2e-3

@@ -13,7 +13,7 @@ from jumpvision.dem.field import as_piv, coarse_grain
 from jumpvision.dem.packing import pack
 from jumpvision.inputs.parameters import FlowParams
 from jumpvision.inputs.sections import Bed, GrainVideo
-from jumpvision.results.records import Piv
+from jumpvision.results.fields import Piv
 from jumpvision.stages.grains.flow import flow
 
 D = 1e-3

@@ -19,7 +19,7 @@ from jumpvision.base import storage
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.parameters import BedParams, FitParams
 from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
-from jumpvision.results.records import Values
+from jumpvision.results.values import Values
 from jumpvision.workflow import stage as stage_module
 from jumpvision.workflow import workspace as pipeline
 from jumpvision.workflow.stage import STAGES, StageWarning, stage
@@ -252,7 +252,7 @@ KILLED = textwrap.dedent("""
     import sys, os, time, pathlib
     from jumpvision.workflow.workspace import Workspace
     from jumpvision.workflow.stage import stage
-    from jumpvision.results.records import Values
+    from jumpvision.results.values import Values
     from jumpvision.inputs.experiment import open_experiment
     from jumpvision.inputs.sections import MotorLog
 

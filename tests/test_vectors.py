@@ -14,7 +14,7 @@ from jumpvision.cli import main
 from jumpvision.grains.column import follow_plug, scatter_sigma
 from jumpvision.grains.gradients import correlated_variance
 from jumpvision.inputs.experiment import open_experiment
-from jumpvision.results.records import Flow, Piv
+from jumpvision.results.fields import Flow, Piv
 from jumpvision.workflow.workspace import Workspace
 
 RATE, SCALE, STEP = 500.0, 2e-4, 12  # 1/s, m/px, px

@@ -18,7 +18,8 @@ from jumpvision.mechanisms.cone import cone_mass
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.model import ROBOT, Model
-from jumpvision.results.records import Fits, Flow
+from jumpvision.results.fields import Flow
+from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome
 
 STEP = 1e-3  # of a parameter's scale, for derivatives

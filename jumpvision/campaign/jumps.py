@@ -18,7 +18,8 @@ from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, RodTrack, RodVideo
-from jumpvision.results.records import BedHeight, Fits, RodMotion
+from jumpvision.results.tables import RodMotion
+from jumpvision.results.values import BedHeight, Fits
 from jumpvision.stages.bed.height import packing
 from jumpvision.stages.recordings import shared_of
 from jumpvision.stages.rod import total_mass

@@ -16,7 +16,7 @@ from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, resistances, single
 from jumpvision.report.pages.charts import fits_of, json_of
 from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
-from jumpvision.results.records import Column, Flow, Piv
+from jumpvision.results.fields import Column, Flow, Piv
 
 from .figures import grains as films
 from .style import FORMATS, printed, save

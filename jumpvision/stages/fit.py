@@ -17,7 +17,9 @@ from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import FitParams
 from jumpvision.inputs.sections import Actuation, Bed, Clock, ContactLog, MotorLog, NotApplicable, Robot
 from jumpvision.physics.oscillator import foot_frequency, foot_ripple
-from jumpvision.results.records import BedHeight, Column, Fits, Flow, Intrusion, RodMotion, SpringTest
+from jumpvision.results.fields import Column, Flow
+from jumpvision.results.tables import RodMotion
+from jumpvision.results.values import BedHeight, Fits, Intrusion, SpringTest
 from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.stages.grains.cone import cone_fits, grown_cone, mass_fits
 from jumpvision.workflow.stage import stage

@@ -17,7 +17,7 @@ from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import FitParams
 from jumpvision.inputs.sections import Actuation, Clock, MotorLog, Robot, need
 from jumpvision.physics.oscillator import lift_off_amplitude
-from jumpvision.results.records import RodMotion
+from jumpvision.results.tables import RodMotion
 from jumpvision.workflow.stage import StageWarning
 
 from .recordings import scaled, timed

@@ -12,7 +12,7 @@ from jumpvision.estimate.mean import difference_noise
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Actuation, MotorLog, Robot, RodTrack, need
 from jumpvision.physics.forcing import Forcing, delayed, sinusoid
-from jumpvision.results.records import RodMotion, Track
+from jumpvision.results.tables import RodMotion, Track
 from jumpvision.workflow.stage import stage
 
 from .recordings import with_common

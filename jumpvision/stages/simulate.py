@@ -19,7 +19,8 @@ from jumpvision.physics.forcing import Forcing, Loop, from_log
 from jumpvision.physics.hard.jump import hard_jump
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import simulate as integrate
-from jumpvision.results.records import BedHeight, RodMotion, Simulation
+from jumpvision.results.tables import RodMotion, Simulation
+from jumpvision.results.values import BedHeight
 from jumpvision.stages.bed.height import packing
 from jumpvision.workflow.stage import StageWarning, stage
 

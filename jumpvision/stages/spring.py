@@ -10,7 +10,7 @@ from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.stiffness import BENT, Spring, spring_stiffness
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Robot, SpringLog
-from jumpvision.results.records import SpringTest
+from jumpvision.results.values import SpringTest
 from jumpvision.workflow.stage import StageWarning, stage
 
 LENGTH = {"displacement_m": 1.0, "displacement_mm": 1e-3, "displacement_um": 1e-6}

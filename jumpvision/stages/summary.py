@@ -8,7 +8,8 @@ import numpy as np
 
 from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.sections import Actuation, Bed
-from jumpvision.results.records import BedHeight, Fits, Simulation, Summary
+from jumpvision.results.tables import Simulation
+from jumpvision.results.values import BedHeight, Fits, Summary
 from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.workflow.stage import stage
 

@@ -16,7 +16,7 @@ from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
 from jumpvision.inputs.parameters import TrackParams
 from jumpvision.inputs.sections import Actuation, Calibration, RodVideo
-from jumpvision.results.records import Track
+from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
 from jumpvision.vision.ball.track import BallSettings, BallTrack
 from jumpvision.vision.camera import Camera

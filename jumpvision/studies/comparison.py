@@ -28,7 +28,7 @@ from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog, Robot
 from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.batch import hard_points, resolve
-from jumpvision.results.records import RodMotion
+from jumpvision.results.tables import RodMotion
 from jumpvision.stages.recordings import shared_of
 from jumpvision.stages.simulate import simulate
 from jumpvision.stages.summary import simulated_height

@@ -11,7 +11,7 @@ from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
 from jumpvision.physics.air import Drop
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
-from jumpvision.results.records import CraterShape, Geometry
+from jumpvision.results.values import CraterShape, Geometry
 from jumpvision.stages.bed.crater import read_map
 from jumpvision.stages.recordings import open_pictures
 from jumpvision.workflow.stage import stage

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.inputs.sections import Calibration, GrainVideo, NotApplicable
-from jumpvision.results.records import Column, Flow, Piv
+from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField
 from jumpvision.report.style import ACCENT, MAP, MEASURED, MODEL, QUIET, styled
-from jumpvision.results.records import Column, Flow, Piv
+from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
 

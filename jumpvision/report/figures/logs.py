@@ -10,7 +10,7 @@ from jumpvision.base.numbers import measured
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Actuation, MotorLog, NotApplicable
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
-from jumpvision.results.records import Fits, Intrusion, SpringTest
+from jumpvision.results.values import Fits, Intrusion, SpringTest
 from jumpvision.stages.rod import commanded, read_motor
 from jumpvision.workflow.stage import stage
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from jumpvision.base.progress import watch
 from jumpvision.inputs.parameters import OverlayParams
 from jumpvision.inputs.sections import NotApplicable, RodVideo
-from jumpvision.results.records import Track
+from jumpvision.results.tables import Track
 from jumpvision.stages.recordings import open_film
 from jumpvision.workflow.stage import stage
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.inputs.sections import Calibration, GrainVideo
-from jumpvision.results.records import Piv, Record
+from jumpvision.results.fields import Piv
+from jumpvision.results.record import Record
 from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
 

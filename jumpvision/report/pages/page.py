@@ -24,7 +24,7 @@ from jumpvision.inputs.sections import Actuation
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.report.figures.pictures import drawn
-from jumpvision.results.records import plain
+from jumpvision.results.record import plain
 from jumpvision.workflow.run import Outcome, truth_of
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of, parameters
@@ -249,7 +249,7 @@ def template(name: str) -> Any:
     from jinja2 import Environment, PackageLoader, select_autoescape
 
     return Environment(
-        loader=PackageLoader("jumpvision.report"),
+        loader=PackageLoader("jumpvision.report.pages"),
         autoescape=select_autoescape(["html", "j2"]),
         trim_blocks=True,
         lstrip_blocks=True,

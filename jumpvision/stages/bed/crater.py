@@ -14,7 +14,7 @@ from jumpvision.estimate.crater_map import map_crater
 from jumpvision.frames import open_frames
 from jumpvision.inputs.parameters import CraterParams
 from jumpvision.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, need
-from jumpvision.results.records import BedHeight, CraterShape
+from jumpvision.results.values import BedHeight, CraterShape
 from jumpvision.stages.recordings import open_pictures, view_of
 from jumpvision.vision.laser_line import laser_line
 from jumpvision.workflow.stage import StageWarning, stage

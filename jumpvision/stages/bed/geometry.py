@@ -16,7 +16,7 @@ from jumpvision.inputs.sections import Actuation, Bed, Fan, NotApplicable, Robot
 from jumpvision.mechanisms.laws import linear_penetration, two_resistance
 from jumpvision.physics import air
 from jumpvision.physics.air import Finding, floor, side_walls
-from jumpvision.results.records import BedHeight, Geometry
+from jumpvision.results.values import BedHeight, Geometry
 from jumpvision.workflow.stage import StageWarning, stage
 
 from .height import packing

@@ -12,7 +12,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.inputs.parameters import BedParams
 from jumpvision.inputs.sections import Bed, BedImage, Calibration, need
-from jumpvision.results.records import BedHeight
+from jumpvision.results.values import BedHeight
 from jumpvision.stages.recordings import open_pictures, other_lens, view_of
 from jumpvision.vision.camera import Camera
 from jumpvision.vision.surface import BedHeightPx, Surface, bed_height, bed_surface, volume_fraction

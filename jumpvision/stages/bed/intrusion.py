@@ -14,7 +14,7 @@ from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import IntrusionParams
 from jumpvision.inputs.sections import IntrusionLog, Robot
 from jumpvision.mechanisms.laws import rft_cone
-from jumpvision.results.records import Intrusion
+from jumpvision.results.values import Intrusion
 from jumpvision.workflow.stage import stage
 
 LAWS = {"reintrusion": "s", "stop_go": "s_p"}

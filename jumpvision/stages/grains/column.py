@@ -13,7 +13,7 @@ from jumpvision.grains.front import jammed_thickness
 from jumpvision.grains.sides import SHORTEST, ConeSide, Sides, cone_outline, cone_side, shear_bands
 from jumpvision.inputs.parameters import ColumnParams
 from jumpvision.inputs.sections import NotApplicable, Robot
-from jumpvision.results.records import Column, Flow, Piv
+from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.workflow.stage import stage
 
 

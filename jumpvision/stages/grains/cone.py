@@ -17,7 +17,7 @@ from jumpvision.grains.cone import Cone, MassCurve, fit_mass_curve, solve_cone
 from jumpvision.grains.front import fit_mu
 from jumpvision.grains.momentum import ANGLE
 from jumpvision.inputs.sections import Bed
-from jumpvision.results.records import Column, Flow
+from jumpvision.results.fields import Column, Flow
 from jumpvision.stages.recordings import scaled
 
 NAN = math.nan

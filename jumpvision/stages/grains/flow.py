@@ -14,7 +14,8 @@ from jumpvision.grains.gradients import gradients
 from jumpvision.grains.momentum import added_mass, grain_momentum
 from jumpvision.inputs.parameters import FlowParams
 from jumpvision.inputs.sections import Bed, Clock, GrainVideo, PivField, Robot
-from jumpvision.results.records import BedHeight, Flow, Piv
+from jumpvision.results.fields import Flow, Piv
+from jumpvision.results.values import BedHeight
 from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.workflow.stage import StageWarning, stage
 

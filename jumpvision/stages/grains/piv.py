@@ -17,7 +17,7 @@ from jumpvision.base.progress import watch
 from jumpvision.frames import Film
 from jumpvision.inputs.parameters import PivParams
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField, Robot
-from jumpvision.results.records import Piv
+from jumpvision.results.fields import Piv
 from jumpvision.stages.recordings import open_grains
 from jumpvision.vision.foot_face import FootTrack, track_foot
 from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, vector_places

@@ -13,7 +13,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.frames.vectors import FOOT, Vectors, read_vectors
 from jumpvision.grains.column import follow_plug, scatter_sigma
 from jumpvision.inputs.sections import PivField, Robot
-from jumpvision.results.records import Piv
+from jumpvision.results.fields import Piv
 from jumpvision.vision.piv.pair import INTERPOLATED, VALID
 from jumpvision.workflow.stage import StageWarning
 
