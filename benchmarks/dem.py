@@ -45,12 +45,12 @@ def main() -> None:
     rough = replace(law, friction=0.5)
     for label, lammps, rule in (("ours", "LAMMPS gran/hooke", law),
                                 ("ours, friction", "LAMMPS gran/hooke/history", rough)):  # fmt: skip
-        motion.simulate(hot, rule, box, times=[0.0, dt], dt=dt)  # compiled
+        motion.integrate(hot, rule, box, times=[0.0, dt], dt=dt)  # compiled
         for _ in range(3):
             for skin in SKINS:
                 motion.SKIN = skin
                 began = time.process_time()
-                motion.simulate(hot, rule, box, times=[0.0, STEPS * dt], dt=dt)
+                motion.integrate(hot, rule, box, times=[0.0, STEPS * dt], dt=dt)
                 keep(best, label, began)
                 if peer:
                     lmp = lammps_peer.start(hot, rule, box, dt=dt, skin=skin * D)
@@ -66,7 +66,7 @@ def main() -> None:
                        ("ours, row of grains and Coulomb drag", Block.row(0.01, 0.5 * D))):  # fmt: skip
         for _ in range(3):
             began = time.process_time()
-            motion.simulate(d, carpet, replace(box, top=np.inf), times=t, dt=dt, foot=foot, foot_t=t, foot_y=-0.5 * t)
+            motion.integrate(d, carpet, replace(box, top=np.inf), times=t, dt=dt, foot=foot, foot_t=t, foot_y=-0.5 * t)
             keep(best, name, began)
     print(f"{n} discs, one core:\n")
     print("| | steps/s | disc-steps/s | against LAMMPS |\n|---|---|---|---|")

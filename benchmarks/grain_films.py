@@ -21,8 +21,7 @@ import xarray as xr
 from jumpvision.cli import main as command
 from jumpvision.lab import write
 from jumpvision.lab.films.grain_record import film_brief, write_grain_film
-from jumpvision.lab.jumper import Law
-from jumpvision.lab.jumper import simulate as jump
+from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.protocol_keys import GrainCamera
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
 
@@ -40,7 +39,9 @@ def one(folder: Path, seed: int, **smooth: str) -> tuple[dict[str, dict[str, flo
     folder.mkdir(parents=True)
     theta, mu, camera = FILMS[seed % len(FILMS)]
     law = Law(7.0, 0.01875, PHASE["stutter"], START)
-    motion = jump(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=0.46, bed_density=PHI * DENSITY)
+    motion = motion_of(
+        SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=0.46, bed_density=PHI * DENSITY
+    )
     section, depth, true = write_grain_film(
         folder, motion, PHI * DENSITY, np.random.default_rng(seed), radius=0.0381, diameter=0.001, n=FRAMES, quick=True,
         mu=mu, theta=np.radians(theta), C=C, camera=camera,

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.lab.jumper import Motor, Robot, Samples
-from jumpvision.lab.jumper import simulate as lab_jump
+from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
 from jumpvision.planning.guess import guessed, starts
@@ -66,7 +65,7 @@ def played(model: Model, plan: Plan) -> float:
                   model.foot_radius or 0.0, model.gravity)  # fmt: skip
     values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].parameters}
     command = Samples(samples(plan.command, plan.command.stop).command_m.to_numpy(), 1000.0, 0.01)
-    return lab_jump(
+    return motion_of(
         robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,
         bed_density=(model.volume_fraction or 0.0) * (model.grain_density or 0.0),
         motor=Motor(LOOP.kp, LOOP.kd, LIMITS.max_force, LIMITS.max_speed),

@@ -13,7 +13,7 @@ from PIL import Image
 
 from jumpvision.lab import recordings as logs
 from jumpvision.lab import write
-from jumpvision.lab.jumper import Law, simulate
+from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.samples import HARD_ROBOT
 from jumpvision.report.studies.sweeps import picture
 from jumpvision.studies.comparison import compare
@@ -40,7 +40,7 @@ def campaign(folder: Path) -> Path:
     write.toml(folder / "campaign.toml", {"ground": "hard", "robot": robot, "robot.sigma": sigma})
     for i, (f, phase) in enumerate(zip(rng.uniform(6.0, 17.0, 40), rng.uniform(0.35 * math.pi, 1.7 * math.pi, 40))):
         law = Law(round(float(f), 2), 0.004, round(float(phase), 3), 0.2)
-        motion = simulate(HARD_ROBOT, law, ["landing_loss"], HIDDEN, ground="hard", duration=1.0, dt=5e-6, every=20)
+        motion = motion_of(HARD_ROBOT, law, ["landing_loss"], HIDDEN, ground="hard", duration=1.0, dt=5e-6, every=20)
         own = folder / f"jump-{i:02d}"
         own.mkdir()
         write.table(own / "rod.csv", logs.rod_track(motion, rate=200.0, noise=5e-5, zero=0.0, rng=rng))

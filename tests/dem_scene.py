@@ -21,7 +21,7 @@ from jumpvision.lab import write
 from jumpvision.lab.films.discs import DiscCamera, disc_momentum
 from jumpvision.lab.films.grains import View
 from jumpvision.lab.jumper import Law as Drive
-from jumpvision.lab.jumper import simulate as jump
+from jumpvision.lab.jumper import motion_of
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
@@ -61,7 +61,7 @@ def landing(kind: str) -> tuple[np.ndarray, np.ndarray, float]:
     """The same, and the height [m] of the floor of the hole that the foot has dug before."""
     frequency, delay = KINDS[kind]
     law = Drive(frequency, 0.01875, PHASE[kind], START, delay=delay)
-    m = jump(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=0.46, bed_density=DENSITY * PHI)
+    m = motion_of(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=0.46, bed_density=DENSITY * PHI)
     end = m.t < (m.lift_offs[1] if kind != "single" else m.lift_offs[0])
     begun = START if kind == "single" else m.lift_offs[0] + m.flights[0] - 0.002
     use = end & (m.t >= begun)

@@ -11,7 +11,7 @@ import pytest
 
 from jumpvision.dem.contacts import neighbours
 from jumpvision.dem.discs import Block, Box, Discs, Law, Plate
-from jumpvision.dem.motion import forces, packed, simulate, time_step
+from jumpvision.dem.motion import forces, integrate, packed, time_step
 from jumpvision.dem.packing import pack, sizes
 
 D = 1e-3  # m, mean diameter
@@ -87,7 +87,7 @@ def test_restitution_of_two_unequal_discs_is_the_closed_form():
     law = Law.bouncing(0.4, 3e-5, m_eff)
     assert law.contact_time(m_eff) == pytest.approx(3e-5)
     h = 3e-5 / 3000
-    m = simulate(d, law, Box(), times=[0.0, 1e-3], dt=h)
+    m = integrate(d, law, Box(), times=[0.0, 1e-3], dt=h)
     assert (m.vx[-1, 1] - m.vx[-1, 0]) / 0.8 == pytest.approx(0.4, abs=law.damping * h)
     assert np.sum(d.mass * m.vx[-1]) == pytest.approx(np.sum(d.mass * d.vx), rel=1e-12)
 
@@ -100,7 +100,7 @@ def test_a_wall_returns_the_same_share(side):
     wall = {} if side == "plate" else {side: D if side in ("right", "top") else -D}
     foot = {"foot": Plate(D, D), "foot_t": [0, 1], "foot_y": [D, D]} if side == "plate" else {}
     h = 1e-8
-    m = simulate(d, law, Box(**wall), times=[0.0, 2e-3], dt=h, **foot)
+    m = integrate(d, law, Box(**wall), times=[0.0, 2e-3], dt=h, **foot)
     speed = -(m.vx[-1, 0] * away[0] + m.vy[-1, 0] * away[1])
     assert speed == pytest.approx(0.2, abs=0.5 * law.damping * h)
     push = m.foot_force if side == "plate" else m.wall_force
@@ -109,18 +109,18 @@ def test_a_wall_returns_the_same_share(side):
 
 def test_viscous_drag_is_exact_and_coulomb_drag_stops_where_it_must():
     d = row([0.0], [0.4])
-    v = simulate(d, Law(1e3, viscous=50.0), Box(), times=[0.0, 0.02], dt=1e-3).vx[-1, 0]
+    v = integrate(d, Law(1e3, viscous=50.0), Box(), times=[0.0, 0.02], dt=1e-3).vx[-1, 0]
     assert v == pytest.approx(0.4 * math.exp(-1.0), rel=1e-12)
-    m = simulate(d, Law(1e3, coulomb=5.0), Box(), times=[0.0, 0.04, 0.2], dt=1e-4)
+    m = integrate(d, Law(1e3, coulomb=5.0), Box(), times=[0.0, 0.04, 0.2], dt=1e-4)
     assert m.vx[1, 0] == pytest.approx(0.4 - 5.0 * 0.04, rel=1e-12)
     assert m.x[-1, 0] == pytest.approx(0.4**2 / (2 * 5.0), abs=5.0 * 1e-4**2)  # v^2/2a, within the last step
     assert m.vx[-1, 0] == 0.0
 
 
 def test_a_grain_pushed_by_less_than_its_friction_does_not_creep():
-    m = simulate(row([0.0], [0.0]), Law(1e3, coulomb=5.0, gravity=4.99), Box(), times=[0.0, 0.1], dt=1e-4)
+    m = integrate(row([0.0], [0.0]), Law(1e3, coulomb=5.0, gravity=4.99), Box(), times=[0.0, 0.1], dt=1e-4)
     assert m.y[-1, 0] == 0.0
-    m = simulate(row([0.0], [0.0]), Law(1e3, coulomb=5.0, gravity=6.0), Box(), times=[0.0, 0.1], dt=1e-4)
+    m = integrate(row([0.0], [0.0]), Law(1e3, coulomb=5.0, gravity=6.0), Box(), times=[0.0, 0.1], dt=1e-4)
     assert m.y[-1, 0] == pytest.approx(-0.5 * 1.0 * 0.1**2, rel=1e-9)
 
 
@@ -133,7 +133,7 @@ def test_elastic_collisions_conserve_energy_and_momentum():
     d = bed(0.4)
     d = replace(d, vx=rng.normal(0, 0.3, len(d.x)), vy=rng.normal(0, 0.3, len(d.x)))
     law = law_for(d, restitution=1.0)
-    m = simulate(d, law, Box(), times=[0.0, 0.02, 0.2], dt=0.5 * time_step(d, law))
+    m = integrate(d, law, Box(), times=[0.0, 0.02, 0.2], dt=0.5 * time_step(d, law))
     px, py = (np.sum(d.mass * a, axis=1) for a in (m.vx, m.vy))
     scale = np.sum(d.mass * np.hypot(d.vx, d.vy))
     assert np.ptp(px) < 1e-12 * scale and np.ptp(py) < 1e-12 * scale
@@ -153,7 +153,7 @@ def test_momentum_balance_with_foot_walls_gravity_and_drag(foot):
     d = bed()
     law = law_for(d, viscous=30.0, gravity=2.0)
     t = np.linspace(0.0, 8e-3, 9)
-    m = simulate(d, law, OPEN, times=t, dt=0.5 * time_step(d, law), foot=foot, foot_t=t, foot_y=-0.3 * t)
+    m = integrate(d, law, OPEN, times=t, dt=0.5 * time_step(d, law), foot=foot, foot_t=t, foot_y=-0.3 * t)
     dt = np.diff(t)[:, None]
     pushed = np.sum((m.foot_force + m.wall_force)[1:] * dt, axis=0)
     weight = np.array([0.0, -np.sum(d.mass) * law.gravity * t[-1]])
@@ -178,7 +178,7 @@ def test_trajectories_converge_at_second_order_with_all_terms_on():
     foot = {"foot": Plate(1.0, 0.01), "foot_t": t, "foot_y": -3e-6 * np.sin(6e4 * t) ** 2}
 
     def end(steps):
-        m = simulate(d, law, box, times=[0.0, 1e-4], dt=1e-4 / steps, **foot)
+        m = integrate(d, law, box, times=[0.0, 1e-4], dt=1e-4 / steps, **foot)
         return np.concatenate([m.x[-1] - d.x, m.y[-1] - d.y, 1e-5 * m.vx[-1], 1e-5 * m.vy[-1]])
 
     truth = end(64 * 40)
@@ -193,7 +193,7 @@ def test_the_result_is_the_same_bit_for_bit_also_in_two_threads(friction):
         d = bed(seed=5)
         law = law_for(d, coulomb=5.0, friction=friction)
         t = np.linspace(0.0, 2e-3, 5)
-        m = simulate(d, law, OPEN, times=t, dt=time_step(d, law), foot=Plate(0.004, 0.01), foot_t=t, foot_y=-0.3 * t)
+        m = integrate(d, law, OPEN, times=t, dt=time_step(d, law), foot=Plate(0.004, 0.01), foot_t=t, foot_y=-0.3 * t)
         return np.concatenate([m.x[-1], m.y[-1], m.vx[-1], m.vy[-1], m.spin[-1], m.foot_force[-1]])
 
     alone = run(0)
@@ -208,9 +208,9 @@ def test_a_run_in_pieces_is_the_whole_run():
     law = law_for(d, viscous=50.0)
     how = {"foot": Plate(0.004, 0.01), "foot_t": [0.0, 1e-3], "foot_y": [0.0, -3e-4]}
     h = time_step(d, law)
-    whole, half = (simulate(d, law, OPEN, times=[0.0, 1e-3], dt=x, **how) for x in (h, 0.5 * h))
-    first = simulate(d, law, OPEN, times=[0.0, 4e-4], dt=h, **how)
-    second = simulate(first.last(d), law, OPEN, times=[4e-4, 1e-3], dt=h, **how)
+    whole, half = (integrate(d, law, OPEN, times=[0.0, 1e-3], dt=x, **how) for x in (h, 0.5 * h))
+    first = integrate(d, law, OPEN, times=[0.0, 4e-4], dt=h, **how)
+    second = integrate(first.last(d), law, OPEN, times=[4e-4, 1e-3], dt=h, **how)
     assert np.linalg.norm(second.x[-1] - whole.x[-1]) < 0.3 * np.linalg.norm(half.x[-1] - whole.x[-1])
 
 
@@ -223,9 +223,9 @@ def test_wrong_calls_say_what_is_wrong():
     with pytest.raises(ValueError, match="at or above the critical"):
         Law(1.0, 1e9).contact_time(1e-6)
     with pytest.raises(ValueError, match=r"known over 0\.\.1 s, asked is 0\.\.2 s"):
-        simulate(d, Law(1.0), Box(), times=[0, 2], dt=1e-3, foot=Plate(1, 1), foot_t=[0, 1], foot_y=[0, 0])
+        integrate(d, Law(1.0), Box(), times=[0, 2], dt=1e-3, foot=Plate(1, 1), foot_t=[0, 1], foot_y=[0, 0])
     with pytest.raises(ValueError, match="increasing"):
-        simulate(d, Law(1.0), Box(), times=[0, 0], dt=1e-3)
+        integrate(d, Law(1.0), Box(), times=[0, 0], dt=1e-3)
 
 
 # -- beside LAMMPS ----------------------------------------------------------------------------------------------------
@@ -251,5 +251,5 @@ def test_discs_lie_in_memory_by_rows_and_come_back_in_the_callers_order():
     d = bed()
     order, p, n = packed(d, None, 0.0, 0.0)
     assert n == len(d.x) and np.array_equal(np.sort(order), np.arange(n)) and np.array_equal(p[:, 0], d.x[order])
-    m = simulate(d, law_for(d), BOX, times=[0.0, 1e-9], dt=1e-9)
+    m = integrate(d, law_for(d), BOX, times=[0.0, 1e-9], dt=1e-9)
     assert m.x[-1] == pytest.approx(d.x, abs=1e-9)

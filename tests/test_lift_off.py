@@ -8,7 +8,7 @@ from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import contact_flights, final_flight, flight_height
 from jumpvision.estimate.height import jump_height, rest_height
 from jumpvision.lab import recordings as logs
-from jumpvision.lab.jumper import Law, simulate
+from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.samples import HARD_ROBOT
 
 
@@ -24,7 +24,7 @@ def test_contact_and_video_heights_of_hard_ground_jumps_agree():
     rng, pulls = np.random.default_rng(0), []
     for f in np.linspace(7.2, 9.3, 8):
         law = Law(float(f), 0.004, 0.5 * math.pi, 0.1)
-        motion = simulate(r, law, [], {}, ground="hard", duration=0.9, dt=5e-6)
+        motion = motion_of(r, law, [], {}, ground="hard", duration=0.9, dt=5e-6)
         contact = logs.contact_log(motion, rate=1000.0)
         flights = contact_flights(contact["time_s"], contact["contact"], debounce=0.003)
         last = final_flight(flights, after=0.1 + 1 / f)

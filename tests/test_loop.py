@@ -8,8 +8,7 @@ import pytest
 from test_granular import HARD, SAND, case
 
 from jumpvision.lab import samples
-from jumpvision.lab.jumper import Law, Motor
-from jumpvision.lab.jumper import simulate as laboratory
+from jumpvision.lab.jumper import Law, Motor, motion_of
 from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import Loop, delayed, sinusoid
 from jumpvision.physics.model import Model
@@ -88,7 +87,7 @@ def test_lowered_gain_in_the_dwell_damps_the_spring():
 def test_limits_and_dry_friction_agree_with_the_laboratory(limits, F_c):
     law, terms = Law(6.0, 0.01875, 0.5 * math.pi, 0.05), samples.SAND_TERMS + ("coulomb_friction",) * (F_c > 0)
     truth = {**samples.SAND_TRUTH, **({"F_c": F_c} if F_c else {})}
-    seen = laboratory(
+    seen = motion_of(
         samples.SAND_ROBOT, law, terms, truth, ground="granular", bed_density=570.0, duration=0.8,
         motor=Motor(20000.0, 120.0, **limits), dt=2.5e-6, every=40,
     )  # fmt: skip

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.lab.jumper import Law, simulate
+from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH
 from jumpvision.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
 
@@ -19,7 +19,7 @@ SPRING = SAND_ROBOT.spring_stiffness, SAND_ROBOT.foot_mass, M
 def test_a_foot_in_flight_shakes_the_rod_by_less_than_allowed_and_at_its_frequency(kind, frequency):
     """Longest flight after the motor stops: the rod less its parabola is the foot's swing, seen in the rod."""
     law = Law(frequency, 0.01875, PHASE[kind], 0.1)
-    m = simulate(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=1.2, bed_density=570.0)
+    m = motion_of(SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=1.2, bed_density=570.0)
     begin, length = max(
         ((max(t, law.stop), t + f - max(t, law.stop)) for t, f in zip(m.lift_offs, m.flights, strict=True)),
         key=lambda flight: flight[1],

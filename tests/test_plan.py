@@ -20,8 +20,7 @@ from test_granular import SAND
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.lab.jumper import Motor, Robot, Samples
-from jumpvision.lab.jumper import simulate as lab_jump
+from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
 from jumpvision.mechanisms.laws import TERMS
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
@@ -169,7 +168,7 @@ def lab_apex(model, plan):
                   model.foot_radius or 0.0, model.gravity)  # fmt: skip
     values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].parameters}
     command = Samples(samples(plan.command, plan.command.stop).command_m.to_numpy(), 1000.0, 0.01)
-    motion = lab_jump(
+    motion = motion_of(
         robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,
         bed_density=(model.volume_fraction or 0.0) * (model.grain_density or 0.0), motor=Motor(20000.0, 120.0, 100.0),
     )  # fmt: skip

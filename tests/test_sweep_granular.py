@@ -22,8 +22,7 @@ import xarray as xr
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
 from jumpvision.lab import samples
-from jumpvision.lab.jumper import Law
-from jumpvision.lab.jumper import simulate as laboratory
+from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.physics.batch import resolve, simulated_points
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.model import fitted_drag, fitted_parameter, force_model
@@ -291,7 +290,7 @@ def test_a_parameter_fitted_to_jumps_has_a_true_uncertainty():
     for b in (14.0, 17.2, 22.0, 40.0):
         truth = {**samples.SAND_TRUTH, "b": b, "delta": 0.01}
         true = [
-            laboratory(samples.SAND_ROBOT, Law(f, 0.01875, 1.5 * math.pi, 0.05), samples.SAND_TERMS, truth,
+            motion_of(samples.SAND_ROBOT, Law(f, 0.01875, 1.5 * math.pi, 0.05), samples.SAND_TERMS, truth,
                        ground="granular", bed_density=570.0, duration=1.0, dt=1e-5, every=10).jump_height
             for f in frequency
         ]  # fmt: skip

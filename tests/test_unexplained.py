@@ -15,7 +15,7 @@ from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.diagnosis.jumper.shapes import Shaped, generic, unit
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.unexplained import unexplained
-from jumpvision.lab.jumper import Law, Robot, simulate
+from jumpvision.lab.jumper import Law, Robot, motion_of
 from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.model import Model
@@ -40,7 +40,7 @@ def campaign(ground: str, hidden: dict[str, float], term: str | None, rng: np.ra
     t = np.arange(0.0, 0.6, 0.002)
     for kind, phase in (("single", 1.5 * math.pi), ("stutter", 0.5 * math.pi)):
         for f in (6.0, 9.0):
-            true = simulate(
+            true = motion_of(
                 ROBOT, Law(f, AMPLITUDE, phase, START), (*terms, *([term] if term else [])), {**given, **hidden},
                 ground=ground, duration=0.6, bed_density=570.0, dt=5e-6, every=100,
             )  # fmt: skip

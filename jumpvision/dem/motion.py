@@ -49,7 +49,7 @@ def time_step(discs: Discs, law: Law) -> float:
     return law.contact_time(0.5 * float(discs.mass.min())) / STEPS_PER_CONTACT
 
 
-def simulate(
+def integrate(
     discs: Discs,
     law: Law,
     box: Box,
@@ -69,9 +69,9 @@ def simulate(
     """
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0.0):
-        raise ValueError("simulate: times must be two or more increasing numbers")
+        raise ValueError("integrate: times must be two or more increasing numbers")
     if not dt > 0.0:
-        raise ValueError(f"simulate: dt = {dt!r} s must be > 0; `time_step` gives one")
+        raise ValueError(f"integrate: dt = {dt!r} s must be > 0; `time_step` gives one")
     height, rising = foot_path(foot, foot_t, foot_y, times)
     order, p, n = packed(discs, foot, float(height(times[0])), float(rising(times[0])))
     plate = (foot.half_width, foot.height) if isinstance(foot, Plate) else (-math.inf, 0.0)
@@ -151,11 +151,11 @@ def foot_path(foot, foot_t, foot_y, times):  # type: ignore[no-untyped-def]
     t, y = np.asarray(foot_t, dtype=float), np.asarray(foot_y, dtype=float)
     if t.ndim != 1 or t.shape != y.shape or t.size < 2:
         raise ValueError(
-            f"simulate: foot_t and foot_y must be alike and hold two or more values, not {t.shape}, {y.shape}"
+            f"integrate: foot_t and foot_y must be alike and hold two or more values, not {t.shape}, {y.shape}"
         )
     if t[0] > times[0] or t[-1] < times[-1]:
         raise ValueError(
-            f"simulate: the foot is known over {t[0]:g}..{t[-1]:g} s, asked is {times[0]:g}..{times[-1]:g} s"
+            f"integrate: the foot is known over {t[0]:g}..{t[-1]:g} s, asked is {times[0]:g}..{times[-1]:g} s"
         )
     path = CubicSpline(t, y)
     return path, path.derivative()
@@ -215,10 +215,10 @@ def discs_under_foot(
     s = np.linspace(0.0, 1.0, 50)
     for (a, b), span in zip(ways, spans):
         path = a + (b - a) * s**2 * (3.0 - 2.0 * s)
-        m = simulate(at, law, box, times=[clock, clock + span], dt=h, foot=plate, foot_t=clock + span * s, foot_y=path)
+        m = integrate(at, law, box, times=[clock, clock + span], dt=h, foot=plate, foot_t=clock + span * s, foot_y=path)
         at, clock = m.last(d), clock + span
     rest = [begin - REST, begin]
-    at = simulate(at, law, box, times=rest, dt=h, foot=plate, foot_t=rest, foot_y=[first, first]).last(d)
+    at = integrate(at, law, box, times=rest, dt=h, foot=plate, foot_t=rest, foot_y=[first, first]).last(d)
     fine = np.linspace(begin, float(times[-1]), max(math.ceil((times[-1] - begin) / 5e-4), 4))
     path = np.interp(fine, t, foot_y)
-    return d, simulate(at, law, box, times=times, dt=h, foot=plate, foot_t=fine, foot_y=path)
+    return d, integrate(at, law, box, times=times, dt=h, foot=plate, foot_t=fine, foot_y=path)

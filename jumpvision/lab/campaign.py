@@ -23,7 +23,7 @@ from jumpvision.lab.films.discs import Runner
 from jumpvision.lab.films.grain_record import film_brief
 
 from . import write
-from .jumper import Law, Motion, simulate
+from .jumper import Law, Motion, motion_of
 from .protocol import Protocol, critical_fraction, read_parts
 from .protocol_keys import FILMED_BY, Intrusion, Jump
 from .recordings import of_intrusion, of_jump
@@ -114,9 +114,9 @@ def _worker() -> None:
 def jump_of(
     protocol: Protocol, jump: Jump, rng: np.random.Generator, *, dt: float = 2e-6, every: int = 50
 ) -> tuple[Motion, float, dict[str, float]]:
-    """The motion of one jump with its volume fraction and its true parameters; dt, every as in `simulate`."""
+    """The motion of one jump with its volume fraction and its true parameters; dt, every as in `motion_of`."""
     phi, parameters = protocol.truth(jump.volume_fraction, rng)
-    motion = simulate(
+    motion = motion_of(
         protocol.robot,
         jump.law if jump.kind != "none" else None,
         protocol.terms,

@@ -73,7 +73,7 @@ class Motion:
         return np.asarray(out.reshape(np.shape(t)), dtype=np.float64)
 
 
-def simulate(
+def motion_of(
     robot: Robot,
     law: Law | Samples | None,
     terms: Sequence[str],
@@ -272,7 +272,7 @@ class Truth(NamedTuple):
 def truth_of(
     robot: Robot, terms: Sequence[str], parameters: Mapping[str, float], *, ground: str, bed_density: float = 0.0
 ) -> Truth:
-    """The numbers of a run (see `simulate`), checked."""
+    """The numbers of a run (see `motion_of`), checked."""
     problems = [
         f"terms: unknown mechanism {t!r}; allowed: {', '.join((*KNOWN, *AT_THE_CAMERA))}"
         for t in terms

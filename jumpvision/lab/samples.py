@@ -23,7 +23,7 @@ from jumpvision.lab.films.rod import exposure_times, rod_film
 from . import recordings as logs
 from . import write
 from .intrusions import intrusion_campaign
-from .jumper import Law, Motion, Robot, simulate
+from .jumper import Law, Motion, Robot, motion_of
 
 SEED = 20140630
 LOG_RATE, FILM_RATE = 1000.0, 200.0  # 1/s
@@ -86,7 +86,7 @@ def hard_ground(folder: Path, *, seed: int = SEED) -> None:
     rng = np.random.default_rng([seed, 0])
     law = Law(8.2, 0.004, PHASE["stutter"], START)
     e = 0.33
-    motion = simulate(HARD_ROBOT, law, ["landing_loss"], {"e": e}, ground="hard", duration=3.6)
+    motion = motion_of(HARD_ROBOT, law, ["landing_loss"], {"e": e}, ground="hard", duration=3.6)
     section, film = write_rod_film(folder, motion, start=0.0, shape=(128, 60), zero_row=100.4, rng=rng)
     write.table(folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng))
     write.table(folder / "contact.csv", logs.contact_log(motion, rate=LOG_RATE))
@@ -164,7 +164,7 @@ def _sand_jump(
     k = 2100.0 * (1 + rng.uniform(-0.01, 0.01))
     parameters = SAND_TRUTH | {"k1": k, "k2": k}
     density = phi * BED["grain_density"]
-    motion = simulate(SAND_ROBOT, law, SAND_TERMS, parameters, ground="granular", duration=1.8, bed_density=density)
+    motion = motion_of(SAND_ROBOT, law, SAND_TERMS, parameters, ground="granular", duration=1.8, bed_density=density)
     true = {"volume_fraction": phi, "parameters": parameters, "z_0_m": -motion.foot[0], **heights(motion)}
     content: dict[str, Any] = {"group": group, "actuation": _actuation(kind, law)}
     if filmed:
