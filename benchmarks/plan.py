@@ -2,7 +2,7 @@
 
     python -m benchmarks.plan [--first 0] [--targets 12] [--hidden 5] [--seed 1]
 
-Robot and bed are those of thesis chapter III (PHYSICS section 1) with a motor of kp 20 kN/m, kd 120 N s/m, 100 N, 3 m/s
+Robot and bed are those of docs/physics.md section 3 with a motor of kp 20 kN/m, kd 120 N s/m, 100 N, 3 m/s
 and 50 mm. Rigid ground carries the same robot. Plans are played as 1 kHz samples in the virtual laboratory, which has
 its own integrator and whose parameters differ from the planner's by one draw each from the fitted uncertainties.
 `--first 100 --targets 200` takes the second half of 200 random targets.

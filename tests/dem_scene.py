@@ -127,7 +127,7 @@ def analysed(folder: Path, results: Path) -> dict[str, xr.Dataset]:
 
 
 def true_momentum(scene: Scene, d: Discs, m: Motion) -> dict[str, np.ndarray]:
-    """Momentum over the frames' pairs [kg m/s]: `field` at constant density, as the integral of PHYSICS.md defines it,
+    """Momentum over the frames' pairs [kg m/s]: `field` at constant density, the integral of docs/physics.md section 4,
     and `grains` with the density the discs really have."""
     t, x, y, face = mid_exposure(m)
     view = View(scene.shape, scene.scale, scene.surface_row, scene.axis)

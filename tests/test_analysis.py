@@ -44,7 +44,7 @@ def test_least_amplitude_is_the_weight_over_the_unit_response(wait):
 
 
 def test_optimum_of_one_stutter_cycle_in_both_windows():
-    # PHYSICS.md: at N = 1, phase pi/2 the two windows give f_opt = 0.74 and 1.19 f_0
+    # docs/physics.md section 7: at N = 1, phase pi/2 the two windows give f_opt = 0.74 and 1.19 f_0
     ratio = np.arange(0.3, 1.6, 0.005)
     for wait, best in ((0.0, 0.74), (1 / F0, 1.19)):
         a = minimum_amplitude(ratio * F0, [np.pi / 2], cycles=1, wait=wait, largest=0.02, resolution=1e-8, **THESIS)
@@ -76,7 +76,7 @@ def test_energy_after_one_cycle_peaks_at_1_194():
     np.testing.assert_allclose(energy_after_one_cycle(r), printed, rtol=1e-13)
     assert abs(energy_after_one_cycle(1.0) - np.pi**2 / 2) < 1e-14
     best = minimize_scalar(lambda r: -float(energy_after_one_cycle(r)), bounds=(1.0, 1.6), method="bounded")
-    assert abs(best.x - 1.194) < 0.0005  # PHYSICS.md
+    assert abs(best.x - 1.194) < 0.0005  # docs/physics.md section 7
     # an exact jump without damping, almost without rod, that stays on the ground (alpha > 1) is highest at the same r
     robot = THESIS | {"damping": 0.0, "rod_mass": 1e-6, "landing_loss": 0.0}
     mass, ratio = 1.003 + 1e-6, np.arange(1.1, 1.3, 0.001)

@@ -469,7 +469,7 @@ def test_the_fits_of_the_grains_move_with_scale_and_rate_by_their_common_part(gr
 
 @pytest.mark.parametrize("name", ["cone_slope_kg_m", "mu_over_tan_theta", "C", "mu_cone", "theta_cone_deg"])
 def test_the_cone_moves_with_the_scale_by_its_common_part(name):
-    """Saturating cone of PHYSICS (33), C 2.5, mu 2, theta 60 deg, by a film whose lengths are good to 1 %."""
+    """Saturating cone of docs/physics.md (33), C 2.5, mu 2, theta 60 deg, by a film whose lengths are good to 1 %."""
     radius, phi, first = 0.0381, 0.57, 1e-3
     z = np.linspace(2e-3, 0.03, 40)
     q = np.minimum(2.0 * z / (radius * math.tan(math.radians(60.0))), 1.0)

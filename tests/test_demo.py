@@ -321,7 +321,7 @@ PAINTED = """(id) => {
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_draws_the_default_jump(open_page, scheme):
     page = open_page(color_scheme=scheme, reduced_motion="reduce")
-    assert headline(page) == 41.0  # PHYSICS.md: the best stutter jump
+    assert headline(page) == 41.0  # docs/physics.md section 7: the best stutter jump
     until(page, "document.querySelector('#map-note').textContent.startsWith('200')")
     assert page.evaluate(PAINTED, "map") > 200  # most of the 256 colours
     assert page.evaluate(PAINTED, "robot") > 20

@@ -215,6 +215,24 @@ def test_the_index_lists_every_page():
     assert all(f"({p.name})" in index for p in DOCS.glob("*.md") if p.name != "README.md")
 
 
+def test_every_page_names_the_thesis_where_it_first_speaks_of_it():
+    for page in [ROOT / "README.md", *DOCS.glob("*.md")]:
+        text = page.read_text(encoding="utf-8")
+        if found := re.search(r"\bthesis\b", text):
+            line = text[text.rfind("\n", 0, found.start()) + 1 : text.find("\n", found.end())]
+            assert "Aguilar" in text[: found.end()] or "Aguilar" in line, page.name
+
+
+def test_sections_of_the_equations_that_code_cites_exist():
+    sections = set(re.findall(r"^## (\d+)\.", (DOCS / "physics.md").read_text(encoding="utf-8"), re.M))
+    for folder in ("jumpvision", "tests", "benchmarks"):
+        for file in (ROOT / folder).rglob("*.py"):
+            for cited in re.findall(
+                r"docs/physics\.md\s+sections? (\d+)(?: and (\d+))?", file.read_text(encoding="utf-8")
+            ):
+                assert set(cited) - {""} <= sections, f"{file}: {cited}"
+
+
 def test_the_citation_is_this_package():
     yaml = pytest.importorskip("yaml")
     cff = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))

@@ -288,7 +288,7 @@ def test_hard_ground_bounces_by_closed_form():
 
 @pytest.mark.parametrize("phase, ratio, height", [(math.pi / 2, 0.7375, 41.0e-3), (3 * math.pi / 2, 1.54, 38.1e-3)])
 def test_hard_ground_numbers_of_the_table(phase, ratio, height):
-    """Greatest rise of the mass centre at the best frequencies (PHYSICS.md, independent integration), in 0.1 mm."""
+    """Greatest rise of the mass centre at the best frequencies (docs/physics.md section 7), in 0.1 mm."""
     law = sinusoid(ratio * F0, 0.004, phase)
     m = simulate(Model("hard", (), ModelParameters(), **HARD), law, t=[0.0, 1.2], rtol=1e-9, atol=1e-11)
     assert m.com_height == pytest.approx(height, abs=0.06e-3)
@@ -432,11 +432,11 @@ def test_corrections_are_those_of_the_robot():
     ],
 )
 def test_granular_numbers(terms, single, stutter):
-    """Best jump over frequency [mm] against the independent integration of PHYSICS.md section 1.
+    """Best jump over frequency [mm] against the independent integration of docs/physics.md section 7.
 
     Its spring damping and frequency grid are not printed: 1.2 N s/m and 0.1 Hz here, where the rows without added mass
     agree to 0.2 mm. 1 mm is allowed: those with it agree as well only if the foot does not share its momentum with
-    the standing cone at landing (32.0 and 24.5 mm against 31.2 and 24.2 with the rule of PHYSICS.md, used here).
+    the standing cone at landing (32.0 and 24.5 mm against 31.2 and 24.2 with the rule of docs/physics.md, used here).
     """
     p = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, b=17.2, alpha=73.0)
     model = Model("granular", ("two_resistance", *terms), p, **SAND)

@@ -389,7 +389,7 @@ def test_map_is_the_jumps_it_is_made_of():
 
 
 def test_thesis_robot():
-    # PHYSICS.md, column RK4: to its last printed digit, frequencies to the step of its sweep
+    # docs/physics.md section 7, column RK4: to its last printed digit, frequencies to the step of its sweep
     ratio = np.arange(0.4, 1.9, 0.0005)
     m = hard_map(ratio * F0, [np.pi / 2, 3 * np.pi / 2], amplitude=A, cycles=1, **THESIS)
     com, power, force, speed = (m[k] for k in ("com_height_m", "peak_power_W", "peak_force_N", "peak_motor_speed"))

@@ -122,7 +122,7 @@ def test_intrusion_with_the_cone_agrees_with_solve_ivp():
 
 @pytest.mark.parametrize(("phase", "best", "height"), [(0.5, 0.7375, 41.0e-3), (1.5, 1.54, 38.1e-3)])
 def test_hard_ground_numbers_of_the_thesis_robot(phase, best, height):
-    """PHYSICS section 1, printed to 0.1 mm and found on a grid of 0.0125 (stutter) or flat within 1 % (single)."""
+    """docs/physics.md section 7: printed to 0.1 mm and on a grid of 0.0125 (stutter) or flat within 1 % (single)."""
     tops = []
     for f in (0.9 * best, best, 1.1 * best):
         m = hard(f * F_0, phase, dt=1e-5, every=10)
@@ -140,7 +140,7 @@ def test_hard_ground_numbers_of_the_thesis_robot(phase, best, height):
     ],
 )
 def test_sand_numbers_of_the_thesis_robot(terms, single, stutter):
-    """PHYSICS section 1; the spring's damping is given there as about 1.2 N s/m only, worth 0.3 mm at its 25 %."""
+    """docs/physics.md section 7; the spring's damping is known as about 1.2 N s/m only, worth 0.3 mm at its 25 %."""
     top = max(sand(f, 1.5, terms).jump_height for f in (8.5, 9.0, 10.5, 12.0))
     assert top == pytest.approx(single, abs=4e-4)
     top = max(sand(f, 0.5, terms).jump_height for f in (5.0, 5.125, 5.25, 5.5, 5.625, 5.75))

@@ -59,7 +59,7 @@ def test_force_is_limited():
 
 
 def test_lowered_gain_in_the_dwell_damps_the_spring():
-    """PHYSICS.md, end of section 1: without it the ring of the first half cycle lives through a pause of 0.75 s."""
+    """docs/physics.md section 7: without it the ring of the first half cycle lives through a pause of 0.75 s."""
     p = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, b=17.2)
     model = Model("granular", ("two_resistance", "depth_drag", "added_mass"), p, **SAND)
     law = delayed(7.0, 0.01875, math.pi / 2, 0.75)

@@ -79,7 +79,7 @@ def test_every_law_has_its_symbols(term, rng=None):
 
 @pytest.mark.parametrize("model", [CONE, RFT, PLAIN], ids=["cone", "rft", "plain"])
 def test_equations_are_newtons_laws(model):
-    """Motor, rod and foot one by one, as PHYSICS writes them, in numbers; the planner's come in y and X_m."""
+    """Motor, rod and foot one by one (docs/physics.md section 1), in numbers; the planner's come in y and X_m."""
     rng = np.random.default_rng(2)
     jumper = Jumper(model, LOOP, np)
     m = model

@@ -1,7 +1,7 @@
-"""Sweeps and the named analyses of chapter II: rules of the axes, files, and the numbers of PHYSICS.md section 1.
+"""Sweeps and the named analyses of chapter II: rules of the axes, files, and the numbers of docs/physics.md section 7.
 
 Truth: hard_jump and jump.simulate (tested elsewhere) for maps, energy balances for powers, the amplitude asked for of
-the start-up ringing, column RK4 of PHYSICS.md for the numbers. About 30 s on two cores, most of it the named analyses.
+the start-up ringing, column RK4 of docs/physics.md for the numbers. About 30 s on two cores, most of it the analyses.
 """
 
 import functools
@@ -337,7 +337,7 @@ def ours(name, quantity):
 
 @pytest.mark.parametrize(
     "name, quantity, rk4, tolerance",
-    [  # PHYSICS.md, column RK4, to half its last printed digit, or to the step of its sweep where it names one
+    [  # docs/physics.md section 7, column RK4, to half its last digit, or to the step of its sweep where it names one
         ("map", "stutter (pi/2): best f/f_0", [0.7375, 8.21], 0.0125),
         ("map", "single (3 pi/2): best f/f_0", [1.54, 1.39, 1.71], 0.006),
         ("map", "best COM heights", [41.0, 38.1], 0.06),
@@ -364,7 +364,7 @@ def test_resonance_is_approached_from_above_whatever_the_damping():
     data, _ = study("lift-off-time", **SMALL["lift-off-time"])
     ratio = data.easiest_frequency_ratio
     assert float(abs(ratio.sel(cut_off=100) - 1).max()) < 2e-4 and (ratio.sel(cut_off=[20, 50, 100]) >= 1).all()
-    # PHYSICS.md: inertial forcing peaks at f_0/sqrt(1 - 2 zeta^2); from zeta = 0.15 on an overshoot of the first cycles
+    # inertial forcing peaks at f_0/sqrt(1 - 2 zeta^2); from zeta = 0.15 on an overshoot of the first cycles
     # lifts the robot before the steady response does, so the law holds below, to 2e-3 at zeta = 0.1
     assert (data.easiest_ratio_damped >= 1).all()
     off = (data.easiest_ratio_damped - data.inertial_peak_ratio).sel(damping_ratio=slice(0.0, 0.1))

@@ -1,4 +1,4 @@
-"""diagnosis.json (CONTRACT.md section 4), the extended model.toml, and the verdict in plain words."""
+"""diagnosis.json (docs/files.md section 4), the extended model.toml, and the verdict in plain words."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Discs, the law between them, their box and the foot that pushes them (PHYSICS.md section 3, thesis Fig. 53).
+"""Discs, the law between them, their box and the foot that pushes them (docs/physics.md section 5, thesis Fig. 53).
 
 x [m] right, y [m] up; the foot's axis is x = 0. Two dimensions: masses are those of the discs as the caller sets them.
 """

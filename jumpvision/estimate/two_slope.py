@@ -1,6 +1,6 @@
 """Force of a slow intrusion against depth: two resistances, overshoots after events, contact point and offset.
 
-F = offset + k1 (z - z_c)+ + (k2 - k1)(z - z_c - delta)+ + O_i exp(-(z - z_i)/lam)    (PHYSICS section 1, items 2, 3)
+F = offset + k1 (z - z_c)+ + (k2 - k1)(z - z_c - delta)+ + O_i exp(-(z - z_i)/lam)    (docs/physics.md section 3)
 
 with ()+ the positive part, z_c the depth at which the foot touches the surface, O_i the overshoot after the last event
 at depth z_i. Linear in offset, k1, k2, O_i; the breaks z_c, z_c + delta and lam are searched (variable projection).

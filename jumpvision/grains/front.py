@@ -1,4 +1,4 @@
-"""Thickness of the jammed plug below the foot and its growth mu with intrusion (thesis Fig. 57; PHYSICS.md, 2)."""
+"""Thickness of the jammed plug below the foot and its growth mu with intrusion (docs/physics.md section 4)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Downward momentum of the grains and the added mass of the foot (PHYSICS.md section 2, thesis section 3.3.5)."""
+"""Downward momentum of the grains and the added mass of the foot (docs/physics.md section 4, thesis section 3.3.5)."""
 
 from __future__ import annotations
 

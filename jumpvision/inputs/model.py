@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModelSpec(Section):
-    """[model]: the simulation to be questioned, as a list of mechanisms with parameters (PHYSICS vocabulary)."""
+    """[model]: the simulation to be questioned, as a list of mechanisms with parameters (docs/physics.md section 6)."""
 
     name: ClassVar[str] = "model"
     terms: tuple[str, ...] = ()

@@ -36,7 +36,7 @@ class Motion:
 
     Arrays (n,): rod x_r, foot x_f, motor X_m [m] and their rates [m/s]; motor_force F_m, ground_force F_GM on the foot
     [N]; added_mass [kg]; contact (bool). rest: rod height before the start [m]. lift_offs, flights: start and length of
-    every flight [s] (the last may be cut by the end). jump_height as PHYSICS names it, from `motor_stop` on.
+    every flight [s] (the last may be cut by the end). jump_height (docs/physics.md section 1) from `motor_stop` on.
     """
 
     t: Array
@@ -149,7 +149,7 @@ def _loop(motor: Motor | None, law: Law | Samples, tau: float) -> Loop:
     return Loop(*motor[:4], low, low + motor.stroke)
 
 
-# mechanism (PHYSICS section 4) -> the parameters it needs
+# mechanism (docs/physics.md section 6) -> the parameters it needs
 MECHANISMS: dict[str, tuple[str, ...]] = {
     "linear_penetration": ("k",),
     "two_resistance": ("k1", "k2", "delta"),

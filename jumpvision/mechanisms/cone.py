@@ -1,4 +1,4 @@
-"""The jammed cone that grows under a flat foot (PHYSICS.md section 1; thesis eqs. 23-28, 32, 33).
+"""The jammed cone that grows under a flat foot (docs/physics.md section 3; thesis eqs. 23-28, 32, 33).
 
 A front of jammed grains runs ahead of the foot at mu times its depth z; shear bands at the angle theta narrow it, so
 the flat face shrinks as r = R - mu z / tan(theta) and the rest of the foot becomes the mantle of a cone, complete at

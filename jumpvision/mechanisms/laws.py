@@ -1,4 +1,4 @@
-"""Every force law of the jumper, written once: a plain function of its symbols (PHYSICS.md sections 1 and 4).
+"""Every force law of the jumper, written once: a plain function of its symbols (docs/physics.md sections 1 and 3).
 
 The first argument `xp` is the array namespace; the others are symbols: measured quantities (STATE) or model
 parameters (`parameters.ModelParameters`). Each law returns a force [N], positive up, of the shape of its arrays. Laws

@@ -1,6 +1,6 @@
 """The vocabulary of causes: every model parameter with unit, range and meaning, and the mechanisms that use them.
 
-Keys of `[model]` in CONTRACT.md section 1; mechanisms of PHYSICS.md section 4.
+Keys of `[model]`: docs/keys.md; equations: docs/physics.md sections 1 and 3.
 """
 
 from __future__ import annotations

@@ -123,7 +123,7 @@ OF_ROBOT = {
 LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
 VALUES_OF_BED = ("phi", "foot_radius")
 OF_MODEL = "model."  # before the name of a model parameter that differs from point to point, e.g. model.k1
-# parameters of a force of the ground that grow with the area of the foot (PHYSICS.md section 2)
+# parameters of a force of the ground that grow with the area of the foot (docs/physics.md section 3)
 BY_AREA = ("k", "k1", "k2", "alpha", "s", "s_p")
 TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
 MOST = 30.0  # s, longest tail that is doubled once more

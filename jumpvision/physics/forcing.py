@@ -115,7 +115,7 @@ def _sample_spline(knots: Array, c: Array, t: Array) -> tuple[Array, Array]:
 
 
 def sinusoid(frequency: float, amplitude: float, phase: float, cycles: float = 1.0, start: float = 0.0) -> Segments:
-    """X_m = A [sin(2 pi f (t - start) + phase) - sin(phase)] for `cycles` cycles, from rest (PHYSICS.md section 1)."""
+    """X_m = A [sin(2 pi f (t - start) + phase) - sin(phase)] for `cycles` cycles from rest (docs/physics.md, 1)."""
     return Segments(
         np.array(
             [

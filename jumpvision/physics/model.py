@@ -49,7 +49,7 @@ class Residual:
 class Model:
     """Robot, ground and mechanisms. Raises InputError (a ValueError) with every problem found.
 
-    terms: identifiers of PHYSICS.md section 4; on granular ground exactly one static force among them. The robot's
+    terms: identifiers of docs/physics.md section 6; on granular ground exactly one static force among them. The robot's
     values are those assumed; the mechanisms `payload`, `foot_mass`, `spring_stiffness`, `spring_damping` and `tilt`
     correct them (properties m_m, m_f, k_s, c_s, g).
     """
@@ -121,7 +121,7 @@ class Model:
                 "create energy; give 'depth_drag' with b >= 0.5, or 'inertial_drag' with a larger alpha"
             )
 
-    # The robot as the mechanisms correct it, in the symbols of PHYSICS.md.
+    # The robot as the mechanisms correct it, in the symbols of docs/physics.md.
     @property
     def m_m(self) -> float:
         """Mass of the motor with its payload [kg]."""
@@ -255,7 +255,7 @@ def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[s
 
 
 DYNAMIC = ("inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot", "stop_go_overshoot")
-FORCE_MODELS: dict[str, tuple[str, ...]] = {  # over the static force F_p (PHYSICS.md section 1, baselines 2 to 4)
+FORCE_MODELS: dict[str, tuple[str, ...]] = {  # over the static force F_p (docs/physics.md section 3)
     "static": (),
     "constant drag": ("inertial_drag",),
     "drag and overshoot": ("inertial_drag", "reintrusion_overshoot"),

@@ -2,8 +2,8 @@
 
 Unknowns: the duration of every phase, the states at its collocation points, and the command X_c, whose acceleration is
 constant on an interval. A mode holds through its phase by inequalities, and changes where the event does
-(PHYSICS.md section 1): the foot yields at push = F_p, stops at v_f = 0, leaves at push = 0. So the set-valued ground
-needs no smoothing. All unknowns and rows are scaled to about 1.
+(docs/physics.md section 3): the foot yields at push = F_p, stops at v_f = 0, leaves at push = 0. So the set-valued
+ground needs no smoothing. All unknowns and rows are scaled to about 1.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ def _announce(began: float, done: int, total: int, say: Say) -> None:
 
 
 FILE = "sweep.nc"
-RESULTS = {  # name: unit, meaning (PHYSICS.md section 1)
+RESULTS = {  # name: unit, meaning (docs/physics.md section 1)
     "com_height_m": ("m", "greatest rise of the centre of mass above rest"),
     "flight_height_m": ("m", "g t_f^2 / 8 of the longest flight that ends after the forcing"),
     "jump_height_m": ("m", "greatest rod height after the motor stops, minus rest"),

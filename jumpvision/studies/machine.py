@@ -22,7 +22,7 @@ from .axes import Laws
 # mechanisms that only correct the robot's values, or change what a film shows
 CORRECTIONS = {"payload", "foot_mass", "spring_stiffness", "spring_damping", "tilt", "camera_scale", "time_offset"}
 
-THESIS: dict[str, dict[str, dict[str, Any]]] = {  # PHYSICS.md section 1
+THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 and 3
     "hard": {
         "robot": {
             "motor_mass": 1.003,
@@ -47,7 +47,7 @@ THESIS: dict[str, dict[str, dict[str, Any]]] = {  # PHYSICS.md section 1
         },
         "actuation": {"kind": "stutter", "frequency": 5.0, "amplitude": 0.01875},
         "bed": {"volume_fraction": 0.57, "grain_density": 1000.0},
-        # the set printed in PHYSICS.md: the bend is without effect at k1 = k2
+        # the set of docs/physics.md section 7: the bend is without effect at k1 = k2
         "model": {
             "terms": ("two_resistance", "depth_drag", "added_mass"),
             "k1": 2100.0,

@@ -20,7 +20,7 @@ from .study import Rows, Study
 
 RINGING = 1e-5  # m: a third of the 30 um that the tracking of the thesis could see
 TRIALS = 24
-BOUNCE_LOSS = 0.33  # of PHYSICS.md: restitution 0.8 for the whole bounce
+BOUNCE_LOSS = 0.33  # docs/physics.md section 2: restitution 0.8 for the whole bounce
 DRIVE = 1e-3  # m, amplitude of the driven hopper: alpha 0.55 for the thesis' robot
 AFTER = 0.25  # s, shown after the slowest law
 DIFFERENT = 2e-5  # m, apexes nearer than this are one
@@ -60,7 +60,7 @@ def _best_point(s: Study, data: xr.Dataset) -> Rows:
 
 
 def best_jumps(s: Study) -> Rows:
-    """The best stutter and single jump of the robot at its amplitude, against the table of PHYSICS.md."""
+    """The best stutter and single jump of the robot at its amplitude, against docs/physics.md section 7."""
     amp, f0, robot = s.machine.values["amplitude"], s.f0, s.robot
 
     def at_phase(f: np.ndarray) -> dict[str, np.ndarray]:

@@ -32,7 +32,13 @@ SHARES = np.array([0.02, 0.05, 0.1, 0.149, 0.2, 0.25, 0.3, 0.35, 0.4])
 DAMPINGS = np.array([0.0, 0.0083, 0.02, 0.04, 0.06, 0.08, 0.1, 0.11, 0.12, 0.13, 0.135, 0.14, 0.145, 0.15, 0.17, 0.2])
 SEARCH: dict[str, Any] = {"lowest": 0.15, "highest": 4.0, "points": 120, "rounds": 2}
 PAIR: dict[str, Any] = {"lowest": 0.1, "highest": 1.4, "highest2": 40.0, "points": 120, "points2": 24, "rounds": 2}
-HUMAN = {"mass": 78.0, "stiffness": 28500.0, "damping": 950.0, "amplitude": 0.5, "length": 1.8}  # PHYSICS.md
+HUMAN = {
+    "mass": 78.0,
+    "stiffness": 28500.0,
+    "damping": 950.0,
+    "amplitude": 0.5,
+    "length": 1.8,
+}  # docs/physics.md section 2
 TYPES = ("stutter", "single")
 
 

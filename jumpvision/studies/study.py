@@ -63,7 +63,7 @@ class Study:
         return float(self.robot["rod_mass"] / self.mass)
 
     def number(self, quantity: str, ours: str, thesis: str = "", rk4: str = "") -> dict[str, str]:
-        """A row of the table; the columns of the thesis and of PHYSICS.md hold for the thesis' robot alone."""
+        """A row of the table; the columns thesis and RK4 (docs/physics.md section 7) are of the thesis' robot."""
         known = self.machine.thesis
         return {"quantity": quantity, "thesis": thesis if known else "", "RK4": rk4 if known else "", "ours": ours}
 

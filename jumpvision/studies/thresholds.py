@@ -15,7 +15,7 @@ from jumpvision.physics.oscillator import damping_of
 from .compute import RESULTS, dataset
 from .study import Rows, Study
 
-ENCODER_STEP = 6.25e-6  # m, PHYSICS.md Table 3
+ENCODER_STEP = 6.25e-6  # m, docs/physics.md section 2
 LARGEST = 0.02  # m, greatest amplitude tried
 # near resonance A_min is flat: (f/f_0 - 1)^2 / (2 zeta^2) of itself, so 2e-11 m place f_100 to 2e-5
 SEARCH: dict[str, Any] = {

@@ -117,8 +117,8 @@ def volume_fraction(
 ) -> tuple[float, float]:
     """(phi, sigma) = V_s / (l w h), V_s [m^3] the grains' own volume, l, w, h [m] of the bed.
 
-    The source prints N pi r^2/(l w h), which is no pure number; for N spheres V_s = N 4/3 pi r^3 (PHYSICS.md section 2,
-    erratum). sigma_height [m] and sigma_solid [m^3] are taken as independent; l and w as exact.
+    The thesis prints N pi r^2/(l w h), which is no pure number; for N spheres V_s = N 4/3 pi r^3 (docs/physics.md
+    section 8). sigma_height [m] and sigma_solid [m^3] are taken as independent; l and w as exact.
     """
     for name, value in (("solid_volume", solid_volume), ("length", length), ("width", width)):
         if not value > 0.0:

@@ -1,7 +1,7 @@
 """One smooth arc of the hard-ground jumper in closed form: the linear flow between two events.
 
 x = x_r [m] is the height of the rod above the relaxed spring, X = X_m the motor's position relative to it. With
-q = m_m/M (PHYSICS.md section 1, m_f = 0), grounded: x'' + 2 gamma x' + w0^2 x = u, in the air: x'' = u; u = -g - q X''.
+q = m_m/M (docs/physics.md section 2), grounded: x'' + 2 gamma x' + w0^2 x = u, in the air: x'' = u; u = -g - q X''.
 On an arc X = d0 + d1 s + d2 s^2 + d3 s^3 + A sin(omega s + phase), s [s] from the arc's start, so that
 x = p0 + p1 s + p2 s^2 + p3 s^3 + Ps sin(omega s + phase) + Pc cos(omega s + phase) + exp(-gamma s) (a C(s) + b S(s)).
 

@@ -1,4 +1,4 @@
-"""Exact jumps on hard ground (PHYSICS.md section 1, m_f = 0): one jump in full, or the results of millions.
+"""Exact jumps on hard ground (docs/physics.md section 2, m_f = 0): one jump in full, or the results of millions.
 
 Between lift-offs and landings the flow is linear and known in closed form (hard_arc); only event times are iterated
 (hard_flow). Velocity steps of the law are impulses: the centre of mass y = x_r + (m_m/M) X_m and its velocity do not

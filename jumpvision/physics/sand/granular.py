@@ -3,7 +3,7 @@
 State s = [y, w, x_f, v_f(, X, V)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and
 its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where it lags its command or a feedback
 loop drives it; behind them WORKS, where the energy ledger asks for them. In y the motor enters through X_m and X_m'
-alone (PHYSICS.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous, and
+alone (docs/physics.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous, and
 v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
 
 Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard

@@ -27,9 +27,9 @@ EVENT = np.dtype([("time", float), ("kind", "U10")])
 class Motion:
     """One simulated jump. Arrays (n,), positions positive up, the foot's zero at the undisturbed surface.
 
-    Heights are PHYSICS.md's: `jump_height` greatest rod height after the motor stops minus rest, `driven_height` the
-    same while it runs, `com_height` greatest rise of the centre of mass, `flight_height` g t_f^2 / 8 of the longest
-    flight that ends after the forcing (NaN: none landed).
+    Heights as in docs/physics.md section 1: `jump_height` greatest rod height after the motor stops minus rest,
+    `driven_height` the same while it runs, `com_height` greatest rise of the centre of mass, `flight_height` g t_f^2/8
+    of the longest flight that ends after the forcing (NaN: none landed).
     """
 
     t: Array  # s
