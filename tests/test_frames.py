@@ -16,8 +16,7 @@ import pytest
 import tifffile
 
 from jumpvision.frames import FrameError, open_frames
-from jumpvision.frames.base import clock
-from jumpvision.frames.grey import luma
+from jumpvision.frames.base import clock, luma
 from jumpvision.frames.opening import READERS
 
 

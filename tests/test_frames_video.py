@@ -19,7 +19,7 @@ import pytest
 from test_frames import check_film, film_of
 
 from jumpvision.frames import FrameError, open_frames
-from jumpvision.frames.grey import luma
+from jumpvision.frames.base import luma
 from jumpvision.frames.scan import spoiled
 
 LOSSLESS_H264 = {"qp": "0", "g": "12", "bf": "3", "preset": "veryfast", "x264-params": "threads=1:scenecut=0"}

@@ -9,8 +9,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from .base import Film, FrameError, Image, check_image, clock, lost
-from .grey import native_type, single_channel
+from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel
 
 MAX_COMPRESSION = 2000  # a data set that claims to be this much larger than its bytes in the file is damaged
 

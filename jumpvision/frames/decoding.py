@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import FrameError, Image, check_image
-from .grey import luma
+from .base import FrameError, Image, check_image, luma
 
 TRAILER = 8  # bytes: 3 of slice size, 1 of error status, 4 of checksum
 REVERSED = bytes(int(f"{k:08b}"[::-1], 2) for k in range(256))

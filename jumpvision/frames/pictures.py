@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, check_image, clock
-from .grey import single_channel
+from .base import Film, FrameError, Image, check_image, clock, single_channel
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
 TAIL = 2**16  # bytes at the end of a file where a JPEG's end marker is looked for; cameras append notes after it

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .base import Film, FrameError, Image, check_image, clock, lost
-from .grey import native_type, single_channel
+from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel
 
 MAX_COMPRESSION = 2000  # pixel bytes a stored byte; a larger claim is a damaged header
 

@@ -128,7 +128,7 @@ def _headers() -> str:
 
 
 def _field(path: Path, name: str) -> Recording:
-    from jumpvision.frames.vectors import read_vectors
+    from jumpvision.inputs.vectors import read_vectors
 
     v = read_vectors(path)
     units = f"lengths in {v.length or 'an unnamed unit'}, speeds in {v.speed or 'an unnamed unit'}"

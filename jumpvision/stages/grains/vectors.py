@@ -10,9 +10,9 @@ import xarray as xr
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.frames.vectors import FOOT, Vectors, read_vectors
 from jumpvision.grains.column import follow_plug, scatter_sigma
 from jumpvision.inputs.sections import PivField, Robot
+from jumpvision.inputs.vectors import FOOT, Vectors, read_vectors
 from jumpvision.results.fields import Piv
 from jumpvision.vision.piv.pair import INTERPOLATED, VALID
 from jumpvision.workflow.stage import StageWarning
