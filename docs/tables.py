@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 from pathlib import Path
 
 from jumpvision.base.schema import table_of
+from jumpvision.frames.opening import READERS
 from jumpvision.inputs.parameters import PARAMS
 from jumpvision.inputs.sections import SECTIONS, Header, RobotSigma
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
@@ -27,6 +30,18 @@ def mechanisms() -> list[dict[str, str]]:
     ]
 
 
+def films() -> list[dict[str, str]]:
+    """The film formats as rows: suffixes, and what their reader says of itself."""
+    suffixes: dict[tuple[str, str], list[str]] = {}
+    for suffix, reader in READERS.items():
+        suffixes.setdefault(reader, []).append(suffix)
+    classes = {r: getattr(importlib.import_module(f"jumpvision.frames.{r[0]}"), r[1]) for r in suffixes}
+    return [
+        {"suffix": " ".join(of), "film": " ".join(inspect.getdoc(classes[reader]).split("\n\n")[0].split())}
+        for reader, of in suffixes.items()
+    ]
+
+
 def text() -> str:
     """The whole page."""
     parts = [
@@ -45,6 +60,9 @@ def text() -> str:
         "`[model.laws]` laws of the bed against its volume fraction (granular.md).",
         rows(mechanisms()),
         rows(table_of(ModelParameters)),
+        "## Film formats\n\nOf every `file` above that is a film or a picture; also a folder of pictures, or a "
+        "pattern such as `frames/*.png`.",
+        rows(films()),
         "## Stage parameters\n\nIn `[params.<stage>]` of experiment.toml, campaign.toml or a pipeline file; "
         "`--set stage.key=value` on the command line wins.",
     ]  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -223,6 +224,40 @@ def test_every_page_names_the_thesis_where_it_first_speaks_of_it():
             assert "Aguilar" in text[: found.end()] or "Aguilar" in line, page.name
 
 
+MADE = (".csv", ".json", ".nc", ".npz", ".html", ".png", ".svg", ".pdf", ".webm", ".toml", ".avi", ".mkv", ".md")
+PLACES = (ROOT, ROOT / "jumpvision", ROOT / "tests", ROOT / "benchmarks")  # where a path in the text may begin
+TEXT = [ROOT / "CONTRIBUTING.md", *PAGES]
+
+
+def found(dotted: str) -> bool:
+    """Whether a name that begins with a room of the package exists in it."""
+    parts = dotted.split(".")
+    for k in range(len(parts), 0, -1):
+        try:
+            here: object = importlib.import_module(".".join(["jumpvision", *parts[:k]]))
+        except ModuleNotFoundError:
+            continue
+        for name in parts[k:]:
+            here = getattr(here, name, None)
+        return here is not None
+    return False
+
+
+@pytest.mark.parametrize("page", TEXT, ids=lambda p: p.name)
+def test_modules_and_functions_that_a_page_names_exist(page):
+    """`room/file.py` from the root, the package, tests or benchmarks; `room.module.function` from the package."""
+    rooms = {p.stem for p in (ROOT / "jumpvision").iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
+    for quoted in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8")):
+        for path in re.findall(r"[\w./]+\.py\b", quoted):
+            assert any((p / path).exists() for p in PLACES), f"{page.name}: {path}"
+        dotted = re.fullmatch(r"(?:jumpvision\.)?((\w+)(?:\.\w+)+)(?:\(.*\))?", quoted)
+        if dotted and dotted[2] in rooms and not dotted[1].endswith(MADE):
+            assert found(dotted[1]), f"{page.name}: {quoted}"
+        folder = re.fullmatch(r"(?:jumpvision/)?((\w+)(?:/\w+)*)/?", quoted)
+        if folder and folder[2] in rooms and "/" in quoted and folder[2] != "results":
+            assert any((p / folder[1]).exists() for p in PLACES), f"{page.name}: {quoted}"
+
+
 def test_sections_of_the_equations_that_code_cites_exist():
     sections = set(re.findall(r"^## (\d+)\.", (DOCS / "physics.md").read_text(encoding="utf-8"), re.M))
     for folder in ("jumpvision", "tests", "benchmarks"):
@@ -231,6 +266,18 @@ def test_sections_of_the_equations_that_code_cites_exist():
                 r"docs/physics\.md\s+sections? (\d+)(?: and (\d+))?", file.read_text(encoding="utf-8")
             ):
                 assert set(cited) - {""} <= sections, f"{file}: {cited}"
+
+
+def test_hooks_and_hosted_tests_run_what_the_project_pins():
+    yaml = pytest.importorskip("yaml")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (repo,) = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))["repos"]
+    tools = {hook["entry"].split()[0] for hook in repo["hooks"]}
+    pinned = {p.split("==")[0] for p in project["optional-dependencies"]["dev"] if "==" in p}
+    assert tools == pinned and all(hook["language"] == "system" for hook in repo["hooks"])
+    job = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8"))["jobs"]["test"]
+    assert project["requires-python"] == f">={job['strategy']['matrix']['python'][0]}"
+    assert any((ROOT / step.get("run", "-")).is_file() for step in job["steps"])
 
 
 def test_the_citation_is_this_package():

@@ -9,22 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
+from house_counts import BOUNDS, ROOT, counts, floors
 
-import jumpvision
-
-ROOT = Path(jumpvision.__file__).parent
-FLOORS = [  # from the ground up; a module may import its own floor's package and what lies below
-    {"base"},
-    {"frames", "estimate", "mechanisms", "lab"},
-    {"vision", "grains", "physics", "dem"},
-    {"diagnosis", "planning", "inputs", "results"},
-    {"workflow"},
-    {"stages"},
-    {"campaign", "studies"},
-    {"report", "demo", "init"},
-    {"api"},
-    {"cli"},
-]
+FLOORS = floors()  # the table of docs/architecture.md
 LEVEL = {name: i for i, floor in enumerate(FLOORS) for name in floor}
 CORE = FLOORS[1] | FLOORS[2]
 
@@ -58,7 +45,7 @@ def test_imports_point_down(file):
         if here == "lab":
             assert name in ("lab", "base"), f"the laboratory imports {name}: an error there would cancel"
             continue
-        assert name in LEVEL or name == "lab", f"{name} has no floor: add it to FLOORS"
+        assert name in LEVEL, f"{name} has no floor: add it to docs/architecture.md"
         if name == "lab":
             assert here == "cli", f"{here} imports the laboratory"
         else:
@@ -81,8 +68,14 @@ def test_the_core_neither_prints_nor_plots(file):
 
 
 def test_every_folder_below_the_package_has_a_floor():
-    names = {f.relative_to(ROOT).parts[0].removesuffix(".py") for f in FILES} - {"__init__", "__main__", "lab"}
-    assert names <= set(LEVEL)
+    names = {f.relative_to(ROOT).parts[0].removesuffix(".py") for f in FILES} - {"__init__", "__main__"}
+    assert names == set(LEVEL)
+
+
+@pytest.mark.parametrize("name", BOUNDS)
+def test_counts_of_the_house(name):
+    """Bounds and aims are in house_counts.py; a bound that is not reached any more is to be lowered there."""
+    assert counts()[name] <= BOUNDS[name].now
 
 
 def test_help_is_fast_and_light():

@@ -9,10 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from .base import Film, FrameError, Image
+from .pictures import SUFFIXES, ImageFilm, image_files
 
-READERS: dict[str, tuple[str, str]] = {
+READERS: dict[str, tuple[str, str]] = {  # suffix: module of this folder, its Film
     **dict.fromkeys((".avi", ".mp4", ".m4v", ".mkv", ".mov", ".webm"), ("video", "VideoFilm")),
-    **dict.fromkeys((".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"), ("pictures", "ImageFilm")),
+    **dict.fromkeys(SUFFIXES, ("pictures", "ImageFilm")),
     **dict.fromkeys((".tif", ".tiff"), ("tiff", "TiffFilm")),
     **dict.fromkeys((".mraw", ".cih", ".cihx"), ("mraw", "MrawFilm")),
     ".cine": ("cine", "CineFilm"),
@@ -44,8 +45,6 @@ def open_frames(
         raise FrameError(f"{path}: start = {start!r}; must be a finite number of seconds")
     full = Path(pattern_root or "") / path
     if full.is_dir() or (not full.exists() and any(c in full.name for c in "*?[")):
-        from .pictures import ImageFilm, image_files
-
         return ImageFilm(full, files=image_files(full), frame_rate=frame_rate, start=start)
     if not full.exists():
         raise FrameError(f"{full}: no such file; name a film, a folder of images or a pattern such as frames/*.png")
@@ -55,7 +54,7 @@ def open_frames(
     if full.stat().st_size == 0:
         raise FrameError(f"{full}: the file is empty (0 bytes); copy it from the camera again")
     module, name = READERS[full.suffix.lower()]
-    reader = getattr(importlib.import_module(f"jumpvision.frames.{module}"), name)
+    reader = getattr(importlib.import_module(f"{__package__}.{module}"), name)
     watched = {"seen": seen} if seen is not None and reader.decodes_on_opening else {}
     film: Film = reader(full, frame_rate=frame_rate, start=start, **watched)
     return film
