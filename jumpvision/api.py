@@ -6,7 +6,7 @@
     jv.track(experiment).table
 
 What is computed is kept where the command line keeps it, so neither computes what the other has; `results` names
-another folder. Warnings of a stage are Python warnings here. Bad calls and folders raise jumpvision.base.schema.InputError.
+another folder. Warnings of a stage are Python warnings here. Bad calls and folders raise `base.schema.InputError`.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ AHEAD = 16  # frames; a target this near is reached by decoding on, without seek
 class VideoFilm(Film):
     """A film in a common container. It is decoded once when opened (to count and time its frames), then as asked for.
 
-    Grey is the luma plane as stored, without stretching studio range; RGB becomes Rec. 601 luma (see `frames.base.luma`).
+    Grey is the luma plane as stored, without stretching studio range; RGB becomes Rec. 601 luma (`frames.base.luma`).
     """
 
     decodes_on_opening = True
