@@ -9,7 +9,7 @@ from typing import Any
 from PIL import Image
 
 from jumpvision.report.studies.sweeps import picture
-from jumpvision.studies.run import GRANULAR, run
+from jumpvision.studies.study import Call, run, studies
 
 PAGE = Path(__file__).with_name("granular.md")
 IMAGES = PAGE.parent / "images"
@@ -28,10 +28,8 @@ def table(found: dict[str, list[dict[str, Any]]]) -> str:
 
 def main() -> None:
     found = {}
-    for name in GRANULAR:
-        data, found[name] = run(
-            "granular", {}, analysis=name, experiment=None, overrides={}, workers=1, say=lambda text: None
-        )
+    for name in [n for n, s in studies("granular").items() if not (s.of_campaign or s.any_axes)]:
+        data, found[name] = run(Call("granular", {}, name, say=lambda text: None))
         with Image.open(io.BytesIO(picture(data))) as full:  # few colours: a third of the size
             full.convert("RGB").quantize(128, dither=Image.Dither.NONE).save(
                 IMAGES / f"granular-{name}.png", optimize=True

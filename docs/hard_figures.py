@@ -17,7 +17,7 @@ from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.samples import HARD_ROBOT
 from jumpvision.report.studies.sweeps import picture
 from jumpvision.studies.comparison import compare
-from jumpvision.studies.run import ANALYSES, run
+from jumpvision.studies.study import Call, run, studies
 
 IMAGES = Path(__file__).with_name("images")
 WIDTH, COLOURS = 1000, 256  # of a picture: the width of a page, and a palette that keeps its maps
@@ -51,14 +51,14 @@ def campaign(folder: Path) -> Path:
 
 def main(names: list[str]) -> None:
     """The pictures named, or all."""
-    for name in names or ["map", *ANALYSES, "comparison"]:
-        if name == "comparison":
+    for name in names or studies("hard"):
+        if name == compare.name:
             with tempfile.TemporaryDirectory() as place:
                 folder = campaign(Path(place) / "campaign")
-                data, rows = compare(folder, overrides={}, results=Path(place) / "results", workers=1, say=print)
+                data, rows = run(Call("hard", {}, name, campaign=folder, results=Path(place) / "results"))
                 rows = rows[-1:]
         else:
-            data, rows = run("hard", {}, analysis=name, experiment=None, overrides={}, workers=1, say=print)
+            data, rows = run(Call("hard", {}, name))
         save(name, picture(data))
         for row in rows:
             print(name, "|", " | ".join(str(v) for v in row.values()), flush=True)

@@ -181,15 +181,17 @@ def sweep(
 ) -> xr.Dataset:
     """Jumps over any axes, e.g. frequency=(4, 18, 200), phase=1.57: heights, lift-off, peaks with the axes as dims.
 
-    axes and analyses are those of `jumpvision sweep --help`; an axis is (low, high, number), one value, or "LO:HI:N".
+    axes are those of `jumpvision sweep --help`, analyses of `jumpvision sweep GROUND --analyses`; an axis is
+    (low, high, number), one value, or "LO:HI:N".
     """
-    from jumpvision.studies.run import run as run_sweep
+    from jumpvision.studies.study import Call
+    from jumpvision.studies.study import run as run_sweep
 
     given = {k: ":".join(map(str, v)) if isinstance(v, tuple | list) else str(v) for k, v in axes.items()}
-    data, _ = run_sweep(
+    call = Call(
         ground,
         given,
-        analysis=analysis,
+        analysis,
         experiment=_path(experiment),
         model=_path(model),
         laws=_path(laws),
@@ -197,7 +199,7 @@ def sweep(
         workers=workers,
         say=_warn,
     )
-    return data
+    return run_sweep(call)[0]
 
 
 def plan(

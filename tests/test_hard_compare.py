@@ -19,6 +19,7 @@ from jumpvision.lab import write
 from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.samples import HARD_ROBOT
 from jumpvision.studies.comparison import compare
+from jumpvision.studies.study import Call, run
 
 NOISE = 1e-4  # m, of a track at 200 frames a second
 SIGMA = {"spring_stiffness": 40.0, "gravity": 0.01}  # of the robot's values
@@ -97,7 +98,7 @@ def drawn_robot(rng):
 
 
 def compared(folder, **overrides):
-    return compare(folder, overrides=overrides, results=folder.parent / "out", workers=1, say=print)
+    return run(Call("hard", {}, compare.name, campaign=folder, results=folder.parent / "out", overrides=overrides))
 
 
 def test_a_campaign_that_the_model_explains(tmp_path):

@@ -31,7 +31,7 @@ from jumpvision.report.studies.sweeps import picture
 from jumpvision.studies.axes import AXES, read_axes
 from jumpvision.studies.compute import RESULTS, write
 from jumpvision.studies.machine import machine
-from jumpvision.studies.run import ANALYSES, run
+from jumpvision.studies.study import Call, run, studies
 
 THESIS = {
     "motor_mass": 1.003,
@@ -50,7 +50,7 @@ SAND = machine("granular", None, {})
 @functools.cache
 def study(name, ground="hard", **axes):
     """Data set and table rows of an analysis of the thesis' robot."""
-    return run(ground, axes, analysis=name, experiment=None, overrides={}, workers=1, say=lambda text: None)
+    return run(Call(ground, axes, name, say=lambda text: None))
 
 
 # -- axes ------------------------------------------------------------------------------------------------------------
@@ -318,7 +318,7 @@ SMALL = {  # fewer points where the defaults are for a figure
 }
 
 
-@pytest.mark.parametrize("name", ["map", *ANALYSES])
+@pytest.mark.parametrize("name", [n for n, s in studies("hard").items() if not s.of_campaign])
 def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
     data, rows = study(name, **SMALL.get(name, {}))
     assert rows and all(set(r) == {"quantity", "thesis", "RK4", "ours"} and r["ours"] for r in rows)
@@ -436,8 +436,7 @@ def test_an_experiment_gives_robot_law_and_model(tmp_path):
         'gravity = 5.0\n[actuation]\nkind = "single"\nfrequency = 12.0\namplitude = 0.006\n'
         '[model]\nterms = ["landing_loss", "payload"]\ne = 0.3\ndm = 0.1\n'
     )
-    data, _ = run("hard", {"amplitude": "0.005:0.007:3"}, analysis="map", experiment=tmp_path / "experiment.toml",
-                  overrides={}, workers=1, say=print)  # fmt: skip
+    data, _ = run(Call("hard", {"amplitude": "0.005:0.007:3"}, experiment=tmp_path / "experiment.toml"))
     robot = {
         "motor_mass": 2.1,
         "rod_mass": 0.3,

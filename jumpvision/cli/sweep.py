@@ -38,23 +38,47 @@ class SweepAxes:
     foot_radius: Annotated[str | None, _axis("Radius of the foot [m] (granular).")] = None
 
 
+def _says(text: str) -> Parameter:
+    return Parameter(help=text)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class SweepOptions:
+    """What is swept besides the axes, and where it goes."""
+
+    analysis: Annotated[str, _says("map, or the name of another analysis: --analyses lists them.")] = "map"
+    analyses: Annotated[
+        bool, Parameter(negative="", show_default=False, help="List the analyses of GROUND, and compute none.")
+    ] = False
+    experiment: Annotated[
+        Path | None,
+        _says("An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot."),
+    ] = None
+    campaign: Annotated[Path | None, _says("Folder of experiments for an analysis of measured jumps.")] = None
+    model: Annotated[Path | None, _says("A TOML file whose [model] replaces the model, e.g. model.toml.")] = None
+    laws: Annotated[
+        Path | None,
+        _says(
+            "A TOML file of the bed's parameters against volume fraction; named analyses on granular ground default "
+            "to an example (docs/granular.md)."
+        ),
+    ] = None
+    results: Annotated[
+        Path | None,
+        _says("Folder for the files; default: results/sweep, or results/NAME beside the campaign."),
+    ] = None
+    settings: Annotated[
+        tuple[str, ...],
+        Parameter(name="--set", negative="", help="Override a value: section.key=value, e.g. robot.gravity=9.81."),
+    ] = ()
+    json: Annotated[bool, _says("Machine-readable result on stdout.")] = False
+    workers: Annotated[int | None, _says("Cores to use; default: all.")] = None
+    pictures: Annotated[bool, _says("Draw the figure.")] = True
+
+
 @app.command
-def sweep(
-    ground: str,
-    /,
-    *,
-    axes: SweepAxes = SweepAxes(),
-    analysis: str = "map",
-    experiment: Path | None = None,
-    campaign: Path | None = None,
-    model: Path | None = None,
-    laws: Path | None = None,
-    results: Path | None = None,
-    settings: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
-    json: bool = False,
-    workers: int | None = None,
-    pictures: bool = True,
-) -> int:
+def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOptions = SweepOptions()) -> int:
     """Jumps over any axes, or a named analysis of thesis chapters II and III: sweep.nc and sweep.png (or comparison.*).
 
     Example: jumpvision sweep hard --frequency 4:18:200 --phase 0:6.283:200
@@ -63,30 +87,6 @@ def sweep(
     ----------
     ground
         hard or granular.
-    analysis
-        map, or on hard ground minimum-amplitude, lift-off-time, alpha, scatter, bifurcation, traces, estimates,
-        animals, two-frequency, comparison (of the measured jumps of --campaign with their simulation); on granular
-        ground height-phi, jump-types, delay, alpha-fit, force-models, drag-scale, foot-radius,
-        drag-fit (b or alpha against packing, to the measured jumps of --campaign).
-    experiment
-        An experiment.toml, or its folder, that gives robot, law and model; default: the thesis' robot.
-    campaign
-        Folder of experiments for --analysis comparison or drag-fit.
-    model
-        A TOML file whose [model] replaces the model, e.g. model.toml.
-    laws
-        A TOML file of the bed's parameters against volume fraction; named analyses on granular ground default to an
-        example (docs/granular.md).
-    results
-        Folder for the files; default: results/sweep, or results/NAME beside the campaign.
-    settings
-        Override a value: section.key=value, e.g. robot.gravity=9.81.
-    json
-        Machine-readable result on stdout.
-    workers
-        Cores to use; default: all.
-    pictures
-        Draw the figure.
     """
     from dataclasses import asdict
 
@@ -94,38 +94,42 @@ def sweep(
     from jumpvision.inputs.experiment import folder_of
     from jumpvision.inputs.overrides import parse
     from jumpvision.studies.compute import write
-    from jumpvision.studies.run import run as run_sweep
+    from jumpvision.studies.study import Call, listed, run, studies
 
     from . import terminal as show
 
-    given = {name: text for name, text in asdict(axes).items() if text is not None}
-    results = results or (results_of(folder_of(campaign)) if campaign else Path("results/sweep"))
+    if options.analyses:
+        rows = listed(ground)
+        show.result(rows, rows, as_json=options.json)
+        return DONE
+    o, campaign = options, options.campaign
+    results = o.results or (results_of(folder_of(campaign)) if campaign else Path("results/sweep"))
+    call = Call(
+        ground,
+        {name: text for name, text in asdict(axes).items() if text is not None},
+        o.analysis,
+        experiment=o.experiment,
+        campaign=campaign,
+        model=o.model,
+        laws=o.laws,
+        results=results,
+        overrides=parse(o.settings),
+        workers=o.workers or cores(),
+        say=show.line,
+    )
     with show.Progress(1) as progress:
         token = HOOK.set(progress.frames)
         try:
-            data, rows = run_sweep(
-                ground,
-                given,
-                analysis=analysis,
-                experiment=experiment,
-                overrides=parse(settings),
-                workers=workers or cores(),
-                say=show.line,
-                model=model,
-                laws=laws,
-                campaign=campaign,
-                results=results,
-            )
+            data, rows = run(call)
         finally:
             HOOK.reset(token)
-    stem = analysis if campaign else "sweep"
-    files = [write(data, results, f"{stem}.nc")]
-    if pictures:
+    files = [write(data, results, studies()[o.analysis].file)]
+    if o.pictures:
         from jumpvision.report.studies.sweeps import picture
 
-        files.append(results / f"{stem}.png")
+        files.append(files[0].with_suffix(".png"))
         files[1].write_bytes(picture(data))
-    show.result({"results": str(results), "files": [str(f) for f in files], "numbers": rows}, rows, as_json=json)
+    show.result({"results": str(results), "files": [str(f) for f in files], "numbers": rows}, rows, as_json=o.json)
     show.line(f"results in {results}: {', '.join(f.name for f in files)}")
     return DONE
 

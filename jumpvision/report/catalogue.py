@@ -17,12 +17,12 @@ from jumpvision.report.figures.logs import actuator, resistances, single
 from jumpvision.report.pages.charts import fits_of, json_of
 from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
 from jumpvision.results.fields import Column, Flow, Piv
+from jumpvision.studies.study import studies
 
 from .figures import grains as films
 from .style import FORMATS, printed, save
 
 Draw = Callable[[Any], Any]  # what makes a figure -> the figure
-SWEEPS = ("sweep.nc", "comparison.nc")
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,8 @@ def available(source: Path) -> dict[str, tuple[str, Draw]]:
     if source.is_file():
         return dict([of_sweep(source)])
     made = dict(of_results(Results(source)))
-    made |= dict(of_sweep(source / f) for f in SWEEPS if (source / f).exists())
+    swept = {s.file: source / s.file for s in studies().values()}
+    made |= dict(of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
     return made
 
 

@@ -15,14 +15,18 @@ from jumpvision.base.schema import InputError
 from jumpvision.physics.packing import Laws, laws_from
 
 MOST = 100_000_000  # points of one sweep
+SAND = ("granular",)
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One option; `symbol` is its name in physics.points where that is another."""
+    """One option: unit, meaning and range in files and calls; its name and the unit it is shown in, factor x SI."""
 
     unit: str
     meaning: str
+    label: str
+    shown: str = ""
+    factor: float = 1.0
     lo: float = 0.0
     hi: float = math.inf
     open_lo: bool = True
@@ -37,26 +41,30 @@ class Axis:
             return f"{'>' if self.open_lo else '>='} {self.lo:g}{unit}"
         return f"in {'(' if self.open_lo else '['}{self.lo:g}, {self.hi:g}]{unit}"
 
+    def said(self, value: float, digits: int) -> str:
+        """frequency 8.2 Hz."""
+        return f"{self.label} {value * self.factor:.{digits}g} {self.shown}".rstrip()
+
     def holds(self, value: float) -> bool:
         low = value > self.lo if self.open_lo else value >= self.lo
         return math.isfinite(value) and low and value <= self.hi
 
 
 AXES = {
-    "frequency": Axis("Hz", "forcing frequency (of the first half cycle, with frequency2)"),
-    "phase": Axis("rad", "start phase of the law", lo=-math.inf),
-    "amplitude": Axis("m", "forcing amplitude A"),
-    "delay": Axis("s", "pause between the half cycles", open_lo=False),
-    "frequency2": Axis("Hz", "frequency of the second half cycle"),
-    "cycles": Axis("", "number of forcing cycles"),
-    "alpha": Axis("", "M g/(k A); sets the amplitude, or gravity where the amplitude is given"),
-    "gravity": Axis("m/s^2", "gravity along the rail"),
-    "rod_mass": Axis("kg", "mass of the rod; the total mass is kept unless motor_mass is given"),
-    "motor_mass": Axis("kg", "mass of the motor"),
-    "stiffness": Axis("N/m", "stiffness of the spring"),
-    "zeta": Axis("", "damping ratio c / (2 sqrt(k M))", open_lo=False),
-    "phi": Axis("", "volume fraction of the bed", lo=0.3, hi=0.8, open_lo=False, grounds=("granular",)),
-    "foot_radius": Axis("m", "radius of the foot", grounds=("granular",)),
+    "frequency": Axis("Hz", "forcing frequency (of the first half cycle, with frequency2)", "frequency", "Hz"),
+    "phase": Axis("rad", "start phase of the law", "phase", "π", 1 / math.pi, lo=-math.inf),
+    "amplitude": Axis("m", "forcing amplitude A", "amplitude", "mm", 1e3),
+    "delay": Axis("s", "pause between the half cycles", "delay", "ms", 1e3, open_lo=False),
+    "frequency2": Axis("Hz", "frequency of the second half cycle", "second frequency", "Hz"),
+    "cycles": Axis("", "number of forcing cycles", "cycles"),
+    "alpha": Axis("", "M g/(k A); sets the amplitude, or gravity where the amplitude is given", "α"),
+    "gravity": Axis("m/s^2", "gravity along the rail", "gravity", "m/s²"),
+    "rod_mass": Axis("kg", "mass of the rod; the total mass is kept unless motor_mass is given", "rod mass", "kg"),
+    "motor_mass": Axis("kg", "mass of the motor", "motor mass", "kg"),
+    "stiffness": Axis("N/m", "stiffness of the spring", "stiffness", "kN/m", 1e-3),
+    "zeta": Axis("", "damping ratio c / (2 sqrt(k M))", "ζ", open_lo=False),
+    "phi": Axis("", "volume fraction of the bed", "volume fraction φ", lo=0.3, hi=0.8, open_lo=False, grounds=SAND),
+    "foot_radius": Axis("m", "radius of the foot", "foot radius", "mm", 1e3, grounds=SAND),
 }
 
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any, cast
 
 import numpy as np
@@ -37,9 +36,9 @@ from jumpvision.workflow.stage import StageWarning
 from jumpvision.workflow.workspace import Workspace
 
 from .axes import AXES
-from .compute import Say, provenance
+from .compute import provenance
 from .machine import Machine, machine
-from .study import Rows
+from .study import Found, Measured, Row, study
 
 LEVEL = 0.05  # corrected p of a condition that stands out
 COORDS = ("frequency", "phase", "amplitude", "cycles", "delay")
@@ -84,19 +83,20 @@ def law_of(e: Experiment) -> dict[str, float]:
     }
 
 
-def compare(
-    path: Path, *, overrides: Mapping[str, Mapping[str, Any]], results: Path, workers: int, say: Say
-) -> tuple[xr.Dataset, Rows]:
-    """The data set of conditions (dimension `condition`) and trials, and a table of one row a condition.
+@study("comparison", "hard", model_file=False)
+def compare(given: Measured) -> Found:
+    """Measured jump heights of a campaign beside their simulation, with the significance of the difference.
 
+    The data set of conditions (dimension `condition`) and trials, and a table of one row a condition.
     InputError where a campaign has no jump to compare. Experiments without a height are told, with the reason.
     """
-    campaign = open_campaign(path, overrides=overrides)
+    campaign = open_campaign(given.campaign, overrides=given.overrides)
     other = [e for e in campaign.experiments if e.ground != "hard"]
     if other:
         raise InputError([f"{e.path}: ground = '{e.ground}': this comparison is of hard ground" for e in other])
-    plan = Plan(results, results / ".cache", stages=("summary",), command="jumpvision sweep hard --analysis comparison")
-    outcomes = run_campaign(campaign, plan, workers=workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
+    command = f"jumpvision sweep hard --analysis {given.study.name}"
+    plan, say = Plan(given.results, given.results / ".cache", stages=("summary",), command=command), given.say
+    outcomes = run_campaign(campaign, plan, workers=given.workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
     jumps = []
     for e, o in zip(campaign.experiments, watch(outcomes, "simulations")):
         why = problem(o)
@@ -128,7 +128,7 @@ def compare(
         rng=np.random.default_rng(0),
         shared=np.transpose(shared) if common.any() else (),
     )
-    robot = machine("hard", jumps[0].experiment.path, overrides)
+    robot = machine("hard", jumps[0].experiment.path, given.overrides)
     data = _dataset(campaign, robot, jumps, at, steps, names, found)
     return data, rows(data)
 
@@ -246,7 +246,7 @@ def _dataset(
         coords | more,
         {
             **provenance(robot),
-            "analysis": "comparison",
+            "analysis": compare.name,
             "campaign": campaign.path.resolve().name,
             "chi2": found.chi2,
             "conditions": found.trials.size,
@@ -280,7 +280,7 @@ def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, Any], di
     }
 
 
-def rows(data: xr.Dataset) -> Rows:
+def rows(data: xr.Dataset) -> list[Row]:
     """One row a condition, and one of all."""
     columns = {
         "frequency_hz": data.frequency,
@@ -295,7 +295,7 @@ def rows(data: xr.Dataset) -> Rows:
         "z": data.z,
         "p_corrected": data.p_corrected,
     }
-    out: Rows = []
+    out: list[Row] = []
     for c, odd in enumerate(data.stands_out.values):
         numbers = {n: float(f"{float(v[c]):.{2 if n == 'p_corrected' else 5}g}") for n, v in columns.items()}
         numbers["trials"] = int(data.trials[c])

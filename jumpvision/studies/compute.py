@@ -8,7 +8,7 @@ import os
 import platform
 import time
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -28,8 +28,7 @@ from jumpvision.results.record import plain
 
 from .axes import AXES, option
 from .machine import Machine
-
-Say = Callable[[str], None]
+from .study import Say, Sweep
 
 CHUNK = 200_000  # points of an exact sweep in memory at once
 SMALL = 2000  # points of an integrated one
@@ -112,6 +111,7 @@ RESULTS = {  # name: unit, meaning (docs/physics.md section 1)
 }
 CLASSES = ("none", "single", "stutter", "multi_jump")
 
+Attribute = str | float | Sequence[float]
 Variable = tuple[tuple[str, ...], NDArray[Any], str, str]  # dims, values, unit, meaning
 
 
@@ -121,13 +121,13 @@ def jump_class(n_jumps: NDArray[Any]) -> NDArray[np.int8]:
 
 
 def dataset(
-    machine: Machine,
+    s: Sweep,
     coords: Mapping[str, Any],
     dims: tuple[str, ...],
     results: Mapping[str, NDArray[Any]],
     extra: Mapping[str, Variable] | None = None,
     *,
-    attrs: Mapping[str, Any],
+    attrs: Mapping[str, Attribute] | None = None,
 ) -> xr.Dataset:
     """`results` of jumps over `dims` with `extra` variables. coords: by name, values or (dim, values)."""
     variables: dict[str, Any] = {}
@@ -146,7 +146,9 @@ def dataset(
         axis = AXES.get(name)
         meta = {"units": axis.unit or "1", "long_name": axis.meaning} if axis else {}
         units[name] = (over, values, meta)
-    return xr.Dataset(variables, coords=units, attrs={**provenance(machine), **attrs})
+    return xr.Dataset(
+        variables, coords=units, attrs={**provenance(s.machine), "analysis": s.study.name, **(attrs or {})}
+    )
 
 
 def provenance(machine: Machine) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.hard.analysis import SINGLE, STUTTER
 from jumpvision.physics.hard.hopper import PHASE, apexes, distinct, scattered
 from jumpvision.physics.hard.jump import hard_jump, hard_map, hard_sweep, sine_rows
+from jumpvision.physics.model import GROUNDS
 from jumpvision.physics.oscillator import best_jump
 
 from .compute import RESULTS, Variable, dataset, grid_results
-from .study import Rows, Study
+from .study import Found, Row, Sweep, study
 
 RINGING = 1e-5  # m: a third of the 30 um that the tracking of the thesis could see
 TRIALS = 24
@@ -26,16 +28,25 @@ AFTER = 0.25  # s, shown after the slowest law
 DIFFERENT = 2e-5  # m, apexes nearer than this are one
 
 
-def grid(s: Study) -> tuple[xr.Dataset, Rows]:
-    """Any axes: results over their grid, and the numbers of the two best jumps over (f, phase) on hard ground."""
+GRID = {"frequency": (0.2, 1.8, 320), "phase": (0.0, 2.0 * np.pi, 241)}  # f_0 and rad: where no range is asked for
+SLOW_GRID = {"frequency": (0.35, 1.5, 40), "phase": (0.0, 2.0 * np.pi, 25)}  # where a jump takes half a millisecond
+
+
+@study("map", *GROUNDS, source="Figs 27, 28", any_axes=True)
+def grid(s: Sweep) -> Found:
+    """Jumps over any axes; frequency and phase where none is asked for, with the best jumps of both types."""
+    if not s.ranges:
+        usual = GRID if s.machine.exact else SLOW_GRID
+        ranges = {n: np.linspace(*x) * (s.f0 if n == "frequency" else 1.0) for n, x in usual.items()}
+        s = dataclasses.replace(s, ranges={n: x for n, x in ranges.items() if n not in s.values})
     given = {**s.values, **s.ranges}
     results = grid_results(s.machine, given, workers=s.workers, say=s.say)
     data = dataset(
-        s.machine,
+        s,
         given,
         tuple(s.ranges),
         results,
-        attrs={"analysis": "map"} | ({"f0_Hz": s.f0}),
+        attrs={"f0_Hz": s.f0},
     )
     failed = int(np.isnan(results["com_height_m"]).sum())
     if failed:
@@ -45,7 +56,7 @@ def grid(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, best_jumps(s) if s.machine.exact and whole else _best_point(s, data)
 
 
-def _best_point(s: Study, data: xr.Dataset) -> Rows:
+def _best_point(s: Sweep, data: xr.Dataset) -> list[Row]:
     """The highest jump of a grid, by its coordinates."""
     height = data.com_height_m
     if height.size < 2 or not bool(np.isfinite(height).any()):
@@ -59,7 +70,7 @@ def _best_point(s: Study, data: xr.Dataset) -> Rows:
     return [s.number("greatest COM height", f"{float(at) * 1e3:.2f} mm at {where}")]
 
 
-def best_jumps(s: Study) -> Rows:
+def best_jumps(s: Sweep) -> list[Row]:
     """The best stutter and single jump of the robot at its amplitude, against docs/physics.md section 7."""
     amp, f0, robot = s.machine.values["amplitude"], s.f0, s.robot
 
@@ -116,10 +127,16 @@ def best_jumps(s: Study) -> Rows:
     ]
 
 
-def scatter(s: Study) -> tuple[xr.Dataset, Rows]:
+@study(
+    "scatter",
+    "hard",
+    source="text of Fig 27",
+    ranges={"frequency": lambda s: np.linspace(0.2, 1.4, 121) * s.f0, "phase": np.linspace(0.0, 2.0 * np.pi, 97)},
+    values=("amplitude", "cycles", "alpha"),
+)
+def scatter(s: Sweep) -> Found:
     """Standard deviation of the heights over trials that start from a faintly ringing spring."""
-    f = s.axis("frequency", np.linspace(0.2, 1.4, 121) * s.f0)
-    phase = s.axis("phase", np.linspace(0.0, 2.0 * np.pi, 97))
+    f, phase = s.axis("frequency"), s.axis("phase")
     law = {"amplitude": float(s.machine.values["amplitude"]), "cycles": float(s.machine.values["cycles"])}
     clean = hard_map(f, phase, **law, **s.robot)
     rng = np.random.default_rng(20140630)
@@ -136,12 +153,12 @@ def scatter(s: Study) -> tuple[xr.Dataset, Rows]:
     }
     extra["other_n_jumps"] = (("frequency", "phase"), changed, "1", "share of trials with another number of jumps")
     data = dataset(
-        s.machine,
+        s,
         {"frequency": f, "phase": phase},
         ("frequency", "phase"),
         clean,
         extra,
-        attrs={"analysis": "scatter", "f0_Hz": s.f0, "ringing_m": RINGING, "trials": TRIALS},
+        attrs={"f0_Hz": s.f0, "ringing_m": RINGING, "trials": TRIALS},
     )
     std, height = spread["flight_height_m"], clean["flight_height_m"]
     rows = []
@@ -157,14 +174,23 @@ def scatter(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def bifurcation(s: Study) -> tuple[xr.Dataset, Rows]:
+@study(
+    "bifurcation",
+    "hard",
+    source="section 2.4.1",
+    ranges={
+        "frequency": lambda s: np.linspace(0.4, 2.2, 361) * s.f0,
+        "amplitude": np.linspace(0.1e-3, 2.5e-3, 33),  # of the map; one value: of the curves
+    },
+)
+def bifurcation(s: Sweep) -> Found:
     """Apex heights of the driven hopper's long-run motion, frequency going up and then down; a map over amplitude."""
-    f = s.axis("frequency", np.linspace(0.4, 2.2, 361) * s.f0)
+    f = s.axis("frequency")
     amp = float(s.values.get("amplitude", DRIVE))
     robot = s.robot | {"landing_loss": s.robot["landing_loss"] or BOUNCE_LOSS}
     long, short = {"settle": 80, "keep": 40}, {"settle": 40, "keep": 60}
     apex, _ = (np.stack(x) for x in zip(*_both_ways(f, amp, long, robot)))
-    amps = s.ranges.get("amplitude", np.linspace(0.1e-3, 2.5e-3, 33))
+    amps = s.ranges.get("amplitude", s.usual("amplitude"))
     fewer = np.linspace(f[0], f[-1], min(f.size, 181))
     kinds = np.zeros((2, amps.size, fewer.size), np.int64)
     mean = np.zeros((2, amps.size, fewer.size))
@@ -187,13 +213,12 @@ def bifurcation(s: Study) -> tuple[xr.Dataset, Rows]:
         "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"frequency": f, "direction": ["up", "down"], "map_amplitude": amps, "map_frequency": fewer},
         ("frequency",),
         jumps,
         extra,
         attrs={
-            "analysis": "bifurcation",
             "f0_Hz": s.f0,
             "amplitude_m": amp,
             "landing_loss": robot["landing_loss"],
@@ -225,10 +250,22 @@ def _both_ways(f: np.ndarray, amp: float, cycles: dict[str, int], robot: dict[st
     return up, (down[::-1], count[::-1])
 
 
-def traces(s: Study) -> tuple[xr.Dataset, Rows]:
+def best_ratios(s: Sweep) -> list[float]:
+    """f/f_0 of the best stutter and the best single jump, rounded as in the table of the map."""
+    return [float(str(row["ours"]).split()[0].rstrip(",")) for row in best_jumps(s)[:2]]
+
+
+@study(
+    "traces",
+    "hard",
+    source="Figs 29, 30, 31, 33(a-d)",
+    ranges={"frequency": lambda s: best_ratios(s)[0] * s.f0, "phase": STUTTER},
+    values=("amplitude", "alpha"),
+)
+def traces(s: Sweep) -> Found:
     """Position, velocity, force and the three powers of chosen jumps; impulses apart."""
     amp, f0 = float(s.machine.values["amplitude"]), s.f0
-    best = [float(r["ours"].split()[0].rstrip(",")) for r in best_jumps(s)[:2]]
+    best = best_ratios(s)
     cases = [
         ("impulse, phase pi", 1.0, np.pi),
         ("slow stutter", 0.54, STUTTER),
@@ -237,9 +274,8 @@ def traces(s: Study) -> tuple[xr.Dataset, Rows]:
         ("fast stutter", 1.0, STUTTER),
         ("best single", best[1], SINGLE),
     ]
-    if "frequency" in s.ranges or "frequency" in s.values or "phase" in s.values or "phase" in s.ranges:
-        asked = s.axis("frequency", [best[0] * f0]) / f0
-        phase = s.axis("phase", [STUTTER])
+    if {"frequency", "phase"} & {*s.ranges, *s.values}:
+        asked, phase = s.axis("frequency") / f0, s.axis("phase")
         cases = [(f"{r:.3g} f_0, {p / np.pi:.3g} pi", r, p) for r in asked for p in phase]
     ratio, phase = np.array([c[1] for c in cases]), np.array([c[2] for c in cases])
     results = hard_sweep(sine_rows(ratio * f0, amp, phase, 1.0), **s.robot)
@@ -269,7 +305,7 @@ def traces(s: Study) -> tuple[xr.Dataset, Rows]:
     }
     extra["impulse_work_J"] = (("case", "edge"), np.array(impulses), "J", "work of the velocity steps of the law")
     data = dataset(
-        s.machine,
+        s,
         {
             "case": [c[0] for c in cases],
             "case_frequency": ("case", ratio * f0),
@@ -280,7 +316,7 @@ def traces(s: Study) -> tuple[xr.Dataset, Rows]:
         ("case",),
         results,
         extra,
-        attrs={"analysis": "traces", "f0_Hz": f0, "amplitude_m": amp},
+        attrs={"f0_Hz": f0, "amplitude_m": amp},
     )
     rows = [
         s.number(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
@@ -25,7 +24,7 @@ from jumpvision.physics.hard.jump import hard_sweep, sine_rows
 from jumpvision.physics.oscillator import amplitude_of
 
 from .compute import RESULTS, Variable, dataset
-from .study import Rows, Study
+from .study import Found, Sweep, study
 
 ALPHAS = np.geomspace(0.02, 1.5, 120)
 SHARES = np.array([0.02, 0.05, 0.1, 0.149, 0.2, 0.25, 0.3, 0.35, 0.4])
@@ -42,18 +41,18 @@ HUMAN = {
 TYPES = ("stutter", "single")
 
 
-def _constants(s: Study) -> dict[str, Any]:
+def _constants(s: Sweep) -> dict[str, Any]:
     return {"mass": s.mass, **{n: s.robot[n] for n in ("stiffness", "gravity", "landing_loss")}}
 
 
-def _both(s: Study, alpha: Any, share: Any, zeta: Any, **more: Any) -> dict[str, NDArray]:
+def _both(s: Sweep, alpha: Any, share: Any, zeta: Any, **more: Any) -> dict[str, NDArray]:
     """best_by_alpha with the two jump types as first axis."""
     shape = np.broadcast_shapes(np.shape(alpha), np.shape(share), np.shape(zeta))
     phases = np.array([STUTTER, SINGLE]).reshape(2, *[1] * len(shape))
     return best_by_alpha(alpha, phases, share, zeta, **(_constants(s) | SEARCH | more))
 
 
-def _region(s: Study, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray, NDArray]:
+def _region(s: Sweep, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray, NDArray]:
     """From and to which alpha the stutter jump is the higher one at the lower peak power; NaN where nowhere."""
     best = _both(s, alpha, share, zeta, points=60)
     height, power = (best[k][0] / best[k][1] for k in ("com_height_m", "peak_power_W"))
@@ -70,9 +69,10 @@ def _scaled(best: dict[str, NDArray], dims: tuple[str, ...]) -> dict[str, Variab
     }
 
 
-def alpha(s: Study) -> tuple[xr.Dataset, Rows]:
+@study("alpha", "hard", source="Fig 32", ranges={"alpha": ALPHAS}, values=("amplitude",))
+def alpha(s: Sweep) -> Found:
     """Best height, frequency and power of both types; the ideal region of the stutter jump; the best phases."""
-    a = s.axis("alpha", ALPHAS)
+    a = s.axis("alpha")
     best = _both(s, a, s.rod_share, s.zeta)
     flight = _both(s, a, s.rod_share, s.zeta, key="flight_height_m")
     h = best["com_height_m"] / best["amplitude_m"]
@@ -102,7 +102,7 @@ def alpha(s: Study) -> tuple[xr.Dataset, Rows]:
         "phase_n_jumps": (("some_alpha", "some_phase"), flights, "1", "n_jumps of those"),
     }
     data = dataset(
-        s.machine,
+        s,
         {
             "jump": list(TYPES),
             "alpha": a,
@@ -115,7 +115,6 @@ def alpha(s: Study) -> tuple[xr.Dataset, Rows]:
         best,
         extra,
         attrs={
-            "analysis": "alpha",
             "f0_Hz": s.f0,
             "alpha_of_robot": s.mass * s.robot["gravity"] / (s.robot["stiffness"] * s.machine.values["amplitude"]),
         },
@@ -169,7 +168,7 @@ def alpha(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def _phases(s: Study) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _phases(s: Sweep) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """alpha, phase [rad], and over both the greatest com_height / A over frequency and its number of flights."""
     few, phase = np.geomspace(ALPHAS[0], ALPHAS[-1], 18), np.linspace(0.0, 2.0 * np.pi, 121)
     f = np.linspace(0.15, 3.0, 360) * s.f0
@@ -183,9 +182,10 @@ def _phases(s: Study) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     return few, phase, height, flights
 
 
-def estimates(s: Study) -> tuple[xr.Dataset, Rows]:
+@study("estimates", "hard", source="Fig 33(e)", ranges={"alpha": ALPHAS})
+def estimates(s: Sweep) -> Found:
     """The analytic estimates of the best stutter frequency against simulation without and with damping and rod."""
-    a = s.axis("alpha", ALPHAS)
+    a = s.axis("alpha")
     kinds = ("no damping, no rod", "this robot")
     best = best_by_alpha(
         a, STUTTER, np.array([[0.0], [s.rod_share]]), np.array([[0.0], [s.zeta]]), **_constants(s), **SEARCH
@@ -198,12 +198,12 @@ def estimates(s: Study) -> tuple[xr.Dataset, Rows]:
         extra[f"estimate_{n}"] = (("alpha",), v, "1", f"f_opt / f_0 of eq. ({n})")
     extra["estimate_13"] = ((), np.asarray(peak), "1", "f_opt / f_0 of eq. (13), for alpha >= 0.9")
     data = dataset(
-        s.machine,
+        s,
         {"kind": list(kinds), "alpha": a},
         ("kind", "alpha"),
         best,
         extra,
-        attrs={"analysis": "estimates", "f0_Hz": s.f0},
+        attrs={"f0_Hz": s.f0},
     )
     sim, low = best["frequency_ratio"][0], a < 0.9
     rows = [
@@ -226,7 +226,8 @@ def estimates(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def animals(s: Study) -> tuple[xr.Dataset, Rows]:
+@study("animals", "hard", source="Fig 35")
+def animals(s: Sweep) -> Found:
     """Heights of isometric animals relative to body length, from human values; rod share of the robot."""
     length = np.geomspace(1e-3, 5.0, 90)
     g = 9.81
@@ -258,12 +259,12 @@ def animals(s: Study) -> tuple[xr.Dataset, Rows]:
         "frequency_ratio": (("jump", "length"), best["frequency_ratio"][:, :-1], "1", "best frequency / f_0"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"jump": list(TYPES), "length": length},
         ("jump", "length"),
         own,
         extra,
-        attrs={"analysis": "animals", "human": str(HUMAN), "zeta": zeta, "rod_share": share},
+        attrs={"human": str(HUMAN), "zeta": zeta, "rod_share": share},
     )
     rows = [
         s.number("human alpha, zeta", f"{a[-1]:.3f}, {zeta:.2f}", "about 0.05, 0.32"),
@@ -272,9 +273,10 @@ def animals(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def two_frequency(s: Study) -> tuple[xr.Dataset, Rows]:
+@study("two-frequency", "hard", source="Fig 36", ranges={"alpha": np.geomspace(0.02, 1.5, 40)})
+def two_frequency(s: Sweep) -> Found:
     """A stutter jump of two half cycles with frequencies of their own, beside the one-frequency jumps."""
-    a = s.axis("alpha", np.geomspace(0.02, 1.5, 40))
+    a = s.axis("alpha")
     best = [
         best_two_frequencies(a[i : i + 4], rod_share=s.rod_share, zeta=s.zeta, **_constants(s), **PAIR)
         for i in watch(range(0, a.size, 4), "alphas, in fours")
@@ -293,12 +295,12 @@ def two_frequency(s: Study) -> tuple[xr.Dataset, Rows]:
         ),
     }
     data = dataset(
-        s.machine,
+        s,
         {"jump": ["two frequencies", *TYPES], "alpha": a},
         ("jump", "alpha"),
         results,
         extra,
-        attrs={"analysis": "two-frequency", "f0_Hz": s.f0},
+        attrs={"f0_Hz": s.f0},
     )
     h, p = results["com_height_m"], results["peak_power_W"]
     always = bool(np.all(h[0] >= h[1:].max(axis=0) * (1 - 1e-6)))

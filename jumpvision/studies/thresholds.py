@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from jumpvision.base.progress import watch
 from jumpvision.physics.hard.analysis import easiest_frequency, inertial_peak, minimum_amplitude
@@ -13,7 +12,7 @@ from jumpvision.physics.hard.jump import hard_sweep, sine_rows
 from jumpvision.physics.oscillator import damping_of
 
 from .compute import RESULTS, dataset
-from .study import Rows, Study
+from .study import Found, Row, Sweep, study
 
 ENCODER_STEP = 6.25e-6  # m, docs/physics.md section 2
 LARGEST = 0.02  # m, greatest amplitude tried
@@ -30,11 +29,18 @@ CUTS = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0])
 DAMPINGS = np.array([0.0083, 0.03, 0.06, 0.1, 0.15, 0.2])
 
 
-def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
-    """A_min(f) for N = 1 and 5 cycles at four phases, in both lift-off windows."""
-    f = s.axis("frequency", np.arange(3.0, 16.01, 0.125))
-    phase = s.axis("phase", [0.0, 0.5 * np.pi, 0.75 * np.pi, np.pi])
-    cycles = s.axis("cycles", [1.0, 5.0])
+PHASES = [0.0, 0.5 * np.pi, 0.75 * np.pi, np.pi]
+
+
+@study(
+    "minimum-amplitude",
+    "hard",
+    source="Fig 24",
+    ranges={"frequency": np.arange(3.0, 16.01, 0.125), "phase": PHASES, "cycles": [1.0, 5.0]},
+)
+def least_amplitude(s: Sweep) -> Found:
+    """Least amplitude that lifts off, over frequency, phase and cycles, in both lift-off windows."""
+    f, phase, cycles = (s.axis(n) for n in ("frequency", "phase", "cycles"))
     windows = ("end of the forcing", "one natural period later")
     least = np.stack(
         [
@@ -54,7 +60,7 @@ def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
     )
     results = {n: np.where(known, v, np.nan) for n, v in jumps.items()}
     data = dataset(
-        s.machine,
+        s,
         {"cycles": cycles, "window": list(windows), "phase": phase, "frequency": f},
         ("cycles", "window", "phase", "frequency"),
         results,
@@ -68,7 +74,6 @@ def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
             "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
         },
         attrs={
-            "analysis": "minimum-amplitude",
             "f0_Hz": s.f0,
             "resolution_m": ENCODER_STEP,
             "results": "of the jump one encoder step above the least amplitude",
@@ -85,7 +90,7 @@ def least_amplitude(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def _fine_best(s: Study, cycles: float, phase: float, f: np.ndarray, wait: float) -> float:
+def _fine_best(s: Sweep, cycles: float, phase: float, f: np.ndarray, wait: float) -> float:
     """f/f_0 of the least A_min in the range of f, where the encoder's step would hide it."""
     fine = np.linspace(f[0], f[-1], 400)
     least = minimum_amplitude(fine, [phase], cycles=cycles, wait=wait, largest=LARGEST, resolution=1e-8, **s.grounded)[
@@ -94,11 +99,20 @@ def _fine_best(s: Study, cycles: float, phase: float, f: np.ndarray, wait: float
     return float(fine[np.nanargmin(least)] / s.f0) if np.isfinite(least).any() else np.nan
 
 
-def lift_off_time(s: Study) -> tuple[xr.Dataset, Rows]:
+@study(
+    "lift-off-time",
+    "hard",
+    source="Fig 26",
+    ranges={
+        "frequency": lambda s: np.linspace(0.27, 1.51, 150) * s.f0,
+        "amplitude": np.geomspace(1e-5, 6e-3, 100),
+        "phase": [0.5 * np.pi, 1.5 * np.pi],
+    },
+    values=("cycles",),
+)
+def lift_off_time(s: Sweep) -> Found:
     """Cycles to lift-off over (f, A), the easiest frequency f_N against the cut-off N, and against damping."""
-    f = s.axis("frequency", np.linspace(0.27, 1.51, 150) * s.f0)
-    amp = s.axis("amplitude", np.geomspace(1e-5, 6e-3, 100))
-    phase = s.axis("phase", [0.5 * np.pi, 1.5 * np.pi])
+    f, amp, phase = (s.axis(n) for n in ("frequency", "amplitude", "phase"))
     most = float(s.values.get("cycles", 100.0))
     parts = [hard_sweep(sine_rows(f[:, None], amp, p, most), **s.robot) for p in watch(phase, "phases")]
     results = {n: np.stack([p[n] for p in parts]) for n in RESULTS}
@@ -136,14 +150,14 @@ def lift_off_time(s: Study) -> tuple[xr.Dataset, Rows]:
         "inertial_peak_ratio": (("damping_ratio",), inertial_peak(DAMPINGS), "1", "1/sqrt(1 - 2 zeta^2)"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"phase": phase, "frequency": f, "amplitude": amp, "cut_off": cuts, "damping_ratio": DAMPINGS},
         ("phase", "frequency", "amplitude"),
         results,
         extra,
-        attrs={"analysis": "lift-off-time", "f0_Hz": s.f0, "cycles": most},
+        attrs={"f0_Hz": s.f0, "cycles": most},
     )
-    rows: Rows = []
+    rows: list[Row] = []
     for n in (1.0, 2.0, 5.0, 100.0):
         for k, p in enumerate(phase):
             if n in cuts:

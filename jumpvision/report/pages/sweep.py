@@ -10,7 +10,10 @@ import xarray as xr
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
-from jumpvision.report.studies.sweeps import AXIS, SHOWN, picture, read_sweep
+from jumpvision.report.studies.sweeps import SHOWN, picture, read_sweep
+from jumpvision.studies.axes import AXES
+from jumpvision.studies.comparison import compare
+from jumpvision.studies.motions import grid
 
 from .charts import Chart, axis, chart, numbers, panel, series
 from .page import static, template
@@ -40,7 +43,7 @@ def write_sweep(file: Path) -> Path:
 
 def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
     """(sentence, numbers): where the highest jump of a map lies; else what the analysis is."""
-    if data.attrs["analysis"] != "map" or not np.isfinite(data.com_height_m).any():
+    if data.attrs["analysis"] != grid.name or not np.isfinite(data.com_height_m).any():
         return f"{data.attrs['ground']} ground: {data.attrs['analysis'].replace('-', ' ')}".capitalize() + ".", []
     best = data.isel(data.com_height_m.argmax(...)) if data.com_height_m.dims else data
     at = ", ".join(said(str(d), float(best[d])) for d in data.com_height_m.dims)
@@ -57,19 +60,18 @@ def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
 
 def said(name: str, value: float) -> str:
     """frequency 8.2 Hz."""
-    word, factor, unit = AXIS[name]
-    return f"{word} {value * factor:.3g} {unit}".rstrip()
+    return AXES[name].said(value, 3)
 
 
 def charts_of(data: xr.Dataset) -> list[Chart]:
     """Maps over two axes, lines over one; none for other analyses, which have their figure."""
-    if data.attrs["analysis"] == "comparison":
+    if data.attrs["analysis"] == compare.name:
         return [comparison(data)]
-    if data.attrs["analysis"] != "map":
+    if data.attrs["analysis"] != grid.name:
         return []
     dims = [str(d) for d in data.com_height_m.dims]
     if len(dims) == 1:
-        x = data[dims[0]].values * AXIS[dims[0]][1]
+        x = data[dims[0]].values * AXES[dims[0]].factor
         shown = [(n, *SHOWN[n]) for n in SHOWN if n in data]
         panels = [
             panel(title, axis_of(dims[0]), axis(title, unit), [series(title, "measured", x, data[n] * k, kind="line")])
@@ -90,7 +92,7 @@ def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> dict[str, Any]:
     z = np.where(z < 0, np.nan, z) if name == "n_jumps" else z
     seen = z[np.isfinite(z)]
     limits = [min(0.0, float(seen.min())), float(np.percentile(seen, 99.5)) or 1.0] if seen.size else [0.0, 1.0]
-    x, y = (part[d].values * AXIS[d][1] for d in dims[::-1])
+    x, y = (part[d].values * AXES[d].factor for d in dims[::-1])
     drawn = {
         "name": title,
         "kind": "map",
@@ -120,15 +122,14 @@ def edges_of(x: Any) -> list[float]:
 
 def axis_of(name: str, **more: Any) -> dict[str, Any]:
     """An axis of a sweep."""
-    word, _, unit = AXIS[name]
-    return axis(word, unit, **more)
+    return axis(AXES[name].label, AXES[name].shown, **more)
 
 
 def comparison(data: xr.Dataset) -> Chart:
     """Measured and simulated heights of every condition along what varies, and the significance of the difference."""
     varies = [n for n in ("frequency", "phase", "amplitude", "delay") if np.unique(data[n]).size > 1]
     name = (varies or ["frequency"])[0]
-    x = data[name].values * AXIS[name][1]
+    x = data[name].values * AXES[name].factor
     along = axis_of(name)
     shown = [
         series("simulated", "model", x, data.simulated_height_m * 1e3, data.model_sigma_m * 1e3, hollow=True, size=5),

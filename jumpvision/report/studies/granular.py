@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.studies.sand import beds, models
+from jumpvision.studies.sand import drag_fit as measured
 
 TYPE = {"single": (MEASURED, "o"), "stutter": (MODEL, "s"), "delayed stutter": (GREEN, "^")}
 FORCE = {  # force model: colour, line
@@ -21,6 +24,7 @@ PHI = "volume fraction φ"
 HEIGHT = "jump height [mm]"
 
 
+@figure_of(beds.height_phi)
 def height_phi(data: xr.Dataset, Figure: Any) -> Any:
     """The map of heights, and the best height and its frequency against packing."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
@@ -41,6 +45,7 @@ def height_phi(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(beds.jump_types)
 def jump_types(data: xr.Dataset, Figure: Any) -> Any:
     """Types against packing, the cone and the older model; heights from after the hop; the fitted drag."""
     figure = Figure(figsize=(10.6, 3.8), layout="constrained")
@@ -64,6 +69,7 @@ def jump_types(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(beds.delay)
 def delay(data: xr.Dataset, Figure: Any) -> Any:
     """Heights against delay."""
     figure = Figure(figsize=(8.4, 3.6), layout="constrained")
@@ -80,6 +86,7 @@ def delay(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(models.alpha_fit)
 def alpha_fit(data: xr.Dataset, Figure: Any) -> Any:
     """Heights with constant drags, and the fitted drag against packing."""
     import matplotlib as mpl
@@ -103,6 +110,7 @@ def alpha_fit(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(models.force_models)
 def force_models(data: xr.Dataset, Figure: Any) -> Any:
     """Motion with the cone, spring force with every force model, and what it comes to."""
     figure = Figure(figsize=(10.6, 6.2), layout="constrained")
@@ -138,6 +146,7 @@ def force_models(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(models.drag_scale)
 def drag_scale(data: xr.Dataset, Figure: Any) -> Any:
     """Heights with b scaled and without added mass, loose and dense."""
     n = data.sizes["phi"]
@@ -157,6 +166,7 @@ def drag_scale(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(beds.foot_radius)
 def foot_radius(data: xr.Dataset, Figure: Any) -> Any:
     """Best heights, and drag and added mass against the radius."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
@@ -178,6 +188,7 @@ def foot_radius(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(measured.drag_fit)
 def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
     """The drag fitted to the measured jumps of every packing, and those jumps."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")

@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.studies import motions, thresholds
 
 SHOWN = 130.0  # ms of flight shown after the motor stops
 
 
+@figure_of(motions.scatter)
 def scatter(data: xr.Dataset, Figure: Any) -> Any:
     """Standard deviation of the flight height over the map, absolute and relative."""
     import matplotlib as mpl
@@ -43,6 +46,7 @@ def scatter(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(motions.bifurcation)
 def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
     """Apexes against frequency, up and down; number of apexes and hysteresis over (f, A)."""
     import matplotlib as mpl
@@ -95,6 +99,7 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(motions.traces)
 def traces(data: xr.Dataset, Figure: Any) -> Any:
     """A column a jump: positions, velocities, forces and powers against time; grey where the rod is in the air."""
     count = min(data.sizes["case"], 6)
@@ -156,6 +161,7 @@ def phase_name(phase: float) -> str:
     return f"phase {phase / np.pi:.3g} π"
 
 
+@figure_of(thresholds.least_amplitude)
 def least_amplitude(data: xr.Dataset, Figure: Any) -> Any:
     """A_min(f): a panel a phase and number of cycles, both windows."""
     rows, columns = data.sizes["phase"], data.sizes["cycles"]
@@ -181,7 +187,8 @@ def least_amplitude(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
-def time(data: xr.Dataset, Figure: Any) -> Any:
+@figure_of(thresholds.lift_off_time)
+def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
     """Cycles to lift-off over (f, A), the easiest frequency against N, and against damping."""
     import matplotlib as mpl
 

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.studies import scaling
 
 LOOK = {"stutter": (MODEL, "-"), "single": (MEASURED, "--"), "two frequencies": (GREEN, "-.")}
 
@@ -25,6 +27,7 @@ def logarithmic(axis: Any, which: str) -> None:
     one.set_minor_formatter(NullFormatter())
 
 
+@figure_of(scaling.alpha)
 def alpha(data: xr.Dataset, Figure: Any) -> Any:
     """Height, power and frequency of both types; where the stutter jump is the better one; height over phase."""
     figure = Figure(figsize=(10.4, 6.4), layout="constrained")
@@ -72,6 +75,7 @@ def alpha(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(scaling.estimates)
 def estimates(data: xr.Dataset, Figure: Any) -> Any:
     """Analytic estimates of the best stutter frequency against simulation."""
     figure = Figure(figsize=(6.6, 4.4), layout="constrained")
@@ -97,6 +101,7 @@ def estimates(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(scaling.animals)
 def animals(data: xr.Dataset, Figure: Any) -> Any:
     """Height relative to body length against body length, and the alpha it comes from."""
     figure = Figure(figsize=(8.6, 3.8), layout="constrained")
@@ -118,6 +123,7 @@ def animals(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
+@figure_of(scaling.two_frequency)
 def two_frequency(data: xr.Dataset, Figure: Any) -> Any:
     """Height, power, efficiency and frequencies of the two-frequency stutter beside the others."""
     figure = Figure(figsize=(8.8, 6.0), layout="constrained")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import xarray as xr
 from jumpvision.base.schema import InputError
 from jumpvision.report.figures.pictures import drawn
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED
-
-from . import granular, motion, scaling
-from . import motion as lift_off
+from jumpvision.studies import comparison as compared
+from jumpvision.studies import motions
+from jumpvision.studies.axes import AXES
+from jumpvision.studies.study import Study, import_all
 
 # name: title, factor, unit on the figure
 SHOWN = {
@@ -26,24 +28,22 @@ SHOWN = {
     "jump_height_m": ("jump height of the rod", 1e3, "mm"),
     "lift_off_s": ("first lift-off", 1e3, "ms"),
 }
-AXIS = {
-    "frequency": ("frequency", 1.0, "Hz"),
-    "frequency2": ("second frequency", 1.0, "Hz"),
-    "phase": ("phase", 1 / np.pi, "π"),
-    "amplitude": ("amplitude", 1e3, "mm"),
-    "delay": ("delay", 1e3, "ms"),
-    "gravity": ("gravity", 1.0, "m/s²"),
-    "rod_mass": ("rod mass", 1.0, "kg"),
-    "motor_mass": ("motor mass", 1.0, "kg"),
-    "zeta": ("ζ", 1.0, ""),
-    "alpha": ("α", 1.0, ""),
-    "phi": ("volume fraction φ", 1.0, ""),
-    "foot_radius": ("foot radius", 1e3, "mm"),
-    "cycles": ("cycles", 1.0, ""),
-    "stiffness": ("stiffness", 1e-3, "kN/m"),
-}
 DRAWN = 600  # points of an axis in a figure: more than its pixels
 COUNTED = 8  # from here numbers of jumps share a colour
+
+
+Draw = Callable[[xr.Dataset, Any], Any]  # (data set, class of a figure) -> the figure
+FIGURES: dict[str, Draw] = {}  # by the name of the study
+
+
+def figure_of(study: Study[Any]) -> Callable[[Draw], Draw]:
+    """Register a function as the figure of a study; one without is drawn as a map or lines over its axes."""
+
+    def register(draw: Draw) -> Draw:
+        FIGURES[study.name] = draw
+        return draw
+
+    return register
 
 
 def read_sweep(file: Path) -> xr.Dataset:
@@ -68,9 +68,11 @@ def sweep_figure(data: xr.Dataset, Figure: Any) -> Any:
     if "com_height_m" in data:
         steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
         data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
-    return NAMED.get(data.attrs["analysis"], grid)(data, Figure)
+    import_all("jumpvision.report.studies")
+    return FIGURES.get(data.attrs["analysis"], grid)(data, Figure)
 
 
+@figure_of(motions.grid)
 def grid(data: xr.Dataset, Figure: Any) -> Any:
     """By the number of axes: bars of a single jump, lines, maps, or maps in rows of a third axis."""
     dims = data.com_height_m.dims
@@ -102,14 +104,14 @@ def _what(data: xr.Dataset, dims: Any) -> str:
         law.remove("amplitude")
     said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
     said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
-    words = [f"{AXIS[n][0]} {v * AXIS[n][1]:.4g} {AXIS[n][2]}".strip() for n, v in said if v or n != "delay"]
+    words = [AXES[n].said(v, 4) for n, v in said if v or n != "delay"]
     return f"{data.attrs['robot']}: {', '.join(words)}"
 
 
 def label(name: str) -> str:
     """An axis with its unit."""
-    words, _, unit = AXIS[name]
-    return f"{words} [{unit}]" if unit else words
+    a = AXES[name]
+    return f"{a.label} [{a.shown}]" if a.shown else a.label
 
 
 def one_map(figure: Any, axis: Any, values: xr.DataArray, data: xr.Dataset) -> None:
@@ -118,7 +120,7 @@ def one_map(figure: Any, axis: Any, values: xr.DataArray, data: xr.Dataset) -> N
 
     up, right = (str(d) for d in values.dims)
     title, factor, unit = SHOWN[str(values.name)]
-    x, y = (data[n].values * AXIS[n][1] for n in (right, up))
+    x, y = (data[n].values * AXES[n].factor for n in (right, up))
     z = values.values * factor
     more: dict[str, Any] = {}
     if values.name == "n_jumps":
@@ -144,7 +146,7 @@ def one_map(figure: Any, axis: Any, values: xr.DataArray, data: xr.Dataset) -> N
 def regions(axis: Any, data: xr.Dataset) -> None:
     """Outlines and names of the regions of single, stutter and multi-jumps."""
     up, right = (str(d) for d in data.jump_class.dims)
-    x, y = (data[n].values * AXIS[n][1] for n in (right, up))
+    x, y = (data[n].values * AXES[n].factor for n in (right, up))
     kind = data.jump_class.values
     for edge in (0.5, 1.5, 2.5):
         if (kind < edge).any() and (kind > edge).any():
@@ -160,7 +162,7 @@ def lines(data: xr.Dataset, Figure: Any, dim: str) -> Any:
     """Heights, numbers, power and force along one axis."""
     figure = Figure(figsize=(9.2, 5.4), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True)
-    x = data[dim].values * AXIS[dim][1]
+    x = data[dim].values * AXES[dim].factor
     heights = (("com_height_m", MEASURED, "-"), ("flight_height_m", MODEL, "--"), ("jump_height_m", GREEN, ":"))
     for name, color, style in heights:
         axes[0, 0].plot(x, data[name] * 1e3, style, color=color, label=SHOWN[name][0])
@@ -187,17 +189,16 @@ def panels(data: xr.Dataset, Figure: Any) -> Any:
     axes = figure.subplots(2, 3, sharex=True, sharey=True).flat
     for axis, i in zip(axes, at):
         one_map(figure, axis, height.isel({third: i}), data)
-        name, factor, unit = AXIS[third]
-        axis.set_title(f"height at {name} {float(data[third][i]) * factor:.4g} {unit}".rstrip())
+        axis.set_title(f"height at {AXES[third].said(float(data[third][i]), 4)}")
     for axis in list(axes)[: 6 - len(at)]:
         axis.set_visible(False)
     return figure
 
 
-LABEL = {"frequency": "frequency [Hz]", "phase": "phase [rad]", "amplitude": "amplitude [m]", "delay": "delay [s]"}
 SIGNIFICANT = 4.0  # |z| of the darkest colour, at least
 
 
+@figure_of(compared.compare)
 def comparison(data: xr.Dataset, Figure: Any) -> Any:
     """Four maps where frequency and phase vary, else heights, differences and z along what varies."""
     varies = [n for n in ("frequency", "phase", "amplitude", "delay") if np.unique(data[n]).size > 1]
@@ -305,29 +306,7 @@ def difference_lines(data: xr.Dataset, Figure: Any, name: str) -> Any:
     bottom.plot(x[~odd], data.z[~odd], "o", ms=4, color=MEASURED)
     bottom.plot(x[odd], data.z[odd], "D", ms=5, color="black", label="stands out")
     high = max(SIGNIFICANT, 1.1 * float(np.abs(data.z).max()))
-    bottom.set(ylabel="z", ylim=(-high, high), xlabel=LABEL.get(name, "condition"))
+    bottom.set(ylabel="z", ylim=(-high, high), xlabel=f"{name} [{AXES[name].unit}]" if name in AXES else "condition")
     if odd.any():
         bottom.legend()
     return figure
-
-
-NAMED = {
-    "minimum-amplitude": lift_off.least_amplitude,
-    "lift-off-time": lift_off.time,
-    "alpha": scaling.alpha,
-    "estimates": scaling.estimates,
-    "animals": scaling.animals,
-    "two-frequency": scaling.two_frequency,
-    "scatter": motion.scatter,
-    "bifurcation": motion.bifurcation,
-    "traces": motion.traces,
-    "comparison": comparison,
-    "height-phi": granular.height_phi,
-    "jump-types": granular.jump_types,
-    "delay": granular.delay,
-    "alpha-fit": granular.alpha_fit,
-    "force-models": granular.force_models,
-    "drag-scale": granular.drag_scale,
-    "foot-radius": granular.foot_radius,
-    "drag-fit": granular.drag_fit,
-}

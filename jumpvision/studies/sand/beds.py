@@ -12,9 +12,10 @@ import xarray as xr
 from jumpvision.mechanisms.cone import cone_mass, cone_mass_slope
 from jumpvision.physics.batch import model_at, resolve
 from jumpvision.physics.packing import PackingFit, fit_packing_law
+from jumpvision.studies.compute import Variable, dataset
+from jumpvision.studies.study import Found, Row, Sweep, study
 
-from .compute import Variable, dataset
-from .sand import (
+from .shared import (
     FREQUENCIES,
     HOP_DELAY,
     SETTLED,
@@ -30,13 +31,12 @@ from .sand import (
     placeholder,
     with_alpha,
 )
-from .study import Rows, Study
 
 PACKINGS = 13
 HEIGHT_SIGMA = 1e-3  # m, of a height in an experiment: what the kink of a simulated curve is weighed with
 
 
-def best_on_hard_ground(s: Study, kind: str, frequency: Array) -> float:
+def best_on_hard_ground(s: Sweep, kind: str, frequency: Array) -> float:
     """Height [m] of the type's best jump of the same robot on hard ground."""
     hard = dataclasses.replace(s.machine.model, ground="hard", terms=())
     study = dataclasses.replace(s, machine=dataclasses.replace(s.machine, model=hard, laws=None))
@@ -52,15 +52,23 @@ def kink(fit: PackingFit, factor: float, unit: str) -> str:
     )
 
 
-def height_phi(s: Study) -> tuple[xr.Dataset, Rows]:
-    """Single jumps over frequency and volume fraction (Fig 45(a))."""
-    f, phi = s.axis("frequency", FREQUENCIES), s.axis("phi", packings(s, 2 * PACKINGS - 1))
+@study(
+    "height-phi",
+    "granular",
+    source="Fig 45(a)",
+    ranges={"frequency": FREQUENCIES, "phi": lambda s: packings(s, 2 * PACKINGS - 1)},
+    values=("amplitude",),
+    needs_laws=True,
+)
+def height_phi(s: Sweep) -> Found:
+    """Single jumps over frequency and volume fraction."""
+    f, phi = s.axis("frequency"), s.axis("phi")
     phase = TYPES["single"][0]
     found = batch(s, {"frequency": f, "phi": phi, "phase": phase, "delay": 0.0})
     hard = best_on_hard_ground(s, "single", f)
     best = found["jump_height_m"].max(axis=0)
     data = dataset(
-        s.machine,
+        s,
         {"frequency": f, "phi": phi, "phase": phase},
         ("frequency", "phi"),
         found,
@@ -68,7 +76,6 @@ def height_phi(s: Study) -> tuple[xr.Dataset, Rows]:
             "hard_ground_height_m": ((), np.asarray(hard), "m", "best single jump on hard ground"),
             "best_frequency_Hz": (("phi",), f[found["jump_height_m"].argmax(axis=0)], "Hz", "of the highest jump"),
         },
-        attrs={"analysis": "height-phi"},
     )
     near = found["jump_height_m"] >= 0.9 * best
     rows = [
@@ -83,11 +90,22 @@ def height_phi(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def jump_types(s: Study) -> tuple[xr.Dataset, Rows]:
-    """Heights of all jump types against volume fraction, frequencies kept from the densest bed; the constant drag
-    fitted to the singles beside the cone; heights from after the hop (Figs 45(b), 59(b))."""
+@study(
+    "jump-types",
+    "granular",
+    source="Figs 45(b), 59(b)",
+    ranges={"phi": lambda s: packings(s, PACKINGS)},
+    values=("amplitude",),
+    needs_laws=True,
+)
+def jump_types(s: Sweep) -> Found:
+    """Types of jumps against volume fraction, each at its best frequency in the densest bed, and an older force model.
+
+    The constant drag of that model is fitted to the singles. The delayed jump's height is also taken from after its
+    hop.
+    """
     need_cone(s)
-    phi, f = s.axis("phi", packings(s, PACKINGS)), FREQUENCIES
+    phi, f = s.axis("phi"), FREQUENCIES
     alpha, rms, _, _ = drag_of_singles(s, f[::3], phi)
     older, laws = baseline(s), with_alpha(s, phi, alpha)
     model = placeholder(s.machine.model, older)
@@ -117,17 +135,17 @@ def jump_types(s: Study) -> tuple[xr.Dataset, Rows]:
         "equivalent_phi": (("phi",), alike, "1", "volume fraction whose single jump is as high as from after the hop"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"jump": list(TYPES), "phi": phi},
         over,
         results,
         extra,
-        attrs={"analysis": "jump-types", "baseline": older},
+        attrs={"baseline": older},
     )
     return data, _rows_of_types(s, data)
 
 
-def _sunk_by_hop(s: Study, frequency: float, phi: float) -> float:
+def _sunk_by_hop(s: Sweep, frequency: float, phi: float) -> float:
     """How much deeper the foot stands before the second half cycle than before the first [m]."""
     phase, delay = TYPES["delayed stutter"]
     m, law, _ = motion(
@@ -137,7 +155,7 @@ def _sunk_by_hop(s: Study, frequency: float, phi: float) -> float:
     return float(m.foot[0] - m.foot[before])
 
 
-def _rows_of_types(s: Study, data: xr.Dataset) -> Rows:
+def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
     mm = 1e3 * data.jump_height_m
     old, phi, hard = 1e3 * data.baseline_height_m, data.phi.values, 1e3 * data.hard_ground_height_m
     share = float(mm.sel(jump="single")[0] / hard.sel(jump="single"))
@@ -185,17 +203,24 @@ def _rows_of_types(s: Study, data: xr.Dataset) -> Rows:
     return rows
 
 
-def delay(s: Study) -> tuple[xr.Dataset, Rows]:
-    """Delayed stutter jumps against the delay: the cone, the older model with alpha of the singles (Fig 47).
+@study(
+    "delay",
+    "granular",
+    source="Fig 47",
+    ranges={"delay": np.linspace(0.0, 0.8, 161), "frequency": FREQUENCIES},
+    values=("phi", "amplitude"),
+)
+def delay(s: Sweep) -> Found:
+    """Delayed stutter jumps against the delay: the cone, and an older force model with alpha of the singles.
 
     At the frequency that gives the highest jump of any delay, unless one is asked for.
     """
     need_cone(s)
     phase, phi = TYPES["stutter"][0], np.array([s.machine.values["phi"]])
-    wait, half = s.axis("delay", np.linspace(0.0, 0.8, 161)), 0.5 / loaded_frequency(s)
+    wait, half = s.axis("delay"), 0.5 / loaded_frequency(s)
     swing = wait[wait <= 2.0 * half]  # until the ringing repeats itself
     swing = swing if swing.size else wait
-    f = s.axis("frequency", FREQUENCIES)
+    f = s.axis("frequency")
     each = batch(s, {"delay": swing[:: max(1, swing.size // 40)], "frequency": f, "phase": phase})["jump_height_m"]
     at = float(f[np.argmax(each.max(axis=0))])
     alpha, *_ = drag_of_singles(s, FREQUENCIES[::2], phi)
@@ -212,12 +237,12 @@ def delay(s: Study) -> tuple[xr.Dataset, Rows]:
         "settled_height_m": ((), np.asarray(rested), "m", "delayed until the spring has rung out"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"delay": wait, "phase": phase, "frequency": at},
         ("delay",),
         found,
         extra,
-        attrs={"analysis": "delay", "alpha": alpha[0], "loaded_half_period_s": half, "baseline": older},
+        attrs={"alpha": alpha[0], "loaded_half_period_s": half, "baseline": older},
     )
     first = np.argmax(h[: swing.size])
     below = wait < wait[first]
@@ -247,7 +272,7 @@ def _mean(x: Array) -> float:
     return float(np.mean(x)) if x.size else math.nan
 
 
-def loaded_frequency(s: Study) -> float:
+def loaded_frequency(s: Sweep) -> float:
     """Natural frequency [Hz] of the robot on its spring in series with the bed's initial slope k1 (or k)."""
     v = resolve(s.machine.values, {})
     if s.machine.laws:
@@ -257,10 +282,17 @@ def loaded_frequency(s: Study) -> float:
     return math.sqrt(1.0 / (1.0 / m.k_s + 1.0 / (slope or math.inf)) / m.M) / (2.0 * math.pi)
 
 
-def foot_radius(s: Study) -> tuple[xr.Dataset, Rows]:
+@study(
+    "foot-radius",
+    "granular",
+    source="section 3.4",
+    ranges={"foot_radius": np.linspace(0.0254, 0.06, 33)},
+    values=("phi", "amplitude"),
+)
+def foot_radius(s: Sweep) -> Found:
     """Heights against the radius of the foot: static and drag forces grow with R^2, the added mass with R^3."""
     need_cone(s)
-    r, f = s.axis("foot_radius", np.linspace(0.0254, 0.06, 33)), FREQUENCIES
+    r, f = s.axis("foot_radius"), FREQUENCIES
     kinds = ("single", "stutter")
     found = []
     for kind in kinds:
@@ -281,12 +313,11 @@ def foot_radius(s: Study) -> tuple[xr.Dataset, Rows]:
         "cone_depth_m": (("foot_radius",), full, "m", "depth where the cone is complete, R tan(theta)/mu"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"jump": list(kinds), "foot_radius": r},
         ("jump", "foot_radius"),
         results,
         extra,
-        attrs={"analysis": "foot-radius"},
     )
     power = {n: np.polyfit(np.log(r), np.log(data[n].values), 1)[0] for n in ("added_mass_kg", "drag_kg_per_m")}
     h = data.jump_height_m.values * 1e3

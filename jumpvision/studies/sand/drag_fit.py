@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
@@ -18,14 +14,13 @@ from jumpvision.inputs.experiment import Experiment, open_campaign
 from jumpvision.physics.batch import OF_MODEL, resolve, simulated_points
 from jumpvision.physics.model import fitted_parameter
 from jumpvision.physics.packing import fit_packing_law
+from jumpvision.studies.comparison import law_of, problem
+from jumpvision.studies.compute import ATOL, RTOL, dataset
+from jumpvision.studies.machine import machine
+from jumpvision.studies.study import Found, Measured, Sweep, study
 from jumpvision.workflow.run import Plan, run_campaign
 
-from .axes import Laws
-from .comparison import law_of, problem
-from .compute import ATOL, RTOL, Say, dataset
-from .machine import machine
-from .sand_beds import kink
-from .study import Rows, Study
+from .beds import kink
 
 TRIED = {"b": np.geomspace(0.6, 120.0, 25), "alpha": np.geomspace(5.0, 1000.0, 25)}
 SEEN = ("volume_fraction", "jump_height_m", "sigma_m", "sigma_common_m")
@@ -33,16 +28,15 @@ APART = 0.002  # of volume fraction: beds further apart are different packings
 LEAST = 5  # packings that a law needs
 
 
-def measured(
-    path: Path, *, overrides: Mapping[str, Mapping[str, Any]], results: Path, workers: int, say: Say
-) -> tuple[list[Experiment], dict[str, Array], Array, Array, Array, Array]:
+def measured(given: Measured) -> tuple[list[Experiment], dict[str, Array], Array, Array, Array, Array]:
     """The campaign's jumps: experiments, the numbers of their laws, volume fraction, height, its sigma and the part of
     it that they share [m] (n,)."""
-    campaign = open_campaign(path, overrides=overrides)
+    campaign = open_campaign(given.campaign, overrides=given.overrides)
     if hard := [e for e in campaign.experiments if e.ground != "granular"]:
         raise InputError([f"{e.path}: ground = '{e.ground}': this fit is of granular ground" for e in hard])
-    plan = Plan(results, results / ".cache", stages=("summary",), command="sweep granular --analysis drag-fit")
-    outcomes = run_campaign(campaign, plan, workers=workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
+    command = f"sweep granular --analysis {given.study.name}"
+    plan, say = Plan(given.results, given.results / ".cache", stages=("summary",), command=command), given.say
+    outcomes = run_campaign(campaign, plan, workers=given.workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
     used, rows = [], []
     for e, o in zip(campaign.experiments, outcomes):
         why = problem(o) or ("" if o.summary.get("volume_fraction") else "no volume fraction")
@@ -58,25 +52,17 @@ def measured(
     return used, at, phi, height, sigma, common
 
 
-def drag_fit(
-    path: Path,
-    *,
-    overrides: Mapping[str, Mapping[str, Any]],
-    results: Path,
-    workers: int,
-    say: Say,
-    model_file: Path | None,
-    laws: Laws | None,
-) -> tuple[xr.Dataset, Rows]:
-    """b (alpha without depth_drag) with the least chi2 between measured and simulated jump heights at every packing.
+@study("drag-fit", "granular", source="section 3.4")
+def drag_fit(given: Measured) -> Found:
+    """b (alpha without depth_drag) against packing, fitted to the jumps of a campaign.
 
-    laws: the other parameters of the bed against phi. The data set has the jumps (dimension `jump`) and the packings;
-    of five or more a law of phi is fitted. InputError where a campaign has no jump, or its model no drag.
+    It has the least chi2 between measured and simulated heights at every packing. The data set has the jumps
+    (dimension `jump`) and the packings; of five or more a law of phi is fitted. InputError where a campaign has no
+    jump, or its model no drag.
     """
-    used, at, phi, height, sigma, common = measured(
-        path, overrides=overrides, results=results, workers=workers, say=say
-    )
-    robot = machine("granular", used[0].path, overrides, model_file=model_file, laws=laws)
+    used, at, phi, height, sigma, common = measured(given)
+    robot = machine("granular", used[0].path, given.overrides, model_file=given.model_file, laws=given.laws)
+    s = Sweep(given.study, dataclasses.replace(robot, thesis=False), {}, {}, given.workers, given.say)
     name = "b" if "depth_drag" in robot.model else "alpha"
     if not {"depth_drag", "inertial_drag"} & set(robot.model.terms):
         raise InputError(
@@ -107,7 +93,7 @@ def drag_fit(
     unit, per = ("1", "") if name == "b" else ("kg/m", " kg/m")
     best = {n: np.stack([x[n] for x in found])[np.argmin(np.abs(tried - np.nanmedian(fits[:, 0])))] for n in found[0]}
     data = dataset(
-        robot,
+        s,
         {"jump": [e.name for e in used], "packing": packing},
         ("jump",),
         best,
@@ -121,20 +107,19 @@ def drag_fit(
             "measured_height_m": (("jump",), height, "m", "measured jump height"),
             "sigma_height_m": (("jump",), sigma, "m", "its standard uncertainty"),
         },
-        attrs={"analysis": "drag-fit", "parameter": name},
+        attrs={"parameter": name},
     )
-    study = Study(dataclasses.replace(robot, thesis=False), {}, {}, workers, say)
     numbers = [
-        study.number(f"{name} at phi {x:.4f}, {g.size} jumps", f"{value:.3g} ± {s:.2g}{per}, chi2 {c:.3g}")
-        for x, g, (value, _, c), s in zip(packing, groups, fits, total)
+        s.number(f"{name} at phi {x:.4f}, {g.size} jumps", f"{value:.3g} ± {sd:.2g}{per}, chi2 {c:.3g}")
+        for x, g, (value, _, c), sd in zip(packing, groups, fits, total)
     ]
     known = np.isfinite(fits[:, :2]).all(axis=1)
     if known.sum() >= LEAST:
         fit = fit_packing_law(packing[known], fits[known, 0], fits[known, 1])
         law = fit.law
         numbers += [
-            study.number(f"kink of {name} against phi", kink(fit, 0.01, f"{per} per 0.01".strip())),
-            study.number(
+            s.number(f"kink of {name} against phi", kink(fit, 0.01, f"{per} per 0.01".strip())),
+            s.number(
                 f"law of {name} for --laws",
                 f"phi = {[round(x, 4) for x in law.phi]}, value = {[float(f'{x:.4g}') for x in law.value]}",
             ),

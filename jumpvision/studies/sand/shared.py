@@ -18,10 +18,9 @@ from jumpvision.physics.forcing import Segments
 from jumpvision.physics.hard.analysis import SINGLE, STUTTER
 from jumpvision.physics.model import FORCE_MODELS, Model, fitted_drag, force_model
 from jumpvision.physics.sand.jump import Motion, simulate
-
-from .axes import Laws
-from .compute import ATOL, RTOL, grid_results
-from .study import Study
+from jumpvision.studies.axes import Laws
+from jumpvision.studies.compute import ATOL, RTOL, grid_results
+from jumpvision.studies.study import Sweep
 
 HOP_DELAY = 0.75  # s, of the thesis' delayed stutter jump
 
@@ -48,7 +47,7 @@ DRAGS = np.r_[0.0, np.geomspace(5.0, 1000.0, 18)]  # kg/m, tried for alpha
 TAIL = 0.5  # s shown after the motor stops
 
 
-def batch(s: Study, given: Mapping[str, ArrayLike], model: Model | None = None, laws: Laws | None = None) -> Any:
+def batch(s: Sweep, given: Mapping[str, ArrayLike], model: Model | None = None, laws: Laws | None = None) -> Any:
     """Results of jumps over the grid of `given`, with another model or other laws in place of its own."""
     machine = dataclasses.replace(s.machine, model=model or s.machine.model, laws=laws or s.machine.laws)
     arrays = {n: np.asarray(a, float) for n, a in given.items()}
@@ -56,14 +55,14 @@ def batch(s: Study, given: Mapping[str, ArrayLike], model: Model | None = None, 
 
 
 def heights(
-    s: Study, kind: str, given: Mapping[str, ArrayLike], model: Model | None = None, laws: Laws | None = None
+    s: Sweep, kind: str, given: Mapping[str, ArrayLike], model: Model | None = None, laws: Laws | None = None
 ) -> Array:
     """Jump heights [m] of a type over the grid of `given`."""
     phase, delay = TYPES[kind]
     return np.asarray(batch(s, {"phase": phase, "delay": delay, **given}, model, laws)["jump_height_m"])
 
 
-def motion(s: Study, model: Model, given: Mapping[str, float], samples: int) -> tuple[Motion, Segments, Model]:
+def motion(s: Sweep, model: Model, given: Mapping[str, float], samples: int) -> tuple[Motion, Segments, Model]:
     """One jump sampled evenly from its start to TAIL after its stop, with its law and model."""
     v = resolve(s.machine.values, given)
     if s.machine.laws:
@@ -74,14 +73,14 @@ def motion(s: Study, model: Model, given: Mapping[str, float], samples: int) -> 
     return simulate(here, law, t=t, rtol=RTOL, atol=ATOL), law, here
 
 
-def packings(s: Study, count: int) -> Array:
+def packings(s: Sweep, count: int) -> Array:
     """Volume fractions over the range that all laws know; of the example where they are all constants."""
     laws = s.machine.laws.laws.values() if s.machine.laws else ()
     low, high = max((x.phi[0] for x in laws), default=0.0), min((x.phi[-1] for x in laws), default=1.0)
     return np.linspace(*((low, high) if high - low < 1.0 else EXAMPLE_RANGE), count)
 
 
-def need_cone(s: Study) -> None:
+def need_cone(s: Sweep) -> None:
     """InputError unless the model is the cone of eq. (34), against which the older force models are compared."""
     model = s.machine.model
     lacking = [t for t in FORCE_MODELS["cone"] if t not in model]
@@ -94,7 +93,7 @@ def need_cone(s: Study) -> None:
         )
 
 
-def baseline(s: Study) -> str:
+def baseline(s: Sweep) -> str:
     """The last of the older force models whose parameters are known: with the overshoot where s and lam are."""
     laws, p = s.machine.laws, s.machine.model.parameters
     known = [getattr(p, n) is not None or (laws is not None and n in laws.laws) for n in ("s", "lam")]
@@ -111,7 +110,7 @@ def placeholder(model: Model, name: str) -> Model:
     return force_model(model, name, **missing)
 
 
-def drag_heights(s: Study, frequency: Array, phi: Array) -> Array:
+def drag_heights(s: Sweep, frequency: Array, phi: Array) -> Array:
     """Heights [m] of single jumps with every constant drag of DRAGS, (na, n_phi, n_f)."""
     model, out = placeholder(s.machine.model, "constant drag"), np.empty((DRAGS.size, phi.size, frequency.size))
     for i, alpha in enumerate(watch(DRAGS, "drags")):
@@ -119,7 +118,7 @@ def drag_heights(s: Study, frequency: Array, phi: Array) -> Array:
     return out
 
 
-def with_alpha(s: Study, phi: Array, alpha: ArrayLike) -> Laws:
+def with_alpha(s: Sweep, phi: Array, alpha: ArrayLike) -> Laws:
     """The laws of the machine with alpha (n,) at phi (n,), for the machine's own foot."""
     laws = s.machine.laws or Laws({})
     value = np.broadcast_to(np.asarray(alpha, float), phi.shape)
@@ -130,7 +129,7 @@ def with_alpha(s: Study, phi: Array, alpha: ArrayLike) -> Laws:
     return laws.with_law("alpha", phi, value)
 
 
-def drag_of_singles(s: Study, frequency: Array, phi: Array) -> tuple[Array, Array, Array, Array]:
+def drag_of_singles(s: Sweep, frequency: Array, phi: Array) -> tuple[Array, Array, Array, Array]:
     """The thesis' fit of alpha at every phi, with the single jumps of the cone as the measured ones.
 
     Returns alpha [kg/m] (n_phi,), the rms of its heights [m] (n_phi,), the cone's heights (n_phi, n_f) and those with

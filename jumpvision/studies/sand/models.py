@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.cone import cone_mass
@@ -15,11 +13,11 @@ from jumpvision.physics.hard.analysis import STUTTER
 from jumpvision.physics.model import force_model
 from jumpvision.physics.packing import fit_packing_law
 from jumpvision.physics.sand.jump import MODES
+from jumpvision.studies.compute import Variable, dataset
+from jumpvision.studies.study import Found, Sweep, study
 
-from .compute import Variable, dataset
-from .sand import DRAGS, FREQUENCIES, batch, drag_of_singles, heights, motion, need_cone, packings, placeholder
-from .sand_beds import PACKINGS, kink
-from .study import Rows, Study
+from .beds import PACKINGS, kink
+from .shared import DRAGS, FREQUENCIES, batch, drag_of_singles, heights, motion, need_cone, packings, placeholder
 
 COMPARED = ("static", "constant drag", "depth drag", "drag and added mass", "cone")
 SAMPLES = 2001
@@ -27,13 +25,20 @@ ALPHA_SIGMA = 0.05  # share of alpha taken as its uncertainty when its kink is l
 SCALES = np.array([0.5, 1.0, 2.0])  # of b
 
 
-def alpha_fit(s: Study) -> tuple[xr.Dataset, Rows]:
-    """Single jumps with constant drags against those of the cone at one packing; alpha against packing (Fig 49)."""
+@study(
+    "alpha-fit",
+    "granular",
+    source="Fig 49",
+    ranges={"frequency": FREQUENCIES, "phi": lambda s: packings(s, PACKINGS)},
+    values=("amplitude",),
+)
+def alpha_fit(s: Sweep) -> Found:
+    """Single jumps with constant drags against those of the cone at one packing; alpha against packing."""
     need_cone(s)
-    f = s.axis("frequency", FREQUENCIES)
+    f = s.axis("frequency")
     here = np.array([s.machine.values["phi"]])
     alpha, rms, cone, tried = drag_of_singles(s, f, here)
-    phi = s.ranges.get("phi", packings(s, PACKINGS))
+    phi = s.ranges.get("phi", s.usual("phi"))
     all_alpha, all_rms, _, _ = (
         drag_of_singles(s, FREQUENCIES[::3], phi) if s.machine.laws else (alpha, rms, cone, tried)
     )
@@ -52,12 +57,12 @@ def alpha_fit(s: Study) -> tuple[xr.Dataset, Rows]:
         "alpha_rms_m": (("packing",), all_rms, "m", "rms height difference of that fit"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"frequency": f, "drag": DRAGS, "packing": phi},
         ("frequency",),
         found,
         extra,
-        attrs={"analysis": "alpha-fit", "phi": here[0], "alpha": alpha[0], "rms_m": rms[0]},
+        attrs={"phi": here[0], "alpha": alpha[0], "rms_m": rms[0]},
     )
     rows = [
         s.number(
@@ -90,15 +95,16 @@ def alpha_fit(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def force_models(s: Study) -> tuple[xr.Dataset, Rows]:
-    """One stutter jump with each force model: motion, and the spring's force in the motor's upswing (Figs 60, 61).
+@study("force-models", "granular", source="Figs 60, 61", values=("frequency", "phi", "amplitude"))
+def force_models(s: Sweep) -> Found:
+    """One stutter jump with each force model: motion, and the spring's force in the motor's upswing.
 
     At the best frequency of the densest bed of the laws, as in Fig 45(b), unless one is asked for.
     """
     need_cone(s)
     phi = np.array([s.machine.values["phi"]])
     dense = packings(s, 2)[-1] if s.machine.laws else phi[0]
-    tried = s.axis("frequency", FREQUENCIES)
+    tried = np.atleast_1d(s.values.get("frequency", FREQUENCIES))
     frequency = float(tried[np.argmax(heights(s, "stutter", {"frequency": tried, "phi": dense}))])
     alpha = s.machine.model.parameters.alpha
     if alpha is None:
@@ -158,12 +164,12 @@ def force_models(s: Study) -> tuple[xr.Dataset, Rows]:
     }
     stacked = {n: np.array([float(x[n]) for x in results]) for n in results[0]}
     data = dataset(
-        s.machine,
+        s,
         {"model": list(COMPARED), "time": t},
         ("model",),
         stacked,
         extra,
-        attrs={"analysis": "force-models", "alpha": alpha, "upswing_s": [numbers["start_s"][0], stop], **law_of},
+        attrs={"alpha": alpha, "upswing_s": [numbers["start_s"][0], stop], **law_of},
     )
     rows = [
         s.number(
@@ -182,11 +188,18 @@ def force_models(s: Study) -> tuple[xr.Dataset, Rows]:
     return data, rows
 
 
-def drag_scale(s: Study) -> tuple[xr.Dataset, Rows]:
-    """What the cone's added mass and the scale b of its drag do to both jump types, loose and dense (section 3.4)."""
+@study(
+    "drag-scale",
+    "granular",
+    source="section 3.4",
+    ranges={"frequency": FREQUENCIES, "phi": lambda s: packings(s, 2)},
+    values=("amplitude",),
+)
+def drag_scale(s: Sweep) -> Found:
+    """What the cone's added mass and the scale b of its drag do to both jump types, loose and dense."""
     need_cone(s)
-    f = s.axis("frequency", FREQUENCIES)
-    phi = s.axis("phi", packings(s, 2)) if s.machine.laws else np.array([s.machine.values["phi"]])
+    f = s.axis("frequency")
+    phi = s.axis("phi") if s.machine.laws else np.array([s.machine.values["phi"]])
     kinds = ("single", "stutter")
     base = s.machine.laws
     model = s.machine.model
@@ -209,17 +222,16 @@ def drag_scale(s: Study) -> tuple[xr.Dataset, Rows]:
         "massless_height_m": (over, massless, "m", "jump height without the added mass"),
     }
     data = dataset(
-        s.machine,
+        s,
         {"jump": list(kinds), "phi": phi, "frequency": f, "scale": SCALES},
         over,
         results,
         extra,
-        attrs={"analysis": "drag-scale"},
     )
     best = results["jump_height_m"].max(axis=2)
     lost = massless.max(axis=2) - best
     span = np.ptp(h, axis=0)
-    rows: list[dict[str, Any]] = [
+    rows = [
         s.number(
             f"added mass lowers the best {k} at phi {x:.3f} by",
             f"{lost[i, j] * 1e3:.1f} mm ({lost[i, j] / massless[i, j].max():.0%})",

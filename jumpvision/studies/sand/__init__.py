@@ -1,0 +1,1 @@
+"""The analyses of jumps on sand: chapter III of the thesis."""
