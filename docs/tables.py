@@ -1,9 +1,10 @@
-"""Write docs/keys.md, the tables of every key of an experiment folder and of every stage: `python docs/tables.py`."""
+"""Write docs/keys.md, the tables of every key of a folder, of the stages and the sweeps: `python docs/tables.py`."""
 
 from __future__ import annotations
 
 import importlib
 import inspect
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from jumpvision.base.schema import table_of
@@ -11,11 +12,13 @@ from jumpvision.frames.opening import READERS
 from jumpvision.inputs.parameters import PARAMS
 from jumpvision.inputs.sections import SECTIONS, Header, RobotSigma
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.physics.model import GROUNDS
+from jumpvision.studies.study import listed
 
 TARGET = Path(__file__).with_name("keys.md")
 
 
-def rows(table: list[dict[str, str]]) -> str:
+def rows(table: Sequence[Mapping[str, object]]) -> str:
     """A list of rows as a markdown table."""
     head = list(table[0])
     body = [" | ".join(str(r[k]).replace("|", "\\|") for k in head) for r in table]
@@ -68,6 +71,11 @@ def text() -> str:
     ]  # fmt: skip
     for name, cls in PARAMS.items():
         parts.append(f"### [params.{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
+    parts.append(
+        "## Analyses of sweeps\n\n`jumpvision sweep GROUND --analysis NAME`; `--analyses` lists them. Each takes "
+        "single values of `--gravity --rod-mass --motor-mass --stiffness --zeta` for another robot."
+    )
+    parts += [f"### {ground} ground\n\n{rows(listed(ground))}" for ground in GROUNDS]
     return "\n\n".join(parts) + "\n"
 
 

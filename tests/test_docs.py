@@ -22,6 +22,7 @@ from test_vectors import CASES
 from jumpvision.cli import main
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.logs import read_log
+from jumpvision.studies.study import studies
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)
@@ -59,12 +60,9 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "synth reveal game":
         "test_lab_blind.test_the_game_on_disk",
 }  # fmt: skip
-ANALYSES = (  # of sweep hard
-    "minimum-amplitude", "lift-off-time", "map", "scatter", "traces", "traces --frequency 5:12:8 --phase 1.5708",
-    "alpha", "estimates", "animals", "two-frequency", "bifurcation",
-)  # fmt: skip
 EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
-ELSEWHERE |= {f"sweep hard --analysis {name}": EACH for name in ANALYSES}
+ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
+ELSEWHERE["sweep hard --analysis traces --frequency 5:12:8 --phase 1.5708"] = EACH
 
 
 def environment(folder: Path) -> dict[str, str]:

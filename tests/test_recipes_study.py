@@ -1,4 +1,4 @@
-"""The recipe "Add a study" of CONTRIBUTING.md, carried out in a copy of the package: two files, and all else follows."""
+"""The recipe "Add a study" of CONTRIBUTING.md in a copy of the package: two files, and all else follows."""
 
 import json
 import os
@@ -82,8 +82,8 @@ COMMAND = "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1
 
 
 def test_the_command_runs_it_by_name_and_draws_its_figure(place):
-    said = python(place, COMMAND, "sweep", "hard", "--analysis", "weight", "--frequency", "8", "--json", "--workers", "1")
-    found = json.loads(said)
+    words = ["--analysis", "weight", "--frequency", "8", "--json", "--workers", "1"]
+    found = json.loads(python(place, COMMAND, "sweep", "hard", *words))
     assert [Path(f).name for f in found["files"]] == ["sweep.nc", "sweep.png"]
     assert found["numbers"][0]["quantity"] == "height lost to gravity"
     with xr.open_dataset(place / "results" / "sweep" / "sweep.nc") as data:
@@ -94,9 +94,10 @@ def test_the_command_runs_it_by_name_and_draws_its_figure(place):
 
 
 def test_it_is_in_every_list(place):
-    row = next(r for r in json.loads(python(place, COMMAND, "sweep", "hard", "--analyses", "--json")) if r["analysis"] == "weight")
+    listed = json.loads(python(place, COMMAND, "sweep", "hard", "--analyses", "--json"))
+    row = next(r for r in listed if r["analysis"] == "weight")
     assert row["thesis"] == "Fig 99" and row["shows"] == "Heights of the robot's own jump against gravity"
     table = python(place, "import sys; sys.path.append(sys.argv[1]); import tables; print(tables.text())", str(DOCS))
     assert "weight | Fig 99 | Heights of the robot's own jump against gravity" in table
-    ask = "import jumpvision as jv\ntry: jv.sweep('hard', analysis='wieght')\nexcept ValueError as e: print(e)"
+    ask = "from jumpvision import api\ntry: api.sweep('hard', analysis='wieght')\nexcept ValueError as e: print(e)"
     assert "did you mean 'weight'" in python(place, ask)
