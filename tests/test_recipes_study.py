@@ -13,7 +13,6 @@ import xarray as xr
 import jumpvision
 
 ROOT = Path(jumpvision.__file__).parent
-DOCS = ROOT.parent / "docs"
 
 STUDY = '''"""Heights against gravity (a study of the recipe)."""
 
@@ -50,6 +49,30 @@ def heights(data, Figure):
 '''
 
 
+SCRIPT = """
+import contextlib, io, json, sys
+sys.path.append(sys.argv[1])
+from jumpvision import api
+from jumpvision.cli import main
+
+def said(*words):
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main(list(words)) == 0
+    return out.getvalue()
+
+out = {"swept": json.loads(said("sweep", "hard", "--analysis", "weight", "--frequency", "8", "--json"))}
+said("figures", "results/sweep", "--format", "svg")
+out["listed"] = json.loads(said("sweep", "hard", "--analyses", "--json"))
+try:
+    api.sweep("hard", analysis="wieght")
+except ValueError as e:
+    out["told"] = str(e)
+import tables
+out["docs"] = tables.text()
+print(json.dumps(out))
+"""
+
+
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     """A folder with the package and the new study; its other rooms are linked, so that their compiled code is known."""
@@ -66,38 +89,27 @@ def place(tmp_path_factory):
     return place
 
 
-def python(place, code, *words):
-    done = subprocess.run(
-        [sys.executable, "-c", code, *words],
-        cwd=place,
-        env=os.environ | {"PYTHONPATH": str(place)},
-        capture_output=True,
-        text=True,
-    )
+@pytest.fixture(scope="module")
+def found(place):
+    """What the package says of its new study."""
+    environment = os.environ | {"PYTHONPATH": str(place)}
+    call = [sys.executable, "-c", SCRIPT, str(ROOT.parent / "docs")]
+    done = subprocess.run(call, cwd=place, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return done.stdout
+    return json.loads(done.stdout)
 
 
-COMMAND = "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1:]))"
-
-
-def test_the_command_runs_it_by_name_and_draws_its_figure(place):
-    words = ["--analysis", "weight", "--frequency", "8", "--json", "--workers", "1"]
-    found = json.loads(python(place, COMMAND, "sweep", "hard", *words))
-    assert [Path(f).name for f in found["files"]] == ["sweep.nc", "sweep.png"]
-    assert found["numbers"][0]["quantity"] == "height lost to gravity"
+def test_the_command_runs_it_by_name_and_draws_its_figure(place, found):
+    assert [Path(f).name for f in found["swept"]["files"]] == ["sweep.nc", "sweep.png"]
+    assert found["swept"]["numbers"][0]["quantity"] == "height lost to gravity"
     with xr.open_dataset(place / "results" / "sweep" / "sweep.nc") as data:
         assert data.attrs["analysis"] == "weight" and data.com_height_m.dims == ("gravity",)
         assert (data.com_height_m[:-1].values > data.com_height_m[1:].values).all()
-    python(place, COMMAND, "figures", "results/sweep", "--format", "svg")
     assert "drawn by the recipe" in (place / "results" / "sweep" / "figures" / "sweep-weight.svg").read_text("utf-8")
 
 
-def test_it_is_in_every_list(place):
-    listed = json.loads(python(place, COMMAND, "sweep", "hard", "--analyses", "--json"))
-    row = next(r for r in listed if r["analysis"] == "weight")
+def test_it_is_in_every_list(found):
+    row = next(r for r in found["listed"] if r["analysis"] == "weight")
     assert row["thesis"] == "Fig 99" and row["shows"] == "Heights of the robot's own jump against gravity"
-    table = python(place, "import sys; sys.path.append(sys.argv[1]); import tables; print(tables.text())", str(DOCS))
-    assert "weight | Fig 99 | Heights of the robot's own jump against gravity" in table
-    ask = "from jumpvision import api\ntry: api.sweep('hard', analysis='wieght')\nexcept ValueError as e: print(e)"
-    assert "did you mean 'weight'" in python(place, ask)
+    assert "did you mean 'weight'" in found["told"]
+    assert "weight | Fig 99 | Heights of the robot's own jump against gravity" in found["docs"]
