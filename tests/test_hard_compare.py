@@ -50,7 +50,7 @@ def test_p_is_uniform_for_single_trials_with_an_uncertain_model():
 
 @pytest.mark.parametrize("trials, scatter", [(2, 0.0), (2, 1.0), (5, 1.5)])
 def test_a_few_repeats_do_not_make_false_discoveries(trials, scatter, monkeypatch):
-    monkeypatch.setattr("jumpvision.fit.agreement.DRAWS", 500)
+    monkeypatch.setattr("jumpvision.estimate.mean.DRAWS", 500)
     p, least = draws(np.random.default_rng(4), 150, trials, scatter, 1.0)
     # 5 % of 150 are 7.5; + 3 sqrt(7.5 * 0.95). Where the scatter is none, Student's t gives away some power: fewer
     assert np.sum(p < 0.05) <= 15 and np.sum(least < 0.05) <= 15
