@@ -14,9 +14,10 @@ from jumpvision.physics.hard.analysis import (
     stutter_by_half_fall,
     stutter_by_three_parts,
 )
-from jumpvision.physics.hard.jump import hard_map
+from jumpvision.physics.hard.jump import HardRobot, hard_map
 
 THESIS = {"motor_mass": 1.003, "rod_mass": 0.175, "stiffness": 5760.6, "damping": 1.368, "gravity": 0.276 * 9.81}
+ROBOT = HardRobot(**THESIS)
 F0 = math.sqrt(5760.6 / 1.178) / (2 * math.pi)
 
 
@@ -25,7 +26,7 @@ def test_least_amplitude_is_the_weight_over_the_unit_response(wait):
     # grounded, x_r = -M g/k + A h(t): the threshold is M g / (k max h), h from an integration of the unit law
     q, w2, c = 1.003 / 1.178, 5760.6 / 1.178, 1.368 / 1.178
     f, phases = np.array([5.0, 8.2, 13.0]), np.array([0.0, np.pi / 2, 3 * np.pi / 4, np.pi])
-    found = minimum_amplitude(f, phases, cycles=2, wait=wait, largest=0.05, resolution=1e-9, **THESIS)
+    found = minimum_amplitude(f, phases, cycles=2, wait=wait, largest=0.05, resolution=1e-9, robot=ROBOT)
     for i, j in np.ndindex(found.shape):
         w, ph, stop = 2 * np.pi * f[i], phases[j], 2 / f[i]
         rest, v, top = 0.0, -q * w * np.cos(ph), 0.0
@@ -47,12 +48,12 @@ def test_optimum_of_one_stutter_cycle_in_both_windows():
     # docs/physics.md section 7: at N = 1, phase pi/2 the two windows give f_opt = 0.74 and 1.19 f_0
     ratio = np.arange(0.3, 1.6, 0.005)
     for wait, best in ((0.0, 0.74), (1 / F0, 1.19)):
-        a = minimum_amplitude(ratio * F0, [np.pi / 2], cycles=1, wait=wait, largest=0.02, resolution=1e-8, **THESIS)
+        a = minimum_amplitude(ratio * F0, [np.pi / 2], cycles=1, wait=wait, largest=0.02, resolution=1e-8, robot=ROBOT)
         assert abs(ratio[np.argmin(a[:, 0])] - best) < 0.0101
-    none = minimum_amplitude([8.0], [np.pi / 2], cycles=1, wait=0.0, largest=1e-5, resolution=1e-6, **THESIS)
+    none = minimum_amplitude([8.0], [np.pi / 2], cycles=1, wait=0.0, largest=1e-5, resolution=1e-6, robot=ROBOT)
     assert np.isnan(none).all()
     with pytest.raises(ValueError, match=r"^resolution = 0"):
-        minimum_amplitude([8.0], [1.0], cycles=1, wait=0.0, largest=1e-2, resolution=0.0, **THESIS)
+        minimum_amplitude([8.0], [1.0], cycles=1, wait=0.0, largest=1e-2, resolution=0.0, robot=ROBOT)
 
 
 def test_estimates_solve_the_equations_they_come_from():

@@ -19,7 +19,8 @@ ROWS = [
     [c.strip() for c in line.strip("|").split("|")] for line in PAGE.splitlines() if re.match(r"\| (Table|\d)", line)
 ]
 HARD = machine("hard", None, {})
-ROBOT = Sweep(grid, HARD, {}, {}, 1, print)
+SWEEP = Sweep(grid, HARD, {}, {}, 1, print)
+ROBOT = SWEEP.robot
 
 
 def said(quantity):
@@ -47,7 +48,7 @@ def test_the_table_names_every_number_of_the_thesis_and_its_difference():
 
 
 def test_robot_and_bounce():
-    mass, k, c = ROBOT.mass, ROBOT.robot["stiffness"], ROBOT.robot["damping"]
+    mass, k, c = ROBOT.mass, ROBOT.stiffness, ROBOT.damping
     check("f_0 [Hz]", ROBOT.f0)
     zeta = c / (2.0 * math.sqrt(k * mass))
     check("damping ratio zeta", zeta)
@@ -62,7 +63,7 @@ def best(**changed):
     f = np.linspace(0.3, 2.5, 4401)
     found = []
     for phase in (STUTTER, SINGLE):
-        height = hard_sweep(sine_rows(f * ROBOT.f0, 4e-3, phase, 1.0), **(ROBOT.robot | changed))["com_height_m"]
+        height = hard_sweep(sine_rows(f * ROBOT.f0, 4e-3, phase, 1.0), **(ROBOT._asdict() | changed))["com_height_m"]
         found.append((f[height.argmax()], height.max() * 1e3))
     return found
 
@@ -77,7 +78,7 @@ def test_the_best_jumps():
     (_, h), (_, h_single) = best(gravity=9.81 * math.cos(math.radians(75.0)))
     check("the same at g_0 cos 75 deg: stutter, single [mm]", h, h_single)
     f, phase = np.linspace(2.0 / ROBOT.f0, 1.4, 300)[:, None], np.linspace(0.0, 2.0 * np.pi, 241)
-    jumps = hard_sweep(sine_rows(f * ROBOT.f0, 4e-3, phase, 1.0), **ROBOT.robot)
+    jumps = hard_sweep(sine_rows(f * ROBOT.f0, 4e-3, phase, 1.0), **ROBOT._asdict())
     height = jumps["com_height_m"].max(axis=0) / 4e-3
     check("best height of a phase, f <= 1.4 f_0: least and greatest over the phases, in A", height.min(), height.max())
     check("most jumps of a multi-jump", jumps["n_jumps"][(f * ROBOT.f0 > 3.0)[:, 0]].max())
@@ -88,13 +89,19 @@ def test_the_best_jumps():
         ("single / stutter: peak motor speed", "single / stutter peak motor speed"),
         ("stutter / single: peak force", "stutter / single peak force"),
     ):
-        (row,) = [r["ours"] for r in best_jumps(ROBOT) if r["quantity"].startswith(name)]
+        (row,) = [r["ours"] for r in best_jumps(SWEEP) if r["quantity"].startswith(name)]
         check(quantity, *(float(x) for x in row.split(";")))
 
 
 def test_the_flat_maximum_at_alpha_09():
-    given = {n: ROBOT.robot[n] for n in ("stiffness", "gravity", "landing_loss")} | {"mass": ROBOT.mass}
-    found = best_by_alpha([0.9, 0.9, 1.2], [STUTTER, SINGLE, STUTTER], ROBOT.rod_share, ROBOT.zeta, **given, **SEARCH)
+    found = best_by_alpha(
+        [0.9, 0.9, 1.2],
+        [STUTTER, SINGLE, STUTTER],
+        ROBOT.rod_share,
+        ROBOT.zeta,
+        robot=ROBOT,
+        search=SEARCH,
+    )
     ratio = found["frequency_ratio"]
     check("f_opt/f_0 at alpha 0.9: stutter", ratio[0])
     check("f_opt/f_0 at alpha 0.9: single", ratio[1])
@@ -103,7 +110,7 @@ def test_the_flat_maximum_at_alpha_09():
     grid = np.arange(0.2, 2.0, 0.02)
     for i, (phase, want) in enumerate(((STUTTER, 1.18), (SINGLE, 1.2), (STUTTER, 1.2))):
         amplitude = found["amplitude_m"][i]
-        height = hard_sweep(sine_rows(grid * ROBOT.f0, amplitude, phase, 1.0), **ROBOT.robot)["com_height_m"]
+        height = hard_sweep(sine_rows(grid * ROBOT.f0, amplitude, phase, 1.0), **ROBOT._asdict())["com_height_m"]
         assert grid[height.argmax()] == pytest.approx(want, abs=1e-9)
         if i == 0:
             assert 2e-4 < 1.0 - height.max() / found["com_height_m"][0] < 4e-4

@@ -23,7 +23,7 @@ from jumpvision.physics.energy import powers
 from jumpvision.physics.forcing import Segments, delayed, sinusoid
 from jumpvision.physics.hard.analysis import crossing, half_cycle_rows
 from jumpvision.physics.hard.hopper import apexes, cycles_in_a_row, distinct, ringing_rows, scattered
-from jumpvision.physics.hard.jump import hard_jump, hard_sweep, sine_rows
+from jumpvision.physics.hard.jump import HardRobot, hard_jump, hard_sweep, sine_rows
 from jumpvision.physics.model import Model
 from jumpvision.physics.oscillator import best_jump
 from jumpvision.physics.sand.jump import simulate
@@ -274,7 +274,7 @@ def test_start_up_ringing_has_the_amplitude_asked_for():
 
 def test_scatter_is_proportional_to_the_ringing_and_absent_without():
     f, phase = np.array([8.2, 12.0]), np.array([1.6, 4.7])
-    given = THESIS | {"amplitude": A, "cycles": 1.0}
+    given = {"robot": HardRobot(**THESIS), "amplitude": A, "cycles": 1.0}
 
     def spread(ringing):
         rng = np.random.default_rng(5)
@@ -291,7 +291,7 @@ def test_scatter_is_proportional_to_the_ringing_and_absent_without():
 
 def test_apexes_are_those_of_the_sampled_motion():
     robot, f = THESIS | {"landing_loss": 0.33}, np.array([9.0, 9.5])
-    found, count = apexes(f, amplitude=1e-3, settle=20, keep=6, **robot)
+    found, count = apexes(f, robot=HardRobot(**robot), amplitude=1e-3, settle=20, keep=6)
     law = cycles_in_a_row(f, amplitude=1e-3, cycles=26)
     t = np.linspace(law.rows[1, 0] + 20 / 9.5, law.stop, 400001)
     m = hard_jump(**robot, forcing=law, t=t, t_end=law.stop)

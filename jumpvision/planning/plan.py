@@ -144,7 +144,7 @@ class Planner:
                     break
         return best
 
-    def simulate(self, command: Spline, model: Model | None = None) -> tuple[Motion, float]:
+    def resimulate(self, command: Spline, model: Model | None = None) -> tuple[Motion, float]:
         """The motion under a command by the simulator, and its apex over rest [m]; model: another than the plan's."""
         d = self.drive
         forcing = Loop(command, d.kp, d.kd, self.limits.max_force) if d.kp > 0 else command
@@ -187,7 +187,7 @@ class Planner:
         return replace(plan, solve_s=seconds)
 
     def _plan(self, status: str, apex: float, s: Solution, began: float) -> Plan:
-        motion, found = self.simulate(s.command)
+        motion, found = self.resimulate(s.command)
         return Plan(
             status,
             apex,

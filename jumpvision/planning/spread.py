@@ -37,4 +37,4 @@ def apexes(
     planner: Planner, command: Spline, sigma: Mapping[str, float], *, draws: int, rng: np.random.Generator
 ) -> Array:
     """Apexes [m], (draws,), of one command on models drawn from the uncertainties."""
-    return np.array([planner.simulate(command, drawn(planner.model, sigma, rng))[1] for _ in range(draws)])
+    return np.array([planner.resimulate(command, drawn(planner.model, sigma, rng))[1] for _ in range(draws)])

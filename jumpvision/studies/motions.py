@@ -13,7 +13,7 @@ from jumpvision.physics.energy import powers
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.hard.analysis import SINGLE, STUTTER
 from jumpvision.physics.hard.hopper import PHASE, apexes, distinct, scattered
-from jumpvision.physics.hard.jump import hard_jump, hard_map, hard_sweep, sine_rows
+from jumpvision.physics.hard.jump import HardRobot, hard_jump, hard_map, hard_sweep, sine_rows
 from jumpvision.physics.model import GROUNDS
 from jumpvision.physics.oscillator import best_jump
 
@@ -37,7 +37,7 @@ def grid(s: Sweep) -> Found:
     """Jumps over any axes; frequency and phase where none is asked for, with the best jumps of both types."""
     if not s.ranges:
         usual = GRID if s.machine.exact else SLOW_GRID
-        ranges = {n: np.linspace(*x) * (s.f0 if n == "frequency" else 1.0) for n, x in usual.items()}
+        ranges = {n: np.linspace(*x) * (s.robot.f0 if n == "frequency" else 1.0) for n, x in usual.items()}
         s = dataclasses.replace(s, ranges={n: x for n, x in ranges.items() if n not in s.values})
     given = {**s.values, **s.ranges}
     results = grid_results(s.machine, given, workers=s.workers, say=s.say)
@@ -46,7 +46,7 @@ def grid(s: Sweep) -> Found:
         given,
         tuple(s.ranges),
         results,
-        attrs={"f0_Hz": s.f0},
+        attrs={"f0_Hz": s.robot.f0},
     )
     failed = int(np.isnan(results["com_height_m"]).sum())
     if failed:
@@ -72,10 +72,10 @@ def _best_point(s: Sweep, data: xr.Dataset) -> list[Row]:
 
 def best_jumps(s: Sweep) -> list[Row]:
     """The best stutter and single jump of the robot at its amplitude, against docs/physics.md section 7."""
-    amp, f0, robot = s.machine.values["amplitude"], s.f0, s.robot
+    amp, f0, robot = s.machine.values["amplitude"], s.robot.f0, s.robot
 
     def at_phase(f: np.ndarray) -> dict[str, np.ndarray]:
-        return hard_sweep(sine_rows(f, amp, np.array([[STUTTER], [SINGLE]]), 1.0), **robot)
+        return hard_sweep(sine_rows(f, amp, np.array([[STUTTER], [SINGLE]]), 1.0), **robot._asdict())
 
     at, best = best_jump(
         lambda x: at_phase(x[0] * f0),
@@ -131,19 +131,19 @@ def best_jumps(s: Sweep) -> list[Row]:
     "scatter",
     "hard",
     source="text of Fig 27",
-    ranges={"frequency": lambda s: np.linspace(0.2, 1.4, 121) * s.f0, "phase": np.linspace(0.0, 2.0 * np.pi, 97)},
+    ranges={"frequency": lambda s: np.linspace(0.2, 1.4, 121) * s.robot.f0, "phase": np.linspace(0.0, 2.0 * np.pi, 97)},
     values=("amplitude", "cycles", "alpha"),
 )
 def scatter(s: Sweep) -> Found:
     """Standard deviation of the heights over trials that start from a faintly ringing spring."""
     f, phase = s.axis("frequency"), s.axis("phase")
     law = {"amplitude": float(s.machine.values["amplitude"]), "cycles": float(s.machine.values["cycles"])}
-    clean = hard_map(f, phase, **law, **s.robot)
+    clean = hard_map(f, phase, **law, **s.robot._asdict())
     rng = np.random.default_rng(20140630)
     spread = {n: np.empty((f.size, phase.size)) for n in ("com_height_m", "flight_height_m", "jump_height_m")}
     changed = np.empty((f.size, phase.size))
     for lo in watch(range(0, f.size, 20), "frequencies, in twenties"):
-        trials = scattered(f[lo : lo + 20], phase, ringing=RINGING, trials=TRIALS, rng=rng, **law, **s.robot)
+        trials = scattered(f[lo : lo + 20], phase, ringing=RINGING, trials=TRIALS, rng=rng, robot=s.robot, **law)
         for n in spread:
             spread[n][lo : lo + 20] = trials[n].std(axis=2, ddof=1)
         changed[lo : lo + 20] = np.mean(trials["n_jumps"] != clean["n_jumps"][lo : lo + 20, :, None], axis=2)
@@ -158,7 +158,7 @@ def scatter(s: Sweep) -> Found:
         ("frequency", "phase"),
         clean,
         extra,
-        attrs={"f0_Hz": s.f0, "ringing_m": RINGING, "trials": TRIALS},
+        attrs={"f0_Hz": s.robot.f0, "ringing_m": RINGING, "trials": TRIALS},
     )
     std, height = spread["flight_height_m"], clean["flight_height_m"]
     rows = []
@@ -179,7 +179,7 @@ def scatter(s: Sweep) -> Found:
     "hard",
     source="section 2.4.1",
     ranges={
-        "frequency": lambda s: np.linspace(0.4, 2.2, 361) * s.f0,
+        "frequency": lambda s: np.linspace(0.4, 2.2, 361) * s.robot.f0,
         "amplitude": np.linspace(0.1e-3, 2.5e-3, 33),  # of the map; one value: of the curves
     },
 )
@@ -187,7 +187,7 @@ def bifurcation(s: Sweep) -> Found:
     """Apex heights of the driven hopper's long-run motion, frequency going up and then down; a map over amplitude."""
     f = s.axis("frequency")
     amp = float(s.values.get("amplitude", DRIVE))
-    robot = s.robot | {"landing_loss": s.robot["landing_loss"] or BOUNCE_LOSS}
+    robot = s.robot._replace(landing_loss=s.robot.landing_loss or BOUNCE_LOSS)
     long, short = {"settle": 80, "keep": 40}, {"settle": 40, "keep": 60}
     apex, _ = (np.stack(x) for x in zip(*_both_ways(f, amp, long, robot)))
     amps = s.ranges.get("amplitude", s.usual("amplitude"))
@@ -199,7 +199,7 @@ def bifurcation(s: Sweep) -> Found:
             kinds[j, i] = distinct(heights, tolerance=DIFFERENT)
             total = np.nansum(heights, axis=1)
             mean[j, i] = np.where(count > 0, total / np.maximum(count, 1), 0.0)
-    jumps = hard_sweep(sine_rows(f, amp, PHASE, float(long["settle"] + long["keep"])), **robot)
+    jumps = hard_sweep(sine_rows(f, amp, PHASE, float(long["settle"] + long["keep"])), **robot._asdict())
     extra: dict[str, Variable] = {
         "apex_height_m": (("direction", "frequency", "hop"), apex, "m", "apex of the centre of mass above rest"),
         "distinct_apexes": (
@@ -210,7 +210,7 @@ def bifurcation(s: Sweep) -> Found:
         ),
         "map_distinct_apexes": (("direction", "map_amplitude", "map_frequency"), kinds, "1", "different apex heights"),
         "map_mean_apex_m": (("direction", "map_amplitude", "map_frequency"), mean, "m", "mean apex; 0 without hops"),
-        "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
+        "frequency_ratio": (("frequency",), f / s.robot.f0, "1", "frequency / f_0"),
     }
     data = dataset(
         s,
@@ -219,9 +219,9 @@ def bifurcation(s: Sweep) -> Found:
         jumps,
         extra,
         attrs={
-            "f0_Hz": s.f0,
+            "f0_Hz": s.robot.f0,
             "amplitude_m": amp,
-            "landing_loss": robot["landing_loss"],
+            "landing_loss": robot.landing_loss,
             "results": "of the jump from rest",
         },
     )
@@ -231,22 +231,22 @@ def bifurcation(s: Sweep) -> Found:
     apart = regular & (np.abs(mean[0] - mean[1]) > 0.1 * np.maximum(mean.max(axis=0), DIFFERENT * 10))
     rows = [
         s.number(
-            f"share of f with 1, 2, 3-8, more apexes (A = {amp * 1e3:g} mm, e = {robot['landing_loss']:g})",
+            f"share of f with 1, 2, 3-8, more apexes (A = {amp * 1e3:g} mm, e = {robot.landing_loss:g})",
             ", ".join(f"{np.mean((n >= lo) & (n <= hi)):.0%}" for lo, hi in ((1, 1), (2, 2), (3, 8), (9, 999))),
             "bifurcations, hysteresis, chaos",
         ),
         s.number(
             "hops begin at f/f_0 going up; end going down",
-            ", ".join(f"{f[h][0] / s.f0:.3f}" if h.any() else "none" for h in hops),
+            ", ".join(f"{f[h][0] / s.robot.f0:.3f}" if h.any() else "none" for h in hops),
         ),
         s.number("share of the (f, A) map, both ways regular, that differs by > 10 %", f"{np.mean(apart):.0%}"),
     ]
     return data, rows
 
 
-def _both_ways(f: np.ndarray, amp: float, cycles: dict[str, int], robot: dict[str, Any]) -> tuple[Any, Any]:
-    up = apexes(f, amplitude=amp, **cycles, **robot)
-    down, count = apexes(f[::-1], amplitude=amp, **cycles, **robot)
+def _both_ways(f: np.ndarray, amp: float, cycles: dict[str, int], robot: HardRobot) -> tuple[Any, Any]:
+    up = apexes(f, robot=robot, amplitude=amp, **cycles)
+    down, count = apexes(f[::-1], robot=robot, amplitude=amp, **cycles)
     return up, (down[::-1], count[::-1])
 
 
@@ -259,12 +259,12 @@ def best_ratios(s: Sweep) -> list[float]:
     "traces",
     "hard",
     source="Figs 29, 30, 31, 33(a-d)",
-    ranges={"frequency": lambda s: best_ratios(s)[0] * s.f0, "phase": STUTTER},
+    ranges={"frequency": lambda s: best_ratios(s)[0] * s.robot.f0, "phase": STUTTER},
     values=("amplitude", "alpha"),
 )
 def traces(s: Sweep) -> Found:
     """Position, velocity, force and the three powers of chosen jumps; impulses apart."""
-    amp, f0 = float(s.machine.values["amplitude"]), s.f0
+    amp, f0 = float(s.machine.values["amplitude"]), s.robot.f0
     best = best_ratios(s)
     cases = [
         ("impulse, phase pi", 1.0, np.pi),
@@ -278,17 +278,15 @@ def traces(s: Sweep) -> Found:
         asked, phase = s.axis("frequency") / f0, s.axis("phase")
         cases = [(f"{r:.3g} f_0, {p / np.pi:.3g} pi", r, p) for r in asked for p in phase]
     ratio, phase = np.array([c[1] for c in cases]), np.array([c[2] for c in cases])
-    results = hard_sweep(sine_rows(ratio * f0, amp, phase, 1.0), **s.robot)
+    results = hard_sweep(sine_rows(ratio * f0, amp, phase, 1.0), **s.robot._asdict())
     end = float(np.max(1.0 / (ratio * f0))) + AFTER
     t = np.linspace(0.0, end, 3001)
     columns: dict[str, list[np.ndarray]] = {}
     impulses = []
     for r, p in zip(ratio, phase):
         law = sinusoid(r * f0, amp, p)
-        motion = hard_jump(**s.robot, forcing=law, t=t, t_end=max(end, law.stop))
-        found = powers(
-            motion, law, motor_mass=s.robot["motor_mass"], rod_mass=s.robot["rod_mass"], gravity=s.robot["gravity"]
-        )
+        motion = hard_jump(**s.robot._asdict(), forcing=law, t=t, t_end=max(end, law.stop))
+        found = powers(motion, law, motor_mass=s.robot.motor_mass, rod_mass=s.robot.rod_mass, gravity=s.robot.gravity)
         found |= {
             "rod_position": motion.rod,
             "motor_position": motion.motor,

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
 from jumpvision.physics.hard.analysis import (
+    KEY,
     SINGLE,
     STUTTER,
+    Search,
     animal_alpha,
     best_by_alpha,
     best_two_frequencies,
@@ -20,7 +22,7 @@ from jumpvision.physics.hard.analysis import (
     stutter_by_half_fall,
     stutter_by_three_parts,
 )
-from jumpvision.physics.hard.jump import hard_sweep, sine_rows
+from jumpvision.physics.hard.jump import HardRobot, hard_sweep, sine_rows
 from jumpvision.physics.oscillator import amplitude_of
 
 from .compute import RESULTS, Variable, dataset
@@ -29,8 +31,8 @@ from .study import Found, Sweep, study
 ALPHAS = np.geomspace(0.02, 1.5, 120)
 SHARES = np.array([0.02, 0.05, 0.1, 0.149, 0.2, 0.25, 0.3, 0.35, 0.4])
 DAMPINGS = np.array([0.0, 0.0083, 0.02, 0.04, 0.06, 0.08, 0.1, 0.11, 0.12, 0.13, 0.135, 0.14, 0.145, 0.15, 0.17, 0.2])
-SEARCH: dict[str, Any] = {"lowest": 0.15, "highest": 4.0, "points": 120, "rounds": 2}
-PAIR: dict[str, Any] = {"lowest": 0.1, "highest": 1.4, "highest2": 40.0, "points": 120, "points2": 24, "rounds": 2}
+SEARCH = Search(0.15, 4.0, points=120, rounds=2)
+PAIR = Search(0.1, 1.4, points=120, rounds=2)
 HUMAN = {
     "mass": 78.0,
     "stiffness": 28500.0,
@@ -41,20 +43,16 @@ HUMAN = {
 TYPES = ("stutter", "single")
 
 
-def _constants(s: Sweep) -> dict[str, Any]:
-    return {"mass": s.mass, **{n: s.robot[n] for n in ("stiffness", "gravity", "landing_loss")}}
-
-
-def _both(s: Sweep, alpha: Any, share: Any, zeta: Any, **more: Any) -> dict[str, NDArray]:
+def _both(s: Sweep, alpha: Any, share: Any, zeta: Any, search: Search = SEARCH, key: str = KEY) -> dict[str, NDArray]:
     """best_by_alpha with the two jump types as first axis."""
     shape = np.broadcast_shapes(np.shape(alpha), np.shape(share), np.shape(zeta))
     phases = np.array([STUTTER, SINGLE]).reshape(2, *[1] * len(shape))
-    return best_by_alpha(alpha, phases, share, zeta, **(_constants(s) | SEARCH | more))
+    return best_by_alpha(alpha, phases, share, zeta, robot=s.robot, search=search, key=key)
 
 
 def _region(s: Sweep, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray, NDArray]:
     """From and to which alpha the stutter jump is the higher one at the lower peak power; NaN where nowhere."""
-    best = _both(s, alpha, share, zeta, points=60)
+    best = _both(s, alpha, share, zeta, SEARCH._replace(points=60))
     height, power = (best[k][0] / best[k][1] for k in ("com_height_m", "peak_power_W"))
     low, falls = crossing(alpha, height, rising=True), crossing(alpha, height, rising=False)
     high = np.fmin(crossing(alpha, power, rising=True), np.where(falls > low, falls, np.nan))
@@ -73,18 +71,18 @@ def _scaled(best: dict[str, NDArray], dims: tuple[str, ...]) -> dict[str, Variab
 def alpha(s: Sweep) -> Found:
     """Best height, frequency and power of both types; the ideal region of the stutter jump; the best phases."""
     a = s.axis("alpha")
-    best = _both(s, a, s.rod_share, s.zeta)
-    flight = _both(s, a, s.rod_share, s.zeta, key="flight_height_m")
+    best = _both(s, a, s.robot.rod_share, s.robot.zeta)
+    flight = _both(s, a, s.robot.rod_share, s.robot.zeta, key="flight_height_m")
     h = best["com_height_m"] / best["amplitude_m"]
     p = best["peak_power_W"]
     coarse = ALPHAS[::3]
-    by_share = [_region(s, coarse, x, s.zeta) for x in watch(SHARES, "rod masses")]
-    by_zeta = [_region(s, coarse, s.rod_share, z) for z in watch(DAMPINGS, "damping ratios")]
+    by_share = [_region(s, coarse, x, s.robot.zeta) for x in watch(SHARES, "rod masses")]
+    by_zeta = [_region(s, coarse, s.robot.rod_share, z) for z in watch(DAMPINGS, "damping ratios")]
     few, phase, height, flights = _phases(s)
     extra = _scaled(best, ("jump", "alpha")) | {
         "power_scaled": (
             ("jump", "alpha"),
-            p / (s.robot["stiffness"] * best["amplitude_m"] ** 2 * 2 * np.pi * s.f0),
+            p / (s.robot.stiffness * best["amplitude_m"] ** 2 * 2 * np.pi * s.robot.f0),
             "1",
             "peak power / (k A^2 w_0)",
         ),
@@ -115,16 +113,16 @@ def alpha(s: Sweep) -> Found:
         best,
         extra,
         attrs={
-            "f0_Hz": s.f0,
-            "alpha_of_robot": s.mass * s.robot["gravity"] / (s.robot["stiffness"] * s.machine.values["amplitude"]),
+            "f0_Hz": s.robot.f0,
+            "alpha_of_robot": s.robot.mass * s.robot.gravity / (s.robot.stiffness * s.machine.values["amplitude"]),
         },
     )
     up, of_flight = crossing(a, h[0] / h[1], rising=True), flight["flight_height_m"]
     flights = crossing(a, of_flight[0] / of_flight[1], rising=True)
     power = crossing(a, p[0] / p[1], rising=True)
     efficient = crossing(a, h[0] / h[1] * p[1] / p[0], rising=False)
-    high = _both(s, np.array([0.9]), s.rod_share, s.zeta)["frequency_ratio"][:, 0]
-    beyond = _both(s, np.array([1.2]), s.rod_share, s.zeta)["frequency_ratio"][0, 0]
+    high = _both(s, np.array([0.9]), s.robot.rod_share, s.robot.zeta)["frequency_ratio"][:, 0]
+    beyond = _both(s, np.array([1.2]), s.robot.rod_share, s.robot.zeta)["frequency_ratio"][0, 0]
     rows = [
         s.number(
             "alpha where stutter height passes single (COM, flight time)",
@@ -171,11 +169,11 @@ def alpha(s: Sweep) -> Found:
 def _phases(s: Sweep) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """alpha, phase [rad], and over both the greatest com_height / A over frequency and its number of flights."""
     few, phase = np.geomspace(ALPHAS[0], ALPHAS[-1], 18), np.linspace(0.0, 2.0 * np.pi, 121)
-    f = np.linspace(0.15, 3.0, 360) * s.f0
+    f = np.linspace(0.15, 3.0, 360) * s.robot.f0
     height, flights = np.empty((few.size, phase.size)), np.empty((few.size, phase.size), np.int64)
     for i, x in enumerate(watch(few, "alphas over all phases")):
-        amp = amplitude_of(x, s.robot["stiffness"], s.mass, s.robot["gravity"])
-        jumps = hard_sweep(sine_rows(f[:, None], amp, phase, 1.0), **s.robot)
+        amp = amplitude_of(x, s.robot.stiffness, s.robot.mass, s.robot.gravity)
+        jumps = hard_sweep(sine_rows(f[:, None], amp, phase, 1.0), **s.robot._asdict())
         best = np.argmax(jumps["com_height_m"], axis=0)[None]
         height[i] = np.take_along_axis(jumps["com_height_m"], best, axis=0)[0] / amp
         flights[i] = np.take_along_axis(jumps["n_jumps"], best, axis=0)[0]
@@ -188,7 +186,12 @@ def estimates(s: Sweep) -> Found:
     a = s.axis("alpha")
     kinds = ("no damping, no rod", "this robot")
     best = best_by_alpha(
-        a, STUTTER, np.array([[0.0], [s.rod_share]]), np.array([[0.0], [s.zeta]]), **_constants(s), **SEARCH
+        a,
+        STUTTER,
+        np.array([[0.0], [s.robot.rod_share]]),
+        np.array([[0.0], [s.robot.zeta]]),
+        robot=s.robot,
+        search=SEARCH,
     )
     ratio = np.linspace(0.6, 2.0, 140001)
     peak = float(ratio[np.argmax(energy_after_one_cycle(ratio))])
@@ -203,7 +206,7 @@ def estimates(s: Sweep) -> Found:
         ("kind", "alpha"),
         best,
         extra,
-        attrs={"f0_Hz": s.f0},
+        attrs={"f0_Hz": s.robot.f0},
     )
     sim, low = best["frequency_ratio"][0], a < 0.9
     rows = [
@@ -232,14 +235,13 @@ def animals(s: Sweep) -> Found:
     length = np.geomspace(1e-3, 5.0, 90)
     g = 9.81
     zeta = HUMAN["damping"] / (2 * np.sqrt(HUMAN["stiffness"] * HUMAN["mass"]))
-    given: dict[str, Any] = {"mass": HUMAN["mass"], "stiffness": HUMAN["stiffness"], "gravity": g}
+    given = {"mass": HUMAN["mass"], "stiffness": HUMAN["stiffness"], "gravity": g}
     a = animal_alpha(np.append(length, HUMAN["length"]), **given, amplitude=HUMAN["amplitude"], body=HUMAN["length"])
-    share = s.rod_share
+    robot = HardRobot(HUMAN["mass"], 0.0, HUMAN["stiffness"], HUMAN["damping"], g)
+    share = s.robot.rod_share
     phases = np.array([[STUTTER], [SINGLE]])
     # the boxes of the best frequency of small animals (small alpha) are wide
-    best = best_by_alpha(
-        a, phases, share, zeta, landing_loss=0.0, **given, **(SEARCH | {"lowest": 0.05, "points": 240})
-    )
+    best = best_by_alpha(a, phases, share, zeta, robot=robot, search=SEARCH._replace(lowest=0.05, points=240))
     human = best["com_height_m"][:, -1]
     relative = best["com_height_m"] / best["amplitude_m"] * HUMAN["amplitude"] / HUMAN["length"]
     # geometric scaling: an animal's own height, power and force from the dimensionless jump
@@ -278,18 +280,18 @@ def two_frequency(s: Sweep) -> Found:
     """A stutter jump of two half cycles with frequencies of their own, beside the one-frequency jumps."""
     a = s.axis("alpha")
     best = [
-        best_two_frequencies(a[i : i + 4], rod_share=s.rod_share, zeta=s.zeta, **_constants(s), **PAIR)
+        best_two_frequencies(a[i : i + 4], robot=s.robot, search=PAIR, highest2=40.0, points2=24)
         for i in watch(range(0, a.size, 4), "alphas, in fours")
     ]
     two = {n: np.concatenate([b[n] for b in best]) for n in best[0]}
-    one = _both(s, a, s.rod_share, s.zeta)
+    one = _both(s, a, s.robot.rod_share, s.robot.zeta)
     results = {n: np.concatenate([two[n][None], one[n]]) for n in (*RESULTS, "frequency_ratio", "amplitude_m")}
     second = np.concatenate([two["frequency2_ratio"][None], one["frequency_ratio"]])
     extra = _scaled(results, ("jump", "alpha")) | {
         "frequency2_ratio": (("jump", "alpha"), second, "1", "best frequency of the second half cycle / f_0"),
         "efficiency": (
             ("jump", "alpha"),
-            s.mass * s.robot["gravity"] * results["com_height_m"] * 2 * np.pi * s.f0 / results["peak_power_W"],
+            s.robot.mass * s.robot.gravity * results["com_height_m"] * 2 * np.pi * s.robot.f0 / results["peak_power_W"],
             "1",
             "M g com_height w_0 / peak power",
         ),
@@ -300,7 +302,7 @@ def two_frequency(s: Sweep) -> Found:
         ("jump", "alpha"),
         results,
         extra,
-        attrs={"f0_Hz": s.f0},
+        attrs={"f0_Hz": s.robot.f0},
     )
     h, p = results["com_height_m"], results["peak_power_W"]
     always = bool(np.all(h[0] >= h[1:].max(axis=0) * (1 - 1e-6)))

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
 from jumpvision.physics.batch import resolve
+from jumpvision.physics.hard.jump import HardRobot
 from jumpvision.physics.model import GROUNDS
-from jumpvision.physics.oscillator import natural_frequency
 
 from .axes import EXAMPLE, Laws, option, read_axes, read_laws
 from .machine import Machine, machine
@@ -57,32 +57,9 @@ class Sweep:
         return np.atleast_1d(np.asarray(given(self) if callable(given) else given, float))
 
     @property
-    def robot(self) -> dict[str, Any]:
-        """Keyword arguments of hard_sweep and its kin."""
-        names = ("motor_mass", "rod_mass", "stiffness", "damping", "gravity", "landing_loss")
-        return {n: float(self.machine.values[n]) for n in names}
-
-    @property
-    def grounded(self) -> dict[str, Any]:
-        """robot without landing_loss, for what stops at the first lift-off."""
-        return {n: v for n, v in self.robot.items() if n != "landing_loss"}
-
-    @property
-    def mass(self) -> float:
-        return float(self.robot["motor_mass"] + self.robot["rod_mass"])
-
-    @property
-    def f0(self) -> float:
-        """Natural frequency [Hz]."""
-        return float(natural_frequency(self.robot["stiffness"], self.mass))
-
-    @property
-    def zeta(self) -> float:
-        return float(self.robot["damping"] / (2.0 * np.sqrt(self.robot["stiffness"] * self.mass)))
-
-    @property
-    def rod_share(self) -> float:
-        return float(self.robot["rod_mass"] / self.mass)
+    def robot(self) -> HardRobot:
+        """The robot's values, as far as hard ground asks for them."""
+        return HardRobot(*(float(self.machine.values[n]) for n in HardRobot._fields))
 
     def number(self, quantity: str, ours: str, thesis: str = "", rk4: str = "") -> Row:
         """A row of the table; the columns thesis and RK4 (docs/physics.md section 7) are of the thesis' robot."""

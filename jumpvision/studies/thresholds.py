@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from jumpvision.base.progress import watch
-from jumpvision.physics.hard.analysis import easiest_frequency, inertial_peak, minimum_amplitude
+from jumpvision.physics.hard.analysis import Search, easiest_frequency, inertial_peak, minimum_amplitude
 from jumpvision.physics.hard.jump import hard_sweep, sine_rows
 from jumpvision.physics.oscillator import damping_of
 
@@ -17,14 +15,8 @@ from .study import Found, Row, Sweep, study
 ENCODER_STEP = 6.25e-6  # m, docs/physics.md section 2
 LARGEST = 0.02  # m, greatest amplitude tried
 # near resonance A_min is flat: (f/f_0 - 1)^2 / (2 zeta^2) of itself, so 2e-11 m place f_100 to 2e-5
-SEARCH: dict[str, Any] = {
-    "lowest": 0.5,
-    "highest": 1.6,
-    "points": 16,
-    "rounds": 4,
-    "largest": 2e-3,
-    "resolution": 2e-11,
-}
+SEARCH = Search(0.5, 1.6, points=16, rounds=4)
+FINE = {"largest": 2e-3, "resolution": 2e-11}  # m
 CUTS = np.array([1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0])
 DAMPINGS = np.array([0.0083, 0.03, 0.06, 0.1, 0.15, 0.2])
 
@@ -46,9 +38,9 @@ def least_amplitude(s: Sweep) -> Found:
         [
             [
                 minimum_amplitude(
-                    f, phase, cycles=n, wait=wait, largest=LARGEST, resolution=ENCODER_STEP, **s.grounded
+                    f, phase, robot=s.robot, cycles=n, wait=wait, largest=LARGEST, resolution=ENCODER_STEP
                 ).T
-                for wait in (0.0, 1.0 / s.f0)
+                for wait in (0.0, 1.0 / s.robot.f0)
             ]
             for n in watch(cycles, "cycle numbers")
         ]
@@ -56,7 +48,7 @@ def least_amplitude(s: Sweep) -> Found:
     known = np.isfinite(least)
     jumps = hard_sweep(
         sine_rows(f, np.where(known, least + ENCODER_STEP, LARGEST), phase[:, None], cycles[:, None, None, None]),
-        **s.robot,
+        **s.robot._asdict(),
     )
     results = {n: np.where(known, v, np.nan) for n, v in jumps.items()}
     data = dataset(
@@ -71,10 +63,10 @@ def least_amplitude(s: Sweep) -> Found:
                 "m",
                 "least amplitude that lifts off within the window, to half an encoder step",
             ),
-            "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
+            "frequency_ratio": (("frequency",), f / s.robot.f0, "1", "frequency / f_0"),
         },
         attrs={
-            "f0_Hz": s.f0,
+            "f0_Hz": s.robot.f0,
             "resolution_m": ENCODER_STEP,
             "results": "of the jump one encoder step above the least amplitude",
         },
@@ -82,7 +74,7 @@ def least_amplitude(s: Sweep) -> Found:
     rows = []
     for n in cycles:
         for p in phase:
-            found = [_fine_best(s, n, p, f, wait) for wait in (0.0, 1.0 / s.f0)]
+            found = [_fine_best(s, n, p, f, wait) for wait in (0.0, 1.0 / s.robot.f0)]
             thesis = "nearly 1" if n == 5 else "depends on the phase" if n == 1 else ""
             rk4 = "0.74, 1.19" if n == 1 and abs(p - 0.5 * np.pi) < 1e-6 else ""
             name = f"f_opt/f_0 of A_min, N = {n:g}, phase {p / np.pi:.3g} pi (both windows)"
@@ -93,10 +85,10 @@ def least_amplitude(s: Sweep) -> Found:
 def _fine_best(s: Sweep, cycles: float, phase: float, f: np.ndarray, wait: float) -> float:
     """f/f_0 of the least A_min in the range of f, where the encoder's step would hide it."""
     fine = np.linspace(f[0], f[-1], 400)
-    least = minimum_amplitude(fine, [phase], cycles=cycles, wait=wait, largest=LARGEST, resolution=1e-8, **s.grounded)[
+    least = minimum_amplitude(fine, [phase], cycles=cycles, wait=wait, largest=LARGEST, resolution=1e-8, robot=s.robot)[
         :, 0
     ]
-    return float(fine[np.nanargmin(least)] / s.f0) if np.isfinite(least).any() else np.nan
+    return float(fine[np.nanargmin(least)] / s.robot.f0) if np.isfinite(least).any() else np.nan
 
 
 @study(
@@ -104,7 +96,7 @@ def _fine_best(s: Sweep, cycles: float, phase: float, f: np.ndarray, wait: float
     "hard",
     source="Fig 26",
     ranges={
-        "frequency": lambda s: np.linspace(0.27, 1.51, 150) * s.f0,
+        "frequency": lambda s: np.linspace(0.27, 1.51, 150) * s.robot.f0,
         "amplitude": np.geomspace(1e-5, 6e-3, 100),
         "phase": [0.5 * np.pi, 1.5 * np.pi],
     },
@@ -114,22 +106,26 @@ def lift_off_time(s: Sweep) -> Found:
     """Cycles to lift-off over (f, A), the easiest frequency f_N against the cut-off N, and against damping."""
     f, amp, phase = (s.axis(n) for n in ("frequency", "amplitude", "phase"))
     most = float(s.values.get("cycles", 100.0))
-    parts = [hard_sweep(sine_rows(f[:, None], amp, p, most), **s.robot) for p in watch(phase, "phases")]
+    parts = [hard_sweep(sine_rows(f[:, None], amp, p, most), **s.robot._asdict()) for p in watch(phase, "phases")]
     results = {n: np.stack([p[n] for p in parts]) for n in RESULTS}
     cycles = results["lift_off_s"] * f[:, None]
     cycles = np.where(cycles <= most, cycles, np.nan)
     cuts = CUTS[most >= CUTS]
     at_cut = np.array(
-        [[easiest_frequency(p, cycles=n, **SEARCH, **s.grounded) for p in phase] for n in watch(cuts, "cut-offs N")]
+        [
+            [easiest_frequency(p, robot=s.robot, cycles=n, search=SEARCH, **FINE) for p in phase]
+            for n in watch(cuts, "cut-offs N")
+        ]
     )
     damped = np.array(
         [
             [
                 easiest_frequency(
                     p,
+                    robot=s.robot._replace(damping=float(damping_of(z, s.robot.stiffness, s.robot.mass))),
                     cycles=cuts[-1],
-                    **SEARCH,
-                    **(s.grounded | {"damping": float(damping_of(z, s.robot["stiffness"], s.mass))}),
+                    search=SEARCH,
+                    **FINE,
                 )[0]
                 for p in phase
             ]
@@ -143,7 +139,7 @@ def lift_off_time(s: Sweep) -> Found:
             "1",
             f"cycles until the first lift-off, NaN where {most:g} cycles do not do it",
         ),
-        "frequency_ratio": (("frequency",), f / s.f0, "1", "frequency / f_0"),
+        "frequency_ratio": (("frequency",), f / s.robot.f0, "1", "frequency / f_0"),
         "easiest_frequency_ratio": (("cut_off", "phase"), at_cut[..., 0], "1", "f_N / f_0"),
         "easiest_amplitude_m": (("cut_off", "phase"), at_cut[..., 1], "m", "least amplitude for N cycles"),
         "easiest_ratio_damped": (("damping_ratio", "phase"), damped, "1", f"f_N / f_0 at N = {cuts[-1]:g}"),
@@ -155,7 +151,7 @@ def lift_off_time(s: Sweep) -> Found:
         ("phase", "frequency", "amplitude"),
         results,
         extra,
-        attrs={"f0_Hz": s.f0, "cycles": most},
+        attrs={"f0_Hz": s.robot.f0, "cycles": most},
     )
     rows: list[Row] = []
     for n in (1.0, 2.0, 5.0, 100.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.physics.oscillator import amplitude_of, best_jump, damping_of, natural_frequency
 
-from .jump import hard_sweep, sine_rows
+from .jump import HardRobot, hard_sweep, sine_rows
 
 
 def half_cycle_rows(
@@ -53,28 +54,31 @@ STUTTER, SINGLE = 0.5 * np.pi, 1.5 * np.pi  # rad
 KEY = "com_height_m"
 
 
+class Search(NamedTuple):
+    """Frequencies searched, lowest <= f/f_0 <= highest, on a grid of `points` and `rounds` finer ones (best_jump)."""
+
+    lowest: float
+    highest: float
+    points: int
+    rounds: int
+
+
 def best_by_alpha(
     alpha: ArrayLike,
     phase: ArrayLike,
     rod_share: ArrayLike,
     zeta: ArrayLike,
     *,
-    mass: float,
-    stiffness: float,
-    gravity: float,
-    landing_loss: float,
-    lowest: float,
-    highest: float,
-    points: int,
-    rounds: int,
+    robot: HardRobot,
+    search: Search,
     key: str = KEY,
 ) -> dict[str, NDArray]:
-    """The one-cycle jump of greatest `key` over lowest <= f/f_0 <= highest.
+    """The one-cycle jump of greatest `key` over the frequencies of the search.
 
-    alpha, phase [rad], rod_share m_r/M and zeta broadcast to (...). mass M [kg], stiffness [N/m], gravity [m/s^2],
-    landing_loss: see hard_jump.
-    points, rounds: see optimum.best_jump. Returns hard_sweep's results, frequency_ratio and amplitude_m, each (...).
+    alpha, phase [rad], rod_share m_r/M and zeta broadcast to (...); the latter two in place of the robot's own, whose
+    total mass is kept. Returns hard_sweep's results, frequency_ratio and amplitude_m, each (...).
     """
+    mass, stiffness, gravity = robot.mass, robot.stiffness, robot.gravity
     a, ph, share, z = np.broadcast_arrays(*(np.asarray(v, float) for v in (alpha, phase, rod_share, zeta)))
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
@@ -86,38 +90,33 @@ def best_by_alpha(
             stiffness=stiffness,
             damping=damping_of(z[..., None], stiffness, mass),
             gravity=gravity,
-            landing_loss=landing_loss,
+            landing_loss=robot.landing_loss,
         )
 
     shape = (*a.shape, 1)
-    at, best = best_jump(jumps, np.full(shape, lowest), np.full(shape, highest), points=points, rounds=rounds, key=key)
+    at, best = best_jump(
+        jumps,
+        np.full(shape, search.lowest),
+        np.full(shape, search.highest),
+        points=search.points,
+        rounds=search.rounds,
+        key=key,
+    )
     return best | {"frequency_ratio": at[..., 0], "amplitude_m": amp}
 
 
 def best_two_frequencies(
-    alpha: ArrayLike,
-    *,
-    rod_share: float,
-    zeta: float,
-    mass: float,
-    stiffness: float,
-    gravity: float,
-    landing_loss: float,
-    lowest: float,
-    highest: float,
-    highest2: float,
-    points: int,
-    points2: int,
-    rounds: int,
+    alpha: ArrayLike, *, robot: HardRobot, search: Search, highest2: float, points2: int
 ) -> dict[str, NDArray]:
     """The highest stutter jump (phase pi/2) whose two half cycles have frequencies of their own (thesis Fig 36).
 
-    Arguments as in best_by_alpha, alpha (n,). The first frequency is searched in lowest..highest (in f_0) on grids of
-    `points`, for every second frequency of a search in highest/2..highest2 on grids of `points2`, equal in log: the
-    height is a narrow ridge in the first and flat in the second, so one grid over both would miss it.
+    Arguments as in best_by_alpha, alpha (n,). The first frequency is searched as `search` says, for every second
+    frequency of a search in highest/2..highest2 (in f_0) on grids of `points2`, equal in log: the height is a narrow
+    ridge in the first and flat in the second, so one grid over both would miss it.
     Returns the results with frequency_ratio and frequency2_ratio, (n,).
     """
     a = np.asarray(alpha, float)
+    mass, stiffness, gravity, rod_share = robot.mass, robot.stiffness, robot.gravity, robot.rod_share
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
     def of_second(at: list[Array]) -> dict[str, NDArray]:
@@ -129,21 +128,24 @@ def best_two_frequencies(
                 motor_mass=mass * (1.0 - rod_share),
                 rod_mass=mass * rod_share,
                 stiffness=stiffness,
-                damping=damping_of(zeta, stiffness, mass),
+                damping=damping_of(robot.zeta, stiffness, mass),
                 gravity=gravity,
-                landing_loss=landing_loss,
+                landing_loss=robot.landing_loss,
             )
 
         shape = (*second.shape, 1)
         first, best = best_jump(
-            of_first, np.full(shape, lowest), np.full(shape, highest), points=points, rounds=rounds, key=KEY
+            of_first,
+            np.full(shape, search.lowest),
+            np.full(shape, search.highest),
+            points=search.points,
+            rounds=search.rounds,
+            key=KEY,
         )
         return best | {"frequency_ratio": first[..., 0]}
 
-    low, high = np.log(0.5 * highest), np.log(highest2)
-    at, best = best_jump(
-        of_second, np.full((*a.shape, 1), low), np.full((*a.shape, 1), high), points=points2, rounds=rounds, key=KEY
-    )
+    low, high = np.full((*a.shape, 1), np.log(0.5 * search.highest)), np.full((*a.shape, 1), np.log(highest2))
+    at, best = best_jump(of_second, low, high, points=points2, rounds=search.rounds, key=KEY)
     return best | {"frequency2_ratio": np.exp(at[..., 0]), "amplitude_m": amp}
 
 
@@ -177,15 +179,11 @@ def minimum_amplitude(
     frequencies: ArrayLike,
     phases: ArrayLike,
     *,
+    robot: HardRobot,
     cycles: float,
     wait: float,
     largest: float,
     resolution: float,
-    motor_mass: float,
-    rod_mass: float,
-    stiffness: float,
-    damping: float,
-    gravity: float,
 ) -> Array:
     """Least amplitude A [m] whose sinusoidal law lifts the settled robot off the ground, by bisection (thesis Fig 24).
 
@@ -203,15 +201,7 @@ def minimum_amplitude(
     f, phase = np.broadcast_arrays(np.asarray(frequencies, float)[:, None], np.asarray(phases, float)[None, :])
 
     def lifts(amplitude: Array) -> NDArray[np.bool_]:
-        jumps = hard_sweep(
-            sine_rows(f, amplitude, phase, cycles),
-            motor_mass=motor_mass,
-            rod_mass=rod_mass,
-            stiffness=stiffness,
-            damping=damping,
-            gravity=gravity,
-            landing_loss=0.0,
-        )
+        jumps = hard_sweep(sine_rows(f, amplitude, phase, cycles), **robot._asdict())
         return np.asarray(jumps["lift_off_s"] <= cycles / f + wait)  # NaN, no lift-off, compares false
 
     low, high = np.zeros(f.shape), np.full(f.shape, largest)
@@ -258,44 +248,25 @@ def energy_after_one_cycle(ratio: ArrayLike) -> Array:
 def easiest_frequency(
     phase: float,
     *,
+    robot: HardRobot,
     cycles: float,
-    lowest: float,
-    highest: float,
-    points: int,
-    rounds: int,
+    search: Search,
     largest: float,
     resolution: float,
-    motor_mass: float,
-    rod_mass: float,
-    stiffness: float,
-    damping: float,
-    gravity: float,
 ) -> tuple[float, float]:
     """f_N / f_0 and the amplitude [m] there: the least that lifts off within N = `cycles` cycles (no wait after them).
 
-    phase [rad]; lowest, highest: f/f_0 searched; points, rounds: see optimum.best_jump; largest, resolution [m]: see
-    analysis.minimum_amplitude. The resolution must be far below the differences of A_min that matter: near resonance
-    A_min is flat.
+    phase [rad]; largest, resolution [m]: see minimum_amplitude. The resolution must be far below the differences of
+    A_min that matter: near resonance A_min is flat.
     """
-    f0 = natural_frequency(stiffness, motor_mass + rod_mass)
 
     def jumps(at: list[Array]) -> dict[str, NDArray]:
-        least = minimum_amplitude(
-            at[0] * f0,
-            [phase],
-            cycles=cycles,
-            wait=0.0,
-            largest=largest,
-            resolution=resolution,
-            motor_mass=motor_mass,
-            rod_mass=rod_mass,
-            stiffness=stiffness,
-            damping=damping,
-            gravity=gravity,
-        )[:, 0]
-        return {"amplitude": -least}
+        given = {"cycles": cycles, "wait": 0.0, "largest": largest, "resolution": resolution}
+        return {"amplitude": -minimum_amplitude(at[0] * robot.f0, [phase], robot=robot, **given)[:, 0]}
 
-    at, best = best_jump(jumps, [lowest], [highest], points=points, rounds=rounds, key="amplitude")
+    at, best = best_jump(
+        jumps, [search.lowest], [search.highest], points=search.points, rounds=search.rounds, key="amplitude"
+    )
     return float(at[0]), -float(best["amplitude"])
 
 

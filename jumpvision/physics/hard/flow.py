@@ -247,7 +247,7 @@ def motor(piece: NDArray | tuple[float, ...], tau: float) -> tuple[float, float,
 
 
 @nb.njit(**KERNEL)
-def simulate(
+def follow_jump(
     pieces: NDArray,
     q: float,
     g: float,

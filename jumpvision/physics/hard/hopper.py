@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import Segments
-from jumpvision.physics.oscillator import natural_frequency
 
-from .jump import hard_jump, hard_sweep, sine_rows
+from .jump import HardRobot, hard_jump, hard_sweep, sine_rows
 
 PHASE = 1.5 * math.pi  # the motor is at rest between cycles: a change of frequency makes no velocity step
 
@@ -30,15 +29,10 @@ def cycles_in_a_row(frequencies: ArrayLike, *, amplitude: float, cycles: int) ->
 def apexes(
     frequencies: ArrayLike,
     *,
+    robot: HardRobot,
     amplitude: float,
     settle: int,
     keep: int,
-    motor_mass: float,
-    rod_mass: float,
-    stiffness: float,
-    damping: float,
-    gravity: float,
-    landing_loss: float,
 ) -> tuple[Array, NDArray[np.int64]]:
     """Apex heights of the hops [m] at each frequency, (n, keep), NaN-padded, and their numbers (n,).
 
@@ -46,24 +40,16 @@ def apexes(
     already falls. frequencies: (n,) [Hz] in the order of the sweep; settle cycles are left out at each, then the
     flights of `keep` cycles are taken (at most `keep` of them, the last).
     """
-    robot = {
-        "motor_mass": motor_mass,
-        "rod_mass": rod_mass,
-        "stiffness": stiffness,
-        "damping": damping,
-        "gravity": gravity,
-        "landing_loss": landing_loss,
-    }
     f = np.asarray(frequencies, float)
     law = cycles_in_a_row(f, amplitude=amplitude, cycles=settle + keep)
-    flights = hard_jump(**robot, forcing=law, t=None, t_end=law.stop)
+    flights = hard_jump(**robot._asdict(), forcing=law, t=None, t_end=law.stop)
     at = flights.lift_off
-    motion = hard_jump(**robot, forcing=law, t=at, t_end=law.stop)
+    motion = hard_jump(**robot._asdict(), forcing=law, t=at, t_end=law.stop)
     position, rate = law(at)
-    share = motor_mass / (motor_mass + rod_mass)
+    share = robot.motor_mass / robot.mass
     rise = motion.rod_velocity + share * rate
-    rest = (motor_mass + rod_mass) * gravity / stiffness
-    height = motion.rod + share * position + rest + np.maximum(rise, 0.0) ** 2 / (2.0 * gravity)
+    rest = robot.mass * robot.gravity / robot.stiffness
+    height = motion.rod + share * position + rest + np.maximum(rise, 0.0) ** 2 / (2.0 * robot.gravity)
     out, count = np.full((f.size, keep), np.nan), np.zeros(f.size, np.int64)
     for i, (start, stop, *_) in enumerate(law.rows):
         inside = height[(at >= start + settle / f[i]) & (at < stop)][-keep:]
@@ -103,38 +89,24 @@ def scattered(
     frequencies: ArrayLike,
     phases: ArrayLike,
     *,
+    robot: HardRobot,
     ringing: float,
     trials: int,
     rng: np.random.Generator,
     amplitude: float,
     cycles: float,
-    motor_mass: float,
-    rod_mass: float,
-    stiffness: float,
-    damping: float,
-    gravity: float,
-    landing_loss: float,
 ) -> dict[str, NDArray]:
     """hard_map's results, (nf, np, trials), of jumps that start from a ringing spring.
 
     ringing [m]: standard deviation of the rod's displacement, and of its velocity over w_0, at the start of the law.
     lift_off_s counts from the law's start; a spring that leaves the ground before it gives a negative one.
     """
-    mass = motor_mass + rod_mass
-    f0 = float(natural_frequency(stiffness, mass))
+    f0 = robot.f0
     f = np.asarray(frequencies, float)[:, None, None]
     ph = np.asarray(phases, float)[None, :, None]
     shape = (f.size, ph.size, trials)
     a = ringing * np.hypot(rng.standard_normal(shape), rng.standard_normal(shape))
     pause = (0.5 + rng.uniform(size=shape)) / f0
-    laws = ringing_rows(sine_rows(f, amplitude, ph, cycles), a, pause, share=motor_mass / mass, f0=f0)
-    out = hard_sweep(
-        laws,
-        motor_mass=motor_mass,
-        rod_mass=rod_mass,
-        stiffness=stiffness,
-        damping=damping,
-        gravity=gravity,
-        landing_loss=landing_loss,
-    )
+    laws = ringing_rows(sine_rows(f, amplitude, ph, cycles), a, pause, share=robot.motor_mass / robot.mass, f0=f0)
+    out = hard_sweep(laws, **robot._asdict())
     return out | {"lift_off_s": out["lift_off_s"] - laws[..., 2, 0]}

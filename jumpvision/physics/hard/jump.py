@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -16,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.oscillator import natural_frequency
 
 from .arc import AIR, ARC_SIZE, KERNEL, KIND, evaluate
-from .flow import motor, row, simulate
+from .flow import follow_jump, motor, row
 
 # name: unit, lowest, whether the lowest itself is allowed
 RANGES = {
@@ -35,6 +37,38 @@ RANGES = {
 }
 
 BLOCK = 256  # jumps
+
+
+class HardRobot(NamedTuple):
+    """The values of a robot on hard ground: keyword arguments of hard_jump and hard_sweep."""
+
+    motor_mass: float  # kg
+    rod_mass: float  # kg
+    stiffness: float  # N/m
+    damping: float  # N s/m
+    gravity: float  # m/s^2, along the rail
+    landing_loss: float = 0.0  # e
+
+    @property
+    def mass(self) -> float:
+        """M [kg]."""
+        return self.motor_mass + self.rod_mass
+
+    @property
+    def f0(self) -> float:
+        """Natural frequency [Hz]."""
+        return float(natural_frequency(self.stiffness, self.mass))
+
+    @property
+    def zeta(self) -> float:
+        """Damping ratio c / (2 sqrt(k M))."""
+        return float(self.damping / (2.0 * np.sqrt(self.stiffness * self.mass)))
+
+    @property
+    def rod_share(self) -> float:
+        """m_r / M."""
+        return self.rod_mass / self.mass
+
 
 RESULTS = (
     "com_height_m",
@@ -126,7 +160,7 @@ def hard_jump(
     size = 64 + 8 * len(pieces)
     while True:
         rows, flights = np.empty((size, 2 + ARC_SIZE)), np.empty((size, 2))
-        n_arcs, n_flights, n_jumps, _, com, rod, longest, power, force, airborne = simulate(
+        n_arcs, n_flights, n_jumps, _, com, rod, longest, power, force, airborne = follow_jump(
             pieces, q, gravity, w2, gam, math.sqrt(1.0 - landing_loss), t_end, rows, flights
         )
         if n_arcs <= size:
@@ -267,7 +301,7 @@ def _check_rows(rows: Array) -> None:
 
 
 def _pieces(forcing: Forcing) -> Array:
-    """The (n, 9) rows of hard_arc.make_arc, and one for simulate to fill in."""
+    """The (n, 9) rows of hard_arc.make_arc, and one for follow_jump to fill in."""
     if isinstance(forcing, Segments):
         rows = np.asarray(forcing.rows, float)
         _check_rows(rows)
@@ -331,7 +365,7 @@ def _sweep(laws: NDArray, robots: NDArray, out: NDArray) -> None:
             for r in range(laws.shape[1]):
                 for column in range(3):
                     pieces[r, column], pieces[r, 6 + column] = laws[i, r, column], laws[i, r, 3 + column]
-            _, _, n_jumps, first, com, rod, longest, power, force, _ = simulate(
+            _, _, n_jumps, first, com, rod, longest, power, force, _ = follow_jump(
                 pieces, motor_mass / mass, g, k / mass, 0.5 * c / mass, math.sqrt(1.0 - loss), math.inf, none, none
             )
             out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
