@@ -15,7 +15,6 @@ import xarray as xr
 
 from jumpvision.cli import main
 from jumpvision.dem.discs import Discs
-from jumpvision.dem.field import as_piv
 from jumpvision.dem.motion import Motion, discs_under_foot
 from jumpvision.lab import write
 from jumpvision.lab.films.discs import DiscCamera, disc_momentum
@@ -23,6 +22,8 @@ from jumpvision.lab.films.grains import View
 from jumpvision.lab.jumper import Law as Drive
 from jumpvision.lab.jumper import motion_of
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
+from jumpvision.results.fields import Piv
+from jumpvision.stages.grains.vectors import field_of_discs
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
 DENSITY, PHI = 1000.0, 0.57  # kg/m^3 of the grains and volume fraction that the analysis is told
@@ -145,10 +146,11 @@ def true_momentum(scene: Scene, d: Discs, m: Motion) -> dict[str, np.ndarray]:
     return {"field": field, "grains": np.array(grains)}
 
 
-def disc_field(scene: Scene, d: Discs, m: Motion, step: float, width: float) -> xr.Dataset:
-    """The discs' coarse-grained field over the picture, as `piv.nc`."""
+def disc_field(scene: Scene, d: Discs, m: Motion, step: float, width: float) -> Piv:
+    """The discs' coarse-grained field over the picture, as stage piv gives one."""
     t, x, y, face = mid_exposure(m)
     left = (-0.5 - scene.axis) * scene.scale
     bottom = -(scene.shape[0] - 0.5 - scene.surface_row) * scene.scale
     grid_x = np.arange(left + 0.5 * step, -left, step)
-    return as_piv(t, x, y, d.mass, face, grid_x=grid_x, grid_y=np.arange(bottom + 0.5 * step, 0.0, step), width=width)
+    grid_y = np.arange(bottom + 0.5 * step, 0.0, step)
+    return field_of_discs(t, x, y, d.mass, face, grid_x=grid_x, grid_y=grid_y, width=width)

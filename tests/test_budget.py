@@ -41,7 +41,7 @@ from jumpvision.inputs.sections import (
     RodVideo,
 )
 from jumpvision.lab import write
-from jumpvision.results.fields import Flow
+from jumpvision.results.fields import Column, ColumnGeometry, Flow, FlowGeometry
 from jumpvision.results.tables import RodMotion, Track
 from jumpvision.results.values import BedHeight, Fits
 from jumpvision.stages.bed.height import bed, packing_common
@@ -482,12 +482,11 @@ def test_the_cone_moves_with_the_scale_by_its_common_part(name):
             {"foot_depth": ("t", first + stretch * (z - first)), "added_mass": ("t", stretch**3 * mass),
              "added_mass_sigma": ("t", np.hypot(0.01 * stretch**3 * true, 3 * share * mass)),
              "added_mass_sigma_common": ("t", 3 * share * mass)},
-            attrs={"disc": "half", "initial_depth_m": first, "scale_share": share},
         )  # fmt: skip
-        ones = xr.Dataset({"max_speed": ("t", np.ones(40)), "foot_speed": ("t", np.ones(40))}, attrs={"min_speed": 0.1})
-        return grown_cone(
-            SimpleNamespace(field=ones), SimpleNamespace(field=data), known, radius, phi, None, phi_share
-        )[name]
+        ones = xr.Dataset({"max_speed": ("t", np.ones(40)), "foot_speed": ("t", np.ones(40))})
+        column = Column.of(ones, ColumnGeometry(0.9, 0.008, 0.005, 0.001, 1e-3, radius, min_speed=0.1))
+        flow = Flow.of(data, FlowGeometry(0.1, first, "half", "drawn", share))
+        return grown_cone(column, flow, known, radius, phi, None, phi_share)[name]
 
     e, less, plain = of(share=0.01), of(stretch=0.99), of()
     assert e.value == pytest.approx(plain.value, rel=1e-9)

@@ -8,7 +8,8 @@ from test_field import window_noise
 
 from jumpvision.grains.cone import fit_mass_curve, mass_curve, solve_cone
 from jumpvision.grains.gradients import gradients, shear_rate, shear_rate_sigma
-from jumpvision.grains.sides import cone_outline, shear_bands
+from jumpvision.grains.grid import Plane
+from jumpvision.grains.sides import Layer, cone_outline, shear_bands
 from jumpvision.mechanisms.cone import cone_mass
 
 R, C, MU, THETA, DENSITY = 0.0381, 2.7, 2.0, math.radians(60.0), 285.0
@@ -72,6 +73,9 @@ def test_too_short_a_range_says_so():
 X, Y, FOOT = np.arange(-45, 46) * 1e-3, -(np.arange(45) + 0.5) * 1e-3, 0.5
 
 
+LAYER = Layer(face=0.0, top=0.003, bottom=0.018)
+
+
 def banded(theta, thickness=0.004, height=0.022, offset=0.0):
     """v [m/s]: the foot's inside a cone of half width R at the face, falling like tanh across bands at theta."""
     d = -Y[:, None]
@@ -90,9 +94,9 @@ def test_angle_of_the_bands_within_two_degrees_and_inside_sigma(degrees, length)
         v = v + banded(math.radians(degrees))
         g = gradients(u, v, X, Y, s, s, ok, half_width=1, correlation_length=length)
         rate, sigma = shear_rate(g.u_x, g.u_y, g.v_x, g.v_y), shear_rate_sigma(g)
-        where = {"face": 0.0, "top": 0.003, "bottom": 0.018, "reach": 1.3 * R, "correlation_length": length}
-        found = {"bands": shear_bands(rate, sigma, X, Y, **where),
-                 "outline": cone_outline(v, ok, X, Y, speed=0.9 * FOOT, **where)}  # fmt: skip
+        where = {"reach": 1.3 * R, "correlation_length": length}
+        found = {"bands": shear_bands(rate, sigma, X, Y, LAYER, **where),
+                 "outline": cone_outline(Plane(v, s, ok, X, Y), LAYER, speed=0.9 * FOOT, **where)}  # fmt: skip
         for name, side in found.items():
             assert side.reason == ""
             e = math.degrees(side.theta) - degrees
@@ -108,14 +112,13 @@ def test_angle_of_the_bands_within_two_degrees_and_inside_sigma(degrees, length)
 def test_the_axis_may_be_off_and_no_band_is_said():
     ok = np.ones((Y.size, X.size), bool)
     v = banded(math.radians(60), offset=0.003)
-    side = cone_outline(v, ok, X, Y, speed=0.9 * FOOT, face=0.0, top=0.003, bottom=0.018, reach=0.045,
-                        correlation_length=1.0)  # fmt: skip
+    plane, where = Plane(v, 0.0 * v, ok, X, Y), {"reach": 0.045, "correlation_length": 1.0}
+    side = cone_outline(plane, LAYER, speed=0.9 * FOOT, **where)
     # |x - 3 mm| at 0.9 is inside R by 4 mm atanh(0.8) = 4.4 mm; linear between vectors of 1 mm: 0.05 mm
     assert side.offset == pytest.approx(0.003, abs=5e-5)
     assert side.radius == pytest.approx(R - 0.004 * math.atanh(0.8), abs=1e-4)
     assert math.degrees(side.theta) == pytest.approx(60.0, abs=0.2)
-    still = shear_bands(np.zeros(ok.shape), np.ones(ok.shape), X, Y, face=0.0, top=0.003, bottom=0.018, reach=0.045,
-                        correlation_length=1.0)  # fmt: skip
+    still = shear_bands(np.zeros(ok.shape), np.ones(ok.shape), X, Y, LAYER, **where)
     assert math.isnan(still.theta) and "found in 0 rows" in still.reason
 
 

@@ -9,8 +9,9 @@ from scipy.ndimage import gaussian_filter
 from test_field import window_noise
 
 from jumpvision.estimate.mean import near_the_median
-from jumpvision.grains.sides import cone_outline, cone_side
-from jumpvision.results.fields import Column
+from jumpvision.grains.grid import Plane
+from jumpvision.grains.sides import Layer, cone_outline, cone_side
+from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.stages.grains.cone import cone_fits, sides
 
 R, FOOT, STEP, WINDOW = 0.0381, 0.5, 2.4e-3, 7.2e-3
@@ -18,6 +19,7 @@ FINE = 3e-4  # m: the fields are drawn and blurred by 1 mm on this grid, and rea
 X = (np.arange(41) - 20) * STEP
 Y = -(np.arange(17) + 0.5) * STEP
 NOISE = 0.005 * FOOT
+LAYER = Layer(face=0.0, top=0.003, bottom=0.026)
 OUTSIDE = {
     "fades evenly": lambda n, d: np.exp(-n / 0.012),
     "fades faster above": lambda n, d: np.exp(-n / (0.008 + 0.5 * d)),
@@ -37,10 +39,13 @@ def drawn(theta, outside, offset=0.0):
     return -FOOT * blurred[3::8, 199 - 160 : 199 + 161 : 8]
 
 
-def side(v, start, **how):
-    where = {"start": start, "speed": FOOT, "face": 0.0, "top": 0.003, "bottom": 0.026, "edge": R, "window": WINDOW,
-             "blur": 0.001, "correlation_length": 3.0} | how  # fmt: skip
-    return cone_side(v, np.full(v.shape, NOISE), np.isfinite(v), X, Y, **where)
+def plane(v):
+    return Plane(v, np.full(v.shape, NOISE), np.isfinite(v), X, Y)
+
+
+def side(v, start, layer=LAYER, **how):
+    where = {"start": start, "speed": FOOT, "edge": R, "window": WINDOW, "blur": 0.001, "correlation_length": 3.0} | how
+    return cone_side(plane(v), layer, **where)
 
 
 def systematic(s):
@@ -73,8 +78,7 @@ def test_the_contour_of_the_speed_is_steeper_than_the_cone_where_grains_fade_fas
     L = 8 mm + d/2 and n0 = 0.105 L; cot falls by 0.053/sin(theta): from 45 to 47.2 degrees."""
     theta = math.radians(45)
     v = drawn(theta, OUTSIDE["fades faster above"])
-    outline = cone_outline(v, np.isfinite(v), X, Y, speed=0.9 * FOOT, face=0.0, top=0.003, bottom=0.026, reach=0.05,
-                           correlation_length=3.0)  # fmt: skip
+    outline = cone_outline(plane(v), LAYER, speed=0.9 * FOOT, reach=0.05, correlation_length=3.0)
     expected = math.degrees(math.atan2(1.0, 1.0 - 0.5 * math.log(1 / 0.9) / math.sin(theta)))
     assert math.degrees(outline.theta) == pytest.approx(expected, abs=0.5)  # blur, and linear between vectors
 
@@ -86,7 +90,7 @@ def test_the_axis_may_be_off_and_what_shows_no_side_says_so():
     assert s.offset == pytest.approx(0.002, abs=1e-4)
     assert s.radius == pytest.approx(R, abs=3e-4)
     assert s.blur == pytest.approx(0.001, rel=0.15)
-    assert "shorter than" in side(v, (1.0, R), bottom=0.01).reason
+    assert "shorter than" in side(v, (1.0, R), LAYER._replace(bottom=0.01)).reason
     assert "vectors about both sides" in side(np.where(X < 0.0, v, np.nan), (1.0, R)).reason
     assert side(np.full(v.shape, -FOOT), (1.0, R)).reason
 
@@ -111,7 +115,7 @@ def test_mu_counts_only_while_the_cone_is_broader_than_the_column():
                          "theta_outline_deg_sigma", "theta_bands_deg", "theta_bands_deg_sigma"), one),
     }  # fmt: skip
     data = xr.Dataset({k: ("t", v) for k, v in names.items()})
-    data.attrs = {"min_speed": 0.05, "half_width_m": 0.005, "blur_m": 0.001, "layer_m": 0.008, "axis_off_m": 1e-3}
+    data = Column.of(data, ColumnGeometry(0.9, 0.008, 0.005, 0.001, 1e-3, R, 0.05)).field
     data["theta_outline_deg"] = data.theta_deg + 4.0
     data["outline_radius"] = data.cone_radius
     fits = cone_fits(Column(data))

@@ -9,12 +9,12 @@ import pytest
 from dem_scene import KINDS, Scene, disc_field, foot_path, run_discs
 
 from jumpvision.dem.discs import Box
-from jumpvision.dem.field import as_piv, coarse_grain
+from jumpvision.dem.field import coarse_grain
 from jumpvision.dem.packing import pack
 from jumpvision.inputs.parameters import FlowParams
 from jumpvision.inputs.sections import Bed, GrainVideo
-from jumpvision.results.fields import Piv
 from jumpvision.stages.grains.flow import flow
+from jumpvision.stages.grains.vectors import field_of_discs
 
 D = 1e-3
 BED = pack(Box(-0.03, 0.03, -0.04, 0.0), 0.78, diameter=D, density=1.0, rng=np.random.default_rng(0))
@@ -23,9 +23,9 @@ SAND = Bed(volume_fraction=0.57, grain_density=1000.0)
 
 
 def moved(x, y, face=(0.0, -1e-4)):
-    """`as_piv` of the bed's discs that go to x, y in 2 ms."""
+    """`field_of_discs` of the bed's discs that go to x, y in 2 ms."""
     gx, gy = (np.arange(-0.0255, 0.026, 1e-3), np.arange(-0.0395, 0.0, 1e-3))
-    return as_piv([0.0, 2e-3], [BED.x, x], [BED.y, y], BED.mass, face, grid_x=gx, grid_y=gy, width=1.5e-3)
+    return field_of_discs([0.0, 2e-3], [BED.x, x], [BED.y, y], BED.mass, face, grid_x=gx, grid_y=gy, width=1.5e-3)
 
 
 def test_coarse_graining_conserves_mass_and_momentum():
@@ -55,7 +55,7 @@ def test_the_stated_sigma_of_the_local_mean_is_the_true_one():
 def test_discs_in_simple_shear_have_its_shear_rate():
     """gamma/sqrt(2); a local mean lies at the discs' centroid, not at the grid point: mean within 2 %."""
     gamma = 20.0
-    data = flow(Piv(moved(BED.x + gamma * BED.y * 2e-3, BED.y)), FILM, SAND, None, p=FlowParams()).field
+    data = flow(moved(BED.x + gamma * BED.y * 2e-3, BED.y), FILM, SAND, None, p=FlowParams()).field
     inner = data.shear_rate.values[5:-5, 5:-5, 0]
     assert np.nanmean(inner) == pytest.approx(gamma / math.sqrt(2.0), rel=0.02)
     assert np.nanmean(data.vorticity.values[5:-5, 5:-5, 0]) == pytest.approx(-gamma, rel=0.02)
@@ -64,7 +64,7 @@ def test_discs_in_simple_shear_have_its_shear_rate():
 def test_discs_that_sink_together_carry_the_closed_form_momentum():
     """P = rho phi pi V H R^2/2 below the face: no interpolation can change a constant field."""
     data = moved(BED.x, BED.y - 1e-3)
-    found = flow(Piv(data), FILM, SAND, None, p=FlowParams()).field
+    found = flow(data, FILM, SAND, None, p=FlowParams()).field
     height, radius, speed = 0.04 - 5e-5, 0.026, 0.5
     truth = 1000.0 * 0.57 * math.pi * speed * height * radius**2 / 2.0
     assert float(found.covered[0]) == pytest.approx(1.0, abs=1e-9)
@@ -85,5 +85,5 @@ def test_the_stutter_jump_moves_the_most_grain_momentum():
         t, foot_y = foot_path(kind)
         d, m = run_discs(scene, t, foot_y, int((t[-1] - 1e-3) * 500), seed=3)
         field = disc_field(scene, d, m, step=4e-3, width=3e-3)
-        peak[kind] = float(flow(Piv(field), FILM, SAND, None, p=FlowParams()).field.momentum.max())
+        peak[kind] = float(flow(field, FILM, SAND, None, p=FlowParams()).field.momentum.max())
     assert peak["stutter"] > 1.3 * max(peak["single"], peak["delayed_stutter"]), peak

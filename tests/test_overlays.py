@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jumpvision.grains.grid import VectorGrid
 from jumpvision.report.figures.overlays import STRIP, Drawing, webm
 
 ROWS, COLUMNS, SCALE = 80, 90, 1e-3  # px, px, m/px
-ORIGIN = 45.0, 10.0  # column, row
+GRID = VectorGrid(delta_t=0.01, source="drawn", scale_m_per_px=SCALE, origin_column_px=45.0, origin_row_px=10.0,
+                  window_px=16, step_px=16, error_px=16, image_rows=ROWS, image_columns=COLUMNS)  # fmt: skip
 
 
 def field(u, v, chc, n=2):
@@ -20,13 +22,12 @@ def field(u, v, chc, n=2):
     return xr.Dataset(
         {"u": (shape, full[0], {"units": "m/s"}), "v": (shape, full[1]), "chc": (shape, full[2])},
         coords={"x": [0.0], "y": [-0.03], "t": np.arange(n) * 0.01},
-        attrs={"origin_column_px": ORIGIN[0], "origin_row_px": ORIGIN[1]},
     )
 
 
 def drawn(u, v, chc=1.0):
     """Rows and columns, in pixels of the frame, of what is drawn, and its colours (BGR)."""
-    draw = Drawing(field(u, v, chc), np.tile(np.uint8([0, 200]), (ROWS, COLUMNS // 2)), SCALE)
+    draw = Drawing(field(u, v, chc), GRID, np.tile(np.uint8([0, 200]), (ROWS, COLUMNS // 2)), SCALE)
     picture = draw(np.zeros((ROWS, COLUMNS), np.uint8), 0)[:-STRIP].astype(int)
     seen = np.ptp(picture, axis=2) > 40  # colour, where the frame is grey
     row, column = np.nonzero(seen)

@@ -16,12 +16,14 @@ import xarray as xr
 
 from jumpvision.base.storage import write_aside
 from jumpvision.cli import main
+from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.experiment import open_campaign
 from jumpvision.report.figures.cone_film import ConeDrawing
 from jumpvision.report.figures.overlays import STRIP, webm
 from jumpvision.report.pages.charts import heights_chart
 from jumpvision.report.pages.page import NAME, write_report
 from jumpvision.report.pages.words import experiment_words
+from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.workflow.run import Outcome, jumps_table
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
@@ -111,12 +113,13 @@ def grains_into(out):
     fronts = {"jammed_thickness": 2.0 * depth, "jammed_thickness_sigma": zero + 5e-4, "theta_deg": zero + 60.0,
               "theta_bands_deg": zero + 62.0, "cone_radius": zero + 0.0381}  # fmt: skip
     below = -y[:, None] - depth
-    xr.Dataset(
+    column = xr.Dataset(
         {**places, **{k: ("t", v) for k, v in (fronts | {k: np.ones(12) for k in named}).items()},
          "depth": (("y", "t"), below), "speed": (("y", "t"), np.exp(-np.abs(below))),
          "speed_sigma": (("y", "t"), np.full_like(below, 0.01)), "foot_depth": ("t", depth)},
-        coords={"y": y, "t": t}, attrs={"foot_radius_m": 0.0381, "front": 0.9},
-    ).to_netcdf(out / "column.nc")  # fmt: skip
+        coords={"y": y, "t": t},
+    )  # fmt: skip
+    Column.of(column, ColumnGeometry(0.9, 0.008, 0.005, 0.001, 1e-3, 0.0381, 0.05)).save(out)
     fit = {"sigma": 0.01, "unit": "", "n": 12, "chi2": 1.0}
     fits = {"mu": 2.0, "mu_intercept_m": 0.0, "cone_slope_kg_m": 2.0, "mu_over_tan_theta": 0.5, "C": 2.7}
     (out / "fits.json").write_text(json.dumps({k: {"value": v, **fit} for k, v in fits.items()}))
@@ -299,10 +302,11 @@ def test_the_cone_film_shows_shear_where_it_is_below_the_foot():
     strong = np.abs(x + 0.020) < 0.003  # a band 20 mm left of the axis
     shear[:, strong] = 10.0
     coords = {"x": x, "y": y, "t": np.arange(n) * 0.01}
-    field = xr.Dataset({"foot_y": ("t", np.full(n, -0.030))}, coords=coords,
-                       attrs={"origin_column_px": 45.0, "origin_row_px": 2.0})  # fmt: skip
+    field = xr.Dataset({"foot_y": ("t", np.full(n, -0.030))}, coords=coords)
+    grid = VectorGrid(delta_t=0.01, source="drawn", scale_m_per_px=scale, origin_column_px=45.0, origin_row_px=2.0,
+                      window_px=4, step_px=4, error_px=4, image_rows=80, image_columns=92)  # fmt: skip
     rate = xr.DataArray(shear, dims=("y", "x", "t"), coords=coords)
-    draw = ConeDrawing(field, rate, None, np.tile(np.uint8([0, 200]), (80, 46)), scale)
+    draw = ConeDrawing(field, grid, rate, None, np.tile(np.uint8([0, 200]), (80, 46)), scale)
     picture = draw(np.zeros((80, 92), np.uint8), 1)[:-STRIP].astype(int)
     row, column = np.nonzero(picture[..., 2] > 120)  # red: nothing else has it
     # grid of 4 mm with linear interpolation: half of the band's weight lies within 2 mm of its middle

@@ -13,7 +13,7 @@ from jumpvision.diagnosis.diagnose import Diagnosis
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper, of_jump
 from jumpvision.diagnosis.jumper.jumps import Measured
-from jumpvision.grains.momentum import ANGLE
+from jumpvision.grains.momentum import ANGLE, peak_momentum
 from jumpvision.mechanisms.cone import cone_mass
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.energy import energy_ledger
@@ -51,13 +51,13 @@ def films(outcomes: Mapping[str, Outcome]) -> list[Film]:
             continue
         fits = Fits.load(outcome.results).values
         seen = fits.get("added_mass_kg", {})
-        field = Flow.load(outcome.results).field
-        momentum = np.where(np.isfinite(field.added_mass.values), field.momentum.values, np.nan)
-        if seen.get("sigma") and np.isfinite(momentum).any():
-            depth = float(field.foot_depth.values[np.nanargmax(momentum)])
+        flow = Flow.load(outcome.results)
+        peak = peak_momentum(flow.field.momentum, flow.field.added_mass)
+        if seen.get("sigma") and peak is not None:
+            depth = float(flow.field.foot_depth.values[peak])
             moved = [fits["momentum_per_vector_of_window"]["value"], AXIS * fits["momentum_per_mm_of_axis"]["value"]]
             share = math.hypot(seen["sigma"] / seen["value"], *(x for x in moved if x is not None))
-            whole = seen["value"] * ANGLE["full"] / ANGLE[field.attrs["disc"]]
+            whole = seen["value"] * ANGLE["full"] / ANGLE[flow.geometry.disc]
             out.append(Film(name, depth, whole, whole * share))
     return out
 

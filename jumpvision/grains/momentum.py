@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from jumpvision.base.arrays import Array
 
 from .gradients import correlated_variance
+from .grid import Plane
 
 ANGLE = {"full": 2.0 * math.pi, "half": math.pi}  # rad of the disc that pushes grains: whole, or half at the wall
 PUSHING = 0.5  # of the foot's speed: slower grains under it are not pushed by it (it is in the air, or has a gap below)
@@ -29,33 +30,39 @@ class Momentum(NamedTuple):
     covered: float
 
 
+class Domain(NamedTuple):
+    """Where momentum is summed up [m]: top is the foot's face (vectors above it do not count); bottom, left and right
+    the edges of the picture or of the bed. axis: x of the foot's axis."""
+
+    top: float
+    bottom: float
+    left: float
+    right: float
+    axis: float = 0.0
+
+
+class Foot(NamedTuple):
+    """radius [m] and velocity [m/s], positive up."""
+
+    radius: float
+    velocity: float
+
+
 def grain_momentum(
-    v: ArrayLike,
-    x: ArrayLike,
-    y: ArrayLike,
-    v_sigma: ArrayLike,
-    valid: ArrayLike,
+    plane: Plane,
+    domain: Domain,
     *,
-    top: float,
-    bottom: float,
-    left: float,
-    right: float,
-    axis_x: float,
-    density: float,
-    volume_fraction: float,
+    bulk_density: float,
     disc: str,
     correlation_length: float,
     error_length: float | None = None,
-    foot: tuple[float, float] | None = None,
+    foot: Foot | None = None,
 ) -> Momentum:
     """P = -rho phi c int int v r dr dh over left..right, bottom..top; c = 2 pi for a full disc, pi for a half foot.
 
-    v, v_sigma [m/s], v positive UP (the value, positive down, has the opposite sign), valid [bool]: shape (ny, nx).
-    x (nx,), y (ny,) [m] strictly monotonic cell centres, y up. Domain [m]: top is the foot's face (vectors above it do
-    not count), bottom, left and right the edges of the picture or of the bed. axis_x [m]: the foot's axis. density
-    rho [kg/m^3] of the grains' material. correlation_length: window width / grid step (`grains.gradients`);
-    error_length: the same for the errors, where smoothing has made them alike over more than a window. foot: its radius
-    [m] and velocity [m/s, up], where known.
+    plane: v positive UP (the value, positive down, has the opposite sign). bulk_density rho phi [kg/m^3] of the bed.
+    correlation_length: window width / grid step (`grains.gradients`); error_length: the same for the errors, where
+    smoothing has made them alike over more than a window. foot: where known.
 
     Both half planes are measured and azimuthal symmetry is assumed: radii seen on both sides are averaged, radii seen
     on one side only count in full. Every cell is weighted with its exact int r dr inside the domain, and the outermost
@@ -76,81 +83,114 @@ def grain_momentum(
 
     The sigma does not hold the errors of rho, phi, the scale and the axis, which are common to all frames.
     """
-    v, x, y = (np.asarray(a, dtype=float) for a in (v, x, y))
-    sigma, ok = np.asarray(v_sigma, dtype=float), np.asarray(valid, dtype=bool)
-    for name, field in (("v_sigma", sigma), ("valid", ok)):
-        if v.ndim != 2 or field.shape != v.shape:
-            raise ValueError(f"grain_momentum: {name} has shape {field.shape}, v has {v.shape}; both must be (ny, nx)")
-    if disc not in ANGLE:
-        raise ValueError(f"grain_momentum: disc = {disc!r} must be 'half' (foot flush with the wall) or 'full'")
-    if not (bottom < top and left < right):
-        raise ValueError(
-            f"grain_momentum: empty domain: bottom {bottom:g}, top {top:g}, left {left:g}, right {right:g} m"
-        )
-    ok = ok & np.isfinite(v) & np.isfinite(sigma) & (y < top)[:, None]
-    if np.any(sigma[ok] < 0.0):
-        raise ValueError("grain_momentum: v_sigma has a negative value at a valid vector")
+    v, sigma, ok, x, y = _checked(plane, domain, disc)
+    top, bottom, left, right, axis = domain
     half = 0.5 * max(1.0, correlation_length)  # of a window, in grid steps
-    factor = density * volume_fraction * ANGLE[disc]
+    factor = bulk_density * ANGLE[disc]
 
     def heights(reach: float) -> Array:
         return np.clip(_edges("y", y, v.shape[0], reach), bottom, top)
 
     def weights(reach: float) -> Array:
         height = np.abs(np.diff(heights(reach)))
-        edges = np.clip(_edges("x", x, v.shape[1], reach), left, right) - axis_x
+        edges = np.clip(_edges("x", x, v.shape[1], reach), left, right) - axis
         return np.asarray(factor * height[:, None] * _ring(edges)[None, :])
 
     weight = weights(half + 1.0)  # the windows, and what the grid leaves beyond them
-    border = weight - weights(0.5)
-    total = factor * (top - bottom) * 0.5 * max(axis_x - left, right - axis_x, 0.0) ** 2
+    total = factor * (top - bottom) * 0.5 * max(axis - left, right - axis, 0.0) ** 2
     if not ok.any() or not total > 0.0:
         return Momentum(math.nan, math.nan, 0.0)
-
-    shares = np.where(ok, weight, 0.0)  # P = -sum shares v over the measured cells, filled cells shared out to them
-    filled, hole_variance = ok.copy(), 0.0
-    for i in range(v.shape[0]):
-        for a, b in pairwise(np.flatnonzero(ok[i]).tolist()):
-            if not 1 < b - a <= max(2.0, 2.0 * half):
-                continue
-            k = np.arange(a + 1, b)
-            part, w = (x[k] - x[a]) / (x[b] - x[a]), weight[i, k]
-            shares[i, a] += float(np.sum(w * (1.0 - part)))
-            shares[i, b] += float(np.sum(w * part))
-            filled[i, k] = True
-            hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
-    held, drift = float(weight[filled].sum()), _border_drift(border, v, ok, 0.5 * half + 0.75)
-    base = math.ceil(half)
+    sums = _Sums(weight, v, ok)
+    sums.fill_holes(x, max(2.0, 2.0 * half))
+    sums.drift = _border_drift(weight - weights(0.5), v, ok, 0.5 * half + 0.75)
     inside = heights(half + 1.0)
     middle = 0.5 * (inside[1:] + inside[:-1])  # of the part of a cell below the face
-    under, rising = _pushed(v, ok, x - axis_x, y, foot)
-    at_face = bridged = 0.0
-    for i, j in zip(*np.nonzero(~filled & (weight > 0.0))):
-        at = np.flatnonzero(ok[:, j])
-        near = int(at[np.argmin(np.abs(at - i))]) if at.size else -1
-        if near < 0 or abs(near - i) > max(1, base):
-            continue
-        far = near + base * (1 if near > i else -1)
-        there = 0 <= far < y.size and ok[far, j]
-        slope = (v[near, j] - v[far, j]) / (y[near] - y[far]) if there else 0.0
-        held += float(weight[i, j])
-        if under[j] and y[i] > y[near] and v[near, j] + slope * (top - y[near]) > rising:
-            part = weight[i, j] * (middle[i] - y[near]) / (top - y[near])
-            shares[near, j] += weight[i, j] - part
-            at_face += float(part * rising)
-            bridged += float(weight[i, j] * (rising - v[near, j]))
-            continue
-        reach = (middle[i] - y[near]) / (y[near] - y[far]) if there else 0.0
-        shares[near, j] += weight[i, j] * (1.0 + reach)
-        if reach:
-            shares[far, j] -= weight[i, j] * reach
-            drift += float(weight[i, j] * reach * (v[near, j] - v[far, j]))
+    sums.fill_gap(y, middle, top, math.ceil(half), *_pushed(v, ok, x - axis, y, foot))
     noise = correlated_variance(
-        np.where(ok, shares * np.where(ok, sigma, 0.0), 0.0), error_length or correlation_length
+        np.where(ok, sums.shares * np.where(ok, sigma, 0.0), 0.0), error_length or correlation_length
     )
-    value = -float(np.sum(shares[ok] * v[ok])) - at_face
-    variance = noise + hole_variance + drift**2 / 3.0 + bridged**2 / 12.0
-    return Momentum(value, math.sqrt(variance), held / total)
+    value = -float(np.sum(sums.shares[ok] * v[ok])) - sums.at_face
+    variance = noise + sums.hole_variance + sums.drift**2 / 3.0 + sums.bridged**2 / 12.0
+    return Momentum(value, math.sqrt(variance), sums.held / total)
+
+
+class _Sums:
+    """P = -sum shares v over the measured cells, filled cells shared out to them, and by what the filling may be off.
+
+    weight: of each cell, v, ok: measured, (ny, nx). held: weight of what is measured or filled.
+    """
+
+    def __init__(self, weight: Array, v: Array, ok: NDArray[np.bool_]):
+        self.weight, self.v, self.ok = weight, v, ok
+        self.shares, self.filled = np.where(ok, weight, 0.0), ok.copy()
+        self.held = self.hole_variance = self.drift = self.at_face = self.bridged = 0.0
+
+    def fill_holes(self, x: Array, widest: float) -> None:
+        """Cells between two vectors of a row less than `widest` steps apart."""
+        weight, v, shares = self.weight, self.v, self.shares
+        for i in range(v.shape[0]):
+            for a, b in pairwise(np.flatnonzero(self.ok[i]).tolist()):
+                if not 1 < b - a <= widest:
+                    continue
+                k = np.arange(a + 1, b)
+                part, w = (x[k] - x[a]) / (x[b] - x[a]), weight[i, k]
+                shares[i, a] += float(np.sum(w * (1.0 - part)))
+                shares[i, b] += float(np.sum(w * part))
+                self.filled[i, k] = True
+                self.hole_variance += (float(w.sum()) * (v[i, b] - v[i, a])) ** 2 / 12.0
+        self.held = float(weight[self.filled].sum())
+
+    def fill_gap(self, y: Array, middle: Array, top: float, base: int, under: NDArray[np.bool_], rising: float) -> None:
+        """Cells up to `base` steps from the next vector in their column. middle (ny,): height of each row's cells
+        below the face at `top`; under (nx,): columns under a foot that pushes, rising: its velocity."""
+        weight, v, ok, shares = self.weight, self.v, self.ok, self.shares
+        for i, j in zip(*np.nonzero(~self.filled & (weight > 0.0))):
+            at = np.flatnonzero(ok[:, j])
+            near = int(at[np.argmin(np.abs(at - i))]) if at.size else -1
+            if near < 0 or abs(near - i) > max(1, base):
+                continue
+            far = near + base * (1 if near > i else -1)
+            there = 0 <= far < y.size and ok[far, j]
+            slope = (v[near, j] - v[far, j]) / (y[near] - y[far]) if there else 0.0
+            self.held += float(weight[i, j])
+            if under[j] and y[i] > y[near] and v[near, j] + slope * (top - y[near]) > rising:
+                part = weight[i, j] * (middle[i] - y[near]) / (top - y[near])
+                shares[near, j] += weight[i, j] - part
+                self.at_face += float(part * rising)
+                self.bridged += float(weight[i, j] * (rising - v[near, j]))
+                continue
+            reach = (middle[i] - y[near]) / (y[near] - y[far]) if there else 0.0
+            shares[near, j] += weight[i, j] * (1.0 + reach)
+            if reach:
+                shares[far, j] -= weight[i, j] * reach
+                self.drift += float(weight[i, j] * reach * (v[near, j] - v[far, j]))
+
+
+def _checked(plane: Plane, domain: Domain, disc: str) -> tuple[Array, Array, NDArray[np.bool_], Array, Array]:
+    """v, sigma, which vectors count, x, y as arrays; ValueError where they, the domain or the disc make no sense."""
+    v, x, y = (np.asarray(a, dtype=float) for a in (plane.v, plane.x, plane.y))
+    sigma, ok = np.asarray(plane.sigma, dtype=float), np.asarray(plane.valid, dtype=bool)
+    for name, field in (("sigma", sigma), ("valid", ok)):
+        if v.ndim != 2 or field.shape != v.shape:
+            raise ValueError(f"grain_momentum: {name} has shape {field.shape}, v has {v.shape}; both must be (ny, nx)")
+    if disc not in ANGLE:
+        raise ValueError(f"grain_momentum: disc = {disc!r} must be 'half' (foot flush with the wall) or 'full'")
+    top, bottom, left, right, _ = domain
+    if not (bottom < top and left < right):
+        raise ValueError(
+            f"grain_momentum: empty domain: bottom {bottom:g}, top {top:g}, left {left:g}, right {right:g} m"
+        )
+    ok = ok & np.isfinite(v) & np.isfinite(sigma) & (y < top)[:, None]
+    if np.any(sigma[ok] < 0.0):
+        raise ValueError("grain_momentum: sigma has a negative value at a valid vector")
+    return v, sigma, ok, x, y
+
+
+def peak_momentum(momentum: ArrayLike, added_mass: ArrayLike) -> int | None:
+    """Index of the time with the greatest momentum of the grains, (t,), among those that have an added mass; None where
+    none has."""
+    known = np.isfinite(np.asarray(added_mass, dtype=float))
+    return int(np.nanargmax(np.where(known, np.asarray(momentum, dtype=float), -np.inf))) if known.any() else None
 
 
 def added_mass(
@@ -173,16 +213,15 @@ def added_mass(
     return mass, np.hypot(ps, mass * vs) / np.abs(v)
 
 
-def _pushed(
-    v: Array, ok: NDArray[np.bool_], r: Array, y: Array, foot: tuple[float, float] | None
-) -> tuple[NDArray[np.bool_], float]:
+def _pushed(v: Array, ok: NDArray[np.bool_], r: Array, y: Array, foot: Foot | None) -> tuple[NDArray[np.bool_], float]:
     """Columns (nx,) under a foot that pushes grains, and its velocity; none where the uppermost vectors lag behind."""
     none = np.zeros(r.size, bool)
-    if foot is None or not (math.isfinite(foot[1]) and foot[1] < 0.0):
+    if foot is None or not (math.isfinite(foot.velocity) and foot.velocity < 0.0):
         return none, 0.0
-    under = (np.abs(r) < foot[0]) & ok.any(0)
+    under = (np.abs(r) < foot.radius) & ok.any(0)
     uppermost = v[np.argmax(np.where(ok, y[:, None], -np.inf), axis=0), np.arange(r.size)][under]
-    return (under, foot[1]) if uppermost.size and np.median(uppermost) < PUSHING * foot[1] else (none, 0.0)
+    pushes = uppermost.size and np.median(uppermost) < PUSHING * foot.velocity
+    return (under, foot.velocity) if pushes else (none, 0.0)
 
 
 def _edges(name: str, x: Array, size: int, half: float) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from scipy.special import ndtr
 from jumpvision.base.arrays import FROM_MAD, Array
 
 from .gradients import correlated_variance
+from .grid import Plane
 
 REACH = 2  # vectors on each side of the greatest shear rate through which its parabola is laid
 LEAST_RIDGE = 4.0  # sigmas of the shear rate below which a row has no ridge
@@ -38,56 +40,55 @@ class Sides:
     reason: str = ""
 
 
+class Layer(NamedTuple):
+    """Rows between the depths top and bottom [m] below the foot's face, which is at y = face [m], y up."""
+
+    face: float
+    top: float
+    bottom: float
+
+    def depths(self, y: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Depth of each row [m], and which rows lie in the layer."""
+        depth = self.face - y
+        return depth, (depth >= self.top) & (depth <= self.bottom)
+
+
 def shear_bands(
     rate: ArrayLike,
     sigma: ArrayLike,
     x: ArrayLike,
     y: ArrayLike,
+    layer: Layer,
     *,
-    face: float,
-    top: float,
-    bottom: float,
     reach: float,
     correlation_length: float,
 ) -> Sides:
-    """Ridges in the rows between the depths top and bottom [m] below the face, with |x| < reach [m], and their lines.
+    """Ridges in the rows of the layer, with |x| < reach [m], and their lines.
 
-    rate, sigma [1/s]: shear rate and its standard uncertainty, (ny, nx), NaN where unknown. x (nx,), y (ny,), face [m],
+    rate, sigma [1/s]: shear rate and its standard uncertainty, (ny, nx), NaN where unknown. x (nx,), y (ny,) [m],
     y up, x from the foot's axis, equally spaced. correlation_length: window over grid step, the rows over which errors
     of places are alike. A row's ridge is the vertex of a parabola through the 2 REACH + 1 rates around the greatest
-    one on that side. Rows below the jammed cone have no band of it: bottom must not exceed the cone's height.
+    one on that side. Rows below the jammed cone have no band of it: the layer must not exceed the cone's height.
     """
     rate, sigma, x, y = (np.asarray(a, dtype=float) for a in (rate, sigma, x, y))
-    depth, step = face - y, float(np.abs(x[1] - x[0]))
+    (depth, rows), step = layer.depths(y), float(np.abs(x[1] - x[0]))
     places = np.full((2, y.size), np.nan)
-    for i in np.flatnonzero((depth >= top) & (depth <= bottom)):
+    for i in np.flatnonzero(rows):
         for side, sign in enumerate((-1.0, 1.0)):
             places[side, i] = _ridge(rate[i], sigma[i], sign * x, reach, step)
     return _lines(places, depth, step, correlation_length)
 
 
-def cone_outline(
-    v: ArrayLike,
-    valid: ArrayLike,
-    x: ArrayLike,
-    y: ArrayLike,
-    *,
-    speed: float,
-    face: float,
-    top: float,
-    bottom: float,
-    reach: float,
-    correlation_length: float,
-) -> Sides:
+def cone_outline(plane: Plane, layer: Layer, *, speed: float, reach: float, correlation_length: float) -> Sides:
     """Where the grains' downward speed falls through `speed` [m/s] on the way outwards, and its two lines.
 
-    v [m/s] up and valid: (ny, nx); the rest as in `shear_bands`. Grains inside move with the foot (thesis: 0.9 of its
+    The rest as in `shear_bands`. Grains inside move with the foot (thesis: 0.9 of its
     speed). Between two vectors the speed is taken as linear.
     """
-    v, x, y = (np.asarray(a, dtype=float) for a in (v, x, y))
-    down, depth, step = np.where(np.asarray(valid, bool), -v, np.nan), face - y, float(np.abs(x[1] - x[0]))
-    places = np.full((2, y.size), np.nan)
-    for i in np.flatnonzero((depth >= top) & (depth <= bottom)):
+    v, x, y = (np.asarray(a, dtype=float) for a in (plane.v, plane.x, plane.y))
+    (depth, rows), step = layer.depths(y), float(np.abs(x[1] - x[0]))
+    down, places = np.where(np.asarray(plane.valid, bool), -v, np.nan), np.full((2, y.size), np.nan)
+    for i in np.flatnonzero(rows):
         for side, sign in enumerate((-1.0, 1.0)):
             places[side, i] = _crossing(down[i], sign * x, speed, reach)
     return _lines(places, depth, step, correlation_length)
@@ -177,17 +178,11 @@ class ConeSide:
 
 
 def cone_side(
-    v: ArrayLike,
-    sigma: ArrayLike,
-    valid: ArrayLike,
-    x: ArrayLike,
-    y: ArrayLike,
+    plane: Plane,
+    layer: Layer,
     *,
     start: tuple[float, float],
     speed: float,
-    face: float,
-    top: float,
-    bottom: float,
     edge: float,
     window: float,
     blur: float,
@@ -199,18 +194,16 @@ def cone_side(
     of ln(V/v) outside the cone about the middle of its side (a = a0 + a1 t + a2 t^2, the step at the side), nothing
     inside; S (0 inside, 1 outside) and n (0 inside) are blurred by a Gaussian.
 
-    v [m/s] up, sigma [m/s], valid: (ny, nx); x (nx,) from the axis, y (ny,), face [m], y up. start: (theta [rad],
-    radius [m]). speed [m/s] V, fitted anew. Vectors count between the depths top and bottom [m], INSIDE and OUTSIDE
-    windows from the side and at |x| < edge [m] (under the foot). window [m]: side of the matched windows; blur [m]: the
+    start: (theta [rad], radius [m]). speed [m/s] V, fitted anew. Vectors count in the layer, INSIDE and OUTSIDE windows
+    from the side and at |x| < edge [m] (under the foot). window [m]: side of the matched windows; blur [m]: the
     standard deviation of what the matching makes of a step. correlation_length: window over grid step.
     """
-    v, sigma, x, y = (np.asarray(a, dtype=float) for a in (v, sigma, x, y))
-    depth = face - y
-    rows = (depth >= top) & (depth <= bottom)
-    ok = np.asarray(valid, bool) & np.isfinite(v) & (sigma > 0.0) & rows[:, None]
+    v, sigma, x, y = (np.asarray(a, dtype=float) for a in (plane.v, plane.sigma, plane.x, plane.y))
+    depth, rows = layer.depths(y)
+    ok = np.asarray(plane.valid, bool) & np.isfinite(v) & (sigma > 0.0) & rows[:, None]
     d, r = np.broadcast_arrays(depth[:, None], x[None, :])
     p = np.array([start[0], start[1], 0.0, speed, 0.02, 0.0, 0.0, 0.3, 0.0, 0.0])
-    middle, half = 0.5 * (top + bottom), 0.5 * (bottom - top)
+    middle, half = 0.5 * (layer.top + layer.bottom), 0.5 * (layer.bottom - layer.top)
     if not 2.0 * half >= SHORTEST * window:
         return _none(int(ok.sum()), f"the side is shorter than {SHORTEST:g} windows")
 

@@ -1,4 +1,7 @@
-"""Results that are fields, in NetCDF: velocities of the grains, their strain, the column under the foot."""
+"""Results that are fields, in NetCDF: velocities of the grains, their strain, the column under the foot.
+
+The attributes of a file are known here alone; everyone else asks `record.geometry`.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +11,32 @@ import shutil
 import tempfile
 import weakref
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Self, TypeVar
+
+from jumpvision.grains.grid import VectorGrid
 
 from .record import Record, RecordError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+G = TypeVar("G")
+
+
+def _geometry(kind: type[G], data: xr.Dataset) -> G:
+    """What the attributes of a data set say, as this kind of record."""
+    known = {f.name: data.attrs[f.name] for f in fields(kind) if f.name in data.attrs}  # type: ignore[arg-type]
+    try:
+        return kind(**known)
+    except TypeError as e:
+        raise RecordError(f"attributes of the field: {e}") from None
+
+
+def _attributes(geometry: object) -> dict[str, object]:
+    """The record as attributes, in its own order; without what is not known."""
+    return {k: v for k, v in vars(geometry).items() if v is not None}
 
 
 @dataclass(frozen=True)
@@ -48,6 +69,25 @@ class Piv(Field):
 
     file = "piv.nc"
 
+    @property
+    def geometry(self) -> VectorGrid:
+        """Where the vectors lie."""
+        return _geometry(VectorGrid, self.field)
+
+    @property
+    def face_sigma(self) -> float:
+        """Standard uncertainty of the foot's face that all times share [unit of places]; 0 where not known."""
+        return float(self.field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
+
+    @staticmethod
+    def described(data: xr.Dataset, grid: VectorGrid, *, matched: bool, **more: object) -> xr.Dataset:
+        """The data set with the attributes of pivpy schema 1 and ours. matched: by our own piv, not by another program.
+
+        more: files, where, and the settings of who computed it, by the names in ORDER.
+        """
+        known = {"pivpy_schema_version": "1", **_attributes(grid), **more}
+        return data.assign_attrs({k: known[k] for k in ORDER[matched] if k in known})
+
     @classmethod
     def load(cls, folder: Path) -> Self:
         import xarray as xr
@@ -75,6 +115,16 @@ class Piv(Field):
         return cls(field, folder / cls.file)
 
 
+FIRST = "delta_t", "files", "pivpy_schema_version", "source"
+PLACES = "origin_column_px", "origin_row_px"
+SIZE = "image_rows", "image_columns"
+WINDOWS = "window_px", "step_px"
+SETTINGS = "preset", "smooth", "gap_frames", "baseline_frames", "ensemble_pairs"
+SCALE = "scale_m_per_px", "scale_share"
+ORDER = {  # of the attributes in the file of a field that our piv matched, and of one that another program did
+    True: (*FIRST, *SCALE, *PLACES, *WINDOWS, *SIZE, *SETTINGS, "error_px", "where", "prefilter_px"),
+    False: (*FIRST, "foot", *SCALE, *WINDOWS, "error_px", *PLACES, *SIZE, "where", "kernel"),
+}
 AXES = "y", "x", "t"
 TOGETHER = 16  # times that are compressed and written at once
 
@@ -110,13 +160,75 @@ def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:
         raise RecordError(f"{file.name}: {done} of {head.sizes['t']} times came")
 
 
+@dataclass(frozen=True)
+class FlowGeometry:
+    """What a flow's values over t rest on, under the names of its file.
+
+    min_speed [m/s]: of the foot, below which there is no added mass. initial_depth_m: of the foot's face in the first
+    frame. disc: "half" (foot flush with the wall) or "full". source: what computed the velocities. scale_share:
+    relative standard uncertainty of lengths. momentum_per_*: relative change of the greatest momentum for a millimetre
+    of the axis, and if the picture ended a vector earlier; None where there is no momentum.
+    """
+
+    min_speed: float
+    initial_depth_m: float
+    disc: str
+    source: str
+    scale_share: float = 0.0
+    momentum_per_mm_of_axis: float | None = None
+    momentum_per_vector_of_window: float | None = None
+
+
 class Flow(Field):
     """Shear rate, vorticity, divergence over (y, x, t); momentum, added mass and foot motion over t."""
 
     file = "flow.nc"
+
+    @classmethod
+    def of(cls, data: xr.Dataset, geometry: FlowGeometry) -> Self:
+        """The record of a data set with its geometry."""
+        return cls(data.assign_attrs(_attributes(geometry)))
+
+    @property
+    def geometry(self) -> FlowGeometry:
+        """What the values over t rest on."""
+        return _geometry(FlowGeometry, self.field)
+
+    def share(self, name: str) -> float:
+        """Relative standard uncertainty that foot_speed, momentum or added_mass shares with other films."""
+        return float(self.field[name].attrs["share"])
+
+
+@dataclass(frozen=True)
+class ColumnGeometry:
+    """Lengths that a column was read with, under the names of its file.
+
+    front: share of the greatest speed that bounds the jammed front. layer_m: thickness that beta is of. half_width_m of
+    the column; blur_m: standard deviation of the Gaussian that blurs the field; axis_off_m: by which the axis was moved
+    to either side. foot_radius_m: NaN where not known. min_speed [m/s], scale_share: of the flow.
+    """
+
+    front: float
+    layer_m: float
+    half_width_m: float
+    blur_m: float
+    axis_off_m: float
+    foot_radius_m: float
+    min_speed: float
+    scale_share: float = 0.0
 
 
 class Column(Field):
     """Speed profile under the foot over (y, t), its jammed front and exponential decay over t."""
 
     file = "column.nc"
+
+    @classmethod
+    def of(cls, data: xr.Dataset, geometry: ColumnGeometry) -> Self:
+        """The record of a data set with its geometry."""
+        return cls(data.assign_attrs(_attributes(geometry)))
+
+    @property
+    def geometry(self) -> ColumnGeometry:
+        """The lengths that it was read with."""
+        return _geometry(ColumnGeometry, self.field)

@@ -6,8 +6,10 @@ from typing import Any
 
 import cv2
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.sections import Calibration, GrainVideo, NotApplicable
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.stages.recordings import open_grains
@@ -34,22 +36,30 @@ def cone_overlay(
     """Shear rate in colour where it is strong, white dots on its ridges, green sides of the cone, the foot in blue."""
     if "foot_y" not in piv.field:
         raise NotApplicable(["cone_overlay needs foot_row and axis_column of [grain_video]"])
-    shown = thinned(piv.field.sizes["t"])
+    shown, grid = thinned(piv.field.sizes["t"]), piv.geometry
     straight, film = open_grains(film, calibration)
     with straight as frames:
         sides = column.field.isel(t=shown) if column is not None else None
         draw = ConeDrawing(
-            piv.field.isel(t=shown), flow.field.shear_rate.isel(t=shown), sides, frames[0], film.scale or 1.0
+            piv.field.isel(t=shown), grid, flow.field.shear_rate.isel(t=shown), sides, frames[0], film.scale or 1.0
         )
-        pictures = (draw(frames[frame_of(piv.field, k, len(frames))], i) for i, k in enumerate(shown))
+        pictures = (draw(frames[frame_of(grid, k, len(frames))], i) for i, k in enumerate(shown))
         return ConeOverlay(webm(pictures, rate=slowed(len(shown))))
 
 
 class ConeDrawing(View):
     """shear (y, x, t) [1/s] on the field's grid; sides: the column's record of the same times, or None."""
 
-    def __init__(self, field: Any, shear: Any, sides: Any, image: NDArray[Any], scale: float):
-        super().__init__(field, image, scale)
+    def __init__(
+        self,
+        field: xr.Dataset,
+        grid: VectorGrid,
+        shear: xr.DataArray,
+        sides: xr.Dataset | None,
+        image: NDArray[Any],
+        scale: float,
+    ):
+        super().__init__(field, grid, image, scale)
         self.shear, self.sides = shear, sides
         tops = [np.nanquantile(s, 0.99) for s in shear.transpose("t", "y", "x").values if np.isfinite(s).any()]
         self.top = float(np.quantile(tops, 0.9)) if tops and max(tops) > 0 else 1.0

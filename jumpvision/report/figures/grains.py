@@ -35,25 +35,19 @@ def piv_picture(
     piv: Piv, film: GrainVideo | None, calibration: Calibration | None, given: PivField | None
 ) -> PivPicture:
     """Velocity vectors at the busiest moment, over the grains where their film is known; replaced ones told apart."""
-    field = piv.field
+    field, grid = piv.field, piv.geometry
     i = busiest(field)
     image = None
     if film is not None and given is None:
         straight, film = open_grains(film, calibration)
         with straight as frames:
-            image = frames[i * int(field.attrs.get("ensemble_pairs", 1))]
-    unit = field.u.attrs["units"].split("/")[0]
-    factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")
-    scale = field.attrs["scale_m_per_px"] if unit == "m" else 1.0
-    origin_x, origin_y = field.attrs["origin_column_px"], field.attrs["origin_row_px"]
-    rows, columns = field.attrs["image_rows"], field.attrs["image_columns"]
-    extent = (
-        np.array([-0.5 - origin_x, columns - 0.5 - origin_x, -(rows - 0.5 - origin_y), origin_y + 0.5]) * scale * factor
-    )
+            image = frames[i * int(grid.ensemble_pairs)]
+    factor, shown = (1e3, "mm") if grid.metric else (1.0, "px")
+    extent = np.array(grid.edges) * factor
     every = max(1, len(field.x) // 32)
     f = field.isel(t=i, x=slice(None, None, every), y=slice(None, None, every))
     with styled() as Figure:
-        figure = Figure(figsize=(6.4, min(8.0, 0.7 + 5.2 * rows / columns)), layout="constrained")
+        figure = Figure(figsize=(6.4, min(8.0, 0.7 + 5.2 * grid.image_rows / grid.image_columns)), layout="constrained")
         axis = figure.subplots()
         if image is not None:
             axis.imshow(image, cmap="gray", extent=extent, alpha=0.75)
@@ -73,7 +67,7 @@ def piv_picture(
             axis.legend(loc="lower right", facecolor="white", frameon=True)
         axis.set_xlim(extent[0], extent[1])
         axis.set_ylim(extent[2], extent[3])
-        figure.colorbar(arrows, ax=axis, label=f"speed [{field.u.attrs['units']}]", shrink=0.8)
+        figure.colorbar(arrows, ax=axis, label=f"speed [{grid.unit}/s]", shrink=0.8)
         share = float((field.chc.isel(t=i) > 0).sum() / np.isfinite(field.u.isel(t=i)).sum())
         axis.set(
             title=f"t = {float(field.t[i]):.3f} s, {100 * share:.1f} % of vectors measured",
@@ -89,8 +83,7 @@ def flow_picture(flow: Flow, piv: Piv, column: Column | None) -> FlowPicture:
     """Shear rate at the busiest moment with the cone's sides; momentum against time, added mass against depth."""
     field = flow.field
     i = busiest(piv.field)
-    metres = field.x.attrs["units"] == "m"
-    factor, shown = (1e3, "mm") if metres else (1.0, "px")
+    factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
     with styled() as Figure:
         figure = Figure(figsize=(9.6, 3.9), layout="constrained")
         first, second, third = figure.subplots(1, 3, width_ratios=(1.45, 1, 1))

@@ -11,8 +11,10 @@ from typing import Any, Self
 
 import cv2
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.sections import Calibration, GrainVideo
 from jumpvision.results.fields import Piv
 from jumpvision.results.record import Record
@@ -48,11 +50,11 @@ class PivOverlay(Record):
 @stage(version=1, picture=True)
 def piv_overlay(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> PivOverlay:
     """Vectors over the grains, in slow motion: coloured where measured, pink where replaced; the foot in blue."""
-    shown = thinned(piv.field.sizes["t"])
+    shown, grid = thinned(piv.field.sizes["t"]), piv.geometry
     straight, film = open_grains(film, calibration)
     with straight as frames:
-        draw = Drawing(piv.field.isel(t=shown), frames[0], film.scale or 1.0)
-        pictures = (draw(frames[frame_of(piv.field, k, len(frames))], i) for i, k in enumerate(shown))
+        draw = Drawing(piv.field.isel(t=shown), grid, frames[0], film.scale or 1.0)
+        pictures = (draw(frames[frame_of(grid, k, len(frames))], i) for i, k in enumerate(shown))
         return PivOverlay(webm(pictures, rate=slowed(len(shown))))
 
 
@@ -66,31 +68,30 @@ def slowed(n: int) -> float:
     return min(RATE, max(1.0, n / SHORTEST))
 
 
-def frame_of(field: Any, k: int, n: int) -> int:
+def frame_of(grid: VectorGrid, k: int, n: int) -> int:
     """The frame in the middle of those that the field at time k was made from, of n frames."""
-    every, gap = int(field.attrs.get("ensemble_pairs", 1)), int(field.attrs.get("gap_frames", 1))
+    every, gap = int(grid.ensemble_pairs), int(grid.gap_frames)
     return min(int(k) * every + (every + gap - 1) // 2, n - 1)
 
 
 class View:
     """Film and field brought to one scale of pixels and one of greys, the same in all frames."""
 
-    def __init__(self, field: Any, image: NDArray[Any], scale: float):
+    def __init__(self, field: xr.Dataset, grid: VectorGrid, image: NDArray[Any], scale: float):
         self.field, self.low, self.high = field, *(float(q) for q in np.nanpercentile(image, (0.5, 99.5)))
         rows, columns = image.shape
         self.zoom = WIDTH // columns or WIDTH / columns
         self.size = tuple(int(n * self.zoom) // 2 * 2 for n in (columns, rows))  # even, as the codec asks
-        self.scale, a = scale, field.attrs
-        self.origin = a["origin_column_px"], a["origin_row_px"]
+        self.scale, self.grid = scale, grid
         self.face = self.row_of(field.foot_y.values) if "foot_y" in field else None
 
     def column_of(self, x: Any) -> Any:
         """Column in the film's picture of x [m]."""
-        return (x / self.scale + self.origin[0] + 0.5) * self.zoom
+        return (x / self.scale + self.grid.origin_column_px + 0.5) * self.zoom
 
     def row_of(self, y: Any) -> Any:
         """Row in the film's picture of y [m], up."""
-        return (self.origin[1] - y / self.scale + 0.5) * self.zoom
+        return (self.grid.origin_row_px - y / self.scale + 0.5) * self.zoom
 
     def grains(self, image: NDArray[Any], white: float) -> Any:
         """A frame (row, column, BGR) with `white` as its brightest grey."""
@@ -109,8 +110,8 @@ class View:
 class Drawing(View):
     """The vectors, at one scale of arrows in all frames."""
 
-    def __init__(self, field: Any, image: NDArray[Any], scale: float):
-        super().__init__(field, image, scale)
+    def __init__(self, field: xr.Dataset, grid: VectorGrid, image: NDArray[Any], scale: float):
+        super().__init__(field, grid, image, scale)
         every = max(1, -(-field.sizes["x"] // ARROWS))
         self.part = {"x": slice(every // 2, None, every), "y": slice(every // 2, None, every)}
         self.column, self.row = self.column_of(field.x.values), self.row_of(field.y.values)
@@ -127,7 +128,7 @@ class Drawing(View):
 
     def __call__(self, image: NDArray[Any], i: int) -> Bgr:
         picture = self.grains(image, 200.0)
-        f = self.field.isel(t=i, **self.part)
+        f = self.field.isel({"t": i, **self.part})
         u, v, measured = f.u.values, f.v.values, f.chc.values > 0
         speed = np.clip(255 * np.nan_to_num(np.hypot(u, v)) / self.top, 0, 255).astype(np.uint8)
         colours = cv2.applyColorMap(speed, cv2.COLORMAP_TURBO)
@@ -140,9 +141,8 @@ class Drawing(View):
 
     def legend(self, picture: Any, t: float) -> Bgr:
         """The picture over a strip with the time, and an arrow with its speed."""
-        unit = self.field.u.attrs["units"]
         value = float(f"{self.top:.1g}")
-        text = f"t = {t:.4f} s     {value:g} {unit}"
+        text = f"t = {t:.4f} s     {value:g} {self.grid.unit}/s"
         picture = captioned(picture, text)
         height = picture.shape[0]
         (wide, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)

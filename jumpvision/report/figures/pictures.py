@@ -208,7 +208,7 @@ def draw_profile(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     axis.plot(
         line * 1e3, np.minimum(np.exp(float(c.log_a[i]) * (line + float(c.b[i]))), 1.0), color=MODEL, label="$a^{z+b}$"
     )
-    axis.axhline(float(c.attrs["front"]), color=QUIET, lw=0.8, ls="--")
+    axis.axhline(float(of["column"].geometry.front), color=QUIET, lw=0.8, ls="--")
     axis.set_xlim(0)
     axis.set(
         title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest"
@@ -266,7 +266,7 @@ def draw_cone(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     axis.errorbar(z * 1e3, f.added_mass * 1e3, f.added_mass_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
     line = np.linspace(0.0, np.nanmax(z[np.isfinite(f.added_mass.values)]), 100)
     slope, narrowing = fits["cone_slope_kg_m"]["value"], fits["mu_over_tan_theta"]["value"]
-    c, R = fits["C"], of["column"].field.attrs["foot_radius_m"]
+    c, R = fits["C"], of["column"].geometry.foot_radius_m
     label = f"C = {c['value']:.2f} ± {c['sigma']:.2f}" if c["value"] is not None else "cone"
     axis.plot(line * 1e3, mass_curve(line, slope, narrowing, R) * 1e3, color=GREEN, label=label)
     axis.legend()

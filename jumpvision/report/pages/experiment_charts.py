@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from jumpvision.results.fields import Column
+
 from .charts import MOST, Chart, axis, chart, fits_of, json_of, panel, series
 
 
@@ -77,9 +79,9 @@ def grains_chart(results: Path) -> Chart | None:
     shown = [series("measured", "measured", depth, mass * 1e3, mass_sigma * 1e3, size=3)]
     radius = float("nan")
     if (results / "column.nc").exists():
-        with xr.open_dataset(results / "column.nc", decode_times=False) as c:
-            radius = float(c.attrs.get("foot_radius_m", "nan"))
-            front, front_sigma = c.jammed_thickness.values * 1e3, c.jammed_thickness_sigma.values * 1e3
+        column = Column.load(results)
+        radius, c = column.geometry.foot_radius_m, column.field
+        front, front_sigma = c.jammed_thickness.values * 1e3, c.jammed_thickness_sigma.values * 1e3
     else:
         front = front_sigma = np.full(t.size, np.nan)
     slope, narrowing = (fits.get(k, {}).get("value") for k in ("cone_slope_kg_m", "mu_over_tan_theta"))

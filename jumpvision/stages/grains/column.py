@@ -10,28 +10,30 @@ import xarray as xr
 from jumpvision.base.arrays import Array
 from jumpvision.grains.column import beta, central_column, fit_column
 from jumpvision.grains.front import jammed_thickness
-from jumpvision.grains.sides import SHORTEST, ConeSide, Sides, cone_outline, cone_side, shear_bands
+from jumpvision.grains.grid import Plane, VectorGrid
+from jumpvision.grains.sides import SHORTEST, ConeSide, Layer, Sides, cone_outline, cone_side, shear_bands
 from jumpvision.inputs.parameters import ColumnParams
 from jumpvision.inputs.sections import NotApplicable, Robot
-from jumpvision.results.fields import Column, Flow, Piv
+from jumpvision.results.fields import Column, ColumnGeometry, Flow, Piv
 from jumpvision.workflow.stage import stage
 
 
 @stage(version=7)
 def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
     """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
-    field = piv.field
-    if field.x.attrs["units"] != "m":
+    field, grid = piv.field, piv.geometry
+    if not grid.metric:
         raise NotApplicable(["column needs the scale of [grain_video] or [piv_field]"])
     if "foot_y" not in field:
         raise NotApplicable(["column needs foot_row and axis_column of [grain_video] or [piv_field]"])
     field = field.sortby("y", ascending=False)  # downwards from the top
-    shared = field.attrs["error_px"] / field.attrs["step_px"]
+    shared = grid.error_length
     depth = field.foot_y.values[None, :] - field.y.values[:, None]
     speed, sigma = middle_of(field, depth, 0.0, shared, p)
     rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(field.sizes["t"])]
+    radius = robot.foot_radius if robot and robot.foot_radius else None
     sides = [
-        cone_sides(field.isel(t=i), flow.field.isel(t=i), rows[i], robot, shared, p) for i in range(field.sizes["t"])
+        cone_sides(field.isel(t=i), flow.field.isel(t=i), grid, rows[i], radius, p) for i in range(field.sizes["t"])
     ]
     for row, (band, outline, side) in zip(rows, sides):
         for name, (angle, sigma_of) in {
@@ -72,18 +74,18 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
             "foot_speed": flow.field.foot_speed,
         },
         coords={"y": field.y, "t": field.t},
-        attrs={
-            "front": p.front,
-            "layer_m": p.layer,
-            "half_width_m": p.half_width,
-            "blur_m": blur_of(field),
-            "axis_off_m": AXIS_OFF,
-            "foot_radius_m": robot.foot_radius if robot and robot.foot_radius else math.nan,
-            "min_speed": flow.field.attrs["min_speed"],
-            "scale_share": flow.field.attrs.get("scale_share", 0.0),
-        },
     )
-    return Column(data)
+    geometry = ColumnGeometry(
+        front=p.front,
+        layer_m=p.layer,
+        half_width_m=p.half_width,
+        blur_m=blur_of(grid),
+        axis_off_m=AXIS_OFF,
+        foot_radius_m=radius or math.nan,
+        min_speed=flow.geometry.min_speed,
+        scale_share=flow.geometry.scale_share,
+    )
+    return Column.of(data, geometry)
 
 
 AXIS_OFF = 1e-3  # m by which the axis is moved to either side, to see what it matters
@@ -134,47 +136,48 @@ def middle_of(field: xr.Dataset, depth: Array, axis: float, shared: float, p: Co
     return speed, sigma * math.sqrt(max(1.0, shared))
 
 
-def blur_of(field: xr.Dataset) -> float:
+def blur_of(grid: VectorGrid) -> float:
     """Standard deviation [m] of the Gaussian that blurs the field about as its matching does."""
-    a = field.attrs
-    own = str(a["source"]).startswith("jumpvision")
-    return float((OWN_BLUR if own else PLAIN_BLUR) * a["window_px"] * a["scale_m_per_px"])
+    own = grid.source.startswith("jumpvision")
+    return float((OWN_BLUR if own else PLAIN_BLUR) * grid.window_px * grid.scale_m_per_px)
 
 
 def cone_sides(
-    frame: xr.Dataset, strain: xr.Dataset, front: dict[str, float], robot: Robot | None, shared: float, p: ColumnParams
+    frame: xr.Dataset,
+    strain: xr.Dataset,
+    grid: VectorGrid,
+    front: dict[str, float],
+    radius: float | None,
+    p: ColumnParams,
 ) -> tuple[Sides, Sides, ConeSide]:
     """Bands of shear, outline of what moves with the foot, and the cone's side, over most of the jammed thickness on
-    the axis."""
+    the axis. radius [m] of the foot, where known."""
     strain = strain.sortby("y", ascending=False)
     edge = float(np.max(np.abs(frame.x)))
-    window = frame.attrs["window_px"] * frame.attrs["scale_m_per_px"]
-    radius = robot.foot_radius if robot and robot.foot_radius else None
-    where: dict[str, float] = {
-        "face": float(frame.foot_y),
-        "top": p.clear,
-        "bottom": CONE_SHARE * front["jammed_thickness"],
-        "correlation_length": shared,
-    }
-    reach = min(WIDEST * radius, edge) if radius else edge
-    valid = frame.chc.values > 0
-    bands = shear_bands(strain.shear_rate, strain.shear_rate_sigma, frame.x, frame.y, reach=reach, **where)
-    speed = p.front * front["max_speed"]
-    outline = cone_outline(frame.v, valid, frame.x, frame.y, speed=speed, reach=reach, **where)
-    side = cone_side(
-        frame.v,
-        frame.v_sigma,
-        valid,
+    layer = Layer(float(frame.foot_y), p.clear, CONE_SHARE * front["jammed_thickness"])
+    reach, shared = min(WIDEST * radius, edge) if radius else edge, grid.error_length
+    plane = Plane(frame.v, frame.v_sigma, frame.chc.values > 0, frame.x, frame.y)
+    bands = shear_bands(
+        strain.shear_rate,
+        strain.shear_rate_sigma,
         frame.x,
         frame.y,
+        layer,
+        reach=reach,
+        correlation_length=shared,
+    )
+    outline = cone_outline(plane, layer, speed=p.front * front["max_speed"], reach=reach, correlation_length=shared)
+    side = cone_side(
+        plane,
+        layer,
         start=(outline.theta, outline.radius),
         speed=front["max_speed"],
         edge=radius or outline.radius,
-        blur=blur_of(frame),
-        window=window,
-        **where,
+        blur=blur_of(grid),
+        window=grid.window_m,
+        correlation_length=shared,
     )
-    if not where["bottom"] - where["top"] >= SHORTEST * window:
+    if not layer.bottom - layer.top >= SHORTEST * grid.window_m:
         nothing = (math.nan,) * 5
         outline = Sides(outline.places, *nothing, outline.n, f"the side is shorter than {SHORTEST:g} windows")
     return bands, outline, side

@@ -15,7 +15,7 @@ from jumpvision.estimate.mean import near_the_median, plain_mean, weighted_mean
 from jumpvision.grains.column import beta_sensitivity
 from jumpvision.grains.cone import Cone, MassCurve, fit_mass_curve, solve_cone
 from jumpvision.grains.front import fit_mu
-from jumpvision.grains.momentum import ANGLE
+from jumpvision.grains.momentum import ANGLE, peak_momentum
 from jumpvision.inputs.sections import Bed
 from jumpvision.results.fields import Column, Flow
 from jumpvision.stages.recordings import scaled
@@ -31,10 +31,10 @@ MOVING_WITH_FOOT = (0.7, 1.3)  # largest grain speed / foot speed while the foot
 
 def pushing(column: Column) -> NDArray[np.bool_]:
     """Frames in which the foot pushes the grains: the largest grain speed is the foot's."""
-    c = column.field
+    c, least = column.field, column.geometry.min_speed
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = c.max_speed.values / c.foot_speed.values
-    return (c.foot_speed.values > c.attrs["min_speed"]) & (ratio > MOVING_WITH_FOOT[0]) & (ratio < MOVING_WITH_FOOT[1])
+    return (c.foot_speed.values > least) & (ratio > MOVING_WITH_FOOT[0]) & (ratio < MOVING_WITH_FOOT[1])
 
 
 def cone_fits(column: Column) -> dict[str, Estimate]:
@@ -42,11 +42,11 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
 
     Angles and the ratio mu know no scale; the decay per metre does, and beta, by the layer that is given in metres.
     """
-    c = column.field
+    c, g = column.field, column.geometry
     use = pushing(column)
     side, contour = sides(c, use)
     theta = side if not side.reason else contour
-    broad = use & broader_than_column(c, theta, "cone" if not side.reason else "outline")
+    broad = use & broader_than_column(column, theta, "cone" if not side.reason else "outline")
     broad = broad if broad.any() else use  # a plug narrower than the column has no other frames
     out = {
         name: weighted_mean(c[name].values[k], c[f"{name}_sigma"].values[k], unit)
@@ -64,19 +64,18 @@ def cone_fits(column: Column) -> dict[str, Estimate]:
         front_line(c, line.used, line.used, f"jammed_thickness_{way}").slope - line.slope for way in ("left", "right")
     ]
     out["mu_per_mm_of_axis"] = Estimate(
-        max(moved, key=abs) * 1e-3 / c.attrs["axis_off_m"], NAN, "1/mm", line.n, NAN, line.reason
+        max(moved, key=abs) * 1e-3 / g.axis_off_m, NAN, "1/mm", line.n, NAN, line.reason
     )
     out["mu_intercept_m"] = Estimate(line.intercept, line.intercept_sigma, "m", line.n, line.chi2, line.reason)
     if not out["log_a"].reason:
-        slope = beta_sensitivity(out["log_a"].value, c.attrs["layer_m"])
+        slope = beta_sensitivity(out["log_a"].value, g.layer_m)
         per_mm = Estimate(math.degrees(slope) * 1e-3, NAN, "degree/mm", out["log_a"].n, NAN)
         out["beta_deg_per_mm_layer"] = per_mm
-        share = c.attrs.get("scale_share", 0.0)
-        out["log_a"] = scaled(out["log_a"], share)
+        out["log_a"] = scaled(out["log_a"], g.scale_share)
         # a^(Dz) with a decay known to a share is a^(Dz) with a layer known to that share
-        layer = slope * c.attrs["layer_m"]
-        out["beta_deg"] = out["beta_deg"].with_common(share * abs(math.degrees(layer)))
-    out["mu_intercept_m"] = scaled(out["mu_intercept_m"], c.attrs.get("scale_share", 0.0))
+        layer = slope * g.layer_m
+        out["beta_deg"] = out["beta_deg"].with_common(g.scale_share * abs(math.degrees(layer)))
+    out["mu_intercept_m"] = scaled(out["mu_intercept_m"], g.scale_share)
     return out
 
 
@@ -121,27 +120,27 @@ def front_line(c: xr.Dataset, use: NDArray[np.bool_], broad: NDArray[np.bool_], 
     return everything if some.reason or everything.slope >= some.slope - ALIKE * some.slope_sigma else some
 
 
-def broader_than_column(c: xr.Dataset, theta: Estimate, side: str) -> NDArray[np.bool_]:
+def broader_than_column(column: Column, theta: Estimate, side: str) -> NDArray[np.bool_]:
     """Frames in which the cone's flat lower side is broader than the column that measures its thickness.
 
     Beyond them the column sees the sides and the complete cone, whose thickness grows no more; all where theta is not
     known. side: whose radius at the face, `cone` or `outline`, goes with theta.
     """
+    c, g = column.field, column.geometry
     if theta.reason:
         return np.ones(c.sizes["t"], bool)
     radius = float(np.nanmedian(c[f"{side}_radius"].values))
     flat = radius - c.jammed_thickness.values / math.tan(math.radians(theta.value))
-    return np.asarray(flat > c.attrs["half_width_m"] + 2.0 * c.attrs["blur_m"])
+    return np.asarray(flat > g.half_width_m + 2.0 * g.blur_m)
 
 
 def mass_fits(flow: Flow) -> dict[str, Estimate]:
     """Largest grain momentum, and the added mass at that moment from a straight line through the frames around it."""
     f = flow.field
     noise = {k: independent(f[f"{k}_sigma"], f[f"{k}_sigma_common"]) for k in ("momentum", "added_mass")}
-    momentum = f.momentum.values
-    if not np.isfinite(f.added_mass.values).any():
+    momentum, peak = f.momentum.values, peak_momentum(f.momentum, f.added_mass)
+    if peak is None:
         return {}
-    peak = int(np.nanargmax(np.where(np.isfinite(f.added_mass.values), momentum, -np.inf)))
     largest = Estimate(float(momentum[peak]), float(noise["momentum"][peak]), "kg m/s", 1, 0.0)
     out = {"peak_momentum": largest.with_common(float(f.momentum_sigma_common[peak]))}
     near = slice(max(0, peak - AROUND_PEAK), peak + AROUND_PEAK + 1)
@@ -151,12 +150,12 @@ def mass_fits(flow: Flow) -> dict[str, Estimate]:
     # border and gap below the face are filled alike in neighbouring frames: their mean is no better than one of them
     sigma = max(line.intercept_sigma, float(np.median(s[ok]))) if ok.any() else NAN
     mass = Estimate(line.intercept, sigma, "kg", line.n, line.chi2, line.reason)
-    out["added_mass_kg"] = scaled(mass, f.added_mass.attrs["share"])
+    out["added_mass_kg"] = scaled(mass, flow.share("added_mass"))
     share = f.jammed_share.values[near][ok]
     spread = float(np.std(share, ddof=1) / math.sqrt(share.size)) if share.size > 1 else NAN
     out["jammed_share"] = Estimate(float(np.mean(share)), spread, "", share.size, 0.0)
     for name, unit in (("momentum_per_mm_of_axis", "1/mm"), ("momentum_per_vector_of_window", "")):
-        out[name] = Estimate(f.attrs[name], NAN, unit, 1, NAN)
+        out[name] = Estimate(getattr(flow.geometry, name), NAN, unit, 1, NAN)
     return out
 
 
@@ -173,17 +172,17 @@ def grown_cone(
 
     phi_share: relative uncertainty of phi that other experiments share; that of the film's lengths is the flow's.
     """
-    f, use = flow.field, pushing(column)
+    f, g, use = flow.field, flow.geometry, pushing(column)
     if not R or phi is None or not np.isfinite(f.added_mass.values[use]).any():
         return {}
     mass = f.added_mass.values[use]
     sigma = independent(f.added_mass_sigma, f.added_mass_sigma_common)[use]
-    density = (section or Bed()).grain_density * phi * ANGLE[f.attrs["disc"]] / ANGLE["full"]
+    density = (section or Bed()).grain_density * phi * ANGLE[g.disc] / ANGLE["full"]
     mu, theta = known["mu"], known["theta_deg"]
 
     def fitted(stretch: float) -> tuple[MassCurve, Cone]:
         """With every length of the film times `stretch`: masses go with its cube, R and the depth at first stay."""
-        first = f.attrs["initial_depth_m"]
+        first = g.initial_depth_m
         depth, cube = first + stretch * (f.foot_depth.values[use] - first), stretch**3
         curve = fit_mass_curve(depth, cube * mass, cube * np.where(sigma > 0.0, sigma, np.nan), R=R)
         return curve, solve_cone(
@@ -214,9 +213,9 @@ def grown_cone(
         out[f"correlation_{name}"] = Estimate(float(shared), NAN, "", curve.n, cone.chi2, cone.reason)
     # density goes with phi, and so does the mass: of the two only the slope at the surface has its error
     out["cone_slope_kg_m"] = scaled(out["cone_slope_kg_m"], phi_share)
-    if not f.attrs.get("scale_share"):
+    if not g.scale_share:
         return out
-    other, moved = fitted(1.0 + f.attrs["scale_share"])
+    other, moved = fitted(1.0 + g.scale_share)
     changes = {
         "cone_slope_kg_m": other.slope - curve.slope,
         "mu_over_tan_theta": other.narrowing - curve.narrowing,

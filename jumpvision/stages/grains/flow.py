@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
@@ -11,10 +12,11 @@ import xarray as xr
 from jumpvision.base.arrays import Array
 from jumpvision.grains import gradients as strain
 from jumpvision.grains.gradients import gradients
-from jumpvision.grains.momentum import added_mass, grain_momentum
+from jumpvision.grains.grid import Plane, VectorGrid
+from jumpvision.grains.momentum import Domain, Foot, Momentum, added_mass, grain_momentum, peak_momentum
 from jumpvision.inputs.parameters import FlowParams
 from jumpvision.inputs.sections import Bed, Clock, GrainVideo, PivField, Robot
-from jumpvision.results.fields import Flow, Piv
+from jumpvision.results.fields import Flow, FlowGeometry, Piv
 from jumpvision.results.values import BedHeight
 from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.workflow.stage import StageWarning, stage
@@ -39,9 +41,8 @@ def flow(
 
     The sigmas over t are all of a value's uncertainty; `*_sigma_common`, what other films of this camera share.
     """
-    field, source = piv.field, given or film
+    field, grid, source = piv.field, piv.geometry, given or film
     assert source is not None  # the field comes from one of them
-    overlap = field.attrs["window_px"] / field.attrs["step_px"]
     maps: dict[str, list[Array]] = {}
     for i in range(field.sizes["t"]):
         f = field.isel(t=i)
@@ -54,7 +55,7 @@ def flow(
             f.v_sigma,
             f.chc.values > 0,
             half_width=p.half_width,
-            correlation_length=overlap,
+            correlation_length=grid.overlap,
         )
         found = {
             "shear_rate": strain.shear_rate(g.u_x, g.u_y, g.v_x, g.v_y),
@@ -67,56 +68,40 @@ def flow(
         for name, values in found.items():
             maps.setdefault(name, []).append(values)
     data = xr.Dataset(
-        {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s"}) for k, a in maps.items()},
+        {k: (("y", "x", "t"), np.stack(a, axis=-1), {"units": "1/s", **MEANING.get(k, {})}) for k, a in maps.items()},
         coords={c: field[c] for c in ("x", "y", "t")},
-        attrs={
-            "min_speed": p.min_speed,
-            "initial_depth_m": p.initial_depth,
-            "disc": source.foot,
-            "source": field.attrs["source"],
-            "scale_share": field.attrs.get("scale_share", 0.0),
-        },
     )
-    data.shear_rate.attrs["long_name"] = "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"
-    found_there = under_the_foot(field, source, section, bed, robot, p, overlap)
-    shares = shares_of(
-        field.attrs.get("scale_share", 0.0), clock.rate_sigma if clock else 0.0, packing_common(section, bed)
-    )
+    phi = packing(section, bed)[0]
+    sums = Sums(grid, source.foot, (section or Bed()).grain_density * phi) if phi is not None else None
+    found_there = under_the_foot(piv, sums, source, robot, p)
+    shares = shares_of(grid.scale_share, clock.rate_sigma if clock else 0.0, packing_common(section, bed))
     for name, (values, unit) in with_shares(found_there, shares).items():
-        data[name] = ("t", values, {"units": unit})
-    for name, share in shares.items():
-        data[name].attrs["share"] = share
-    if np.isfinite(data.added_mass).any():
-        phi = packing(section, bed)[0]
-        assert phi is not None
-        peak = int(np.nanargmax(np.where(np.isfinite(data.added_mass), data.momentum, -np.inf)))
-        data.attrs |= sensitivities(field, source, section, phi, overlap, peak)
-    return Flow(data)
+        data[name] = ("t", values, {"units": unit} | ({"share": shares[name]} if name in shares else {}))
+    peak = peak_momentum(data.momentum, data.added_mass)
+    changes = sums.sensitivities(field.isel(t=peak)) if sums and peak is not None else (None, None)
+    return Flow.of(
+        data, FlowGeometry(p.min_speed, p.initial_depth, source.foot, grid.source, grid.scale_share, *changes)
+    )
+
+
+MEANING = {"shear_rate": {"long_name": "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"}}
 
 
 def under_the_foot(
-    field: xr.Dataset,
-    source: GrainVideo | PivField,
-    section: Bed | None,
-    bed: BedHeight | None,
-    robot: Robot | None,
-    p: FlowParams,
-    overlap: float,
+    piv: Piv, sums: Sums | None, source: GrainVideo | PivField, robot: Robot | None, p: FlowParams
 ) -> dict[str, tuple[Array, str]]:
     """Momentum, added mass and the foot's motion over t."""
-    n = field.sizes["t"]
+    field, n = piv.field, piv.field.sizes["t"]
     out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
-    metres = field.x.attrs["units"] == "m"
-    phi = packing(section, bed)[0]
-    needed = {f"[{source.name}] foot_row and axis_column": "foot_y" in field, f"[{source.name}] scale": metres}
-    lacking = [k for k, there in needed.items() if not there]
+    needed = {"foot_row and axis_column": "foot_y" in field, "scale": piv.geometry.metric}
+    lacking = [f"[{source.name}] {k}" for k, there in needed.items() if not there]
     if lacking:
         warnings.warn(f"no momentum and added mass: {', '.join(lacking)} missing", StageWarning, stacklevel=3)
         return out
     speed, speed_sigma = -field.foot_v.values, field.foot_v_sigma.values
     out["foot_depth"] = (p.initial_depth - field.foot_y.values, "m")
     out["foot_speed"], out["foot_speed_sigma"] = (speed, "m/s"), (speed_sigma, "m/s")
-    if phi is None:
+    if sums is None:
         warnings.warn(
             "no momentum and added mass: the volume fraction is not known ([bed])", StageWarning, stacklevel=3
         )
@@ -125,17 +110,12 @@ def under_the_foot(
 
     def integral(lifted: Array) -> Array:
         frames = (field.isel(t=i) for i in range(n))
-        return np.array(
-            [
-                momentum_of(f, source.foot, section, phi, overlap, radius=radius, lifted=float(d))
-                for f, d in zip(frames, lifted)
-            ]
-        ).T
+        return np.array([sums.of(f, radius=radius, lifted=float(d)) for f, d in zip(frames, lifted)]).T
 
-    face = np.hypot(field.foot_y_sigma.values, field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
+    face = np.hypot(field.foot_y_sigma.values, piv.face_sigma)
     momentum, sigma, covered = integral(np.zeros(n))
     sigma = np.hypot(sigma, 0.5 * (integral(face)[0] - integral(-face)[0]))
-    jammed = jammed_share(field, source.foot, section, phi, overlap, speed, momentum, p.min_speed)
+    jammed = sums.jammed_share(field, speed, momentum, p.min_speed)
     mass, mass_sigma = added_mass(momentum, sigma, speed, speed_sigma, min_speed=p.min_speed)
     return out | {
         "momentum": (momentum, "kg m/s"),
@@ -172,81 +152,57 @@ def with_shares(over_t: dict[str, tuple[Array, str]], shares: dict[str, float]) 
     return out
 
 
-def jammed_share(
-    field: xr.Dataset,
-    disc: str,
-    section: Bed | None,
-    phi: float,
-    overlap: float,
-    speed: Array,
-    momentum: Array,
-    min_speed: float,
-) -> Array:
-    """Share of the momentum carried by grains at JAMMED of the foot's speed or more, where the foot is fast enough."""
-    out = np.full(momentum.size, np.nan)
-    for i in np.flatnonzero((speed >= min_speed) & (momentum > 0.0)):
-        f = field.isel(t=i)
-        with_foot = f.assign(v=f.v.where(~(-f.v < JAMMED * speed[i]), 0.0))
-        out[i] = momentum_of(with_foot, disc, section, phi, overlap)[0] / momentum[i]
-    return out
+@dataclass(frozen=True)
+class Sums:
+    """The grains' momentum in the frames of a film. disc: "half" or "full"; bulk_density [kg/m^3] of the bed."""
 
+    grid: VectorGrid
+    disc: str
+    bulk_density: float
 
-def sensitivities(
-    field: xr.Dataset, source: GrainVideo | PivField, section: Bed | None, phi: float, overlap: float, peak: int
-) -> dict[str, float]:
-    """Relative change of the peak's momentum if the axis is a millimetre off (the worse way), and if the picture ended
-    a vector earlier on all its edges. Density and volume fraction enter as they are: 1 % is 1 %."""
-    frame = field.isel(t=peak)
-    step = frame.attrs["step_px"] * frame.attrs["scale_m_per_px"]
+    def of(
+        self,
+        frame: xr.Dataset,
+        *,
+        radius: float | None = None,
+        axis: float = 0.0,
+        inwards: float = 0.0,
+        lifted: float = 0.0,
+    ) -> Momentum:
+        """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost.
 
-    def change(**how: float) -> float:
-        return momentum_of(frame, source.foot, section, phi, overlap, **how)[0] / whole - 1.0
+        radius [m] of the foot, where known. axis [m] to the right of the foot's; inwards [m]: by which the edges are
+        drawn in; lifted [m]: by which the face lies higher than found.
+        """
+        top = float(frame.foot_y) + lifted
+        if not np.isfinite(top):
+            return Momentum(np.nan, np.nan, 0.0)
+        left, right, bottom, _ = self.grid.edges
+        return grain_momentum(
+            Plane(frame.v, frame.v_sigma, frame.chc.values > 0, frame.x, frame.y),
+            Domain(top, bottom + inwards, left + inwards, right - inwards, axis),
+            bulk_density=self.bulk_density,
+            disc=self.disc,
+            correlation_length=self.grid.overlap,
+            error_length=self.grid.error_length,
+            foot=Foot(radius, float(frame.foot_v)) if radius and "foot_v" in frame else None,
+        )
 
-    whole = momentum_of(frame, source.foot, section, phi, overlap)[0]
-    if not whole > 0.0:
-        return {"momentum_per_mm_of_axis": np.nan, "momentum_per_vector_of_window": np.nan}
-    axis = max((change(axis=1e-3), change(axis=-1e-3)), key=abs)
-    return {"momentum_per_mm_of_axis": axis, "momentum_per_vector_of_window": change(inwards=step)}
+    def jammed_share(self, field: xr.Dataset, speed: Array, momentum: Array, min_speed: float) -> Array:
+        """Share of the momentum (t,) carried by grains at JAMMED of the foot's speed (t,) or more, where the foot is
+        as fast as min_speed."""
+        out = np.full(momentum.size, np.nan)
+        for i in np.flatnonzero((speed >= min_speed) & (momentum > 0.0)):
+            f = field.isel(t=i)
+            with_foot = f.assign(v=f.v.where(~(-f.v < JAMMED * speed[i]), 0.0))
+            out[i] = self.of(with_foot).value / momentum[i]
+        return out
 
-
-def momentum_of(
-    frame: xr.Dataset,
-    disc: str,
-    section: Bed | None,
-    phi: float,
-    overlap: float,
-    *,
-    radius: float | None = None,
-    axis: float = 0.0,
-    inwards: float = 0.0,
-    lifted: float = 0.0,
-) -> tuple[float, float, float]:
-    """Momentum of one frame below the foot's face, up to the edges of the picture; NaN where the foot is lost.
-
-    radius [m] of the foot, where known. axis [m] to the right of the foot's; inwards [m]: by which the edges are drawn
-    in; lifted [m]: by which the face lies higher than found.
-    """
-    top = float(frame.foot_y) + lifted
-    if not np.isfinite(top):
-        return np.nan, np.nan, 0.0
-    a = frame.attrs
-    scale = a["scale_m_per_px"]
-    found = grain_momentum(
-        frame.v,
-        frame.x,
-        frame.y,
-        frame.v_sigma,
-        frame.chc.values > 0,
-        top=top,
-        bottom=-(a["image_rows"] - 0.5 - a["origin_row_px"]) * scale + inwards,
-        left=(-0.5 - a["origin_column_px"]) * scale + inwards,
-        right=(a["image_columns"] - 0.5 - a["origin_column_px"]) * scale - inwards,
-        axis_x=axis,
-        density=section.grain_density if section else Bed().grain_density,
-        volume_fraction=phi,
-        disc=disc,
-        correlation_length=overlap,
-        error_length=a["error_px"] / a["step_px"],
-        foot=(radius, float(frame.foot_v)) if radius and "foot_v" in frame else None,
-    )
-    return found.value, found.sigma, found.covered
+    def sensitivities(self, frame: xr.Dataset) -> tuple[float, float]:
+        """Relative change of a frame's momentum if the axis is a millimetre off (the worse way), and if the picture
+        ended a vector earlier on all its edges. Density and volume fraction enter as they are: 1 % is 1 %."""
+        whole = self.of(frame).value
+        if not whole > 0.0:
+            return np.nan, np.nan
+        axis = max((self.of(frame, axis=a).value / whole - 1.0 for a in (1e-3, -1e-3)), key=abs)
+        return axis, self.of(frame, inwards=self.grid.step_m).value / whole - 1.0

@@ -15,6 +15,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.processes import WORKERS, in_parts
 from jumpvision.base.progress import watch
 from jumpvision.frames import Film
+from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.parameters import PivParams
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField, Robot
 from jumpvision.results.fields import Piv
@@ -59,7 +60,7 @@ def piv(
         usable = foot_mask(foot, frames.shape, film, robot)
         # chosen once, so that the processes' parts of a film are alike
         prefilter = best_prefilter(frames[0], frames[p.gap], mask=usable, gap=p.gap, **matching(p))
-        data = header(frames.time, frames.shape, film, p).assign_attrs(prefilter_px=prefilter)
+        data = header(frames.time, frames.shape, film, prefilter, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, p)
         fields = matched(frames, film, given, calibration, foot, robot, prefilter, p)
@@ -193,39 +194,44 @@ def of_fields(values: Array, p: PivParams) -> Array:
     return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
 
 
-def header(time: Array, shape: tuple[int, int], film: GrainVideo, p: PivParams) -> xr.Dataset:
+def header(time: Array, shape: tuple[int, int], film: GrainVideo, prefilter: float, p: PivParams) -> xr.Dataset:
     """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
-    scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
     begin, end = time[: -p.gap], time[p.gap :]
     x, y = (vector_places(n, p.window, p.step) for n in shape[::-1])
     origin_x, origin_y = origin(film)
-    return xr.Dataset(
+    grid = VectorGrid(
+        delta_t=float(np.median(end - begin)),
+        source=f"jumpvision {__version__}",
+        scale_m_per_px=film.scale or np.nan,
+        scale_share=film.scale_sigma / film.scale if film.scale else 0.0,
+        origin_column_px=origin_x,
+        origin_row_px=origin_y,
+        window_px=p.window,
+        step_px=p.step,
+        error_px=length_of_errors(p.window, p.step, p.smooth, p.preset),
+        image_rows=shape[0],
+        image_columns=shape[1],
+        gap_frames=p.gap,
+        ensemble_pairs=p.ensemble,
+    )
+    scale, unit = film.scale or 1.0, grid.unit
+    places = xr.Dataset(
         coords={
             "x": ("x", (x - origin_x) * scale, {"units": unit, "long_name": "right"}),
             "y": ("y", -(y - origin_y) * scale, {"units": unit, "long_name": "up"}),
             "t": ("t", of_fields(0.5 * (begin + end), p), {"units": "s", "long_name": "mid-time, common clock"}),
-        },
-        attrs={
-            "delta_t": float(np.median(end - begin)),
-            "files": [film.file],
-            "pivpy_schema_version": "1",
-            "source": f"jumpvision {__version__}",
-            "scale_m_per_px": film.scale or np.nan,
-            "scale_share": film.scale_sigma / film.scale if film.scale else 0.0,
-            "origin_column_px": origin_x,
-            "origin_row_px": origin_y,
-            "window_px": p.window,
-            "step_px": p.step,
-            "image_rows": shape[0],
-            "image_columns": shape[1],
-            "preset": p.preset,
-            "smooth": p.smooth,
-            "gap_frames": p.gap,
-            "baseline_frames": p.baseline,
-            "ensemble_pairs": p.ensemble,
-            "error_px": length_of_errors(p.window, p.step, p.smooth, p.preset),
-            "where": "a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
-        },
+        }
+    )
+    return Piv.described(
+        places,
+        grid,
+        matched=True,
+        files=[film.file],
+        preset=p.preset,
+        smooth=p.smooth,
+        baseline_frames=p.baseline,
+        where="a vector is the velocity at (x, y) half-way in time between its two frames; x right, y up",
+        prefilter_px=prefilter,
     )
 
 
@@ -285,11 +291,11 @@ def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p
     dt = time[b] - time[a]
     spread = np.hypot(foot.sigma[a], foot.sigma[b])
     first = film.foot_row or 0.0
+    off = {"shared_by_all_times": foot.offset_sigma * scale}  # where on the body its face is
     for name, values, dimension in (
-        ("foot_y", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, unit),
-        ("foot_y_sigma", 0.5 * spread * scale, unit),
-        ("foot_v", -(foot.row[b] - foot.row[a]) * scale / dt, f"{unit}/s"),
-        ("foot_v_sigma", spread * scale / dt, f"{unit}/s"),  # of one pair: that of a mean is no larger
+        ("foot_y", -(0.5 * (foot.row[a] + foot.row[b]) - first) * scale, {"units": unit}),
+        ("foot_y_sigma", 0.5 * spread * scale, {"units": unit, **off}),
+        ("foot_v", -(foot.row[b] - foot.row[a]) * scale / dt, {"units": f"{unit}/s"}),
+        ("foot_v_sigma", spread * scale / dt, {"units": f"{unit}/s"}),  # of one pair: that of a mean is no larger
     ):
-        data[name] = ("t", of_fields(values, p), {"units": dimension})
-    data.foot_y_sigma.attrs["shared_by_all_times"] = foot.offset_sigma * scale  # where on the body its face is
+        data[name] = ("t", of_fields(values, p), dimension)

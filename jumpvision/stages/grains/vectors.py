@@ -1,16 +1,20 @@
-"""A velocity field that someone else computed, as the record that stage piv makes of a film."""
+"""A velocity field that no film of ours shows, as the record that stage piv makes: of another program, of discs."""
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
+from jumpvision.dem.field import CUT, Coarse, coarse_grain
 from jumpvision.grains.column import follow_plug, scatter_sigma
+from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.sections import PivField, Robot
 from jumpvision.inputs.vectors import FOOT, Vectors, read_vectors
 from jumpvision.results.fields import Piv
@@ -22,6 +26,8 @@ PIXELS = ("px", "pix", "pixel", "pixels")
 FRAMES = ("frame", "frames", "dt")
 WINDOW = 2.0  # steps: half overlap, the default of OpenPIV and PIVlab
 COLUMN = 0.005  # m, half width of the column under the foot whose grains show its motion
+WHERE = "a vector is the velocity at (x, y) at mid-time; x right, y up"
+NAMED = {k: {"standard_name": f"{k}_velocity"} for k in ("u", "v")}
 FLAGS = {"flag_values": np.array([VALID, INTERPOLATED], np.int8), "flag_meanings": "valid not_measured"}
 
 
@@ -42,12 +48,26 @@ def foreign_field(section: PivField, robot: Robot | None) -> Piv:
     su, sv = (sigmas(section, raw, f, s, velocity, overlap) for f, s in ((u, raw.u_sigma), (v, raw.v_sigma)))
     valid = raw.valid & np.isfinite(su) & np.isfinite(sv)
     unit = "m" if metric else "px"
-    cube = {"u": u, "v": v, "u_sigma": su, "v_sigma": sv}
     step = float(np.median(np.abs(np.diff(raw.x))))  # in units of the file
     pixel = length if unit_of(section, raw) in PIXELS else length * step  # m: of the picture, else of the grid
     window = overlap * step * length / pixel
-    data = xr.Dataset(
-        {k: (("y", "x", "t"), a, {"units": f"{unit}/s"}) for k, a in cube.items()}
+    grid = VectorGrid(
+        delta_t=dt,
+        source=f"{section.file}, read by jumpvision {__version__}",
+        scale_m_per_px=pixel if metric else np.nan,
+        scale_share=section.scale_sigma / section.scale if section.scale else 0.0,
+        window_px=window,
+        step_px=window / overlap,
+        error_px=window,  # how far a foreign program's errors are alike is not known
+        # the picture is not known: it is taken to end half a window beyond the outermost vectors
+        origin_column_px=-x.min() / pixel + 0.5 * window - 0.5,
+        origin_row_px=y.max() / pixel + 0.5 * window - 0.5,
+        image_rows=np.ptp(y) / pixel + window,
+        image_columns=np.ptp(x) / pixel + window,
+    )
+    components = [("u", u, NAMED["u"]), ("v", v, NAMED["v"]), ("u_sigma", su, {}), ("v_sigma", sv, {})]
+    vectors = xr.Dataset(
+        {k: (("y", "x", "t"), a, {"units": f"{unit}/s", **name}) for k, a, name in components}
         | {
             "chc": (("y", "x", "t"), valid.astype(float), {"units": "1", "standard_name": "validity_flag"}),
             "correlation": (("y", "x", "t"), np.full(u.shape, np.nan), {"units": "1", "long_name": "not in the file"}),
@@ -58,26 +78,8 @@ def foreign_field(section: PivField, robot: Robot | None) -> Piv:
             "y": ("y", y, {"units": unit, "long_name": "up"}),
             "t": ("t", time, {"units": "s", "long_name": "mid-time of the pair, common clock"}),
         },
-        attrs={
-            "delta_t": dt,
-            "files": [section.file],
-            "pivpy_schema_version": "1",
-            "source": f"{section.file}, read by jumpvision {__version__}",
-            "foot": section.foot,
-            "scale_m_per_px": pixel if metric else np.nan,
-            "scale_share": section.scale_sigma / section.scale if section.scale else 0.0,
-            "window_px": window,
-            "step_px": window / overlap,
-            "error_px": window,  # how far a foreign program's errors are alike is not known
-            # the picture is not known: it is taken to end half a window beyond the outermost vectors
-            "origin_column_px": -x.min() / pixel + 0.5 * window - 0.5,
-            "origin_row_px": y.max() / pixel + 0.5 * window - 0.5,
-            "image_rows": np.ptp(y) / pixel + window,
-            "image_columns": np.ptp(x) / pixel + window,
-            "where": "a vector is the velocity at (x, y) at mid-time; x right, y up",
-        },
     )
-    data["u"].attrs["standard_name"], data["v"].attrs["standard_name"] = "u_velocity", "v_velocity"
+    data = Piv.described(vectors, grid, matched=False, files=[section.file], foot=section.foot, where=WHERE)
     data = data.sortby("x").sortby("y", ascending=False)
     if held:
         for k in FOOT:
@@ -198,3 +200,82 @@ def sigmas(section: PivField, raw: Vectors, f: Array, own: Array | None, factor:
     found = np.array([scatter_sigma(f[..., k], raw.valid[..., k], overlap) for k in range(f.shape[-1])])
     least = 1e-4 * float(np.nanmax(np.abs(np.where(raw.valid, f, 0.0)), initial=0.0))  # of a field at rest, or rounded
     return np.broadcast_to(np.maximum(found, least), f.shape).copy()
+
+
+LEAST_SIGMA = 1e-3  # of the greatest speed: discs at rest must not weigh without bounds
+SPARSE = 0.5  # share of the median density below which a place holds no vector: beyond the free surface, in a hole
+
+
+def field_of_discs(
+    t: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    mass: ArrayLike,
+    foot_y: ArrayLike,
+    *,
+    grid_x: ArrayLike,
+    grid_y: ArrayLike,
+    width: float,
+) -> Piv:
+    """The record of stage piv from places x, y (T, n) [m] at the times t (T,) [s] and the foot's face foot_y (T,) [m].
+
+    As a camera sees them: the velocity between two times is the displacement over their distance and belongs to
+    mid-time and mid-way. Heights count from the foot's face at the first time, x from its axis. chc = 0 where there
+    are few discs and above the foot's face. width [m]: standard deviation of the kernel; it acts like a square window
+    of sqrt(12) width, which stands in `window_px` with the grid step as the pixel.
+    """
+    t, x, y, face = (np.asarray(a, dtype=float) for a in (t, x, y, foot_y))
+    gx, gy = np.asarray(grid_x, dtype=float), np.asarray(grid_y, dtype=float)
+    step, dt, origin = float(gx[1] - gx[0]), np.diff(t), float(face[0])
+    fields = [
+        coarse_grain(
+            0.5 * (x[k] + x[k + 1]),
+            0.5 * (y[k] + y[k + 1]),
+            (x[k + 1] - x[k]) / dt[k],
+            (y[k + 1] - y[k]) / dt[k],
+            mass,
+            grid_x=gx,
+            grid_y=gy,
+            width=width,
+        )
+        for k in range(dt.size)
+    ]
+    cube = {name: np.stack([getattr(f, name) for f in fields], axis=-1) for name in Coarse._fields}
+    mid = 0.5 * (face[1:] + face[:-1])
+    enough = cube["density"] > SPARSE * np.median(cube["density"][cube["density"] > 0.0])
+    below = gy[:, None, None] < mid
+    good = enough & below & np.isfinite(cube["u_sigma"])
+    least = LEAST_SIGMA * float(np.nanmax(np.hypot(cube["u"], cube["v"])))
+    for name in ("u_sigma", "v_sigma"):
+        cube[name] = np.maximum(cube[name], least)
+    grid = VectorGrid(
+        delta_t=float(np.median(dt)),
+        source=f"jumpvision {__version__}, discs",
+        scale_m_per_px=step,
+        window_px=math.sqrt(12.0) * width / step,
+        step_px=1,
+        error_px=math.sqrt(12.0) * width / step,
+        image_rows=gy.size,
+        image_columns=gx.size,
+        origin_column_px=-gx[0] / step,
+        origin_row_px=(gy[-1] - origin) / step,
+    )
+    data = xr.Dataset(
+        {k: (("y", "x", "t"), cube[k], {"units": "m/s", **NAMED.get(k, {})}) for k in ("u", "v", "u_sigma", "v_sigma")}
+        | {
+            "chc": (("y", "x", "t"), good.astype(float), {"units": "1"}),
+            "density": (("y", "x", "t"), cube["density"], {"units": "kg/m^2"}),
+            "foot_y": ("t", mid - origin, {"units": "m"}),
+            "foot_y_sigma": ("t", np.zeros(dt.size), {"units": "m"}),
+            "foot_v": ("t", np.diff(face) / dt, {"units": "m/s"}),
+            "foot_v_sigma": ("t", np.zeros(dt.size), {"units": "m/s"}),
+        },
+        coords={
+            "x": ("x", gx, {"units": "m", "long_name": "right"}),
+            "y": ("y", gy - origin, {"units": "m", "long_name": "up"}),
+            "t": ("t", 0.5 * (t[1:] + t[:-1]), {"units": "s", "long_name": "mid-time of the pair"}),
+        },
+    )
+    kernel = f"Gaussian of {width:g} m, cut at {CUT:g} of it"
+    described = Piv.described(data, grid, matched=False, files=[], where=WHERE, kernel=kernel)
+    return Piv(described.sortby("y", ascending=False))

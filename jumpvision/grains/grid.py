@@ -1,0 +1,89 @@
+"""Where the vectors of a velocity field lie, and the vertical velocity of the grains on them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
+
+
+@dataclass(frozen=True)
+class VectorGrid:
+    """Geometry of a velocity field and its pictures, under the names of its file; x right, y up from an origin.
+
+    delta_t [s]: between the images of a pair. source: what computed the field. scale_m_per_px: NaN where it is not
+    known, then places are in px and velocities in px/s; scale_share: its relative standard uncertainty. origin_*: pixel
+    at x = y = 0 (rows count downwards). window_px: side of the matched windows; step_px: between vectors; error_px:
+    length over which the errors are alike. image_*: size of the pictures [px]. ensemble_pairs: of images that a field
+    is made from; gap_frames: between the images of a pair.
+    """
+
+    delta_t: float
+    source: str
+    scale_m_per_px: float
+    origin_column_px: float
+    origin_row_px: float
+    window_px: float
+    step_px: float
+    error_px: float
+    image_rows: float
+    image_columns: float
+    scale_share: float = 0.0
+    gap_frames: int = 1
+    ensemble_pairs: int = 1
+
+    @property
+    def metric(self) -> bool:
+        """Whether the field is in m and m/s."""
+        return math.isfinite(self.scale_m_per_px)
+
+    @property
+    def unit(self) -> str:
+        """Of places: "m" or "px"."""
+        return "m" if self.metric else "px"
+
+    @property
+    def overlap(self) -> float:
+        """Window over step: the steps over which neighbours are measured by the same pixels (`grains.gradients`)."""
+        return self.window_px / self.step_px
+
+    @property
+    def error_length(self) -> float:
+        """The same of the errors, where smoothing has made them alike over more than a window."""
+        return self.error_px / self.step_px
+
+    @property
+    def window_m(self) -> float:
+        """Side of the matched windows [m]."""
+        return self.window_px * self.scale_m_per_px
+
+    @property
+    def step_m(self) -> float:
+        """Distance between vectors [m]."""
+        return self.step_px * self.scale_m_per_px
+
+    @property
+    def edges(self) -> tuple[float, float, float, float]:
+        """left, right, bottom, top of the pictures [`unit`]."""
+        scale = self.scale_m_per_px if self.metric else 1.0
+        return (
+            (-0.5 - self.origin_column_px) * scale,
+            (self.image_columns - 0.5 - self.origin_column_px) * scale,
+            -(self.image_rows - 0.5 - self.origin_row_px) * scale,
+            (self.origin_row_px + 0.5) * scale,
+        )
+
+
+class Plane(NamedTuple):
+    """Vertical velocity of the grains at one time: v [m/s], positive UP, its sigma, and where it is valid: (ny, nx).
+
+    x (nx,) from the foot's axis, y (ny,) [m], y up: strictly monotonic.
+    """
+
+    v: ArrayLike
+    sigma: ArrayLike
+    valid: ArrayLike
+    x: ArrayLike
+    y: ArrayLike
