@@ -27,8 +27,7 @@ from jumpvision.inputs.model import model_tables
 from jumpvision.inputs.overrides import parse
 from jumpvision.report.figures import PICTURES
 
-from .results import fields, tables, values
-from .results.record import Record
+from .results import Record, fields, tables, values
 
 if TYPE_CHECKING:
     import pandas as pd

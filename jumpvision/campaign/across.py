@@ -235,7 +235,7 @@ def _write(results: Path, csv: str, rows: list[dict[str, Any]], name: str, data:
 
     import pandas as pd
 
-    from jumpvision.results.record import plain
+    from jumpvision.results import plain
 
     text = io.StringIO()
     pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")

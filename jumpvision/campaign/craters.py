@@ -15,7 +15,7 @@ import numpy as np
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.crater import TWO_HALVES, ZeroCrossing, critical_fraction
 from jumpvision.estimate.estimate import independent
-from jumpvision.results.record import plain
+from jumpvision.results import plain
 from jumpvision.results.values import CraterShape
 
 COLUMNS = (

@@ -26,7 +26,7 @@ from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import PHASES, Actuation
 from jumpvision.physics.forcing import delayed, sinusoid
-from jumpvision.results.record import plain
+from jumpvision.results import plain
 from jumpvision.workflow.run import Outcome
 
 from .document import common_of, confirmed, document, model_toml, noise_of, sentence, values

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 from jumpvision.campaign.beside import chance, confirmation_rows, details, models, overview, parameter_rows, unit_of
 from jumpvision.inputs.experiment import Campaign
-from jumpvision.results.record import plain
+from jumpvision.results import plain
 from jumpvision.workflow.run import Outcome
 
 

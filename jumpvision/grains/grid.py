@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from numpy.typing import ArrayLike
+if TYPE_CHECKING:  # the records name this module, and `--help` names the records: nothing heavy
+    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)

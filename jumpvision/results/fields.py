@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Self, TypeVar
 
 from jumpvision.grains.grid import VectorGrid
 
-from .record import Record, RecordError
+from . import Record, RecordError
 
 if TYPE_CHECKING:
     import xarray as xr

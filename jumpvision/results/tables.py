@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from .record import Record, RecordError
+from . import Record, RecordError
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from .record import Record, plain
+from . import Record, plain
 
 if TYPE_CHECKING:
     import pandas as pd

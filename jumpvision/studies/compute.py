@@ -24,7 +24,7 @@ from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
 from jumpvision.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.physics.hard.jump import RESULTS as COMPUTED
-from jumpvision.results.record import plain
+from jumpvision.results import plain
 
 from .axes import AXES, option
 from .machine import Machine

@@ -18,7 +18,7 @@ from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.model import ModelSpec, read_model
 from jumpvision.inputs.sections import Motor, Robot
 from jumpvision.physics.model import GROUNDS, Model
-from jumpvision.results.record import plain
+from jumpvision.results import plain
 
 from .machine import machine
 

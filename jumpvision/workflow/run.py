@@ -25,7 +25,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.base.storage import sha256, sweep_leftovers, write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.sections import NotApplicable
-from jumpvision.results.record import plain
+from jumpvision.results import plain
 from jumpvision.results.values import Summary
 
 from .stage import STAGES

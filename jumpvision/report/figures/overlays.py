@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.sections import Calibration, GrainVideo
+from jumpvision.results import Record
 from jumpvision.results.fields import Piv
-from jumpvision.results.record import Record
 from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
 

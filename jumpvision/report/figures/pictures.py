@@ -12,8 +12,8 @@ import numpy as np
 from jumpvision.grains.cone import mass_curve
 from jumpvision.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.results import Record
 from jumpvision.results.fields import Column, Flow
-from jumpvision.results.record import Record
 from jumpvision.results.tables import RodMotion, Simulation, Track
 from jumpvision.results.values import BedHeight, Fits
 from jumpvision.stages.recordings import open_film, open_pictures

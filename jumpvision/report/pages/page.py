@@ -24,7 +24,7 @@ from jumpvision.inputs.sections import Actuation
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.report.figures.pictures import drawn
-from jumpvision.results.record import plain
+from jumpvision.results import plain
 from jumpvision.workflow.run import Outcome, truth_of
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of, parameters
