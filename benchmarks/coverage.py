@@ -166,7 +166,7 @@ def scored(answer: Answer, w: World) -> Row:
     named = {p.name: ends(fit, p) for p in fit.parameters if p.name in own}
     others = {p.name: p for p in fit.parameters if p.name not in named and p.name in w.true}
     rest = {n: ends(fit, p) for n, p in others.items()}
-    fitted = {n: e for n, e in rest.items() if n in w.setting.protocol.tables.get("model", {}).get("fit", {})}
+    fitted = {n: e for n, e in rest.items() if n in w.setting.protocol.model.get("fit", {})}
     printed = [held(n, e, w) for n, e in named.items() if n in w.true]
     return {
         "outcome": outcome if d else "told", "named": names,

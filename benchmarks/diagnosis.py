@@ -28,7 +28,7 @@ from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.diagnosis.naming import confidence_set
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.inputs.sections import Actuation
-from jumpvision.lab.blind import ROBOTS, Recorded, Setting, campaign, choices, draw
+from jumpvision.lab.blind import ROBOTS, Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
 from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import from_log
@@ -60,8 +60,7 @@ class Case:
 
 def jumps_of(setting: Setting, recorded: list[Recorded]) -> tuple[list[Jump], dict[str, Any], dict[str, float]]:
     """(jumps, ranges, priors) as `jumpvision diagnose` would read them from the campaign's folders."""
-    tables, ground = setting.protocol.tables, setting.protocol.header.ground
-    robot, spec, sigma = ROBOTS[ground], tables["model"], tables.get("robot.sigma", {})
+    ground, spec, sigma = setting.protocol.header.ground, setting.protocol.model, setting.protocol.robot_sigma
     parameters = {k: v for k, v in spec.items() if k not in ("terms", "fit", "sigma")}
     fit = {k: (float(v[0]), float(v[1])) for k, v in spec.get("fit", {}).items()}
     parameters |= {k: sum(v) / 2 for k, v in fit.items() if k not in parameters}
@@ -69,7 +68,7 @@ def jumps_of(setting: Setting, recorded: list[Recorded]) -> tuple[list[Jump], di
     for i, r in enumerate(recorded):
         model = Model(
             ground, tuple(spec["terms"]), ModelParameters(**parameters),
-            **{"foot_mass": 0.0, **robot}, volume_fraction=r.volume_fraction or None,
+            **ROBOTS[ground]._asdict(), volume_fraction=r.volume_fraction or None,
             grain_density=setting.protocol.bed.grain_density,
         )  # fmt: skip
         j, m = r.jump, r.jump.law
@@ -95,8 +94,8 @@ def run(case: Case) -> dict[str, Any]:
     """One campaign made, questioned and scored."""
     rng = np.random.default_rng([case.seed, 77])
     setting = draw(
-        rng, ground=case.ground, hidden=case.hidden, strength=case.strength, noise=case.noise, trials=case.trials,
-        **case.nuisance,
+        rng, ground=case.ground, hidden=case.hidden, strength=case.strength, trials=case.trials,
+        nuisance=Nuisance(case.noise, **case.nuisance),
     )  # fmt: skip
     jumps, fit, priors = jumps_of(setting, campaign(setting, rng))
     began = time.perf_counter()
@@ -128,7 +127,7 @@ def run(case: Case) -> dict[str, Any]:
             out["best_chi2_per_n"] = d.naming.best.fit.chi2 / sum(r.size for r in d.baseline.residuals)
         out["detected"] = float(d.baseline.chi2 - sum(r.size - 1 for r in d.baseline.residuals))
         out["held_out"] = data["gain"]["rmse_track_after_m"] / noise.s if data["gain"] else None
-        out["truth"] = answer["parameters"]
+        out["truth"] = dict(answer.parameters)
     out["seconds"] = time.perf_counter() - began
     return out
 

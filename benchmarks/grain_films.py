@@ -13,17 +13,19 @@ import json
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from jumpvision.cli import main as command
 from jumpvision.lab import write
-from jumpvision.lab.films.grain_record import film_brief, write_grain_film
+from jumpvision.lab.films.flow import Cone
+from jumpvision.lab.films.grain_record import write_grain_film
+from jumpvision.lab.films.optics import GrainCamera
 from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.protocol_keys import GrainCamera
+from jumpvision.lab.protocol_keys import GrainFilm
 from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
+from jumpvision.lab.write import Recording
 
 PHI, DENSITY, FRAMES, C = 0.57, 1000.0, 30, 2.7
 FILMS: tuple[tuple[float, float, GrainCamera], ...] = (  # theta [deg], mu, camera
@@ -34,7 +36,7 @@ FILMS: tuple[tuple[float, float, GrainCamera], ...] = (  # theta [deg], mu, came
 )  # fmt: skip
 
 
-def one(folder: Path, seed: int, **smooth: str) -> tuple[dict[str, dict[str, float]], xr.Dataset, dict[str, Any]]:
+def one(folder: Path, seed: int, **smooth: str) -> tuple[dict[str, dict[str, float]], xr.Dataset, Recording]:
     """fits.json, flow.nc and the truth of one film."""
     folder.mkdir(parents=True)
     theta, mu, camera = FILMS[seed % len(FILMS)]
@@ -42,25 +44,24 @@ def one(folder: Path, seed: int, **smooth: str) -> tuple[dict[str, dict[str, flo
     motion = motion_of(
         SAND_ROBOT, law, SAND_TERMS, SAND_TRUTH, ground="granular", duration=0.46, bed_density=PHI * DENSITY
     )
-    section, depth, true = write_grain_film(
-        folder, motion, PHI * DENSITY, np.random.default_rng(seed), radius=0.0381, diameter=0.001, n=FRAMES, quick=True,
-        mu=mu, theta=np.radians(theta), C=C, camera=camera,
+    film = write_grain_film(
+        folder, motion, PHI * DENSITY, np.random.default_rng(seed), radius=0.0381, diameter=0.001, quick=True,
+        cone=Cone(mu, np.radians(theta), C), film=GrainFilm(frames=FRAMES), camera=camera,
     )  # fmt: skip
     write.toml(folder / "experiment.toml", {
         "ground": "granular", "robot": {"foot_radius": 0.0381},
-        "bed": {"volume_fraction": PHI, "grain_density": DENSITY}, "grain_video": section,
-        "params.flow": {"initial_depth": float(depth)},
+        "bed": {"volume_fraction": PHI, "grain_density": DENSITY}, **film.tables,
         **({"params.piv": smooth} if smooth else {}),
     })  # fmt: skip
     if command(["fit", str(folder), "--results", str(folder / "results"), "--no-pictures"]):
         raise SystemExit(f"jumpvision fit {folder} failed")
     fits = json.loads((folder / "results" / "fits.json").read_text())
-    return fits, xr.load_dataset(folder / "results" / "flow.nc"), true
+    return fits, xr.load_dataset(folder / "results" / "flow.nc"), film
 
 
-def momentum(flow: xr.Dataset, true: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def momentum(flow: xr.Dataset, film: Recording) -> tuple[np.ndarray, np.ndarray]:
     """(error, sigma) over the true momentum in view, above a tenth of its peak and while grains move all through."""
-    known = true["pairs"]["momentum_in_view_kg_m_s"]
+    known = film.truth["grain_film"].pairs["momentum_in_view_kg_m_s"]
     moving = known > 0.1 * known.max()
     moving[1:] &= known[:-1] > 0
     moving[:-1] &= known[1:] > 0
@@ -73,15 +74,15 @@ def main(films: int, **smooth: str) -> None:
     frames: list[tuple[np.ndarray, np.ndarray]] = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(films):
-            fits, flow, true = one(Path(folder) / str(seed), seed, **smooth)
+            fits, flow, film = one(Path(folder) / str(seed), seed, **smooth)
             theta, mu, _ = FILMS[seed % len(FILMS)]
             known = {
-                "mu": mu, "beta_deg": 45.0, "added_mass_kg": film_brief(true)["added_mass_kg"], "theta_deg": theta,
+                "mu": mu, "beta_deg": 45.0, "added_mass_kg": film.summary["added_mass_kg"], "theta_deg": theta,
                 "theta_outline_deg": theta, "theta_bands_deg": theta, "mu_cone": mu, "theta_cone_deg": theta, "C": C,
             }  # fmt: skip
             for name, truth in known.items():
                 rows.setdefault(name, []).append((fits[name]["value"] - truth, fits[name]["sigma"]))
-            frames.append(momentum(flow, true))
+            frames.append(momentum(flow, film))
     print("| fit | bias | greatest error | scatter of the films | stated sigma | films within 1 sigma, 2 sigma |")
     print("|---|---|---|---|---|---|")
     for name, pairs in rows.items():

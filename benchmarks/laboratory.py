@@ -14,11 +14,11 @@ from jumpvision.dem.motion import discs_under_foot
 from jumpvision.lab import blind
 from jumpvision.lab.campaign import jump_of, write_campaign
 from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainCamera, View
-from jumpvision.lab.films.optics import record, record_bright
-from jumpvision.lab.films.quick import QuickGrainCamera
+from jumpvision.lab.films.grains import GrainScene, View
+from jumpvision.lab.films.optics import Camera, record, record_bright
+from jumpvision.lab.films.quick import QuickGrainScene
 from jumpvision.lab.films.rod import write_rod_film
-from jumpvision.lab.protocol_keys import Camera, RodFilm
+from jumpvision.lab.protocol_keys import RodFilm
 
 
 def grain_rate(quick: bool, *, frames: int = 30) -> float:
@@ -26,7 +26,7 @@ def grain_rate(quick: bool, *, frames: int = 30) -> float:
     view = View((512, 512), 3e-4, 47.0, 255.5)
     flow = Flow(0.0381, 2.0, math.pi / 3, 2.7, math.radians(45.0), 0.008, (0.006, 0.05))
     rng = np.random.default_rng(1)
-    kind, expose = (QuickGrainCamera, record_bright) if quick else (GrainCamera, record)
+    kind, expose = (QuickGrainScene, record_bright) if quick else (GrainScene, record)
     camera = kind(view, flow, 0.006, diameter=0.001, spread=0.15, rng=rng)
     camera.frame(np.array([0.0061]))
     began = time.process_time()

@@ -30,7 +30,7 @@ from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.diagnosis.noise.learning import Learned, learn_noise
 from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.lab.blind import Recorded, Setting, campaign, choices, draw
+from jumpvision.lab.blind import Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.recordings import NU
 from jumpvision.lab.seal import answer_of, score
 
@@ -98,8 +98,8 @@ class Case:
         """The campaign's setting: the same but for the strength of what is hidden."""
         return draw(
             np.random.default_rng([*self.seed, 1]), ground=self.ground, hidden=hidden, strength=strength,
-            noise=self.noise, trials=self.cell.trials, jumps=SIZES[self.cell.size],
-            **{"rho": 0.0, "step": 0.0} | FAMILIES[self.cell.family],
+            trials=self.cell.trials, jumps=SIZES[self.cell.size],
+            nuisance=Nuisance(self.noise, **{"rho": 0.0, "step": 0.0} | FAMILIES[self.cell.family]),
         )  # fmt: skip
 
     def tracks(self, setting: Setting) -> list[Recorded]:

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.lab.blind import DT, EFFECTS, EVERY, Recorded, Setting
+from jumpvision.lab.blind import DT, EFFECTS, EVERY, Recorded, Setting, track_of
 from jumpvision.lab.campaign import jump_of
 from jumpvision.lab.jumper import AT_THE_CAMERA, STATIC
 from jumpvision.lab.protocol import CAMERA_PARAMETERS, Protocol
+from jumpvision.lab.protocol_keys import RodTrack
 from jumpvision.lab.recordings import NU, SHARE, slow
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ def heights(protocol: Protocol) -> list[tuple[Array, Array, float]]:
     out = []
     for jump in protocol.jumps:
         motion, _, p = jump_of(protocol, jump, np.random.default_rng(0), dt=DT, every=EVERY)
-        rate = protocol.records["rod_track"].rate
+        rate = track_of(protocol).rate
         t = np.arange(int(motion.t[-1] * rate + 1e-6) + 1) / rate
         y = p.get("scale", 1.0) * (motion.at("rod", t + p.get("dt", 0.0)) - motion.rest)
         landings = motion.lift_offs + motion.flights
@@ -61,7 +62,7 @@ def without(setting: Setting) -> Protocol:
 
 def moved(protocol: Protocol) -> list[tuple[Protocol, float, float]]:
     """What the baseline may fit, each as (the protocol with it changed, by how much, its prior's sigma or inf)."""
-    model, robot = protocol.tables.get("model", {}), protocol.tables.get("robot.sigma", {})
+    model, robot = protocol.model, protocol.robot_sigma
     steps = {n: (0.05 * (high - low), math.inf) for n, (low, high) in model.get("fit", {}).items()}
     steps |= {n: (s, s) for n, s in model.get("sigma", {}).items()}
     if "spring_stiffness" in robot:
@@ -96,15 +97,15 @@ def variance(sigma: float, family: str) -> float:
     return sigma**2 / (1.0 - SHARE) if family == "outliers" else sigma**2
 
 
-def whitener(n: int, sigma: float, how: Mapping[str, Any]) -> Array:
+def whitener(n: int, sigma: float, how: RodTrack) -> Array:
     """(n, n) lower triangle L with L L' = covariance of a whole track; sigma [m]: jitter and rounding of this track."""
-    rounding = how["step"] ** 2 / 12.0
+    rounding = how.step**2 / 12.0
     lags = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    jitter = variance(math.sqrt(sigma**2 - rounding), how["family"])
-    covariance = jitter * np.power(how["rho"], lags) if how["rho"] else jitter * np.eye(n)
+    jitter = variance(math.sqrt(sigma**2 - rounding), how.family)
+    covariance = jitter * np.power(how.rho, lags) if how.rho else jitter * np.eye(n)
     covariance = covariance + rounding * np.eye(n)
-    if how["drift"]:
-        covariance = covariance + how["drift"] ** 2 * wander(n)
+    if how.drift:
+        covariance = covariance + how.drift**2 * wander(n)
     return np.asarray(np.linalg.cholesky(covariance))
 
 
@@ -160,7 +161,7 @@ def level_for(
     The non-centrality goes about as the square of the effect. Raises Unreachable where it does not get there.
     """
     (name,) = drawn(first).hidden
-    ((weak, strong, *_),) = EFFECTS[name][1].values()
+    ((weak, strong, _),) = EFFECTS[name].drawn.values()
     origin = 1.0 if name == "compaction" else 0.0
     growth = 2.0 * math.log((strong - origin) / (weak - origin))  # of ln(non-centrality), a level
     level = first

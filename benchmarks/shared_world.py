@@ -104,10 +104,10 @@ def with_cone(setting: Setting, rng: np.random.Generator) -> Setting:
 def with_fitted_force(setting: Setting) -> Setting:
     """A campaign that states no k1: both stiffnesses are fitted."""
     p = setting.protocol
-    model = dict(p.tables["model"])
+    model = dict(p.model)
     model["fit"] = {**model.get("fit", {}), "k1": [1000.0, 5000.0], "k2": [500.0, 6000.0]}
     model["sigma"] = {n: s for n, s in model.get("sigma", {}).items() if n not in ("k1", "k2")}
-    return replace(setting, protocol=replace(p, tables={**p.tables, "model": model}))
+    return replace(setting, protocol=replace(p, model=model))
 
 
 def with_common_errors(setting: Setting, rng: np.random.Generator) -> tuple[Setting, dict[str, float]]:
@@ -118,11 +118,11 @@ def with_common_errors(setting: Setting, rng: np.random.Generator) -> tuple[Sett
     setting = with_parameters(setting, {"dg": gravity * common["gravity"]}, ("tilt",))
     p = setting.protocol
     track = replace(
-        p.records["rod_track"], scale_error=SCALE * common["scale"], clock_offset=OFFSET * common["offset"],
+        setting.nuisance, scale_error=SCALE * common["scale"], clock_offset=OFFSET * common["offset"],
         clock_drift=RATE * common["rate"],
     )  # fmt: skip
-    sigma = {**p.tables["robot.sigma"], "gravity": gravity}
-    p = replace(p, records={**p.records, "rod_track": track}, tables={**p.tables, "robot.sigma": sigma})
+    sigma = {**p.robot_sigma, "gravity": gravity}
+    p = replace(p, records=replace(p.records, rod_track=track), robot_sigma=sigma)
     common["spring"] = p.parameters["dk"] / sigma["spring_stiffness"]
     return replace(setting, protocol=p), common
 
@@ -130,7 +130,7 @@ def with_common_errors(setting: Setting, rng: np.random.Generator) -> tuple[Sett
 def truth(setting: Setting) -> dict[str, float]:
     """Every true parameter; the robot's own stiffness and gravity and the camera's errors by the analysis' names."""
     p = setting.protocol
-    track = p.records["rod_track"]
+    track = setting.nuisance
     apparatus = {
         "spring_stiffness": p.robot.spring_stiffness + p.parameters["dk"],
         "gravity": p.robot.gravity + p.parameters["dg"],
@@ -148,7 +148,7 @@ def film(kind: str, true: Mapping[str, float], rng: np.random.Generator) -> Film
     elif kind == "static":
         sigma, source = {n: INTRUDED * true[n] for n in ("k1", "k2")}, "slow intrusions"
     else:
-        sigma, source = {"spring_stiffness": SPRUNG * ROBOTS["hard"]["spring_stiffness"]}, "spring test"
+        sigma, source = {"spring_stiffness": SPRUNG * ROBOTS["hard"].spring_stiffness}, "spring test"
     size = np.array(list(sigma.values()))
     correlation = np.eye(size.size)
     if kind == "cone":

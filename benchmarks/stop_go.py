@@ -19,7 +19,7 @@ from jumpvision.cli import main
 from jumpvision.lab import recordings as logs
 from jumpvision.lab import write
 from jumpvision.lab.blind import ROBOTS
-from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
+from jumpvision.lab.jumper import Motor, Samples, motion_of
 
 PHI, DENSITY = 0.571, 1000.0  # volume fraction, kg/m^3
 MODEL = {"k1": 2100.0, "k2": 2100.0, "delta": 0.012, "b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.pi / 3}
@@ -53,7 +53,7 @@ def write_campaign(out: Path, seed: int = 1) -> None:
     robot = ROBOTS["granular"]
     out.mkdir(parents=True)
     tables = {
-        "robot": robot,
+        "robot": robot._asdict(),
         "bed": {"volume_fraction": PHI, "grain_density": DENSITY, "grain_diameter": 0.001},
         "model": {"terms": TERMS, **MODEL},
         "model.fit": {"b": [5.0, 40.0]},
@@ -63,7 +63,7 @@ def write_campaign(out: Path, seed: int = 1) -> None:
     for name, motion in MOTIONS.items():
         command = thrusts(*motion)
         moved = motion_of(
-            Robot(**robot), command, [*TERMS, "stop_go_overshoot"], MODEL | HIDDEN, ground="granular",
+            robot, command, [*TERMS, "stop_go_overshoot"], MODEL | HIDDEN, ground="granular",
             duration=command.stop + 0.4, bed_density=PHI * DENSITY, dt=1e-5, every=50, motor=Motor(60_000.0, 300.0),
         )  # fmt: skip
         for trial in range(1, TRIALS + 1):

@@ -12,7 +12,7 @@ from jumpvision.estimate.mean import correlation_time
 from jumpvision.estimate.strokes import deep_ripple, fresh_samples, overshoot_law
 from jumpvision.estimate.two_slope import fit_penetration, in_bins
 from jumpvision.lab import write
-from jumpvision.lab.arm import Arm, Grains, log
+from jumpvision.lab.intrusions import Arm, Grains, log
 from jumpvision.studies.axes import read_laws
 
 ARM = Arm(surface=0.0007)

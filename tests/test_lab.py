@@ -20,7 +20,7 @@ from jumpvision.inputs.experiment import open_campaign, open_experiment
 from jumpvision.lab import samples, write
 from jumpvision.lab.films.bed import bed_height, bed_picture
 from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainCamera, View, splat
+from jumpvision.lab.films.grains import GrainScene, View, splat
 from jumpvision.lab.films.optics import blur, record
 from jumpvision.lab.films.rod import balls, exposure_times
 from jumpvision.lab.jumper import MECHANISMS, Law, Motion, Robot, motion_of
@@ -384,9 +384,9 @@ def test_a_grain_moves_by_the_integral_of_the_flow(flow):
     np.testing.assert_allclose(y[beside], np.array(exact)[beside], atol=1e-6)
 
 
-def camera(flow: Flow) -> GrainCamera:
+def camera(flow: Flow) -> GrainScene:
     view = View((220, 310), 4e-4, 32.0, 150.0)
-    return GrainCamera(view, flow, 0.0062, diameter=1.2e-3, spread=0.15, rng=np.random.default_rng(6))
+    return GrainScene(view, flow, 0.0062, diameter=1.2e-3, spread=0.15, rng=np.random.default_rng(6))
 
 
 def test_frames_follow_the_foot_and_rest_when_it_retreats(flow):

@@ -19,7 +19,7 @@ def rng(seed: int = 1) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-QUIET = {"noise": 1e-12, "rho": 0.0, "step": 0.0}
+QUIET = blind.Nuisance(noise=1e-12, rho=0.0, step=0.0)
 
 
 def shorter(setting: blind.Setting, step: int) -> blind.Setting:
@@ -49,14 +49,14 @@ def test_drawn_shares_strengths_and_nuisance_are_as_said(ground):
         (0.10, lambda s: s.outside),
     ):
         assert abs(np.mean([is_it(s) for s in drawn]) - share) < 3.5 * np.sqrt(share * (1 - share) / 300)
-    noise = np.array([s.nuisance["noise"] for s in drawn])
+    noise = np.array([s.nuisance.noise for s in drawn])
     assert 5e-5 <= noise.min() < 6e-5 and 4.5e-4 < noise.max() <= 5e-4
-    rho = np.array([s.nuisance["rho"] for s in drawn])
+    rho = np.array([s.nuisance.rho for s in drawn])
     assert (rho == 0).any() and 0.6 < rho.max() < 0.7
     levels = np.concatenate([s.strength for s in drawn if s.hidden])
     assert levels.min() < 0.05 and levels.max() > 0.95
     for s in drawn:  # the declared model never holds what is hidden
-        assert not set(s.hidden) & set(s.protocol.tables.get("model", {}).get("terms", ()))
+        assert not set(s.hidden) & set(s.protocol.model.get("terms", ()))
         assert set(s.hidden) <= set(s.protocol.terms)
 
 
@@ -66,14 +66,14 @@ def test_declared_values_are_wrong_within_what_they_say():
     pulls = []
     for _ in range(200):
         p = blind.draw(a, hidden=()).protocol
-        pulls.append(p.parameters["dk"] / p.tables["robot.sigma"]["spring_stiffness"])
-        assert abs(p.parameters["k1"] - p.tables["model"]["k1"]) < 4.5 * p.tables["model"]["sigma"]["k1"]
+        pulls.append(p.parameters["dk"] / p.robot_sigma["spring_stiffness"])
+        assert abs(p.parameters["k1"] - p.model["k1"]) < 4.5 * p.model["sigma"]["k1"]
     assert np.std(pulls) == pytest.approx(1.0, abs=0.18)
 
 
 def test_the_step_of_the_campaigns_is_fine_enough():
     """Rod tracks with dt = 1e-5 against 2e-6 s: off by less than a fifth of the smallest noise."""
-    s = shorter(blind.draw(rng(4), hidden=("added_mass",), strength=0.7, noise=1e-12, rho=0.0, step=0.0), 5)
+    s = shorter(blind.draw(rng(4), hidden=("added_mass",), strength=0.7, nuisance=QUIET), 5)
     coarse, fine = (blind.campaign(s, rng(5), dt=dt) for dt in (blind.DT, 2e-6))
     for a, b in zip(coarse, fine):
         assert np.sqrt(np.mean((a.track["height_m"] - b.track["height_m"]) ** 2)) < 1e-5
@@ -88,7 +88,7 @@ def test_every_effect_shows_in_the_tracks(ground):
             continue  # the static force itself: nothing is left without it
         moved = []
         for strength in (0.0, 1.0):
-            s = shorter(blind.draw(rng(6), ground=ground, hidden=(name,), strength=strength, **QUIET), 11)
+            s = shorter(blind.draw(rng(6), ground=ground, hidden=(name,), strength=strength, nuisance=QUIET), 11)
             p = s.protocol
             plain = replace(p, terms=tuple(t for t in p.terms if t != name))
             if name in AT_THE_CAMERA:
@@ -103,9 +103,8 @@ def test_every_effect_shows_in_the_tracks(ground):
 def test_noise_is_what_was_asked():
     """Marginal spread and neighbour correlation of 24 x 361 samples, n (1 - rho)/(1 + rho) = 2900 of them independent:
     the spread to 3.5/sqrt(2 x 2900) = 5 %, rho to 3.5 sqrt((1 - rho^2)/8600) = 0.033."""
-    s = blind.draw(rng(8), hidden=(), noise=2e-4, rho=0.5, step=0.0)
-    records = s.protocol.records
-    still = replace(s.protocol, records=records | {"rod_track": replace(records["rod_track"], noise=0.0)})
+    s = blind.draw(rng(8), hidden=(), nuisance=blind.Nuisance(noise=2e-4, rho=0.5, step=0.0))
+    still = replace(s.protocol, records=replace(s.protocol.records, rod_track=replace(s.nuisance, noise=0.0)))
     noisy, clean = (blind.campaign(replace(s, protocol=q), rng(9), dt=5e-5) for q in (s.protocol, still))
     error = [a.track["height_m"] - b.track["height_m"] for a, b in zip(noisy, clean)]
     assert np.sqrt(np.mean([e @ e / len(e) for e in error])) == pytest.approx(2e-4, rel=0.05)
@@ -142,8 +141,8 @@ def diagnosis(verdict="discrepant", named=(), twins=(), causes=(), unexplained=N
             "causes": list(causes), "unexplained": unexplained}  # fmt: skip
 
 
-def answer(*hidden: str, **parameters: float) -> dict:
-    return {"hidden": list(hidden), "outside": any(h in OUTSIDE for h in hidden), "parameters": parameters}
+def answer(*hidden: str, **parameters: float) -> seal.Answer:
+    return seal.Answer(hidden, any(h in OUTSIDE for h in hidden), parameters)
 
 
 RATE = {"terms": ["v*z"], "r2": 0.9, "where": "push_off"}

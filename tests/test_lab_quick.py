@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainCamera, View
+from jumpvision.lab.films.grains import GrainScene, View
 from jumpvision.lab.films.optics import record_bright
-from jumpvision.lab.films.quick import QuickGrainCamera, carry
+from jumpvision.lab.films.quick import QuickGrainScene, carry
 
 VIEW = View((220, 310), 3e-4, 42.0, 150.0)
 
@@ -43,7 +43,7 @@ def test_pictures_agree(flow):
     carried by other steps (up to 9 um = 0.03 px of a few of them, at edges of 100 grey/px: 3 grey)."""
     cameras = [
         kind(VIEW, flow, 0.0062, diameter=1e-3, spread=0.15, rng=np.random.default_rng(6))
-        for kind in (GrainCamera, QuickGrainCamera)
+        for kind in (GrainScene, QuickGrainScene)
     ]
     for z in (0.0062, 0.0071, 0.0093, 0.0093, 0.0081):
         slow, quick = (c.frame(np.array([z])) for c in cameras)
@@ -57,7 +57,7 @@ def test_streak_of_a_moving_foot(flow):
     of 100 grey a pixel that is 2 grey, with the quick film's own 4."""
     cameras = [
         kind(VIEW, flow, 0.0062, diameter=1e-3, spread=0.15, rng=np.random.default_rng(6))
-        for kind in (GrainCamera, QuickGrainCamera)
+        for kind in (GrainScene, QuickGrainScene)
     ]
     depths = 0.0075 + np.linspace(0.0, 1.8e-4, 8)
     slow, quick = (c.frame(depths) for c in cameras)
@@ -66,7 +66,7 @@ def test_streak_of_a_moving_foot(flow):
 
 
 def test_too_large_grains_are_refused(flow):
-    camera = QuickGrainCamera(VIEW, flow, 0.0062, diameter=5e-3, spread=0.15, rng=np.random.default_rng(6))
+    camera = QuickGrainScene(VIEW, flow, 0.0062, diameter=5e-3, spread=0.15, rng=np.random.default_rng(6))
     with pytest.raises(ValueError, match="too large"):
         camera.frame(np.array([0.007]))
 

@@ -19,16 +19,17 @@ from jumpvision.diagnosis.noise import readings
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
 from jumpvision.diagnosis.system import Parameter
-from jumpvision.lab.blind import campaign, draw
+from jumpvision.lab.blind import Nuisance, campaign, draw
 
 FRAME = 0.005
 NOISE = 5e-5  # m
 
 
-def few(ground="hard", seed=1, **world):
+def few(ground="hard", seed=1, trials=1, jumps="few", **world):
     """Four jumps of different conditions, the declared model true."""
     rng = np.random.default_rng([seed, 9])
-    setting = draw(rng, ground=ground, hidden=(), **{"noise": NOISE, "rho": 0.0, "step": 0.0, "jumps": "few", **world})
+    nuisance = Nuisance(**{"noise": NOISE, "rho": 0.0, "step": 0.0, **world})
+    setting = draw(rng, ground=ground, hidden=(), nuisance=nuisance, trials=trials, jumps=jumps)
     return jumps_of(setting, campaign(setting, rng))
 
 

@@ -20,7 +20,7 @@ from jumpvision.lab import recordings as track_noise
 from jumpvision.lab.campaign import write_campaign
 from jumpvision.lab.jumper import Motion, truth_of
 from jumpvision.lab.protocol import protocol_of
-from jumpvision.lab.protocol_keys import RodTrack
+from jumpvision.lab.protocol_keys import Records, RodTrack
 
 N, TRACKS, NOISE = 400, 250, 2e-4  # samples of a track, tracks, m
 
@@ -148,7 +148,7 @@ def test_the_keys_of_a_protocol_are_checked():
         "robot": {"motor_mass": 1.0, "rod_mass": 0.2, "spring_stiffness": 5000.0}, "ground": "hard",
         "jumps": [{"kind": "single", "frequency": 9.0}], "record": {"rod_track": {"family": "t3", "ratio": 5.0}},
     }  # fmt: skip
-    assert protocol_of(table, "x").records["rod_track"].family == "t3"
+    assert protocol_of(table, "x").records.rod_track.family == "t3"
     with pytest.raises(ValueError, match="one of 'white', 't3', 'outliers'"):
         protocol_of(table | {"record": {"rod_track": {"family": "cauchy"}}}, "x")
     with pytest.raises(ValueError, match="ratio"):
@@ -177,10 +177,10 @@ def test_single_trials_are_different_conditions(ground, jumps, n, trials):
 def test_a_campaign_tells_the_truth_of_its_noise():
     """Track minus noise-free track is the error that it tells, to rounding."""
     given = {"noise": 1e-4, "rho": 0.0, "step": 0.0, "family": "t3", "drift": 5e-5, "ratio": 5.0, "stated": False}
-    setting = blind.draw(rng(4), ground="hard", hidden=(), jumps="few", **given)
-    assert setting.nuisance == given
+    setting = blind.draw(rng(4), ground="hard", hidden=(), jumps="few", nuisance=blind.Nuisance(**given))
+    assert setting.nuisance == RodTrack(**given)
     quiet = RodTrack(noise=0.0)
-    plain = replace(setting, protocol=replace(setting.protocol, records={"rod_track": quiet}))
+    plain = replace(setting, protocol=replace(setting.protocol, records=Records(rod_track=quiet)))
     noisy, clean = blind.campaign(setting, rng(5), dt=5e-5), blind.campaign(plain, rng(5), dt=5e-5)
     for a, b in zip(noisy, clean):
         off = a.track["height_m"] - b.track["height_m"]
@@ -236,7 +236,7 @@ def test_the_apparatus_errs_within_what_is_stated():
 def test_the_world_is_made_with_its_common_errors():
     """The record and the robot of a world are wrong by what it says, and a world is the same whenever asked for."""
     w = shared_world.world(1)
-    track, p = w.setting.protocol.records["rod_track"], w.setting.protocol
+    track, p = w.setting.nuisance, w.setting.protocol
     assert track.scale_error == pytest.approx(0.01 * w.common["scale"])
     assert track.clock_offset == pytest.approx(1e-3 * w.common["offset"])
     assert track.clock_drift == pytest.approx(1e-3 * w.common["rate"])
@@ -259,13 +259,13 @@ def test_the_oracle_sees_an_exactly_known_effect():
 
     def drawn(family: str, strength: float) -> blind.Setting:
         return blind.draw(
-            rng(7), ground="hard", hidden=("camera_scale",), strength=strength, noise=1e-3, rho=0.0, step=0.0,
-            jumps="few", family=family,
+            rng(7), ground="hard", hidden=("camera_scale",), strength=strength, jumps="few",
+            nuisance=blind.Nuisance(noise=1e-3, rho=0.0, step=0.0, family=family),
         )  # fmt: skip
 
     def seen(family: str, strength: float) -> float:
         setting = drawn(family, strength)
-        bare = replace(setting.protocol, tables={})
+        bare = replace(setting.protocol, model={}, robot_sigma={})
         setting = replace(setting, protocol=bare)
         return oracle.Oracle(setting, blind.campaign(setting, rng(8))).noncentrality(bare)
 

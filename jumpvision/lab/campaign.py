@@ -7,26 +7,29 @@ that an interrupted campaign is taken up where it stopped.
 from __future__ import annotations
 
 import json
+import math
 import multiprocessing
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
 from jumpvision.lab.films.discs import Runner
-from jumpvision.lab.films.grain_record import film_brief
 
 from . import write
-from .jumper import Law, Motion, motion_of
-from .protocol import Protocol, critical_fraction, read_parts
+from .jumper import Law, Motion, Motor, Robot, motion_of
+from .protocol import Points, Protocol, critical_fraction, read_parts
 from .protocol_keys import FILMED_BY, Intrusion, Jump
 from .recordings import of_intrusion, of_jump
+from .write import Recording, Table
 
 PROTOCOL, TRUTH = "protocol.toml", "truth.json"
 # truth of recordings that the campaign's truth.json leaves out
@@ -37,12 +40,12 @@ def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs:
     """Carries out the protocol `file` below `out`; returns how many experiments were made now.
 
     `out` may hold the unfinished campaign of the same protocol and seed: what is missing is made. discs: simulates the
-    grains of films with source = "discs" (`jumpvision.dem.under_foot.discs_under_foot`), a function of a module.
+    grains of films with source = "discs" (`jumpvision.dem.motion.discs_under_foot`), a function of a module.
     Raises InputError for a bad protocol, or where `out` holds anything else.
     """
     parts = read_parts(file)
     for p in parts:
-        if discs is None and getattr(p.records.get("grain_film"), "source", "") == "discs":
+        if discs is None and p.records.grain_film and p.records.grain_film.source == "discs":
             raise InputError([f"{p.file}: [record.grain_film] source = 'discs': needs what simulates them (discs=...)"])
     text = f"# seed {seed}\n" + Path(file).read_text(encoding="utf-8-sig")
     for p in parts if len(parts) > 1 or parts[0].part else ():
@@ -60,21 +63,28 @@ def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs:
     whole = not parts[0].part
     comment = f"{parts[0].header.name if whole else file.stem}; the truth is in {TRUTH}."
     write.toml(out / "campaign.toml", defaults(parts[0]) if whole else {}, comment=comment)
-    told = [hidden(p) for p in parts]
-    named = told[0] if whole else {"parts": {p.part.removesuffix("-"): t for p, t in zip(parts, told)}}
+    told = hidden(parts[0]) if whole else {"parts": {p.part.removesuffix("-"): hidden(p) for p in parts}}
     true = {
         e.name: json.loads((out / e.name / TRUTH).read_text(encoding="utf-8")) for p in parts for e in p.experiments
     }
     brief = {name: {k: v for k, v in t.items() if k not in LONG} for name, t in true.items()}
-    write.truth(out / TRUTH, {**named, "experiments": brief})
+    write.truth(out / TRUTH, told, {"experiments": brief})
     return len(work)
 
 
-def hidden(protocol: Protocol) -> dict[str, Any]:
-    """Terms and parameters of a protocol's truth."""
-    out: dict[str, Any] = {"terms": protocol.terms, "parameters": protocol.parameters}
+@dataclass(frozen=True)
+class Hidden:
+    """Terms and parameters of a protocol's truth; phi_c: where its craters have no volume, if there is such a place."""
+
+    terms: tuple[str, ...]
+    parameters: Mapping[str, float | Points]
+    phi_c: float | None = None
+
+
+def hidden(protocol: Protocol) -> Hidden:
+    """What the protocol's recordings are to be questioned for."""
     phi_c = critical_fraction(protocol.parameters.get("crater_volume"))
-    return out if phi_c is None else out | {"phi_c": phi_c}
+    return Hidden(protocol.terms, protocol.parameters, phi_c)
 
 
 def carry_out(
@@ -145,77 +155,107 @@ def write_experiment(
     aside = out / f".{experiment.name}.part"
     shutil.rmtree(aside, ignore_errors=True)
     aside.mkdir()
-    content: dict[str, Any] = defaults(protocol) if protocol.part else {}
-    content["group"] = experiment.group
+    keys: Table = {"ground": protocol.header.ground} if protocol.part else {}
+    tables = declared(protocol) if protocol.part else {}
+    keys["group"] = experiment.group
+    true: JumpTruth | IntrusionTruth
     if isinstance(experiment, Jump):
         motion, phi, parameters = jump_of(protocol, experiment, rng)
-        content["actuation"] = actuation(experiment.kind, experiment.law)
-        sections, seen = of_jump(aside, protocol, motion, phi, parameters, rng, discs)
-        true = jump_truth(motion, seen)
+        tables["actuation"] = actuation(experiment.kind, experiment.law)
+        made = list(of_jump(aside, protocol, motion, phi, parameters, rng, discs))
+        true = jump_truth(motion, made)
     else:
         phi, parameters = protocol.truth(experiment.volume_fraction, rng)
-        content["robot"] = content.get("robot", {}) | {"foot_radius": experiment.foot_radius}
-        sections, seen = of_intrusion(aside, protocol, experiment, phi, parameters, rng)
-        true = {"summary": {}, "foot_radius_m": experiment.foot_radius}
+        tables.setdefault("robot", {})["foot_radius"] = experiment.foot_radius
+        made = list(of_intrusion(aside, protocol, experiment, phi, parameters, rng))
+        true = IntrusionTruth({}, experiment.foot_radius)
     if protocol.header.ground == "granular":
-        true["summary"]["volume_fraction"] = phi
-        if "bed_image" not in protocol.records:
-            content["bed"] = content.get("bed", {}) | {"volume_fraction": round(phi, 6)}
-    write.toml(aside / "experiment.toml", content | sections | calibration(protocol))
+        true.summary["volume_fraction"] = phi
+        if protocol.records.bed_image is None:
+            tables.setdefault("bed", {})["volume_fraction"] = round(phi, 6)
+    for recording in made:
+        tables |= recording.tables
+    write.toml(aside / "experiment.toml", {**keys, **tables, **calibration(protocol)})
     if not sealed:
-        write.truth(aside / TRUTH, {**true, "volume_fraction": phi, "parameters": parameters, **seen})
+        known = {"volume_fraction": phi, "parameters": parameters}
+        write.truth(aside / TRUTH, true, known, *(recording.truth for recording in made))
     aside.rename(out / experiment.name)
 
 
-def jump_truth(motion: Motion, seen: dict[str, Any]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class JumpTruth:
     """The true numbers of a jump; `summary`: those that summary.json should say."""
-    summary: dict[str, Any] = {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
-    if isinstance(seen.get("grain_film"), dict):
-        summary |= film_brief(seen["grain_film"])
-    return {
-        "summary": summary,
-        "z_0_m": -motion.foot[0],
-        "rest_rod_m": motion.rest,
-        "jump_height_m": motion.jump_height,
-        "lift_offs_s": motion.lift_offs,
-        "flight_times_s": motion.flights,
-    }
+
+    summary: dict[str, float]
+    z_0_m: float
+    rest_rod_m: float
+    jump_height_m: float
+    lift_offs_s: Array
+    flight_times_s: Array
 
 
-def calibration(protocol: Protocol) -> dict[str, Any]:
+@dataclass(frozen=True)
+class IntrusionTruth:
+    """Likewise of a slow intrusion."""
+
+    summary: dict[str, float]
+    foot_radius_m: float
+
+
+def jump_truth(motion: Motion, made: Iterable[Recording]) -> JumpTruth:
+    """The true numbers of a jump, with what its recordings add to the summary."""
+    summary = {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
+    for recording in made:
+        summary |= recording.summary
+    return JumpTruth(
+        summary,
+        z_0_m=-motion.foot[0],
+        rest_rod_m=motion.rest,
+        jump_height_m=motion.jump_height,
+        lift_offs_s=motion.lift_offs,
+        flight_times_s=motion.flights,
+    )
+
+
+def calibration(protocol: Protocol) -> dict[str, Table]:
     """[calibration], where a camera whose recording there is declares its lens (all such have the same)."""
     for record, name in FILMED_BY.items():
-        camera = protocol.cameras[name]
-        if record in protocol.records and camera.calibrated:
+        camera = getattr(protocol.cameras, name)
+        if getattr(protocol.records, record) and camera.calibrated:
             return {"calibration": {"k1": camera.k1, "k2": camera.k2}}
     return {}
 
 
-def defaults(protocol: Protocol) -> dict[str, Any]:
+def defaults(protocol: Protocol) -> Table:
     """campaign.toml: what the campaign declares; the model is the protocol's [model], not its truth."""
-    tables = protocol.tables
-    robot = _values(protocol.robot) if protocol.jumps else {"foot_radius": protocol.robot.foot_radius}
-    out: dict[str, Any] = {"ground": protocol.header.ground, "robot": robot}
-    if "robot.sigma" in tables:
-        out["robot.sigma"] = tables["robot.sigma"]
+    return {"ground": protocol.header.ground, **declared(protocol)}
+
+
+def declared(protocol: Protocol) -> dict[str, Table]:
+    """The tables of `defaults`."""
+    robot: Table = {"foot_radius": protocol.robot.foot_radius}
+    out = {"robot": _values(protocol.robot) if protocol.jumps else robot}
+    if protocol.robot_sigma:
+        out["robot.sigma"] = dict(protocol.robot_sigma)
     if protocol.motor:
-        out["motor"] = {k: v for k, v in _values(protocol.motor).items() if v < 1e9}
+        out["motor"] = _values(protocol.motor, below=1e9)
     if protocol.header.ground == "granular":
-        out["bed"] = {f: getattr(protocol.bed, f) for f in protocol.bed.__dataclass_fields__}
-    if model := tables.get("model"):
+        out["bed"] = asdict(protocol.bed)
+    if model := protocol.model:
         out["model"] = {k: v for k, v in model.items() if k not in ("fit", "sigma")}
-        out |= {f"model.{part}": model[part] for part in ("fit", "sigma") if part in model}
+        out |= {f"model.{part}": cast(Table, model[part]) for part in ("fit", "sigma") if part in model}
     return out
 
 
-def _values(record: Any) -> dict[str, float]:
-    return {name: round(value, 9) for name, value in record._asdict().items()}
+def _values(record: Robot | Motor, below: float = math.inf) -> Table:
+    """Its numbers, those that are no limits."""
+    return {name: round(value, 9) for name, value in record._asdict().items() if value < below}
 
 
-def actuation(kind: str, law: Law) -> dict[str, Any]:
+def actuation(kind: str, law: Law) -> Table:
     """[actuation] of a jump."""
     if kind == "none":
         return {"kind": kind, "start": law.start}
-    out = {"kind": kind, "frequency": law.frequency, "amplitude": law.amplitude, "phase": round(law.phase, 8)}
+    out: Table = {"kind": kind, "frequency": law.frequency, "amplitude": law.amplitude, "phase": round(law.phase, 8)}
     out |= {"start": law.start, "cycles": law.cycles, "delay": law.delay, "dwell_gain": law.dwell_gain}
     return {k: v for k, v in out.items() if (k, v) not in (("cycles", 1.0), ("delay", 0.0), ("dwell_gain", 1.0))}

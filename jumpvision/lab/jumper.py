@@ -294,42 +294,23 @@ def truth_of(
     m_m = robot.motor_mass + p.get("dm", 0.0)
     m_f = robot.foot_mass + p.get("dm_f", 0.0)
     inertia = p.get("C", 0.0) * bed_density
-    values: dict[str, Any] = {
-        "m_m": m_m,
-        "M": m_m + robot.rod_mass,
-        "m_f": m_f,
-        "k": robot.spring_stiffness + p.get("dk", 0.0),
-        "c": robot.spring_damping + p.get("dc", 0.0),
-        "g": robot.gravity + p.get("dg", 0.0),
-        "R": robot.foot_radius,
-        "inertia": inertia if "added_mass" in terms else 0.0,
-        "drag_inertia": inertia if "depth_drag" in terms else 0.0,
-        "tan_theta": math.tan(p.get("theta", 1.0)),
-        "loss": math.sqrt(1.0 - p.get("e", 0.0)),
-        "lam": p.get("lam", 1.0),
-        "factor": p.get("factor", 1.0),
-        "hard": ground == "hard",
-        "rft": "rft_cone" in terms,
-    }
-    others = (
-        "k_3",
-        "k1",
-        "k2",
-        "delta",
-        "sigma_cone",
-        "alpha",
-        "b",
-        "mu",
-        "s",
-        "s_p",
-        "c_v",
-        "F_c",
-        "tau",
-        "c_x",
-        "d_zv",
+    q = Truth._make(p.get(name, 0.0) for name in Truth._fields)._replace(
+        m_m=m_m,
+        M=m_m + robot.rod_mass,
+        m_f=m_f,
+        k=robot.spring_stiffness + p.get("dk", 0.0),
+        c=robot.spring_damping + p.get("dc", 0.0),
+        g=robot.gravity + p.get("dg", 0.0),
+        R=robot.foot_radius,
+        inertia=inertia if "added_mass" in terms else 0.0,
+        drag_inertia=inertia if "depth_drag" in terms else 0.0,
+        tan_theta=math.tan(p.get("theta", 1.0)),
+        loss=math.sqrt(1.0 - p.get("e", 0.0)),
+        lam=p.get("lam", 1.0),
+        factor=p.get("factor", 1.0),
+        hard=ground == "hard",
+        rft="rft_cone" in terms,
     )
-    values |= {name: p.get(name, 0.0) for name in others}
-    q = Truth(**values)
     if ground == "granular" and m_f <= 0:
         raise ValueError(f"foot_mass = {m_f}: granular ground needs a foot with mass > 0 kg")
     if (q.inertia or q.drag_inertia) and not bed_density > 0:

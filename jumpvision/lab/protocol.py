@@ -12,30 +12,34 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
-from jumpvision.base.schema import InputError, closest, read
+import numpy as np
+
+from jumpvision.base.schema import InputError, closest, read, type_of
 
 from .jumper import AT_THE_CAMERA, KNOWN, Motor, Robot, truth_of
 from .protocol_keys import (
     BED_RECORDS,
-    CAMERAS,
     FILMED_BY,
     JUMP_RECORDS,
-    RECORDS,
     BedValues,
+    Cameras,
     Header,
     Intrusion,
     IntrusionSweep,
     Jump,
     JumpSweep,
     MotorValues,
+    Records,
     RobotValues,
     intrusions_of,
     jumps_of,
     lists,
 )
+from .write import Value
 
+Points = tuple[tuple[float, float], ...]  # (volume fraction, value), rising
 CAMERA_PARAMETERS = {"camera_scale": "scale", "time_offset": "dt"}
 PARAMETERS = {name for names in KNOWN.values() for name in names} | set(CAMERA_PARAMETERS.values())
 BED_PROPERTIES = ("saw", "crater_volume")  # of [truth] besides the parameters of mechanisms: N, m^3
@@ -45,20 +49,21 @@ MADE_BY_AN_ARM = {"motor_mass": 1.0, "rod_mass": 1.0, "spring_stiffness": 1.0, "
 @dataclass(frozen=True)
 class Protocol:
     """A validated protocol. parameters: value, or ((phi, value), ...) joined by straight lines; scatter: relative
-    standard deviations from jump to jump. tables: [model] and [robot.sigma] as they go into campaign.toml."""
+    standard deviations from jump to jump. model, robot_sigma: [model] and [robot.sigma] as campaign.toml has them."""
 
     header: Header
     robot: Robot
     motor: Motor | None
     bed: BedValues
     terms: tuple[str, ...]
-    parameters: Mapping[str, Any]
+    parameters: Mapping[str, float | Points]
     scatter: Mapping[str, float]
     jumps: tuple[Jump, ...]
     intrusions: tuple[Intrusion, ...]
-    records: Mapping[str, Any]
-    cameras: Mapping[str, Any]
-    tables: Mapping[str, Any] = field(default_factory=dict)
+    records: Records
+    cameras: Cameras = Cameras()
+    model: Mapping[str, Value] = field(default_factory=dict)
+    robot_sigma: Mapping[str, Value] = field(default_factory=dict)
     file: Path = Path()
     part: str = ""  # what the names of its experiments begin with, where the protocol is part of another
 
@@ -67,19 +72,19 @@ class Protocol:
         """All of them, in the order of their numbers."""
         return self.jumps + self.intrusions
 
-    def truth(self, phi: float, rng: Any) -> tuple[float, dict[str, float]]:
+    def truth(self, phi: float, rng: np.random.Generator) -> tuple[float, dict[str, float]]:
         """Volume fraction and parameters of one jump asked for at `phi`, with their scatter."""
         phi = phi * (1 + self.scatter.get("volume_fraction", 0.0) * rng.normal())
         values = values_at(self.parameters, phi)
         return phi, {n: v * (1 + self.scatter.get(n, 0.0) * rng.normal()) for n, v in values.items()}
 
 
-def values_at(parameters: Mapping[str, Any], phi: float) -> dict[str, float]:
+def values_at(parameters: Mapping[str, float | Points], phi: float) -> dict[str, float]:
     """Parameters of [truth] at a volume fraction."""
     return {n: v if isinstance(v, float) else _at(v, phi) for n, v in parameters.items()}
 
 
-def _at(points: Sequence[tuple[float, float]], phi: float) -> float:
+def _at(points: Points, phi: float) -> float:
     """Straight lines between points, the outer ones continued."""
     for (a, x), (b, y) in pairwise(points):
         if phi <= b or (b, y) == points[-1]:
@@ -87,7 +92,7 @@ def _at(points: Sequence[tuple[float, float]], phi: float) -> float:
     return points[0][1]
 
 
-def critical_fraction(volume: Any) -> float | None:
+def critical_fraction(volume: float | Points | None) -> float | None:
     """Volume fraction at which a crater_volume of [truth] is zero, if it crosses zero once."""
     if volume is None or isinstance(volume, float):
         return None
@@ -132,7 +137,7 @@ def _table(path: Path) -> dict[str, Any]:
 
 def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: int = 0) -> Protocol:
     """The protocol that a table describes; `where` names it in messages, part and first as in `jumps_of`."""
-    known = {"robot", "motor", "bed", "truth", "jumps", "intrusions", "record", "model", *CAMERAS}
+    known = {"robot", "motor", "bed", "truth", "jumps", "intrusions", "record", "model", *_names(Cameras)}
     plain = {k: v for k, v in table.items() if k not in known}
     header, problems = read(Header, plain, f"{where}:")
 
@@ -159,27 +164,26 @@ def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: 
     robot = section(RobotValues, "robot", declared, ("sigma",))
     motor = section(MotorValues, "motor", table["motor"]) if "motor" in table else None
     bed = section(BedValues, "bed", table.get("bed", {}))
-    cameras = {name: section(cls, name, table.get(name, {})) for name, cls in CAMERAS.items()}
+    cameras = {name: section(type_of(Cameras, name)[0], name, table.get(name, {})) for name in _names(Cameras)}
     record = table.get("record", {})
     records = {}
     for name, value in record.items() if isinstance(record, Mapping) else ():
-        if name in RECORDS:
-            records[name] = section(RECORDS[name], f"record.{name}", value)
+        if name in _names(Records):
+            records[name] = section(type_of(Records, name)[0], f"record.{name}", value)
         else:
-            problems.append(f"{where}: [record.{name}]: cannot be recorded{closest(name, RECORDS)}")
+            problems.append(f"{where}: [record.{name}]: cannot be recorded{closest(name, _names(Records))}")
     terms, parameters, scatter, more = _truth(table.get("truth", {}), f"{where}: [truth]")
     problems += more
     jump_sweeps, intrusion_sweeps = sweeps(JumpSweep, "jumps"), sweeps(IntrusionSweep, "intrusions")
     if not jump_sweeps and not intrusion_sweeps:
         problems.append(f"{where}: [[jumps]]: missing; give at least one with kind = ..., or one [[intrusions]]")
-    problems += _recorded(records, bool(jump_sweeps), bool(intrusion_sweeps), where)
+    problems += _recorded(list(records), bool(jump_sweeps), bool(intrusion_sweeps), where)
     if problems:
         raise InputError(problems)
     jumps = jumps_of(jump_sweeps, start=header.start, ground=header.ground, part=part, first=first)
     intrusions = intrusions_of(intrusion_sweeps, foot_radius=robot.foot_radius, part=part, first=first + len(jumps))
     values = {f.name: getattr(robot, f.name) for f in fields(robot)}
     loop = Motor(**{f.name: getattr(motor, f.name) for f in fields(motor)}) if motor else None
-    tables = {"model": table.get("model", {}), "robot.sigma": declared.get("sigma", {})}
     protocol = Protocol(
         header,
         Robot(**values),
@@ -190,18 +194,28 @@ def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: 
         scatter,
         jumps,
         intrusions,
-        records,
-        cameras,
-        {k: v for k, v in tables.items() if v},
+        Records(**records),
+        Cameras(**cameras),
+        table.get("model", {}),
+        declared.get("sigma", {}),
         Path(where),
         part,
     )
+    return checked(protocol, where)
+
+
+def checked(protocol: Protocol, where: str) -> Protocol:
+    """The protocol itself. Raises InputError where its parts do not fit each other; `where` names it."""
     if problems := _check(protocol, where):
         raise InputError(problems)
     return protocol
 
 
-def _recorded(records: Mapping[str, Any], jumps: bool, intrusions: bool, where: str) -> list[str]:
+def _names(cls: type) -> list[str]:
+    return [f.name for f in fields(cls)]
+
+
+def _recorded(records: Sequence[str], jumps: bool, intrusions: bool, where: str) -> list[str]:
     """Whether every experiment leaves something, and every record has its experiment."""
     out = []
     can = {"jumps": (*JUMP_RECORDS, *BED_RECORDS), "intrusions": ("intrusion_log", *BED_RECORDS)}
@@ -218,7 +232,7 @@ def _recorded(records: Mapping[str, Any], jumps: bool, intrusions: bool, where: 
     return out
 
 
-def _truth(table: Any, where: str) -> tuple[tuple[str, ...], dict[str, Any], dict[str, float], list[str]]:
+def _truth(table: object, where: str) -> tuple[tuple[str, ...], dict[str, float | Points], dict[str, float], list[str]]:
     if not isinstance(table, Mapping):
         return (), {}, {}, [f"{where}: must be a table"]
     problems = []
@@ -227,7 +241,7 @@ def _truth(table: Any, where: str) -> tuple[tuple[str, ...], dict[str, Any], dic
     problems += [
         f"{where} terms: unknown mechanism {t!r}{closest(str(t), vocabulary)}" for t in terms if t not in vocabulary
     ]
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, float | Points] = {}
     for name, value in table.items():
         if name in ("terms", "scatter"):
             continue
@@ -253,11 +267,11 @@ def _truth(table: Any, where: str) -> tuple[tuple[str, ...], dict[str, Any], dic
     return terms, parameters, {k: float(v) for k, v in dict(scatter).items()} if not problems else {}, problems
 
 
-def _is_points(value: Any) -> bool:
-    number = (int, float)
-    good = isinstance(value, list) and len(value) >= 2
-    good = good and all(isinstance(p, list) and len(p) == 2 and all(isinstance(x, number) for x in p) for p in value)
-    return good and all(a[0] < b[0] for a, b in pairwise(value))
+def _is_points(value: object) -> TypeGuard[list[list[float]]]:
+    if not isinstance(value, list) or len(value) < 2:
+        return False
+    pairs = all(isinstance(p, list) and len(p) == 2 and all(isinstance(x, (int, float)) for x in p) for p in value)
+    return pairs and all(a[0] < b[0] for a, b in pairwise(value))
 
 
 def _check(protocol: Protocol, where: str) -> list[str]:
@@ -275,19 +289,19 @@ def _check(protocol: Protocol, where: str) -> list[str]:
     ]
     if header.ground == "hard":
         sandy = ("bed_image", "grain_film", "crater_image", "intrusion_log")
-        problems += [f"{where}: [record.{n}]: needs ground = 'granular'" for n in sandy if n in records]
+        problems += [f"{where}: [record.{n}]: needs ground = 'granular'" for n in sandy if getattr(records, n)]
         problems += [f"{where}: [[intrusions]]: need ground = 'granular'"] if protocol.intrusions else []
     for phi in dict.fromkeys(e.volume_fraction for e in protocol.experiments):
         at, values = f"{where}: [truth] at volume fraction {phi:g}:", values_at(protocol.parameters, phi)
         density = phi * protocol.bed.grain_density
         try:
-            if protocol.jumps or "intrusion_log" in records:  # craters alone need no force
+            if protocol.jumps or records.intrusion_log:  # craters alone need no force
                 truth_of(protocol.robot, protocol.terms, values, ground=header.ground, bed_density=density)
         except ValueError as e:
             problems.append(f"{at} {e}")
         if values.get("saw", 0.0) < 0:
             problems.append(f"{at} saw = {values['saw']:.4g}: must be >= 0 N")
-        if crater := records.get("crater_image"):
+        if crater := records.crater_image:
             bowl = math.pi * crater.depth * protocol.robot.foot_radius**2
             if "crater_volume" not in values:
                 problems.append(f"{at} crater_volume: missing; [record.crater_image] needs it (m^3)")
@@ -298,7 +312,7 @@ def _check(protocol: Protocol, where: str) -> list[str]:
                 )
     if protocol.motor and "motor_lag" in protocol.terms:
         problems.append(f"{where}: [truth] terms: 'motor_lag' beside [motor]; leave one of them out")
-    used = {n: protocol.cameras[n] for record, n in FILMED_BY.items() if record in records}
+    used = {n: getattr(protocol.cameras, n) for record, n in FILMED_BY.items() if getattr(records, record)}
     if any(c.calibrated for c in used.values()) and len({(c.k1, c.k2) for c in used.values()}) > 1:
         problems.append(
             f"{where}: [{'], ['.join(used)}]: calibrated, but k1, k2 differ; a folder's one [calibration] holds for "

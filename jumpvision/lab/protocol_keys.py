@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 
 from jumpvision.base.schema import REQUIRED, param
 
-from .arm import Move
+from .films.optics import BedCamera, Camera, GrainCamera
 from .jumper import Law
+
+Move = tuple[str, float]  # of an arm: ("to", depth [m]) | ("pause", time [s])
 
 PHASES = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi, "delayed_stutter": 0.5 * math.pi, "sine": 0.0, "none": 0.0}
 
@@ -199,75 +201,33 @@ class CraterImage:
     uneven: float = param(0.0, "", "relative standard deviation of the relief of each half", lo=0, hi=0.5)
 
 
-JUMP_RECORDS: dict[str, type] = {
-    "rod_track": RodTrack,
-    "rod_film": RodFilm,
-    "motor_log": MotorLog,
-    "contact_log": ContactLog,
-    "grain_film": GrainFilm,
-}
-BED_RECORDS: dict[str, type] = {"bed_image": BedImage, "crater_image": CraterImage}  # of jumps and intrusions alike
-RECORDS: dict[str, type] = JUMP_RECORDS | BED_RECORDS | {"intrusion_log": IntrusionLog}
+@dataclass(frozen=True)
+class Records:
+    """[record]: what is recorded, None where nothing is."""
+
+    rod_track: RodTrack | None = None
+    rod_film: RodFilm | None = None
+    motor_log: MotorLog | None = None
+    contact_log: ContactLog | None = None
+    grain_film: GrainFilm | None = None
+    bed_image: BedImage | None = None
+    crater_image: CraterImage | None = None
+    intrusion_log: IntrusionLog | None = None
+
+
+JUMP_RECORDS = ("rod_track", "rod_film", "motor_log", "contact_log", "grain_film")
+BED_RECORDS = ("bed_image", "crater_image")  # of jumps and intrusions alike
 
 
 @dataclass(frozen=True)
-class Chip:
-    """What may be wrong with any camera."""
+class Cameras:
+    """The cameras of a protocol, each with its own table."""
 
-    bits: int = param(8, "", "depth of a pixel; 8, 12 or 16", lo=8, hi=16)
-    shading: float = param(0.0, "", "how much darker the corners are than the middle", lo=0, hi=1)
-    k1: float = param(0.0, "1/px^2", "lens: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1e-5, hi=1e-5)
-    k2: float = param(0.0, "1/px^4", "lens, fourth order", lo=-1e-10, hi=1e-10)
-    calibrated: bool = param(False, "", "whether the lens is declared in [calibration]")
-    scale_error: float = param(0.0, "", "declared scale / true scale - 1", lo=-0.5, hi=0.5)
-
-    def check(self) -> list[str]:
-        """Depths that cameras have."""
-        return [] if self.bits in (8, 12, 16) else [f"bits = {self.bits}: must be 8, 12 or 16"]
+    camera: Camera = Camera()
+    grain_camera: GrainCamera = GrainCamera()
+    bed_camera: BedCamera = BedCamera()
 
 
-@dataclass(frozen=True)
-class FilmChip(Chip):
-    """What may be wrong with a film camera besides."""
-
-    dropped: float = param(0.0, "", "share of frames lost at random", lo=0, hi=0.5)
-    clock_offset: float = param(0.0, "s", "a frame stamped t shows t + clock_offset + clock_drift t", lo=-1, hi=1)
-    clock_drift: float = param(0.0, "s/s", "see clock_offset", lo=-0.1, hi=0.1)
-
-
-@dataclass(frozen=True)
-class Camera(FilmChip):
-    """[camera], of the rod film; the defaults are the good camera of the samples."""
-
-    electrons_per_grey: float = param(45.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
-    read_noise: float = param(0.8, "", "8-bit grey levels", lo=0)
-    reflection: float = param(0.0, "", "8-bit grey of highlights that move with the rod", lo=0, hi=255)
-
-
-@dataclass(frozen=True)
-class GrainCamera(FilmChip):
-    """[grain_camera], of the grain film."""
-
-    electrons_per_grey: float = param(60.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
-    read_noise: float = param(1.0, "", "8-bit grey levels", lo=0)
-    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
-
-
-@dataclass(frozen=True)
-class BedCamera(Chip):
-    """[bed_camera], of the bed image."""
-
-    electrons_per_grey: float = param(40.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
-    read_noise: float = param(1.5, "", "8-bit grey levels", lo=0)
-    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
-
-
-def chip_of(camera: Camera | GrainCamera | BedCamera) -> dict[str, Any]:
-    """Its numbers as `sensor.record` takes them."""
-    return {"electrons_per_grey": camera.electrons_per_grey, "read_noise": camera.read_noise, "bits": camera.bits}
-
-
-CAMERAS = {"camera": Camera, "grain_camera": GrainCamera, "bed_camera": BedCamera}
 FILMED_BY = {"rod_film": "camera", "grain_film": "grain_camera", "bed_image": "bed_camera"}
 
 

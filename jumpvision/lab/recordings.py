@@ -1,10 +1,11 @@
-"""What [record] asks for of one experiment: files, sections and truth; logs of motor and contact, track noise."""
+"""What [record] asks for of one experiment: its recordings; logs of motor and contact, noise of tracks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -15,20 +16,29 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.lab.films.bed import bed_height, bed_picture, write_crater
 from jumpvision.lab.films.discs import Runner, write_disc_film
+from jumpvision.lab.films.flow import Cone
 from jumpvision.lab.films.grain_record import GRAIN_RATE, Glass, write_grain_film
 from jumpvision.lab.films.grains import View
-from jumpvision.lab.films.optics import record, seen_places
+from jumpvision.lab.films.optics import exposed, seen_places
 from jumpvision.lab.films.rod import write_rod_film
 
-from . import recordings as logs
 from . import write
 from .intrusions import scaled, write_intrusion_log
 from .jumper import Motion
 from .protocol import Protocol
-from .protocol_keys import Intrusion, RodTrack, chip_of
+from .protocol_keys import Intrusion, RodTrack
+from .write import Recording, Table
 
-CONE = {"mu": 2.0, "theta": np.pi / 3, "C": 2.7}  # of the grain film, where the truth has no cone
-Both = tuple[dict[str, Any], dict[str, Any]]
+
+@dataclass(frozen=True)
+class TrackTruth:
+    """What is true of rod_track.csv [m]: the standard deviation of its noise, with its rounding (sigma) and without,
+    the frames that hold outliers, the slow wander of its frames."""
+
+    sigma_m: float
+    noise_m: float
+    outliers: NDArray[np.int64]
+    drift_m: Array | None = None
 
 
 def of_jump(
@@ -36,66 +46,46 @@ def of_jump(
     protocol: Protocol,
     motion: Motion,
     phi: float,
-    parameters: dict[str, float],
+    parameters: Mapping[str, float],
     rng: np.random.Generator,
     discs: Runner | None,
-) -> Both:
-    """Sections and truth of a jump; discs: what simulates the grains of a film with source = "discs"."""
-    sections: dict[str, Any] = {}
-    true: dict[str, Any] = {}
-    records = protocol.records
-    at_camera = {"scale": parameters.get("scale", 1.0), "dt": parameters.get("dt", 0.0)}
-    if track := records.get("rod_track"):
-        true["camera_zero_m"] = rng.uniform(-0.05, 0.05)
-        seen = logs.seen_rod(motion, track, zero=true["camera_zero_m"], rng=rng, **at_camera)
-        true["track"] = {"sigma_m": seen.sigma, "noise_m": seen.error.noise, "outliers": seen.error.outliers}
-        if track.drift:
-            true["track"]["drift_m"] = seen.error.wander
+) -> Iterator[Recording]:
+    """The recordings of a jump; discs: what simulates the grains of a film with source = "discs"."""
+    records, cameras = protocol.records, protocol.cameras
+    scale, dt = parameters.get("scale", 1.0), parameters.get("dt", 0.0)
+    if track := records.rod_track:
+        zero = rng.uniform(-0.05, 0.05)
+        seen = seen_rod(motion, track, zero=zero, rng=rng, scale=scale, dt=dt)
         write.table(folder / "rod_track.csv", seen.columns)
-        sections["rod_track"] = {"file": "rod_track.csv"}
-    if film := records.get("rod_film"):
-        more, true["film"] = write_rod_film(folder, motion, film, protocol.cameras["camera"], rng, **at_camera)
-        sections |= more
-    if log := records.get("motor_log"):
-        columns = logs.motor_log(motion, rate=log.rate, force_noise=log.force_noise, step=log.step, rng=rng)
+        error = seen.error
+        true = TrackTruth(seen.sigma, error.noise, error.outliers, error.wander if track.drift else None)
+        yield Recording({"rod_track": {"file": "rod_track.csv"}}, {"camera_zero_m": zero, "track": true})
+    if film := records.rod_film:
+        yield write_rod_film(folder, motion, film, cameras.camera, rng, scale=scale, dt=dt)
+    if log := records.motor_log:
+        columns = motor_log(motion, rate=log.rate, force_noise=log.force_noise, step=log.step, rng=rng)
         write.table(folder / "motor.csv", columns)
-        sections["motor_log"] = {"file": "motor.csv"}
-    if log := records.get("contact_log"):
-        write.table(folder / "contact.csv", logs.contact_log(motion, rate=log.rate))
-        sections["contact_log"] = {"file": "contact.csv"}
-    of_bed(folder, protocol, phi, parameters, rng, sections, true)
-    if grains := records.get("grain_film"):
+        yield Recording({"motor_log": {"file": "motor.csv"}})
+    if contact := records.contact_log:
+        write.table(folder / "contact.csv", contact_log(motion, rate=contact.rate))
+        yield Recording({"contact_log": {"file": "contact.csv"}})
+    yield from of_bed(folder, protocol, phi, parameters, rng)
+    if grains := records.grain_film:
         length = grains.frames / GRAIN_RATE + 0.01
         if not len(motion.lift_offs) or motion.lift_offs[0] + motion.flights[0] > motion.t[-1] - length:
-            true["grain_film"] = "none: no landing within the recording"
-            return sections, true
-        density, camera = phi * protocol.bed.grain_density, protocol.cameras["grain_camera"]
-        given: dict[str, Any] = {
-            "radius": protocol.robot.foot_radius,
-            "diameter": protocol.bed.grain_diameter,
-            "camera": camera,
-        }
+            yield Recording({}, {"grain_film": "none: no landing within the recording"})
+            return
+        radius, diameter = protocol.robot.foot_radius, protocol.bed.grain_diameter
+        density, camera = phi * protocol.bed.grain_density, cameras.grain_camera
+        make: Callable[..., Recording]
         if grains.source == "discs":
             if discs is None:
                 raise ValueError("source = 'discs': needs what simulates them (discs=...)")
-            made = write_disc_film(folder, motion, density, rng, discs, film=grains, **given)
-        else:
-            cone: dict[str, Any] = {name: parameters.get(name, value) for name, value in CONE.items()}
-            made = write_grain_film(
-                folder,
-                motion,
-                density,
-                rng,
-                n=grains.frames,
-                shape=(grains.rows, grains.columns),
-                scale=grains.scale,
-                quick=True,
-                **cone,
-                **given,
-            )
-        sections["grain_video"], depth, true["grain_film"] = made
-        sections["params.flow"] = {"initial_depth": round(depth, 6)}
-    return sections, true
+            make = partial(write_disc_film, runner=discs)
+        else:  # where the truth has no cone, the film shows the samples'
+            cone = Cone(**{name: parameters.get(name, value) for name, value in Cone()._asdict().items()})
+            make = partial(write_grain_film, cone=cone, quick=True)
+        yield make(folder, motion, density, rng, radius=radius, diameter=diameter, film=grains, camera=camera)
 
 
 def of_intrusion(
@@ -105,17 +95,15 @@ def of_intrusion(
     phi: float,
     parameters: Mapping[str, float],
     rng: np.random.Generator,
-) -> Both:
-    """Sections and truth of a slow intrusion; parameters: at the robot's own foot."""
-    sections: dict[str, Any] = {}
-    true: dict[str, Any] = {}
+) -> Iterator[Recording]:
+    """The recordings of a slow intrusion; parameters: at the robot's own foot."""
     size = intrusion.foot_radius / protocol.robot.foot_radius
-    if log := protocol.records.get("intrusion_log"):
-        sections, true = write_intrusion_log(
-            folder, intrusion.moves, log, protocol.terms, scaled(parameters, size), rng, robot=protocol.robot, size=size
+    if log := protocol.records.intrusion_log:
+        own = scaled(parameters, size)
+        yield write_intrusion_log(
+            folder, intrusion.moves, log, protocol.terms, own, rng, robot=protocol.robot, size=size
         )
-    of_bed(folder, protocol, phi, parameters, rng, sections, true, size=size)
-    return sections, true
+    yield from of_bed(folder, protocol, phi, parameters, rng, size=size)
 
 
 def of_bed(
@@ -124,15 +112,13 @@ def of_bed(
     phi: float,
     parameters: Mapping[str, float],
     rng: np.random.Generator,
-    sections: dict[str, Any],
-    true: dict[str, Any],
     *,
     size: float = 1.0,
-) -> None:
-    """What is recorded of any bed, added to the sections and the truth; size: foot / the robot's."""
+) -> Iterator[Recording]:
+    """What is recorded of any bed; size: foot / the robot's."""
     bed = protocol.bed
-    if picture := protocol.records.get("bed_image"):
-        camera = protocol.cameras["bed_camera"]
+    if picture := protocol.records.bed_image:
+        camera = protocol.cameras.bed_camera
         height = bed_height(phi, solid_volume=bed.solid_volume, length=bed.length, width=bed.width)
         floor = float(round(height / picture.scale) + 66)
         glass = Glass(View((int(floor) + 36, 420), picture.scale, floor, 0.5 * 419), camera)
@@ -144,16 +130,16 @@ def of_bed(
             grain_diameter=bed.grain_diameter,
             rng=rng,
         )
-        write.picture(folder / "bed.png", record(glass(mean), rng=rng, **chip_of(camera)))
+        write.picture(folder / "bed.png", exposed(glass(mean), camera, rng))
         row, _ = seen_places(np.array([floor]), glass.view.axis_column, glass.lens)
-        sections["bed_image"] = {
+        section: Table = {
             "file": "bed.png",
             "scale": picture.scale * (1 + camera.scale_error),
             "floor_row": round(float(row[0]), 3),
         }
-        true["bed"] = {"height_m": height}
-    if crater := protocol.records.get("crater_image"):
-        section, true["crater"] = write_crater(
+        yield Recording({"bed_image": section}, {"bed": {"height_m": height}})
+    if crater := protocol.records.crater_image:
+        yield write_crater(
             folder,
             scaled(parameters, size)["crater_volume"],
             crater,
@@ -162,7 +148,6 @@ def of_bed(
             foot_radius=protocol.robot.foot_radius * size,
             grain_diameter=bed.grain_diameter,
         )
-        sections |= section
 
 
 ENCODER_STEP = 6.25e-6  # m

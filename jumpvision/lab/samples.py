@@ -9,21 +9,24 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
 from jumpvision.lab.films.bed import bed_height, bed_picture
-from jumpvision.lab.films.grain_record import film_brief, write_grain_film
+from jumpvision.lab.films.flow import Cone
+from jumpvision.lab.films.grain_record import write_grain_film
 from jumpvision.lab.films.optics import record
-from jumpvision.lab.films.rod import exposure_times, rod_film
+from jumpvision.lab.films.rod import RodFilmTruth, exposure_times, rod_film
 
 from . import recordings as logs
 from . import write
 from .intrusions import intrusion_campaign
 from .jumper import Law, Motion, Robot, motion_of
+from .write import Recording, Table
 
 SEED = 20140630
 LOG_RATE, FILM_RATE = 1000.0, 200.0  # 1/s
@@ -41,33 +44,39 @@ DELAYED, DELAY = 7.0, 0.1  # Hz, s
 START = 0.2  # s, of the motor, on the common clock
 
 
-def heights(motion: Motion) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Heights:
     """The true numbers of a jump, named as in summary.json."""
-    return {
-        "jump_height_m": motion.jump_height,
-        "n_jumps": motion.n_jumps,
-        "lift_off_s": motion.lift_offs[0] if len(motion.lift_offs) else None,
-        "lift_offs_s": motion.lift_offs,
-        "flight_times_s": motion.flights,
-        "rest_rod_m": motion.rest,
-    }
+
+    jump_height_m: float
+    n_jumps: int
+    lift_off_s: float | None
+    lift_offs_s: Array
+    flight_times_s: Array
+    rest_rod_m: float
 
 
-def brief(motion: Motion) -> dict[str, Any]:
+def heights(motion: Motion) -> Heights:
+    """What is true of a motion."""
+    first = motion.lift_offs[0] if len(motion.lift_offs) else None
+    return Heights(motion.jump_height, motion.n_jumps, first, motion.lift_offs, motion.flights, motion.rest)
+
+
+def brief(motion: Motion) -> dict[str, float]:
     """What summary.json should say of a jump."""
     return {"jump_height_m": motion.jump_height, "n_jumps": motion.n_jumps}
 
 
 def write_rod_film(
     folder: Path, motion: Motion, *, start: float, shape: tuple[int, int], zero_row: float, rng: np.random.Generator
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """rod.avi, as long as the motion; returns its [rod_video] section and its truth. zero_row: row of x_r = 0 [px]."""
+) -> Recording:
+    """rod.avi, as long as the motion. zero_row: row of x_r = 0 [px]."""
     n = int((motion.t[-1] - start) * FILM_RATE)
     rows = zero_row - motion.at("rod", exposure_times(start, FILM_RATE, ROD_EXPOSURE, n)) / ROD_SCALE
     column = 0.42 * shape[1] + 0.17
     mean = rod_film(rows, column, radius=0.5 * BALL / ROD_SCALE, shape=shape, brightness=205.0, rng=rng)
     write.film(folder / "rod.avi", record(mean, electrons_per_grey=45.0, read_noise=0.8, rng=rng), rate=FILM_RATE)
-    section = {
+    section: Table = {
         "file": "rod.avi",
         "frame_rate": FILM_RATE,
         "scale": ROD_SCALE,
@@ -76,8 +85,8 @@ def write_rod_film(
         "start": start,
     }
     time = start + np.arange(n) / FILM_RATE + 0.5 * ROD_EXPOSURE
-    true = {"time_s": time, "rod_m": motion.at("rod", time), "x_px": column, "y_px": rows.mean(axis=1)}
-    return section, true
+    true = RodFilmTruth(time_s=time, rod_m=motion.at("rod", time), x_px=column, y_px=rows.mean(axis=1))
+    return Recording({"rod_video": section}, {"film": true})
 
 
 def hard_ground(folder: Path, *, seed: int = SEED) -> None:
@@ -87,7 +96,7 @@ def hard_ground(folder: Path, *, seed: int = SEED) -> None:
     law = Law(8.2, 0.004, PHASE["stutter"], START)
     e = 0.33
     motion = motion_of(HARD_ROBOT, law, ["landing_loss"], {"e": e}, ground="hard", duration=3.6)
-    section, film = write_rod_film(folder, motion, start=0.0, shape=(128, 60), zero_row=100.4, rng=rng)
+    film = write_rod_film(folder, motion, start=0.0, shape=(128, 60), zero_row=100.4, rng=rng)
     write.table(folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng))
     write.table(folder / "contact.csv", logs.contact_log(motion, rate=LOG_RATE))
     write.toml(
@@ -97,7 +106,7 @@ def hard_ground(folder: Path, *, seed: int = SEED) -> None:
             "ground": "hard",
             "robot": _robot(HARD_ROBOT),
             "actuation": _actuation("stutter", law),
-            "rod_video": section,
+            **film.tables,
             "motor_log": {"file": "motor.csv"},
             "contact_log": {"file": "contact.csv"},
             "model": {"terms": ["landing_loss"], "e": e},
@@ -106,16 +115,13 @@ def hard_ground(folder: Path, *, seed: int = SEED) -> None:
     )
     M = HARD_ROBOT.motor_mass + HARD_ROBOT.rod_mass
     omega = math.sqrt(HARD_ROBOT.spring_stiffness / M)
-    true = {
-        "f_0_hz": omega / (2 * math.pi),
-        "zeta": HARD_ROBOT.spring_damping / (2 * M * omega),
-        "terms": ["landing_loss"],
-        "parameters": {"e": e},
-        "last_touchdown_s": (motion.lift_offs + motion.flights)[-1],
-    }
-    seen = {"frequency_hz": omega * math.sqrt(1 - true["zeta"] ** 2) / (2 * math.pi), "zeta": true["zeta"]}
-    summary = brief(motion) | seen
-    write.truth(folder / "truth.json", {"summary": summary} | true | heights(motion) | {"film": film})
+    zeta = HARD_ROBOT.spring_damping / (2 * M * omega)
+    free = {"f_0_hz": omega / (2 * math.pi), "zeta": zeta}
+    last = (motion.lift_offs + motion.flights)[-1]
+    known = {"terms": ["landing_loss"], "parameters": {"e": e}, "last_touchdown_s": last}
+    seen = {"frequency_hz": omega * math.sqrt(1 - zeta**2) / (2 * math.pi), "zeta": zeta}
+    summary = {"summary": brief(motion) | seen}
+    write.truth(folder / "truth.json", summary, free, known, heights(motion), film.truth)
 
 
 def loose_sand(folder: Path, *, seed: int = SEED) -> None:
@@ -123,7 +129,7 @@ def loose_sand(folder: Path, *, seed: int = SEED) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     conditions = [("single", f, 0.0) for f in SINGLE] + [("stutter", f, 0.0) for f in STUTTER]
     conditions.append(("delayed_stutter", DELAYED, DELAY))
-    true: dict[str, Any] = {}
+    true: dict[str, Mapping[str, object]] = {}
     number = 1
     for kind, frequency, delay in conditions:
         for trial in ("1", "2", "film") if (kind, frequency) == ("stutter", 7.0) else ("1", "2"):
@@ -152,12 +158,12 @@ def loose_sand(folder: Path, *, seed: int = SEED) -> None:
     )
     hidden = {"terms": SAND_TERMS, "parameters": SAND_TRUTH, "missing_in_model": ["added_mass", "depth_drag"]}
     noise = {"track_m": TRACK_NOISE, "force_N": FORCE_NOISE, "encoder_m": logs.ENCODER_STEP}
-    write.truth(folder / "truth.json", {**hidden, "noise": noise, "experiments": true})
+    write.truth(folder / "truth.json", hidden, {"noise": noise, "experiments": true})
 
 
 def _sand_jump(
     folder: Path, kind: str, group: str, law: Law, rng: np.random.Generator, *, filmed: bool
-) -> dict[str, Any]:
+) -> Mapping[str, object]:
     """One experiment folder; returns its line of the campaign's truth."""
     folder.mkdir(exist_ok=True)
     phi = round(0.57 + rng.uniform(-0.001, 0.001), 4)
@@ -165,60 +171,50 @@ def _sand_jump(
     parameters = SAND_TRUTH | {"k1": k, "k2": k}
     density = phi * BED["grain_density"]
     motion = motion_of(SAND_ROBOT, law, SAND_TERMS, parameters, ground="granular", duration=1.8, bed_density=density)
-    true = {"volume_fraction": phi, "parameters": parameters, "z_0_m": -motion.foot[0], **heights(motion)}
-    content: dict[str, Any] = {"group": group, "actuation": _actuation(kind, law)}
+    known = {"volume_fraction": phi, "parameters": parameters, "z_0_m": -motion.foot[0]}
+    content: Table = {"group": group, "actuation": _actuation(kind, law)}
+    summary = brief(motion) | {"volume_fraction": phi}
     if filmed:
-        sections, seen = _films(folder, motion, phi, rng)
-        content |= sections
+        made = _films(folder, motion, phi, rng)
     else:
-        seen = {"camera_zero_m": rng.uniform(-0.05, 0.05)}
-        content |= {"bed": {"volume_fraction": phi}, "rod_track": {"file": "rod_track.csv"}}
-        track = logs.rod_track(motion, rate=FILM_RATE, noise=TRACK_NOISE, zero=seen["camera_zero_m"], rng=rng)
+        zero = rng.uniform(-0.05, 0.05)
+        track = logs.rod_track(motion, rate=FILM_RATE, noise=TRACK_NOISE, zero=zero, rng=rng)
         write.table(folder / "rod_track.csv", track)
+        content["bed"] = {"volume_fraction": phi}
+        made = [Recording({"rod_track": {"file": "rod_track.csv"}}, {"camera_zero_m": zero})]
+    for recording in made:
+        content |= recording.tables
+        summary |= recording.summary
     write.table(folder / "motor.csv", logs.motor_log(motion, rate=LOG_RATE, force_noise=FORCE_NOISE, rng=rng))
     write.toml(folder / "experiment.toml", content | {"motor_log": {"file": "motor.csv"}})
-    summary = brief(motion) | {"volume_fraction": phi} | (film_brief(seen["grain_film"]) if filmed else {})
-    write.truth(folder / "truth.json", {"summary": summary} | true | seen)
-    return true
+    line = write.joined(known, heights(motion))
+    write.truth(folder / "truth.json", {"summary": summary}, line, *(recording.truth for recording in made))
+    return line
 
 
-def _films(folder: Path, motion: Motion, phi: float, rng: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Rod film, bed picture and grain film of one jump: their sections and their truth."""
-    rod, rod_true = write_rod_film(folder, motion, start=0.0025, shape=(150, 60), zero_row=33.7, rng=rng)
-    size = {name: BED[name] for name in ("solid_volume", "length", "width")}
-    bed = {"file": "bed.png", "scale": 5e-4, "floor_row": 620.0}
-    height = bed_height(phi, **size)
+def _films(folder: Path, motion: Motion, phi: float, rng: np.random.Generator) -> list[Recording]:
+    """Rod film, bed picture and grain film of one jump."""
+    rod = write_rod_film(folder, motion, start=0.0025, shape=(150, 60), zero_row=33.7, rng=rng)
+    height = bed_height(phi, **{name: BED[name] for name in ("solid_volume", "length", "width")})
     mean, surface = bed_picture(
         height, scale=5e-4, floor_row=620.0, shape=(656, 420), grain_diameter=BED["grain_diameter"], rng=rng
     )
     write.picture(folder / "bed.png", record(mean, electrons_per_grey=40.0, read_noise=1.5, rng=rng))
-    grains, depth, grain_true = write_grain_film(
-        folder,
-        motion,
-        phi * BED["grain_density"],
-        rng,
-        radius=SAND_ROBOT.foot_radius,
-        mu=SAND_TRUTH["mu"],
-        theta=SAND_TRUTH["theta"],
-        C=SAND_TRUTH["C"],
-        diameter=BED["grain_diameter"],
-    )
-    sections = {
-        "rod_video": rod,
-        "bed_image": bed,
-        "grain_video": grains,
-        "params.flow": {"initial_depth": round(depth, 6)},
-    }
-    bed_true = {"height_m": height, "surface_sd_m": surface.std()}
-    return sections, {"film": rod_true, "bed": bed_true, "grain_film": grain_true}
+    section: Table = {"file": "bed.png", "scale": 5e-4, "floor_row": 620.0}
+    bed = Recording({"bed_image": section}, {"bed": {"height_m": height, "surface_sd_m": surface.std()}})
+    cone = Cone(SAND_TRUTH["mu"], SAND_TRUTH["theta"], SAND_TRUTH["C"])
+    radius, diameter = SAND_ROBOT.foot_radius, BED["grain_diameter"]
+    density = phi * BED["grain_density"]
+    grains = write_grain_film(folder, motion, density, rng, radius=radius, diameter=diameter, cone=cone)
+    return [rod, bed, grains]
 
 
-def _robot(robot: Robot) -> Mapping[str, float]:
+def _robot(robot: Robot) -> Table:
     return {name: round(value, 9) for name, value in robot._asdict().items()}
 
 
-def _actuation(kind: str, law: Law) -> dict[str, Any]:
-    out = {"kind": kind, "frequency": law.frequency, "amplitude": law.amplitude, "start": law.start}
+def _actuation(kind: str, law: Law) -> Table:
+    out: Table = {"kind": kind, "frequency": law.frequency, "amplitude": law.amplitude, "start": law.start}
     out["phase"] = round(law.phase, 8)
     return out | ({"delay": law.delay} if law.delay else {})
 

@@ -9,7 +9,8 @@ import base64
 import hashlib
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,10 @@ import numpy as np
 from jumpvision.base.schema import InputError, closest
 
 from . import write
-from .blind import ROBOTS, Setting, draw
+from .blind import ROBOTS, Nuisance, Setting, draw
 from .campaign import carry_out, defaults
 from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE
-from .protocol import CAMERA_PARAMETERS
+from .protocol import CAMERA_PARAMETERS, values_at
 
 
 def sealed_file(out: Path) -> Path:
@@ -47,18 +48,30 @@ def write_blind(out: Path, *, seed: int, ground: str = "granular", workers: int 
     sealed_file(out).write_text(json.dumps(seal(answer_of(setting)), indent=1) + "\n", encoding="utf-8")
 
 
-def answer_of(setting: Setting) -> dict[str, Any]:
-    """What is hidden: mechanisms, their parameters and strengths, and the nuisance."""
+@dataclass(frozen=True)
+class Answer:
+    """What is hidden: mechanisms (outside: one of no vocabulary), their parameters and strengths, and the nuisance."""
+
+    hidden: Sequence[str]
+    outside: bool
+    parameters: Mapping[str, float]
+    strength: Sequence[float] = ()
+    nuisance: Mapping[str, str | float] = field(default_factory=dict)
+    truth: Mapping[str, object] = field(default_factory=dict)
+
+
+def answer_of(setting: Setting) -> Answer:
+    """What a setting hides."""
     names = {n for h in setting.hidden for n in parameters_of(h)}
-    true = {**setting.protocol.parameters, **setting.parameters}
-    return {
-        "hidden": list(setting.hidden),
-        "outside": setting.outside,
-        "parameters": {n: true[n] for n in sorted(names)},
-        "strength": list(setting.strength),
-        "nuisance": setting.nuisance,
-        "truth": {"terms": list(setting.protocol.terms), **setting.protocol.parameters},
-    }
+    true = values_at(setting.protocol.parameters, 0.0) | setting.parameters
+    return Answer(
+        setting.hidden,
+        setting.outside,
+        {n: true[n] for n in sorted(names)},
+        setting.strength,
+        {f.name: getattr(setting.nuisance, f.name) for f in fields(Nuisance)},
+        {"terms": setting.protocol.terms, **setting.protocol.parameters},
+    )
 
 
 def parameters_of(mechanism: str) -> tuple[str, ...]:
@@ -66,14 +79,14 @@ def parameters_of(mechanism: str) -> tuple[str, ...]:
     return (CAMERA_PARAMETERS[mechanism],) if mechanism in AT_THE_CAMERA else KNOWN[mechanism]
 
 
-def seal(answer: Mapping[str, Any]) -> dict[str, str]:
+def seal(answer: Answer) -> dict[str, str]:
     """The answer, packed, with its SHA-256."""
-    data = zlib.compress(json.dumps(answer, sort_keys=True).encode())
+    data = zlib.compress(json.dumps(asdict(answer), sort_keys=True).encode())
     note = "The answer of a blind campaign; jumpvision synth reveal opens it."
     return {"note": note, "sha256": hashlib.sha256(data).hexdigest(), "sealed": base64.b64encode(data).decode()}
 
 
-def unseal(file: Path) -> dict[str, Any]:
+def unseal(file: Path) -> Answer:
     """The answer in a sealed file. Raises InputError where it is missing or was changed."""
     try:
         packed = json.loads(file.read_text(encoding="utf-8"))
@@ -84,33 +97,33 @@ def unseal(file: Path) -> dict[str, Any]:
         raise InputError([f"{file}: not a sealed answer ({e}); make the campaign again from its seed"]) from e
     if hashlib.sha256(data).hexdigest() != packed.get("sha256"):
         raise InputError([f"{file}: the answer does not match its hash: it was changed; make the campaign again"])
-    return dict(json.loads(zlib.decompress(data)))
+    return Answer(**json.loads(zlib.decompress(data)))
 
 
-def reveal(out: Path, results: Path | None = None) -> dict[str, Any]:
+def reveal(out: Path, results: Path | None = None) -> dict[str, str | float]:
     """The answer of `out`, and the score of results/<name>/diagnosis.json beside it (or in `results`) if it exists."""
     answer = unseal(sealed_file(out))
-    told: dict[str, Any] = {"hidden": ", ".join(answer["hidden"]) or "nothing"}
-    told |= {f"true {k}": float(f"{v:.5g}") for k, v in answer["parameters"].items()}
-    told |= {"strength (0-1)": ", ".join(f"{s:.2f}" for s in answer["strength"])}
+    told: dict[str, str | float] = {"hidden": ", ".join(answer.hidden) or "nothing"}
+    told |= {f"true {k}": float(f"{v:.5g}") for k, v in answer.parameters.items()}
+    told |= {"strength (0-1)": ", ".join(f"{s:.2f}" for s in answer.strength)}
     file = (results or out.absolute().parent / "results" / out.absolute().name) / "diagnosis.json"
     if not file.exists():
         return told | {"outcome": f"no {file} yet: run jumpvision diagnose first"}
     return told | score(json.loads(file.read_text(encoding="utf-8")), answer)
 
 
-def score(diagnosis: Mapping[str, Any], answer: Mapping[str, Any]) -> dict[str, Any]:
+def score(diagnosis: Mapping[str, Any], answer: Answer) -> dict[str, str | float]:
     """outcome: right, twin (told apart from its twin by no data, and said so), partly, wrong, false alarm or missed;
     for every hidden mechanism that was named its parameters' errors and whether their intervals cover the truth."""
-    named, hidden = set(diagnosis["named"]), set(answer["hidden"])
-    out: dict[str, Any] = {
+    named, hidden = set(diagnosis["named"]), set(answer.hidden)
+    out: dict[str, str | float] = {
         "named": ", ".join(sorted(named)) or "nothing",
-        "outcome": _outcome(diagnosis, named, hidden, bool(answer["outside"])),
+        "outcome": _outcome(diagnosis, named, hidden, answer.outside),
     }
     for cause in diagnosis["causes"]:
         if cause["mechanism"] in named & hidden:
             for name, found in cause["parameters"].items():
-                true = answer["parameters"].get(name)
+                true = answer.parameters.get(name)
                 if true is not None:
                     out[f"error of {name}"] = found["value"] - true
                     out[f"interval of {name} covers"] = found["low"] <= true <= found["high"]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,19 @@ import cv2
 import numpy as np
 from av.codec.context import Flags
 from numpy.typing import NDArray
+
+Value = str | float | Sequence["Value"] | Mapping[str, "Value"]  # what TOML holds
+Table = dict[str, Value]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a recording leaves in its folder's texts: tables of experiment.toml by name, entries of truth.json, and
+    the numbers that summary.json should say."""
+
+    tables: dict[str, Table]
+    truth: Mapping[str, object] = field(default_factory=dict)
+    summary: Mapping[str, float] = field(default_factory=dict)
 
 
 def film(path: Path, frames: NDArray[np.uint8], *, rate: float) -> None:
@@ -129,7 +143,7 @@ def table(path: Path, columns: Mapping[str, NDArray[np.float64]]) -> None:
     )
 
 
-def toml(path: Path, content: Mapping[str, Any], *, comment: str = "") -> None:
+def toml(path: Path, content: Mapping[str, Value], *, comment: str = "") -> None:
     """Keys first, then tables by name ("model.fit" for a nested one)."""
     lines = [f"# {line}" for line in comment.splitlines()]
     tables = {k: v for k, v in content.items() if isinstance(v, Mapping)}
@@ -139,7 +153,7 @@ def toml(path: Path, content: Mapping[str, Any], *, comment: str = "") -> None:
     path.write_text("\n".join(lines).lstrip("\n") + "\n", encoding="utf-8", newline="\n")
 
 
-def _value(v: Any) -> str:
+def _value(v: object) -> str:
     if isinstance(v, bool):
         return str(v).lower()
     if isinstance(v, str):
@@ -149,15 +163,27 @@ def _value(v: Any) -> str:
     return repr(v)
 
 
-def truth(path: Path, content: Mapping[str, Any]) -> None:
-    """Nested mappings, arrays and numbers as JSON, floats to 9 digits."""
-    text = json.dumps(_plain(content), indent=1, allow_nan=False)
+def truth(path: Path, *parts: object) -> None:
+    """The entries of mappings and records, nested, of arrays and numbers, as one JSON, floats to 9 digits."""
+    text = json.dumps(_plain(joined(*parts)), indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8", newline="\n")
 
 
-def _plain(v: Any) -> Any:
-    if isinstance(v, Mapping):
-        return {k: _plain(x) for k, x in v.items()}
+def joined(*parts: object) -> Mapping[str, object]:
+    """The entries of mappings and records, one after the other; a record leaves out what is None by default."""
+    out: dict[str, object] = {}
+    for part in parts:
+        if isinstance(part, Mapping):
+            out |= part
+        elif is_dataclass(part):
+            values = ((f, getattr(part, f.name)) for f in fields(part))
+            out |= {f.name: v for f, v in values if v is not None or f.default is not None}
+    return out
+
+
+def _plain(v: object) -> object:
+    if isinstance(v, Mapping) or is_dataclass(v):
+        return {k: _plain(x) for k, x in joined(v).items()}
     if isinstance(v, np.ndarray):
         return _plain(v.tolist())
     if isinstance(v, (list, tuple)):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.protocol_keys import CraterImage
+from jumpvision.lab.write import Recording, Table
 
 from .optics import blur, record, texture
 
@@ -113,7 +113,7 @@ def write_crater(
     foot_radius: float,
     size: float,
     grain_diameter: float,
-) -> tuple[dict[str, Any], dict[str, Any]]:
+) -> Recording:
     """crater.png of a bowl as wide as the foot, with a rim that makes the volume change `volume` [m^3].
 
     foot_radius [m] of this foot, `size` times the robot's: the bowl's depth goes with it. The truth's volume is that
@@ -147,5 +147,5 @@ def write_crater(
         rng=rng,
     )
     write.picture(folder / "crater.png", record(mean, electrons_per_grey=60.0, read_noise=1.5, rng=rng))
-    section = {"file": "crater.png", "scale": picture.scale, "laser_angle": picture.laser_angle}
-    return {"crater_image": section}, true
+    section: Table = {"file": "crater.png", "scale": picture.scale, "laser_angle": picture.laser_angle}
+    return Recording({"crater_image": section}, {"crater": true})

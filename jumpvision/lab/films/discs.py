@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,12 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.jumper import Motion
-from jumpvision.lab.protocol_keys import GrainCamera, GrainFilm, chip_of
+from jumpvision.lab.protocol_keys import GrainFilm
+from jumpvision.lab.write import Recording
 
-from .grain_record import GRAIN_RATE, Clock, Glass, middle, start_of
+from .grain_record import GRAIN_RATE, Clock, Columns, Glass, mass_at_peak, middle, start_of
 from .grains import View
-from .optics import record_bright, texture
+from .optics import GrainCamera, exposed, texture
 
 GAP, BEHIND = 22.0, 46.0  # grey: dark between the grains, shadow above the foot and the bed
 LIT = 0.5, -0.10, -0.16  # share of a disc's light that comes from its bulge, and across and down its face
@@ -179,6 +181,17 @@ FOOT_HEIGHT = 0.012  # m
 BED = 1.12  # the bed is so much larger than the picture
 
 
+@dataclass(frozen=True)
+class DiscTruth:
+    """What is true of a film of discs, in every frame and between two."""
+
+    conventions: str
+    discs: int
+    exposure_s: float
+    frames: Columns
+    pairs: Columns
+
+
 def write_disc_film(
     folder: Path,
     motion: Motion,
@@ -190,8 +203,8 @@ def write_disc_film(
     diameter: float,
     film: GrainFilm,
     camera: GrainCamera,
-) -> tuple[dict[str, Any], float, dict[str, Any]]:
-    """grains.mkv around the first landing: its section, the foot's depth in frame 0 [m], its truth.
+) -> Recording:
+    """grains.mkv around the first landing.
 
     bed_density: phi rho [kg/m^3] of the momentum; radius of the foot, mean diameter of the discs [m].
     """
@@ -226,39 +239,32 @@ def write_disc_film(
         glare=0.0,
         rng=rng,
     )
-    frames = np.stack([record_bright(glass(draw.frame(*at)), rng=rng, **chip_of(camera)) for at in zip(x, y, face)])
+    frames = np.stack([exposed(glass(draw.frame(*at)), camera, rng, bright=True) for at in zip(x, y, face)])
     write.movie(folder / "grains.mkv", frames, rate=GRAIN_RATE, numbers=clock.number, bits=camera.bits)
 
     k = INSTANTS // 2
-    depth_0 = -float(face[0, k])
-    section = {
-        "file": "grains.mkv",
-        "frame_rate": GRAIN_RATE,
-        **glass.section(-depth_0, camera.scale_error),
-        "foot": "half",
-        "start": start_of(motion),
-    }
     time, shown = clock.stamp + 0.5 * EXPOSURE, clock.shown + 0.5 * EXPOSURE
     height, speed = face[:, k], -np.diff(face[:, k]) / np.diff(shown)
     momentum = disc_momentum(view, shown, x[:, k], y[:, k], height, diameter=diameter, bed_density=bed_density)
     with np.errstate(divide="ignore", invalid="ignore"):
         mass = np.where(speed > 0.05, momentum / speed, 0.0)
-    true = {
-        "conventions": "foot_speed is downward, the mean between two frames; momentum in view is that of a half foot "
+    true = DiscTruth(
+        conventions="foot_speed is downward, the mean between two frames; momentum in view is that of a half foot "
         "(pi r dr dh) at the constant density phi rho, from the nearest disc's displacement; added mass is momentum "
         "over foot_speed, 0 below 0.05 m/s",
-        "discs": len(discs.radius),
-        "exposure_s": EXPOSURE,
-        "frames": {"time_s": time, "foot_row_px": view.row(height), "foot_depth_m": -height} | clock.extra,
-        "pairs": {
+        discs=len(discs.radius),
+        exposure_s=EXPOSURE,
+        frames={"time_s": time, "foot_row_px": np.asarray(view.row(height)), "foot_depth_m": -height} | clock.extra,
+        pairs={
             "time_s": middle(time),
             "foot_depth_m": -middle(height),
             "foot_speed_m_s": speed,
             "momentum_in_view_kg_m_s": momentum,
             "added_mass_in_view_kg": mass,
         },
-    }
-    return section, depth_0, true
+    )
+    tables = glass.tables(-float(face[0, k]), start_of(motion), camera)
+    return Recording(tables, {"grain_film": true}, {"added_mass_kg": mass_at_peak(true.pairs)})
 
 
 def disc_momentum(

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -24,6 +25,14 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 
 ABOVE = 0.003  # m, how far above the face grains beside the foot are dragged along
+
+
+class Cone(NamedTuple):
+    """The jammed cone: how fast it grows with depth, the slope of its side [rad], the scale of its added mass."""
+
+    mu: float = 2.0
+    theta: float = math.pi / 3
+    C: float = 2.7
 
 
 @dataclass(frozen=True)

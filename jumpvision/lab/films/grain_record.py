@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,23 +13,38 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.jumper import Motion
-from jumpvision.lab.protocol_keys import GrainCamera, chip_of
+from jumpvision.lab.protocol_keys import GrainFilm
+from jumpvision.lab.write import Recording, Table
 
-from . import grains as grain_film
-from .flow import Flow
-from .grains import View
-from .optics import distorted, lens_of, margin, record, record_bright, reflection, seen_places, shade
-from .quick import QuickGrainCamera
+from .flow import Cone, Flow
+from .grains import GrainScene, View
+from .optics import BedCamera, GrainCamera, distorted, exposed, lens_of, margin, reflection, seen_places, shade
+from .quick import QuickGrainScene
 
 GRAIN_RATE = 500.0  # 1/s
-GOOD = GrainCamera()
+CONE, FILM, GOOD = Cone(), GrainFilm(), GrainCamera()  # of the samples
+Columns = dict[str, NDArray[Any]]
 
 
-def film_brief(grains: Mapping[str, Any]) -> dict[str, float]:
-    """What summary.json should say of a grain film; the added mass is the one in view when the momentum is largest."""
-    peak = int(np.argmax(grains["pairs"]["momentum_in_view_kg_m_s"]))
-    mass = {"added_mass_kg": float(grains["pairs"]["added_mass_in_view_kg"][peak])}
-    return mass if "mu" not in grains else {"mu": grains["mu"], "beta_deg": grains["beta_deg"]} | mass
+def mass_at_peak(pairs: Columns) -> float:
+    """The added mass in view when the momentum in view is largest [kg]."""
+    return float(pairs["added_mass_in_view_kg"][int(np.argmax(pairs["momentum_in_view_kg_m_s"]))])
+
+
+@dataclass(frozen=True)
+class FlowTruth:
+    """What is true of a film of the prescribed flow, in every frame and between two."""
+
+    conventions: str
+    beta_deg: float
+    layer_m: float
+    mu: float
+    theta_deg: float
+    C: float
+    surface_row_px: float
+    exposure_s: float
+    frames: Columns
+    pairs: Columns
 
 
 class Clock:
@@ -49,7 +64,7 @@ class Clock:
 class Glass:
     """Lens, darker corners and reflection between the grains and the chip."""
 
-    def __init__(self, view: View, camera: GrainCamera):
+    def __init__(self, view: View, camera: GrainCamera | BedCamera):
         self.view, self.lens = view, lens_of(camera.k1, camera.k2, view.shape)
         m = margin(view.shape, self.lens)
         self.wide = View(
@@ -65,14 +80,20 @@ class Glass:
             image = image * self.light
         return image if self.glare is None else image + self.glare
 
-    def section(self, y: float, scale_error: float) -> dict[str, float]:
-        """scale, foot_row and axis_column of [grain_video], as read off the picture, for a face at the height y [m]."""
-        row, column = seen_places(np.array([float(self.view.row(y))]), self.view.axis_column, self.lens)
-        return {
-            "scale": self.view.scale * (1 + scale_error),
+    def tables(self, depth: float, start: float, camera: GrainCamera) -> dict[str, Table]:
+        """[grain_video] of grains.mkv from the time `start` [s] on, its places as read off the first picture, where the
+        foot's depth is `depth` [m], and that depth for [params.flow]."""
+        row, column = seen_places(np.array([float(self.view.row(-depth))]), self.view.axis_column, self.lens)
+        section: Table = {
+            "file": "grains.mkv",
+            "frame_rate": GRAIN_RATE,
+            "scale": self.view.scale * (1 + camera.scale_error),
             "foot_row": round(float(row[0]), 3),
             "axis_column": round(float(column[0]), 3),
+            "foot": "half",
+            "start": start,
         }
+        return {"grain_video": section, "params.flow": {"initial_depth": round(depth, 6)}}
 
 
 def start_of(motion: Motion) -> float:
@@ -87,69 +108,51 @@ def write_grain_film(
     rng: np.random.Generator,
     *,
     radius: float,
-    mu: float,
-    theta: float,
-    C: float,
     diameter: float,
-    n: int = 58,
-    shape: tuple[int, int] = (464, 396),
-    scale: float = 3e-4,
-    quick: bool = False,
+    cone: Cone = CONE,
+    film: GrainFilm = FILM,
     camera: GrainCamera = GOOD,
-) -> tuple[dict[str, Any], float, dict[str, Any]]:
-    """grains.mkv around the first landing and the push-off: its section, the foot's depth in frame 0 [m], its truth.
+    quick: bool = False,
+) -> Recording:
+    """grains.mkv around the first landing and the push-off.
 
-    bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; mu, theta, C of the cone; n frames;
-    quick: by `grain_quick`; camera: its faults.
+    bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; camera: its faults; quick: by the
+    quick scene of `films.quick`.
     """
     exposure, subs = 0.0005, 4
     start = start_of(motion)
-    view = View(shape=shape, scale=scale, surface_row=47.0, axis_column=0.5 * shape[1] - 2.5)
+    shape = (film.rows, film.columns)
+    view = View(shape=shape, scale=film.scale, surface_row=47.0, axis_column=0.5 * shape[1] - 2.5)
     glass = Glass(view, camera)
     before = motion.t <= start
     z_start = float(-motion.foot[before].min())
     z_end = float(-motion.foot.min())
-    flow = Flow(
-        R=radius,
-        mu=mu,
-        theta=theta,
-        C=C,
-        beta=math.radians(45.0),
-        layer=0.008,
-        z_range=(z_start, z_end),
-    )
-    draw = QuickGrainCamera if quick else grain_film.GrainCamera
-    scene = draw(glass.wide, flow, z_start, diameter=diameter, spread=0.15, rng=rng)
-    clock = Clock(start, n, camera, rng)
+    flow = Flow(R=radius, **cone._asdict(), beta=math.radians(45.0), layer=0.008, z_range=(z_start, z_end))
+    scene_of = QuickGrainScene if quick else GrainScene
+    scene = scene_of(glass.wide, flow, z_start, diameter=diameter, spread=0.15, rng=rng)
+    clock = Clock(start, film.frames, camera, rng)
     depths = -motion.at("foot", clock.shown[:, None] + (np.arange(subs) + 0.5) / subs * exposure)
-    expose = record_bright if quick else record
-    frames = np.stack([expose(glass(scene.frame(z)), rng=rng, **chip_of(camera)) for z in depths])
+    frames = np.stack([exposed(glass(scene.frame(z)), camera, rng, bright=quick) for z in depths])
     write.movie(folder / "grains.mkv", frames, rate=GRAIN_RATE, numbers=clock.number, bits=camera.bits)
 
     time, shown = clock.stamp + 0.5 * exposure, clock.shown + 0.5 * exposure
-    depth_0 = -float(motion.at("foot", shown[:1])[0])
-    section = {
-        "file": "grains.mkv",
-        "frame_rate": GRAIN_RATE,
-        **glass.section(-depth_0, camera.scale_error),
-        "foot": "half",
-        "start": start,
-    }
-    true = {
-        "conventions": "foot_speed is downward; momentum and added mass are those of the half foot (pi r dr dh), zero "
+    true = FlowTruth(
+        conventions="foot_speed is downward; momentum and added mass are those of the half foot (pi r dr dh), zero "
         "momentum while the grains rest; in_view: r up to the picture's edges, mean of both half-planes, from the "
         "face to the lower edge; front: thickness below the face at 0.9 of the foot's speed or more, on the axis",
-        "beta_deg": 45.0,
-        "layer_m": flow.layer,
-        "mu": flow.mu,
-        "theta_deg": math.degrees(flow.theta),
-        "C": flow.C,
-        "surface_row_px": view.surface_row,
-        "exposure_s": exposure,
-        "frames": flow_truth(flow, view, motion, shown, bed_density) | {"time_s": time} | clock.extra,
-        "pairs": flow_truth(flow, view, motion, middle(shown), bed_density) | {"time_s": middle(time)},
-    }
-    return section, depth_0, true
+        beta_deg=45.0,
+        layer_m=flow.layer,
+        mu=flow.mu,
+        theta_deg=math.degrees(flow.theta),
+        C=flow.C,
+        surface_row_px=view.surface_row,
+        exposure_s=exposure,
+        frames=flow_truth(flow, view, motion, shown, bed_density) | {"time_s": time} | clock.extra,
+        pairs=flow_truth(flow, view, motion, middle(shown), bed_density) | {"time_s": middle(time)},
+    )
+    told = {"mu": true.mu, "beta_deg": true.beta_deg, "added_mass_kg": mass_at_peak(true.pairs)}
+    tables = glass.tables(-float(motion.at("foot", shown[:1])[0]), start, camera)
+    return Recording(tables, {"grain_film": true}, told)
 
 
 def middle(t: Array) -> Array:
@@ -157,7 +160,7 @@ def middle(t: Array) -> Array:
     return np.asarray(0.5 * (t[1:] + t[:-1]))
 
 
-def flow_truth(flow: Flow, view: View, motion: Motion, time: Array, bed_density: float) -> dict[str, Array]:
+def flow_truth(flow: Flow, view: View, motion: Motion, time: Array, bed_density: float) -> Columns:
     """Columns of the grain film's truth at the times given [s], shape (n,)."""
     foot, rate = motion.at("foot", time), motion.at("foot_rate", time)
     deepest = np.array([motion.foot[motion.t <= t].min() for t in time])

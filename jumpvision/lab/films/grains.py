@@ -118,7 +118,7 @@ def splat(image, column, row, radius, grey):  # type: ignore[no-untyped-def]
                     image[i, j] += cover * (tone - image[i, j])
 
 
-class GrainCamera:
+class GrainScene:
     """Draws noise-free frames; the grains are carried along, so frames must be asked for in the order of time."""
 
     def __init__(self, view: View, flow: Flow, z: float, *, diameter: float, spread: float, rng: np.random.Generator):

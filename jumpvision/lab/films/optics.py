@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numba as nb
@@ -10,6 +11,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import param
+
+
+@dataclass(frozen=True)
+class Chip:
+    """What may be wrong with any camera."""
+
+    bits: int = param(8, "", "depth of a pixel; 8, 12 or 16", lo=8, hi=16)
+    shading: float = param(0.0, "", "how much darker the corners are than the middle", lo=0, hi=1)
+    k1: float = param(0.0, "1/px^2", "lens: true offset = seen offset x (1 + k1 r^2 + k2 r^4)", lo=-1e-5, hi=1e-5)
+    k2: float = param(0.0, "1/px^4", "lens, fourth order", lo=-1e-10, hi=1e-10)
+    calibrated: bool = param(False, "", "whether the lens is declared in [calibration]")
+    scale_error: float = param(0.0, "", "declared scale / true scale - 1", lo=-0.5, hi=0.5)
+
+    def check(self) -> list[str]:
+        """Depths that cameras have."""
+        return [] if self.bits in (8, 12, 16) else [f"bits = {self.bits}: must be 8, 12 or 16"]
+
+
+@dataclass(frozen=True)
+class FilmChip(Chip):
+    """What may be wrong with a film camera besides."""
+
+    dropped: float = param(0.0, "", "share of frames lost at random", lo=0, hi=0.5)
+    clock_offset: float = param(0.0, "s", "a frame stamped t shows t + clock_offset + clock_drift t", lo=-1, hi=1)
+    clock_drift: float = param(0.0, "s/s", "see clock_offset", lo=-0.1, hi=0.1)
+
+
+@dataclass(frozen=True)
+class Camera(FilmChip):
+    """[camera], of the rod film; the defaults are the good camera of the samples."""
+
+    electrons_per_grey: float = param(45.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
+    read_noise: float = param(0.8, "", "8-bit grey levels", lo=0)
+    reflection: float = param(0.0, "", "8-bit grey of highlights that move with the rod", lo=0, hi=255)
+
+
+@dataclass(frozen=True)
+class GrainCamera(FilmChip):
+    """[grain_camera], of the grain film."""
+
+    electrons_per_grey: float = param(60.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
+    read_noise: float = param(1.0, "", "8-bit grey levels", lo=0)
+    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
+
+
+@dataclass(frozen=True)
+class BedCamera(Chip):
+    """[bed_camera], of the bed image."""
+
+    electrons_per_grey: float = param(40.0, "", "photo-electrons an 8-bit grey level", lo=0, open_lo=True)
+    read_noise: float = param(1.5, "", "8-bit grey levels", lo=0)
+    glare: float = param(0.0, "", "8-bit grey of a reflection that stands still on the glass", lo=0, hi=255)
 
 
 class Lens(NamedTuple):
@@ -120,6 +174,20 @@ def digitised(grey: NDArray[Any], bits: int) -> NDArray[Any]:
     if bits == 8:
         return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
     return np.clip(np.rint(grey * 2.0 ** (bits - 8)), 0, 2**bits - 1).astype(np.uint16)
+
+
+def exposed(
+    mean: NDArray[Any], camera: Camera | GrainCamera | BedCamera, rng: np.random.Generator, *, bright: bool = False
+) -> NDArray[Any]:
+    """Pixels of `record`, or of `record_bright`, by the chip of a camera."""
+    see = record_bright if bright else record
+    return see(
+        mean,
+        electrons_per_grey=camera.electrons_per_grey,
+        read_noise=camera.read_noise,
+        bits=camera.bits,
+        rng=rng,
+    )
 
 
 def blur(image: Array, sigma: float) -> Array:

@@ -1,4 +1,4 @@
-"""The grain film quickly: the same scene as `grain_film`, some five times as many frames a second.
+"""The grain film quickly: the same scene as `grains`, some five times as many frames a second.
 
 Grains are carried by the closed-form solution of the flow over a step instead of by many midpoint steps, discs are
 drawn in single precision over a padded picture so that the processor draws several pixels at a time, and within an
@@ -17,15 +17,15 @@ import numpy as np
 from jumpvision.base.arrays import Array
 
 from .flow import ABOVE, Flow
-from .grains import GrainCamera
+from .grains import GrainScene
 
 PAD = 16  # px around the picture; discs are smaller
 STREAK = 0.5  # px: how far the foot may move between two instants of an exposure
 STEP = 4e-4  # m: over which the cut-off width w(z) is taken at its middle
 
 
-class QuickGrainCamera(GrainCamera):
-    """GrainCamera with a quicker `frame`."""
+class QuickGrainScene(GrainScene):
+    """GrainScene with a quicker `frame`."""
 
     def frame(self, depths: Array) -> Array:
         """Mean image (row, column) [grey] over foot depths (sub-exposure,) [m], in order of time."""
@@ -78,7 +78,7 @@ class QuickGrainCamera(GrainCamera):
 
 @nb.njit(cache=True, fastmath=True)
 def _stamp(image, column, row, radius, grey):  # type: ignore[no-untyped-def]
-    """`grain_film.splat` in single precision; every disc lies whole in `image`."""
+    """`grains.splat` in single precision; every disc lies whole in `image`."""
     half, one, zero = np.float32(0.5), np.float32(1.0), np.float32(0.0)
     offsets = np.arange(PAD).astype(np.float32)
     for g in range(len(column)):

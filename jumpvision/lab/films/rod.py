@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numba as nb
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.lab import write
 from jumpvision.lab.jumper import Motion
-from jumpvision.lab.protocol_keys import Camera, RodFilm, chip_of
+from jumpvision.lab.protocol_keys import RodFilm
+from jumpvision.lab.write import Recording, Table
 
-from .optics import NO_LENS, Lens, blur, lens_of, record, seen_place, seen_places, shade, texture, true_place
+from .optics import NO_LENS, Camera, Lens, blur, exposed, lens_of, seen_place, seen_places, shade, texture, true_place
 
 _STEP = 1 / 256  # px, spacing of the tabulated profile
 _EXPOSURE_POINTS = 9
@@ -130,9 +133,9 @@ def rod_film(
     film = back
     if reflection:
         film = back + reflection * _highlights(rows.mean(axis=1), column, radius, shape, rng)
-    disc: dict[str, Any] = {"radius": radius, "shape": shape, "blur_px": 0.7, "lens": lens}
-    shaded = balls(rows, column, limb=0.15, side_light=0.04, **disc)
-    cover = balls(rows, column, limb=0.0, side_light=0.0, **disc)
+    disc = partial(balls, rows, column, radius=radius, shape=shape, blur_px=0.7, lens=lens)
+    shaded = disc(limb=0.15, side_light=0.04)
+    cover = disc(limb=0.0, side_light=0.0)
     film = film * (1.0 - cover) + brightness * shaded
     if shading:
         film *= shade(shape, shading)
@@ -149,6 +152,20 @@ def _highlights(rows: Array, column: float, radius: float, shape: tuple[int, int
     return np.asarray(glints[:, :, None] * across)
 
 
+@dataclass(frozen=True, kw_only=True)
+class RodFilmTruth:
+    """What is true of the frames (n,): their numbers, their stamps (mid-exposure) [s] and the times that they show [s],
+    the rod's height [m], where the lens shows the ball's centre [px]; metres per pixel."""
+
+    frame: NDArray[np.int64] | None = None
+    time_s: Array
+    shown_s: Array | None = None
+    rod_m: Array
+    x_px: Array | float
+    y_px: Array
+    scale_m_px: float | None = None
+
+
 MARGIN = 1.8  # ball radii between the ball's centre and the picture's edges
 
 
@@ -161,12 +178,8 @@ def write_rod_film(
     *,
     scale: float = 1.0,
     dt: float = 0.0,
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The film, as long as the motion; returns its sections and its truth.
-
-    scale, dt: of the mechanisms camera_scale and time_offset. In the truth, time_s are the stamps (mid-exposure),
-    shown_s the times that the frames show, x_px and y_px the places at which the lens shows the ball's centre.
-    """
+) -> Recording:
+    """The film, as long as the motion. scale, dt: of the mechanisms camera_scale and time_offset."""
     n = int((motion.t[-1] - film.exposure) * film.rate)
     stamps = exposure_times(0.0, film.rate, film.exposure, n)
     shown = stamps + dt + camera.clock_offset + camera.clock_drift * stamps
@@ -188,9 +201,9 @@ def write_rod_film(
         shading=camera.shading,
     )
     kept = np.flatnonzero((rng.random(n) >= camera.dropped) | (np.arange(n) == 0))
-    pixels = record(mean[kept], rng=rng, **chip_of(camera))
+    pixels = exposed(mean[kept], camera, rng)
     write.movie(folder / film.file, pixels, rate=film.rate, numbers=kept, bits=camera.bits)
-    section = {
+    section: Table = {
         "file": film.file,
         "frame_rate": film.rate,
         "scale": film.scale * (1 + camera.scale_error),
@@ -199,13 +212,13 @@ def write_rod_film(
         "start": 0.0,
     }
     y, x = seen_places(rows[kept].mean(axis=1), column, lens)
-    true = {
-        "frame": kept,
-        "time_s": stamps[kept].mean(axis=1),
-        "shown_s": shown[kept].mean(axis=1),
-        "rod_m": motion.at("rod", shown[kept].mean(axis=1)),
-        "x_px": x,
-        "y_px": y,
-        "scale_m_px": film.scale,
-    }
-    return {"rod_video": section}, true
+    true = RodFilmTruth(
+        frame=kept,
+        time_s=stamps[kept].mean(axis=1),
+        shown_s=shown[kept].mean(axis=1),
+        rod_m=motion.at("rod", shown[kept].mean(axis=1)),
+        x_px=x,
+        y_px=y,
+        scale_m_px=film.scale,
+    )
+    return Recording({"rod_video": section}, {"film": true})
