@@ -18,10 +18,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from x.diagnosis import jumps_of
-from x.noise import questioned
-from x.rows import Row, gather, interval, share
-from x.shared_world import Film, World, physical, stated, world
 
 from jumpvision.campaign import films
 from jumpvision.campaign.diagnose import heights_of
@@ -34,6 +30,11 @@ from jumpvision.diagnosis.noise.learning import Learned
 from jumpvision.diagnosis.system import Parameter
 from jumpvision.lab.blind import campaign
 from jumpvision.lab.seal import answer_of, score
+
+from .diagnosis import jumps_of
+from .noise import questioned
+from .rows import Row, gather, interval, share
+from .shared_world import Film, World, physical, stated, world
 
 LOW, HIGH, LEAST = 0.86, 0.94, 0.80  # bars: coverage of all named parameters, and of each one at least
 PLANTED, FLAGGED, FALSE = 5.0, 0.95, 0.02  # sigma of a planted contradiction; bars

@@ -17,9 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
-from x.diagnosis import jumps_of
-from x.oracle import Oracle, Unreachable, level_for
-from x.rows import Row, gather, interval, share
 
 from jumpvision.campaign.diagnose import heights_of
 from jumpvision.campaign.document import document
@@ -33,6 +30,10 @@ from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.lab.blind import Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.recordings import NU
 from jumpvision.lab.seal import answer_of, score
+
+from .diagnosis import jumps_of
+from .oracle import Oracle, Unreachable, level_for
+from .rows import Row, gather, interval, share
 
 Array = NDArray[np.float64]
 
