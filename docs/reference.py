@@ -1,4 +1,4 @@
-"""Write docs/api.md, the public functions and classes with their docstrings: `python docs/reference.py`."""
+"""Write docs/api.md, the public functions and classes with their docstrings, and the types of `jv.*`: this script."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import jumpvision
+from jumpvision.workflow.stage import results_stages
 
 TARGET = Path(__file__).with_name("api.md")
 ROOT = Path(jumpvision.__file__).parent
+STUB = ROOT / "__init__.pyi"
 ROOMS = {  # what a heading covers, in the order of the page
     "For notebooks": ["api.py"],
     "Folders": ["inputs/experiment.py", "results", "base/schema.py"],
@@ -72,6 +74,27 @@ def module(file: Path) -> str:
     return "\n\n".join([f"### {name}", ast.get_docstring(tree) or "", *entries]) if entries else ""
 
 
+def stub() -> str:
+    """jumpvision/__init__.pyi: the functions that are found when first used, as editors and type checkers see them."""
+    stages = results_stages()
+    lines = [
+        "# made by `python docs/reference.py`",
+        "from .api import Folder, PathLike",
+        *(f"from .api import {verb} as {verb}" for verb in jumpvision.VERBS),
+        *(f"from {s.output.__module__} import {s.output.__name__}" for s in stages),
+        "",
+        "__version__: str",
+        "__all__: list[str]",
+        "VERBS: tuple[str, ...]",
+        "",
+        *(
+            f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ..."
+            for s in stages
+        ),
+    ]
+    return "\n".join(lines) + "\n"
+
+
 def text() -> str:
     """The whole page."""
     parts = [HEAD]
@@ -82,3 +105,4 @@ def text() -> str:
 
 if __name__ == "__main__":
     TARGET.write_text(text(), encoding="utf-8")
+    STUB.write_text(stub(), encoding="utf-8")

@@ -10,10 +10,11 @@ from pathlib import Path
 from jumpvision.base.schema import table_of
 from jumpvision.frames.opening import READERS
 from jumpvision.inputs.parameters import PARAMS
-from jumpvision.inputs.sections import SECTIONS, Header, RobotSigma
+from jumpvision.inputs.sections import SECTIONS, Header, RobotSigma, Section
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import GROUNDS
 from jumpvision.studies.study import listed
+from jumpvision.workflow.stage import Input, results_stages
 
 TARGET = Path(__file__).with_name("keys.md")
 
@@ -45,6 +46,19 @@ def films() -> list[dict[str, str]]:
     ]
 
 
+def stages() -> list[dict[str, str]]:
+    """Every stage in the order of a run: what it reads and makes."""
+
+    def words(i: Input) -> str:
+        kind = f"[{i.type.name}]" if issubclass(i.type, Section) else getattr(i.type, "file", "the header")
+        return kind + ("?" if i.optional else "")
+
+    return [
+        {"stage": s.name, "makes": s.help, "from (? where there is one)": ", ".join(words(i) for i in s.inputs)}
+        for s in results_stages()
+    ]
+
+
 def text() -> str:
     """The whole page."""
     parts = [
@@ -66,9 +80,12 @@ def text() -> str:
         "## Film formats\n\nOf every `file` above that is a film or a picture; also a folder of pictures, or a "
         "pattern such as `frames/*.png`.",
         rows(films()),
+        "## Stages\n\nEach is a command, a function of a notebook (`jv.track`) and a name in a pipeline's `stages`. "
+        "They run in this order.",
+        rows(stages()),
         "## Stage parameters\n\nIn `[params.<stage>]` of experiment.toml, campaign.toml or a pipeline file; "
         "`--set stage.key=value` on the command line wins.",
-    ]  # fmt: skip
+    ]
     for name, cls in PARAMS.items():
         parts.append(f"### [params.{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
     parts.append(

@@ -6,34 +6,35 @@
     jv.track(experiment).table
 
 What is computed is kept where the command line keeps it, so neither computes what the other has; `results` names
-another folder. Warnings of a stage are Python warnings here. Bad calls and folders raise `base.schema.InputError`.
+another folder. Warnings are Python warnings here. Bad calls and folders raise jumpvision.base.schema.InputError.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib
+import inspect
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import Campaign, Experiment, folder_of, is_campaign, merged, open_campaign
-from jumpvision.inputs.experiment import open_experiment as _open_experiment
-from jumpvision.inputs.model import model_tables
+from jumpvision.campaign.folder import Run, results_of, run_folder
+from jumpvision.inputs.experiment import Campaign, Experiment, open_folder
 from jumpvision.inputs.overrides import parse
-from jumpvision.report.figures import PICTURES
-
-from .results import Record, fields, tables, values
+from jumpvision.inputs.sections import NotApplicable
+from jumpvision.report.figures import PICTURES, drawn_diagnosis
+from jumpvision.results import Record
+from jumpvision.workflow.run import Plan, write_provenance
+from jumpvision.workflow.stage import STAGES
+from jumpvision.workflow.workspace import Workspace
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-
-    from jumpvision.workflow.run import Plan
 
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
@@ -52,118 +53,51 @@ def open(
     set: values over the folder's, as --set: ["track.polarity=dark"]. model: a model.toml whose [model] and [robot]
     come over the folder's. pipeline: parameters by stage, under those of the folder.
     """
-    overrides = parse(tuple(set))
-    if model is not None:
-        overrides = merged(model_tables(Path(model)), overrides)
-    folder = folder_of(path)
-    opened = open_campaign if folder.is_dir() and is_campaign(folder) else _open_experiment
-    return opened(folder, overrides=overrides, pipeline=pipeline)
+    return open_folder(path, model=_path(model), pipeline=pipeline, overrides=parse(tuple(set)))
 
 
-def results_of(path: Path) -> Path:
-    """Where results lie by default: results/NAME beside the folder."""
-    return path.absolute().parent / "results" / path.absolute().name
+def stage_function(name: str) -> Callable[..., Record]:
+    """The stage of this name as a function of an opened folder, or of its path: `jv.track(experiment)`."""
+    from jumpvision.base.schema import table_of
+    from jumpvision.workflow.stage import stage_named
 
+    made = stage_named(name)
 
-def track(experiment: Folder, *, results: PathLike | None = None) -> tables.Track:
-    """The ball on the rod in every frame of [rod_video]: position [px], height [m], their sigmas, a flag."""
-    return _make(experiment, tables.Track, results)
+    def function(experiment: Folder, *, results: PathLike | None = None) -> Record:
+        return _make(experiment, made.output, results)
 
-
-def rod(experiment: Folder, *, results: PathLike | None = None) -> tables.RodMotion:
-    """Height of the rod [m] against time [s], zero at rest, from the track or [rod_track]."""
-    return _make(experiment, tables.RodMotion, results)
-
-
-def bed(experiment: Folder, *, results: PathLike | None = None) -> values.BedHeight:
-    """Bed height [m] and volume fraction from [bed_image]."""
-    return _make(experiment, values.BedHeight, results)
-
-
-def geometry(experiment: Folder, *, results: PathLike | None = None) -> values.Geometry:
-    """Whether walls, floor and air of the bed disturb the jump."""
-    return _make(experiment, values.Geometry, results)
-
-
-def crater(experiment: Folder, *, results: PathLike | None = None) -> values.CraterShape:
-    """Volume change [m^3] of a crater from [crater_image] or [crater_depth]."""
-    return _make(experiment, values.CraterShape, results)
-
-
-def piv(experiment: Folder, *, results: PathLike | None = None) -> fields.Piv:
-    """Velocity of the grains in [grain_video]: a data set over (y, x, t) [m/s], x right, y up."""
-    return _make(experiment, fields.Piv, results)
-
-
-def flow(experiment: Folder, *, results: PathLike | None = None) -> fields.Flow:
-    """Shear rate, vorticity, divergence [1/s] over (y, x, t); momentum [kg m/s] and added mass [kg] over t."""
-    return _make(experiment, fields.Flow, results)
-
-
-def column(experiment: Folder, *, results: PathLike | None = None) -> fields.Column:
-    """Speed under the foot over (y, t), with the jammed front and the decay below it."""
-    return _make(experiment, fields.Column, results)
-
-
-def intrusion(experiment: Folder, *, results: PathLike | None = None) -> values.Intrusion:
-    """Two resistances, overshoots and oscillations of [intrusion_log]."""
-    return _make(experiment, values.Intrusion, results)
-
-
-def spring(experiment: Folder, *, results: PathLike | None = None) -> values.SpringTest:
-    """Force against displacement of [spring_log]: stiffness and hysteresis."""
-    return _make(experiment, values.SpringTest, results)
-
-
-def fit(experiment: Folder, *, results: PathLike | None = None) -> values.Fits:
-    """Every fit: jump height, flights, ring-down, mu, beta, added mass; `.table` has one row a fit."""
-    return _make(experiment, values.Fits, results)
-
-
-def simulate(experiment: Folder, *, results: PathLike | None = None) -> tables.Simulation:
-    """The model driven by the motor log or the commanded law: positions [m] (x up), forces [N] against time [s]."""
-    return _make(experiment, tables.Simulation, results)
-
-
-def summary(experiment: Folder, *, results: PathLike | None = None) -> values.Summary:
-    """The experiment in a few numbers; None where unknown."""
-    return _make(experiment, values.Summary, results)
+    function.__name__ = function.__qualname__ = name
+    function.__module__ = "jumpvision"
+    function.__annotations__["return"] = made.output
+    about = [made.help, *inspect.cleandoc(made.function.__doc__ or "").split("\n\n")[1:]]
+    about.append("experiment: what `open` gave, or a folder's path. results: another folder than the command line's.")
+    if made.params:
+        about.append(f"Parameters, in [params.{name}] of the folder or open(..., set=['{name}.NAME=value']):")
+        about.append("\n".join(f"    {_parameter(row)}" for row in table_of(made.params)))
+    function.__doc__ = "\n\n".join(about)
+    return function
 
 
 def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pictures: bool = True) -> pd.DataFrame:
-    """Every stage that has inputs; one row an experiment, as in jumps.csv, `problem` says what failed or was excluded.
+    """What `jumpvision run` does, but for the report; one row an experiment, as in jumps.csv, with the `problem`.
 
     workers: processes for a campaign; with more than one a script needs `if __name__ == "__main__":`.
     """
     import pandas as pd
 
-    from jumpvision.workflow.run import jumps_table, write_jumps
-
-    campaign, outcomes, plan = _outcomes(folder, None, results, workers, pictures=pictures)
-    rows = jumps_table(campaign, outcomes)
-    if is_campaign(campaign.path):
-        write_jumps(rows, plan.results)
-    for o in outcomes:
+    done = _run(folder, Plan, results, workers, pictures=pictures)
+    for o in done.outcomes:
         for text in o.warnings:
             warnings.warn(f"{o.name}: {text}", stacklevel=2)
-    return pd.DataFrame(rows)
+    return pd.DataFrame(done.rows)
 
 
 def diagnose(campaign: Folder, *, results: PathLike | None = None, workers: int = 1) -> dict[str, Any]:
     """What the campaign's [model] gets wrong, where and why, and what mending it gains: diagnosis.json as a dict."""
-    from jumpvision.campaign.diagnose import STAGES, question
-    from jumpvision.report.figures.diagnosis import diagnosis_picture
+    from jumpvision.campaign.folder import DIAGNOSED
 
-    found, outcomes, plan = _outcomes(campaign, STAGES, results, workers, pictures=False)
-    data, _ = question(
-        found,
-        {o.name: o for o in outcomes},
-        plan.results,
-        plan.cache,
-        workers=workers,
-        draw=diagnosis_picture,
-        say=_warn,
-    )
+    diagnosed = partial(Plan, stages=DIAGNOSED, whole=False)
+    data: dict[str, Any] = _run(campaign, diagnosed, results, workers, pictures=False, ask=True).diagnosis
     return data
 
 
@@ -226,6 +160,12 @@ def plan(
     return (samples(found.command, found.command.stop) if numbers["status"] == "solved" else None), numbers
 
 
+def _parameter(row: Mapping[str, str]) -> str:
+    value = f" = {row['default']}" if row["default"] else ""
+    unit = f" {row['unit']}" if row["unit"] else ""
+    return f"{row['name']}{value}{unit}: {row['meaning']}"
+
+
 def _opened(folder: Folder) -> Experiment | Campaign:
     return folder if isinstance(folder, Experiment | Campaign) else open(folder)
 
@@ -238,22 +178,17 @@ def _warn(text: str) -> None:
     warnings.warn(text, stacklevel=4)
 
 
-def _places(experiment: Experiment, results: PathLike | None) -> tuple[Path, Path]:
-    """(results, cache) of an experiment: those of its campaign where it has one."""
+def _places(folder: Experiment | Campaign, results: PathLike | None) -> tuple[Path, Path]:
+    """(results, cache) of a folder; of an experiment those of its campaign where it has one."""
     if results is not None:
         return Path(results), Path(results) / ".cache"
-    if experiment.campaign is None:
-        return (base := results_of(experiment.path)), base / ".cache"
-    base = results_of(experiment.campaign)
-    return base / experiment.name, base / ".cache"
+    if isinstance(folder, Campaign) or folder.campaign is None:
+        return (base := results_of(folder.path)), base / ".cache"
+    base = results_of(folder.campaign)
+    return base / folder.name, base / ".cache"
 
 
 def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
-    from jumpvision.workflow.run import write_provenance
-    from jumpvision.workflow.stage import STAGES
-    from jumpvision.workflow.workspace import Workspace
-
-    importlib.import_module("jumpvision.stages")
     experiment = _opened(folder)
     if isinstance(experiment, Campaign):
         names = ", ".join(e.name for e in experiment.experiments[:3])
@@ -270,10 +205,6 @@ def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
 
 def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) -> list[bytes]:
     """The PNG figures that show a record, drawn or from the cache."""
-    from jumpvision.inputs.sections import NotApplicable
-    from jumpvision.workflow.stage import STAGES
-    from jumpvision.workflow.workspace import Workspace
-
     for module in PICTURES:
         importlib.import_module(module)
     workspace, out = Workspace(experiment, results, cache), []
@@ -285,17 +216,15 @@ def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) 
     return out
 
 
-def _outcomes(
-    folder: Folder, stages: tuple[str, ...] | None, results: PathLike | None, workers: int, *, pictures: bool
-) -> tuple[Campaign, list[Any], Plan]:
-    from jumpvision.workflow.run import Plan, run_campaign, run_single
-
-    found = _opened(folder)
-    campaign = found if isinstance(found, Campaign) else Campaign(found.path, (found,))
-    modules = ("jumpvision.stages", *(PICTURES if pictures else ()))
-    if isinstance(found, Experiment):
-        plan = Plan(*_places(found, results), stages, modules, command="jumpvision.run()")
-        return campaign, [run_single(found, plan, workers=workers, hook=None)], plan
-    base = Path(results) if results is not None else results_of(found.path)
-    plan = Plan(base, base / ".cache", stages, modules, command="jumpvision.run()")
-    return campaign, run_campaign(found, plan, workers=workers, done=lambda outcome: None), plan
+def _run(
+    folder: Folder,
+    plan: Callable[..., Plan],
+    results: PathLike | None,
+    workers: int,
+    *,
+    pictures: bool,
+    ask: bool | None = None,
+) -> Run:
+    opened = _opened(folder)
+    made = plan(*_places(opened, results), pictures=PICTURES if pictures else (), command="jumpvision.run()")
+    return run_folder(opened, made, workers=workers, ask=ask, draw=drawn_diagnosis, say=_warn)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import ast
+import inspect
 import json
+import pydoc
 import re
 import shutil
 import subprocess
 import sys
 import warnings
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ import jumpvision as jv
 from jumpvision import api
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
+from jumpvision.workflow.stage import results_stages
 
 PAGE = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
 
@@ -102,20 +105,34 @@ def test_bad_calls_name_the_remedy(samples):
         jv.tracks  # noqa: B018
 
 
-def test_folders_with_the_name_of_a_stage_are_that_stage_too():
-    """`jumpvision.fit` is a folder of the package; once something of it is imported, Python puts it in place."""
-    code = "import jumpvision as jv\n{}\nassert callable(jv.fit) and callable(jv.sweep) and jv.fit.__path__"
-    for before in ("", "import jumpvision.estimate.ringdown, jumpvision.studies.axes"):
-        subprocess.run([sys.executable, "-c", code.format(before)], check=True)
-
-
-def test_every_stage_that_can_be_asked_for_alone_is_a_function():
-    from jumpvision.stages import __all__ as stages
-    from jumpvision.workflow.stage import STAGES
-
-    assert {s.name for s in STAGES.values() if not s.picture} >= set(stages)
-    for name in (*stages, "open", "run", "diagnose", "sweep", "plan"):
+def test_every_stage_is_a_function_with_its_help_and_its_parameters():
+    for stage in results_stages():
+        function = getattr(jv, stage.name)
+        assert stage.name in jv.__all__ and stage.name in dir(jv)
+        assert stage.help in inspect.getdoc(function) and stage.output.file in function.__doc__
+        assert all(f.name in function.__doc__ for f in (fields(stage.params) if stage.params else ()))
+    for name in jv.VERBS:
         assert name in jv.__all__ and getattr(api, name).__doc__
+    shown = pydoc.render_doc(jv.fit, renderer=pydoc.plaintext)
+    assert shown.splitlines()[2].startswith("fit(experiment") and "Ring-down, flights" in shown and "debounce" in shown
+
+
+def test_the_diagnosis_of_a_notebook_is_that_of_the_command(tmp_path, capsys):
+    """To the last byte, and the film is in both."""
+    leave = shutil.ignore_patterns("*-2", "single-10*", "single-8*", "stutter-[45]*", "rod.avi")
+    for place in ("notebook", "command"):
+        shutil.copytree(SAMPLES / "loose_sand", tmp_path / place / "sand", ignore=leave)
+        toml = tmp_path / place / "sand" / "stutter-7.0Hz-film" / "experiment.toml"
+        toml.write_text(re.sub(r"\[rod_video\][^[]*", "", toml.read_text()))  # its ball takes long to follow
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        jv.diagnose(tmp_path / "notebook" / "sand", workers=2)
+    assert main(["diagnose", str(tmp_path / "command" / "sand"), "--no-pictures", "--workers", "2"]) == 0
+    capsys.readouterr()
+    for name in ("model.toml", "diagnosis.json"):
+        found = [(tmp_path / place / "results" / "sand" / name).read_bytes() for place in ("notebook", "command")]
+        assert found[0] == found[1], name
+    assert any(r["by_film"] is not None for r in json.loads(found[0])["confirmation"])
 
 
 def test_the_import_is_light():
@@ -126,9 +143,9 @@ def test_the_import_is_light():
 
 
 def test_type_checkers_see_what_python_finds():
-    """The lazy names are imported where TYPE_CHECKING is true, so that editors and mypy know their types."""
-    tree = ast.parse(Path(jv.__file__).read_text(encoding="utf-8"))
-    seen = {a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module == "api" for a in n.names}
-    assert seen == set(jv.__all__) - {"__version__"}
+    """The stub is generated (test_docs.py keeps it fresh): the return type of every function is its record."""
+    stub = (Path(jv.__file__).parent / "__init__.pyi").read_text(encoding="utf-8")
+    for stage in results_stages():
+        assert f"def {stage.name}(" in stub and f"-> {stage.output.__name__}:" in stub
     assert (Path(jv.__file__).parent / "py.typed").exists()
-    assert all(getattr(api, name).__annotations__["return"] for name in seen)
+    assert all(getattr(api, name).__annotations__["return"] for name in jv.VERBS)

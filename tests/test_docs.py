@@ -207,6 +207,7 @@ def test_the_reference_is_that_of_the_docstrings():
     finally:
         sys.path.pop(0)
     assert (DOCS / "api.md").read_text(encoding="utf-8") == reference.text(), "run: python docs/reference.py"
+    assert reference.STUB.read_text(encoding="utf-8") == reference.stub(), "run: python docs/reference.py"
 
 
 def test_the_index_lists_every_page():

@@ -6,8 +6,9 @@ import pytest
 
 from jumpvision.base.schema import InputError
 from jumpvision.inputs.experiment import is_campaign, open_campaign, open_experiment
-from jumpvision.inputs.overrides import parse, read_pipeline
+from jumpvision.inputs.overrides import parse
 from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, Robot, need
+from jumpvision.workflow.run import Pipeline, read_pipeline
 
 LOG = "time_s,position_m\n0,0\n0.001,0\n"
 
@@ -157,7 +158,9 @@ def test_bed_is_both_a_stage_and_a_section():
 def test_pipeline_files(tmp_path):
     file = tmp_path / "p.toml"
     file.write_text('stages = ["piv"]\n[params.piv]\nwindow = 16\n')
-    assert read_pipeline(file) == {"stages": ("piv",), "params": {"piv": {"window": 16}}}
+    assert read_pipeline(file) == Pipeline(("piv",), {"piv": {"window": 16}})
+    file.write_text('stages = ["rod", "spring", "summary"]\n')  # any stage, with parameters or without
+    assert read_pipeline(file).stages == ("rod", "spring", "summary")
     file.write_text('stages = ["pivv"]\nextra = 1\n')
     assert len(problems_of(read_pipeline, file)) == 2
     assert "cannot be read" in problems_of(read_pipeline, tmp_path / "none.toml")[0]

@@ -191,6 +191,3 @@ def proposals(system: Jumper, laws: list[Actuation]) -> list[Proposable]:
                 labels = {"kind": kind, "frequency": float(frequency), "delay": delay}
                 out.append(Proposable(labels, t, jump, system))
     return out
-
-
-STAGES = ("rod", "bed", "flow", "fit")  # whose results a diagnosis reads

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from cyclopts import Group
+
+from jumpvision.workflow.stage import Declared, declared
+
 from .app import DONE, FAILED, OPTIONS, Options, app
-from .work import open_folder, outcomes_of, question_campaign, work
+from .work import open_folder, show
+from .work import run as work
 
 
 @app.command
@@ -34,29 +39,20 @@ def run(
     report
         Write report.html.
     """
-    return work(path, None, options, pipeline=pipeline, page=report, profile=profile)
+    return show(work(path, options, pipeline=pipeline, profile=profile), options, page=report)
 
 
-def _stage_command(name: str, text: str) -> None:
+def _add(stage: Declared) -> None:
     def command(path: Path, /, *, options: Options = OPTIONS) -> int:
-        return work(path, (name,), options)
+        return show(work(path, options, stages=(stage.name,)), options)
 
-    command.__doc__ = f"{text}\n\nExample: jumpvision {name} data_samples/hard_ground"
-    command.__name__ = name
-    app.command(command, name=name)
+    command.__doc__ = f"{stage.help}\n\nExample: jumpvision {stage.name} data_samples/hard_ground"
+    app.command(command, name=stage.name, group=STAGES)
 
 
-for _name, _text in {
-    "track": "Ball on the rod: position, height and uncertainty in every frame (track.csv).",
-    "bed": "Height of the bed and its volume fraction (bed.json).",
-    "crater": "Volume change of a crater from a laser line or a depth map (crater.json).",
-    "piv": "Velocity field of the grains (piv.nc).",
-    "flow": "Shear rate, vorticity, divergence, momentum and added mass (flow.nc).",
-    "intrusion": "Slow intrusion: two resistances, overshoots after pauses and withdrawals (intrusion.json).",
-    "fit": "Ring-down, flights, spring, column profile, jammed front and the other fits (fits.json).",
-    "simulate": "The model driven by the measured motor (simulation.csv).",
-}.items():
-    _stage_command(_name, _text)
+STAGES = Group("One stage, with what it needs")
+for _stage in declared().values():
+    _add(_stage)
 
 
 @app.command
@@ -66,7 +62,7 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
 
     Example: jumpvision check data_samples/loose_sand
     """
-    from . import terminal as show
+    from . import terminal
 
     campaign = open_folder(path, options)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
@@ -82,13 +78,13 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
         "warnings": [f"{n}: {text}" for n, (_, texts) in found.items() for text in texts],
         "notes": [text for text in (exact_scales(campaign.experiments),) if text],
     }
-    show.result(data, rows, as_json=options.json)
+    terminal.result(data, rows, as_json=options.json)
     if not options.json:
-        show.geometry(numbers)
+        terminal.geometry(numbers)
     for text in data["warnings"]:
-        show.line(f"warning: {text}")
+        terminal.line(f"warning: {text}")
     for text in data["notes"]:
-        show.line(f"note: {text}")
+        terminal.line(f"note: {text}")
     return DONE
 
 
@@ -99,18 +95,16 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
     Example: jumpvision diagnose data_samples/loose_sand
     """
     from jumpvision.base.schema import InputError
-    from jumpvision.campaign.diagnose import STAGES
+    from jumpvision.campaign.folder import DIAGNOSED
     from jumpvision.inputs.experiment import folder_of, is_campaign
 
-    from . import terminal as show
+    from . import terminal
 
     if not is_campaign(folder_of(path)):
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
-    campaign, outcomes, plan, _ = outcomes_of(path, STAGES, options)
-    made: list[Path] = []
-    data = question_campaign(campaign, outcomes, plan, options, made)
-    show.diagnosis(data, campaign, made, as_json=options.json)
-    return FAILED if any(o.errors for o in outcomes) else DONE
+    done = work(path, options, stages=DIAGNOSED, ask=True)
+    terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
+    return FAILED if done.failed else DONE
 
 
 @app.command
@@ -122,9 +116,11 @@ def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     if path.suffix == ".nc":
         from jumpvision.report.pages.sweep import write_sweep
 
-        from . import terminal as show
+        from . import terminal
 
         page = write_sweep(path)
-        show.result({"results": str(path.parent), "files": [str(page)]}, [{"file": str(page)}], as_json=options.json)
+        terminal.result(
+            {"results": str(path.parent), "files": [str(page)]}, [{"file": str(page)}], as_json=options.json
+        )
         return DONE
-    return work(path, None, options, page=True)
+    return show(work(path, options), options, page=True)

@@ -1,144 +1,130 @@
-"""What a command does with a folder: open it, run stages, draw, question and report."""
+"""What a command does with a folder: open it, run it, show what came out, and report."""
 
 from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-from jumpvision import api
-from jumpvision.report.figures import PICTURES
+from typing import TYPE_CHECKING
 
 from .app import DONE, FAILED, Options, cores
 
-
-def open_folder(path: Path, options: Options, pipeline: dict[str, Any] | None = None) -> Any:
-    """The campaign at `path`; a single experiment is a campaign of one."""
-    from jumpvision.inputs.experiment import Campaign
-
-    experiment = api.open(path, set=options.set, model=options.model, pipeline=pipeline)
-    if isinstance(experiment, Campaign):
-        return experiment
-    if experiment.header.exclude:
-        return Campaign(experiment.path, (), {experiment.name: experiment.header.exclude})
-    return Campaign(experiment.path, (experiment,))
+if TYPE_CHECKING:
+    from jumpvision.campaign.folder import Run
+    from jumpvision.inputs.experiment import Campaign, Experiment
+    from jumpvision.workflow.run import Plan
 
 
-def work(
+def open_folder(path: Path, options: Options) -> Campaign:
+    """The campaign at `path` with the options' values over it; a single experiment is a campaign of one."""
+    from jumpvision.campaign.folder import as_campaign
+
+    return as_campaign(_opened(path, options))
+
+
+def _opened(
+    path: Path, options: Options, params: Mapping[str, Mapping[str, object]] | None = None
+) -> Experiment | Campaign:
+    from jumpvision.inputs import experiment
+    from jumpvision.inputs.overrides import parse
+
+    return experiment.open_folder(path, model=options.model, pipeline=params, overrides=parse(options.set))
+
+
+def run(
     path: Path,
-    stages: tuple[str, ...] | None,
     options: Options,
     *,
-    pipeline: Path | None = None,
-    page: bool = False,
-    profile: str | None = None,
-) -> int:
-    from jumpvision.base.schema import InputError
-    from jumpvision.workflow.run import jumps_table, write_jumps
-
-    from . import terminal as show
-
-    campaign, outcomes, plan, single = outcomes_of(path, stages, options, pipeline, profile)
-    if stages and not any(o.steps or o.errors for o in outcomes):  # nothing there for the one stage asked for
-        raise InputError(list(dict.fromkeys(f"{path}: {why}" for o in outcomes for why in o.not_run)))
-    rows = jumps_table(campaign, outcomes)
-    made: list[Path] = []
-    diagnosis = None
-    if not single and stages is None:
-        write_jumps(rows, plan.results)
-        from jumpvision.campaign.jumps import worth_asking
-
-        if plan.stages is None and worth_asking(campaign):
-            diagnosis = question_campaign(campaign, outcomes, plan, options, made)
-    if not single:
-        from jumpvision.campaign.across import write_actuator, write_intrusions
-
-        write_intrusions(campaign, outcomes, plan.results)
-        write_actuator(campaign, outcomes, plan.results)
-    if not single and (stages is None or "crater" in stages):
-        from jumpvision.campaign.craters import craters_table, write_craters, zero_crossing
-
-        craters = craters_table({o.name: o.results for o in outcomes})
-        made += write_craters(craters, zero_crossing(craters), plan.results)
-    if page and any(o.steps for o in outcomes):
-        from jumpvision.report.pages.page import write_report
-
-        made.append(write_report(campaign, outcomes, rows, plan.results, single=single, diagnosis=diagnosis))
-    show.outcome(campaign, outcomes, rows, plan.results, made, as_json=options.json, single=single, diagnosis=diagnosis)
-    return FAILED if any(o.errors for o in outcomes) else DONE
-
-
-def outcomes_of(
-    path: Path,
-    stages: tuple[str, ...] | None,
-    options: Options,
+    stages: tuple[str, ...] | None = None,
     pipeline: Path | None = None,
     profile: str | None = None,
-) -> Any:
-    """Run the stages; (campaign, outcomes, plan, whether it is a single experiment)."""
-    from jumpvision.inputs.experiment import folder_of, is_campaign
-    from jumpvision.inputs.overrides import read_pipeline
-    from jumpvision.workflow.run import Plan, run_campaign, run_single
+    ask: bool | None = None,
+) -> Run:
+    """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
+    from jumpvision.campaign.folder import results_of, run_folder
+    from jumpvision.inputs.experiment import Experiment, folder_of
+    from jumpvision.report.figures import PICTURES, drawn_diagnosis
+    from jumpvision.workflow.run import Pipeline, Plan, read_pipeline
 
-    from . import terminal as show
+    from . import terminal
 
     path = folder_of(path)
-    definition = read_pipeline(pipeline) if pipeline else {}
-    campaign = open_folder(path, options, definition.get("params"))
-    results = options.results or api.results_of(path)
+    definition = read_pipeline(pipeline) if pipeline else Pipeline()
+    opened = _opened(path, options, definition.params)
+    results = options.results or results_of(path)
     plan = Plan(
         results=results,
         cache=options.cache or results / ".cache",
-        stages=stages or definition.get("stages"),
-        modules=("jumpvision.stages", *(PICTURES if options.pictures else ())),
+        stages=stages or definition.stages,
+        whole=stages is None,
+        pictures=PICTURES if options.pictures else (),
         verify=options.verify,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
-    single = not is_campaign(path)
-    elsewhere = _hand_over(campaign, plan, profile, options, pipeline, single=single) if profile else None
-    with show.Progress(len(campaign.experiments)) as progress:
-        if single and campaign.experiments:
-            workers = options.workers or cores()
-            outcomes = [run_single(campaign.experiments[0], plan, workers=workers, hook=progress.frames)]
-        else:
-            outcomes = run_campaign(
-                campaign, plan, workers=options.workers or cores(), done=progress.experiment, elsewhere=elsewhere
+    elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
+    with terminal.Progress(1 if isinstance(opened, Experiment) else len(opened.experiments)) as progress:
+        return run_folder(
+            opened,
+            plan,
+            workers=options.workers or cores(),
+            watcher=progress,
+            elsewhere=elsewhere,
+            ask=ask,
+            draw=drawn_diagnosis if options.pictures else None,
+            say=lambda text: terminal.line(f"diagnose: {text}"),
+        )
+
+
+def show(done: Run, options: Options, *, page: bool = False) -> int:
+    """The end of `run` and of a stage's command: the report where asked for, the tables; the exit code."""
+    from jumpvision.base.schema import InputError
+
+    from . import terminal
+
+    stages = not done.plan.whole and done.plan.stages
+    if stages and not any(o.steps or o.errors for o in done.outcomes):  # nothing there for the one stage asked for
+        raise InputError(
+            list(dict.fromkeys(f"{done.campaign.path}: {why}" for o in done.outcomes for why in o.not_run))
+        )
+    if page and any(o.steps for o in done.outcomes):
+        from jumpvision.report.pages.page import write_report
+
+        done.files.append(
+            write_report(
+                done.campaign,
+                done.outcomes,
+                done.rows,
+                done.plan.results,
+                single=done.single,
+                diagnosis=done.diagnosis,
             )
-    return campaign, outcomes, plan, single
+        )
+    terminal.outcome(
+        done.campaign,
+        done.outcomes,
+        done.rows,
+        done.plan.results,
+        done.files,
+        as_json=options.json,
+        single=done.single,
+        diagnosis=done.diagnosis,
+    )
+    return FAILED if done.failed else DONE
 
 
 def _hand_over(
-    campaign: Any, plan: Any, profile: str, options: Options, pipeline: Path | None, *, single: bool
+    opened: Experiment | Campaign, plan: Plan, profile: str, options: Options, pipeline: Path | None
 ) -> dict[str, list[str]]:
     """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
     from jumpvision.base.schema import InputError
+    from jumpvision.inputs.experiment import Experiment
     from jumpvision.workflow.cluster import hand_over
 
-    if single:
-        raise InputError([f"--profile {profile}: {campaign.path} is one experiment; give a campaign, or leave it out"])
+    if isinstance(opened, Experiment):
+        raise InputError([f"--profile {profile}: {opened.path} is one experiment; give a campaign, or leave it out"])
     passed = [x for text in options.set for x in ("--set", text)]
     passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
-    return hand_over(campaign, plan, profile, options=passed, jobs=options.workers)
-
-
-def question_campaign(campaign: Any, outcomes: Any, plan: Any, options: Options, made: list[Path]) -> dict[str, Any]:
-    """Diagnose a campaign whose tracks are there; adds the files written to `made`."""
-    from jumpvision.campaign.diagnose import question
-    from jumpvision.report.figures.diagnosis import diagnosis_picture
-
-    from . import terminal as show
-
-    data, files = question(
-        campaign,
-        {o.name: o for o in outcomes},
-        plan.results,
-        plan.cache,
-        workers=options.workers or cores(),
-        draw=diagnosis_picture if options.pictures else None,
-        say=lambda text: show.line(f"diagnose: {text}"),
-    )
-    made += files
-    return data
+    return hand_over(opened, plan, profile, options=passed, jobs=options.workers)

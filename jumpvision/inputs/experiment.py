@@ -16,7 +16,7 @@ from typing import Any
 from jumpvision.base import notebook as reprs
 from jumpvision.base.schema import InputError, closest, read
 
-from .model import model_of, read_toml
+from .model import model_of, model_tables, read_toml
 from .sections import SECTIONS, Header, Section
 
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
@@ -121,6 +121,25 @@ def open_campaign(
     if problems:
         raise InputError(problems)
     return Campaign(folder, tuple(found), excluded)
+
+
+def open_folder(
+    path: str | os.PathLike[str],
+    *,
+    model: Path | None = None,
+    pipeline: Mapping[str, Mapping[str, Any]] | None = None,
+    overrides: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Experiment | Campaign:
+    """The experiment, or the campaign, at `path`. model: a model.toml whose [model] and [robot] come over the folder's.
+
+    pipeline: parameters by stage, under those of the folder. overrides: by section or stage, over all others.
+    Raises InputError with every problem.
+    """
+    if model is not None:
+        overrides = merged(model_tables(model), overrides or {})
+    folder = folder_of(path)
+    opened = open_campaign if folder.is_dir() and is_campaign(folder) else open_experiment
+    return opened(folder, overrides=overrides, pipeline=pipeline)
 
 
 def folder_of(path: str | os.PathLike[str]) -> Path:

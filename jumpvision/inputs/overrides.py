@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import tomllib
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 from jumpvision.base.schema import InputError, closest
@@ -54,22 +53,3 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"v = {text}")["v"]
     except tomllib.TOMLDecodeError:
         return float(text) if re.fullmatch(r"\s*[-+]?(\d+\.|\.\d+)(e[-+]?\d+)?\s*", text, re.IGNORECASE) else text
-
-
-def read_pipeline(file: Path) -> dict[str, Any]:
-    """A pipeline definition: {"stages": names or None, "params": {stage: table}}; InputError names every problem."""
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as e:
-        raise InputError([f"{file}: cannot be read: {e.strerror}"]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise InputError([f"{file}: not valid TOML: {e}"]) from None
-    known = {"description", "stages", "params"}
-    problems = [f"{file}: {key}: unknown key{closest(key, known)}" for key in table if key not in known]
-    stages = table.get("stages")
-    names = [*PARAMS, "rod", "summary"]
-    if stages is not None:
-        problems += [f"{file}: stages: unknown stage '{s}'{closest(str(s), names)}" for s in stages if s not in names]
-    if problems:
-        raise InputError(problems)
-    return {"stages": tuple(stages) if stages is not None else None, "params": table.get("params", {})}

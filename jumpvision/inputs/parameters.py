@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from jumpvision.base.schema import param
 
 
 @dataclass(frozen=True)
-class TrackParams:
+class Params:
+    """Parameters of one stage; `stage` is its name, and that of its table [params.<stage>]."""
+
+    stage: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class TrackParams(Params):
     """How the ball is found in each frame."""
+
+    stage: ClassVar[str] = "track"
 
     polarity: str = param("bright", "", "ball against the background", choices=("bright", "dark"))
     method: str = param("disc", "", "disc fit, or the published threshold and centroid", choices=("disc", "threshold"))
@@ -40,8 +50,10 @@ class TrackParams:
 
 
 @dataclass(frozen=True)
-class OverlayParams:
+class OverlayParams(Params):
     """Film of the track to check by eye."""
+
+    stage: ClassVar[str] = "overlay"
 
     every: int | None = param(
         None,
@@ -53,8 +65,10 @@ class OverlayParams:
 
 
 @dataclass(frozen=True)
-class BedParams:
+class BedParams(Params):
     """How the bed surface is found."""
+
+    stage: ClassVar[str] = "bed"
 
     method: str = param(
         "edge", "", "edge fit in each column, or the published threshold", choices=("edge", "threshold")
@@ -70,8 +84,10 @@ class BedParams:
 
 
 @dataclass(frozen=True)
-class PivParams:
+class PivParams(Params):
     """Windows of the grain matching and validation of its vectors."""
+
+    stage: ClassVar[str] = "piv"
 
     preset: str = param(
         "default",
@@ -123,8 +139,10 @@ class PivParams:
 
 
 @dataclass(frozen=True)
-class FlowParams:
+class FlowParams(Params):
     """Derivatives and the momentum integral."""
+
+    stage: ClassVar[str] = "flow"
 
     half_width: int = param(1, "vectors", "derivatives are planes over (2 half_width + 1)^2 vectors", lo=1, hi=10)
     initial_depth: float = param(0.0, "m", "foot depth below the undisturbed surface in the first frame", lo=0, hi=1)
@@ -132,8 +150,10 @@ class FlowParams:
 
 
 @dataclass(frozen=True)
-class ColumnParams:
+class ColumnParams(Params):
     """The central column under the foot and its exponential decay."""
+
+    stage: ClassVar[str] = "column"
 
     half_width: float = param(0.005, "m", "half width of the central column", lo=0, hi=1, open_lo=True)
     front: float = param(0.9, "", "share of the largest speed that counts as jammed", lo=0.5, hi=0.99)
@@ -143,8 +163,23 @@ class ColumnParams:
 
 
 @dataclass(frozen=True)
-class FitParams:
+class IntrusionParams(Params):
+    """Slow intrusion: how the log is cut into strokes, and the cone that its curve is compared with."""
+
+    stage: ClassVar[str] = "intrusion"
+
+    window: float = param(0.05, "s", "speeds are slopes over this time; shorter pauses are not seen", lo=1e-4, hi=10)
+    rise: float = param(5e-4, "m", "depth left out after a pause while the force builds up again", lo=0, hi=0.1)
+    significance: float = param(0.01, "", "chance below which one slope is refused for two", lo=1e-3, hi=0.5)
+    mu: float = param(2.2, "", "growth of the jammed cone with depth", lo=0, hi=20, open_lo=True)
+    theta: float = param(1.0471975512, "rad", "angle of the cone's mantle", lo=0.1, hi=1.5)
+
+
+@dataclass(frozen=True)
+class FitParams(Params):
     """Fits to tracks, contact logs and velocity fields."""
+
+    stage: ClassVar[str] = "fit"
 
     critical_fraction: float = param(0.605, "", "critical volume fraction phi_c for the theory values", lo=0.5, hi=0.7)
     debounce: float = param(0.003, "s", "contact flickers shorter than this are ignored", lo=0, hi=0.1)
@@ -157,8 +192,10 @@ class FitParams:
 
 
 @dataclass(frozen=True)
-class CraterParams:
+class CraterParams(Params):
     """The crater's volume change."""
+
+    stage: ClassVar[str] = "crater"
 
     radius: float | None = param(
         None, "m", "beyond it the surface is undisturbed; default: found", lo=0, hi=10, open_lo=True
@@ -166,8 +203,10 @@ class CraterParams:
 
 
 @dataclass(frozen=True)
-class GeometryParams:
+class GeometryParams(Params):
     """Walls, floor and air of the bed."""
+
+    stage: ClassVar[str] = "geometry"
 
     wall_ratio: float = param(5.0, "", "bed over foot diameter above which the walls do not matter", lo=1, hi=100)
     bottom_constant: float = param(
@@ -186,19 +225,10 @@ class GeometryParams:
 
 
 @dataclass(frozen=True)
-class IntrusionParams:
-    """Slow intrusion: how the log is cut into strokes, and the cone that its curve is compared with."""
-
-    window: float = param(0.05, "s", "speeds are slopes over this time; shorter pauses are not seen", lo=1e-4, hi=10)
-    rise: float = param(5e-4, "m", "depth left out after a pause while the force builds up again", lo=0, hi=0.1)
-    significance: float = param(0.01, "", "chance below which one slope is refused for two", lo=1e-3, hi=0.5)
-    mu: float = param(2.2, "", "growth of the jammed cone with depth", lo=0, hi=20, open_lo=True)
-    theta: float = param(1.0471975512, "rad", "angle of the cone's mantle", lo=0.1, hi=1.5)
-
-
-@dataclass(frozen=True)
-class SimulateParams:
+class SimulateParams(Params):
     """Integration of the model."""
+
+    stage: ClassVar[str] = "simulate"
 
     tolerance: float = param(1e-7, "", "relative tolerance of the integrator", lo=1e-12, hi=1e-2)
     driver: str = param(
@@ -207,16 +237,5 @@ class SimulateParams:
     encoder_step: float = param(6.25e-6, "m", "resolution of the motor log", lo=0, hi=1e-2, open_lo=True)
 
 
-PARAMS = {
-    "track": TrackParams,
-    "overlay": OverlayParams,
-    "bed": BedParams,
-    "piv": PivParams,
-    "flow": FlowParams,
-    "column": ColumnParams,
-    "intrusion": IntrusionParams,
-    "fit": FitParams,
-    "crater": CraterParams,
-    "geometry": GeometryParams,
-    "simulate": SimulateParams,
-}
+PARAMS = {cls.stage: cls for cls in Params.__subclasses__()}
+"""Stage -> its parameters, in the order above."""

@@ -49,7 +49,9 @@ def fit(
     *,
     p: FitParams,
 ) -> Fits:
-    """{name: {value, sigma, sigma_common, unit, n, chi2}}; a fit that the data do not allow has null and its `reason`.
+    """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
+
+    {name: {value, sigma, sigma_common, unit, n, chi2}}; a fit that the data do not allow has null and its `reason`.
 
     Fits weight by the noise; what scale, lens, clock and gravity add alike to all experiments is added to their sigma.
     """

@@ -21,7 +21,10 @@ from .track import with_rest_zero
 
 @stage(version=2, any_of=("track", "table"))
 def rod(track: Track | None, table: RodTrack | None, actuation: Actuation | None) -> RodMotion:
-    """The film's good frames where there is a film, else the table; height zero at rest before the motor starts."""
+    """Height of the rod [m] against time [s], zero at rest, from the track or [rod_track].
+
+    The film's good frames where there is a film, else the table; at rest is before the motor starts.
+    """
     if track is not None:
         kept = [c for c in track.table if c in RodMotion.columns + RodMotion.further]
         return RodMotion(track.good[kept].reset_index(drop=True))

@@ -46,7 +46,10 @@ def simulate(
     *,
     p: SimulateParams,
 ) -> Simulation:
-    """x_r, x_f, x_m [m] absolute and the forces, in 1 ms steps over the track; heights as a camera reports them."""
+    """The model driven by the measured motor or its law: positions [m], x up, and forces [N] against time [s].
+
+    x_r, x_f, x_m absolute, in 1 ms steps over the track; heights as a camera reports them.
+    """
     model = build_model(experiment, robot, spec, section, bed)
     forcing, stop = driver(log, law, motor, p)
     times = output_times(forcing, stop, rod, lead=0.05 + abs(model.time_shift))

@@ -19,7 +19,10 @@ FORCE = {"force_N": 1.0, "force_kN": 1e3, "force_mN": 1e-3}
 
 @stage(version=1)
 def spring(log: SpringLog, robot: Robot | None) -> SpringTest:
-    """`fits` {name: {value, sigma, ...}} and the `profile`: displacement, force, direction and the line."""
+    """Force against displacement of [spring_log]: stiffness and hysteresis.
+
+    `fits` {name: {value, sigma, ...}} and the `profile`: displacement, force, direction and the line.
+    """
     (length, metres), (load, newtons) = column_of(log.path, LENGTH), column_of(log.path, FORCE)
     d = read_log(log.path, length, load, at_least=5, ordered=False)
     x, raw = d[length].to_numpy() * metres, d[load].to_numpy()

@@ -36,8 +36,11 @@ def summary(
     bed: BedHeight | None,
     section: Bed | None,
 ) -> Summary:
-    """Heights (docs/physics.md section 1); every value with `<key>_sigma` beside it (`sigma_m` for the jump height),
-    and `<key>_sigma_common` (`sigma_common_m`), the part of it that other experiments share."""
+    """The experiment in a few numbers; null where unknown.
+
+    Every value with `<key>_sigma` beside it (`sigma_m` for the jump height), and
+    `<key>_sigma_common` (`sigma_common_m`), the part of it that other experiments share.
+    """
     f = fits.values if fits else {}
     phi, phi_sigma = packing(section, bed)
 

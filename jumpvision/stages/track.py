@@ -29,7 +29,10 @@ SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning 
 
 @stage(version=4)
 def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
-    """Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN."""
+    """Ball on the rod in every frame of [rod_video]: position [px], height [m], their uncertainties, a flag.
+
+    Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN.
+    """
     motions, share = from_film(film, calibration, p)
     first, *others = (with_common(with_rest_zero(motion, actuation), share) for motion in motions)
     return Track(first, tuple(others))

@@ -11,6 +11,7 @@ import importlib
 import multiprocessing
 import platform
 import time
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -21,14 +22,14 @@ from typing import Any
 from jumpvision import __version__
 from jumpvision.base.processes import SPAWN, WORKERS, one_thread
 from jumpvision.base.progress import HOOK, Hook
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sha256, sweep_leftovers, write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.sections import NotApplicable
 from jumpvision.results import plain
 from jumpvision.results.values import Summary
 
-from .stage import STAGES
+from .stage import STAGES, declared, results_stages
 from .workspace import NotCached, Step, Workspace
 
 Report = Callable[["Outcome"], None]
@@ -41,10 +42,37 @@ class Plan:
     results: Path
     cache: Path
     stages: tuple[str, ...] | None = None
-    modules: tuple[str, ...] = ("jumpvision.stages",)  # imported to register stages (and pictures)
+    whole: bool = True  # also the tables of a campaign; not for a single stage
+    pictures: tuple[str, ...] = ()  # modules whose stages draw figures of the results
     verify: bool = False
     debug: bool = False
     command: str = ""
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Stages by name (None: all that have inputs) and parameters by stage."""
+
+    stages: tuple[str, ...] | None = None
+    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def read_pipeline(file: Path) -> Pipeline:
+    """The definition in a TOML file. Raises InputError with every problem."""
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as e:
+        raise InputError([f"{file}: cannot be read: {e.strerror}"]) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+        raise InputError([f"{file}: not valid TOML: {e}"]) from None
+    keys = {"description", "stages", "params"}
+    problems = [f"{file}: {key}: unknown key{closest(key, keys)}" for key in table if key not in keys]
+    stages, known = table.get("stages"), declared()
+    if stages is not None:
+        problems += [f"{file}: stages: unknown stage '{s}'{closest(str(s), known)}" for s in stages if s not in known]
+    if problems:
+        raise InputError(problems)
+    return Pipeline(tuple(stages) if stages is not None else None, table.get("params", {}))
 
 
 @dataclass
@@ -73,7 +101,7 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
 
     only_cached: raises NotCached when something would have to be computed.
     """
-    for module in plan.modules:
+    for module in plan.pictures:
         importlib.import_module(module)
     began = time.perf_counter()
     workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, only_cached=only_cached)
@@ -116,9 +144,9 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
 
 def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
     """The stages of a plan, then the registered pictures of what those stages make."""
-    chosen = {o: s for o, s in STAGES.items() if not s.picture and (plan.stages is None or s.name in plan.stages)}
+    chosen = {s.output: s for s in results_stages() if plan.stages is None or s.name in plan.stages}
     yield from chosen.items()
-    drawn = {o: s for o, s in STAGES.items() if s.picture and s.function.__module__ in plan.modules}
+    drawn = {o: s for o, s in STAGES.items() if s.picture and s.function.__module__ in plan.pictures}
     yield from ((o, s) for o, s in drawn.items() if s.inputs[0].type in chosen)
 
 

@@ -1,12 +1,24 @@
-"""A stage is its typed signature: inputs by type, parameters `p`, output by type, a version."""
+"""A stage is its typed signature: inputs by type, parameters `p`, output by type, a version, and help in its docstring.
+
+Everything else derives from it: `jumpvision NAME`, `jv.NAME`, the names a pipeline may list, the order of a run, the
+table of docs/stages.md.
+"""
 
 from __future__ import annotations
 
+import ast
+import functools
+import importlib
 import inspect
+import pkgutil
 import types
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from pathlib import Path
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
+PACKAGE = "jumpvision.stages"
 
 
 class StageWarning(UserWarning):
@@ -38,6 +50,11 @@ class Stage:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
 
+    @property
+    def help(self) -> str:
+        """What it makes, in a line, with the file."""
+        return f"{first_paragraph(self.function.__doc__).removesuffix('.')} ({self.output.file})."  # type: ignore[attr-defined]
+
 
 STAGES: dict[type, Stage] = {}  # by output type
 
@@ -45,7 +62,10 @@ STAGES: dict[type, Stage] = {}  # by output type
 def stage(
     *, version: int, any_of: tuple[str, ...] = (), picture: bool = False
 ) -> Callable[[Callable[..., Any]], Stage]:
-    """Register a function as a stage. any_of: argument names of which at least one must be there."""
+    """Register a function as a stage. any_of: argument names of which at least one must be there.
+
+    The first paragraph of its docstring is its help, for the command line, notebooks and the docs.
+    """
 
     def register(function: Callable[..., Any]) -> Stage:
         hints = get_type_hints(function)
@@ -62,7 +82,70 @@ def stage(
         )
         if made.output in STAGES and STAGES[made.output].name != made.name:
             raise TypeError(f"stages {STAGES[made.output].name} and {made.name} both make {made.output.__name__}")
+        if made.params and made.params.stage != made.name:  # type: ignore[attr-defined]
+            raise TypeError(f"{made.params.__name__}: stage = {made.params.stage!r}: must be {made.name!r}")  # type: ignore[attr-defined]
         STAGES[made.output] = made
         return made
 
     return register
+
+
+def results_stages() -> list[Stage]:
+    """All stages that make results, each after those whose records it reads; of several by module. Imports them."""
+    _import_all()
+    ours = [s for s in STAGES.values() if s.function.__module__.startswith(PACKAGE + ".")]
+    return in_order(sorted(ours, key=lambda s: s.function.__module__))
+
+
+@functools.cache
+def _import_all() -> None:
+    for module in pkgutil.walk_packages([str(FOLDER)], PACKAGE + "."):
+        importlib.import_module(module.name)
+
+
+def in_order(stages: Iterable[Stage]) -> list[Stage]:
+    """Each after those of them whose records it reads, else as given."""
+    waiting, out = list(stages), []
+    while waiting:
+        missing = {s.output for s in waiting}
+        ready = next((s for s in waiting if not any(i.type in missing for i in s.inputs)), None)
+        if ready is None:
+            raise TypeError("stages that read each other's records: " + ", ".join(s.name for s in waiting))
+        waiting.remove(ready)
+        out.append(ready)
+    return out
+
+
+def stage_named(name: str) -> Stage:
+    """The stage of this name. KeyError where there is none."""
+    return {s.name: s for s in results_stages()}[name]
+
+
+class Declared(NamedTuple):
+    """A stage as its source declares it."""
+
+    name: str
+    help: str
+
+
+@functools.cache
+def declared() -> dict[str, Declared]:
+    """The stages by name, read from their source: importing them takes seconds, `jumpvision --help` must not."""
+    found = []
+    for file in sorted(FOLDER.rglob("*.py")):
+        text = file.read_text(encoding="utf-8")
+        if "@stage(" not in text:
+            continue
+        for node in ast.parse(text).body:
+            if isinstance(node, ast.FunctionDef) and any(_is_stage(d) for d in node.decorator_list):
+                found.append(Declared(node.name, first_paragraph(ast.get_docstring(node))))
+    return {d.name: d for d in found}
+
+
+def _is_stage(decorator: ast.expr) -> bool:
+    return isinstance(decorator, ast.Call) and isinstance(decorator.func, ast.Name) and decorator.func.id == "stage"
+
+
+def first_paragraph(text: str | None) -> str:
+    """On one line."""
+    return " ".join(inspect.cleandoc(text or "").split("\n\n")[0].split())

@@ -1,4 +1,21 @@
 """Figures of experiments and campaigns; most are stages, cached like every other result."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from jumpvision.diagnosis.diagnose import Diagnosis
+    from jumpvision.diagnosis.jumper.jumper import Jumper
+
 DRAWN = "pictures", "grains", "bed", "logs", "overlay", "overlays", "cone_film"
 PICTURES = tuple(f"jumpvision.report.figures.{module}" for module in DRAWN)  # whose import registers figures as stages
+
+
+def drawn_diagnosis(found: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> bytes:
+    """diagnosis.png; what draws it is imported when it is drawn, as most runs find theirs in the cache."""
+    from .diagnosis import diagnosis_picture
+
+    return diagnosis_picture(found, system, data)

@@ -32,7 +32,10 @@ def crater(
     *,
     p: CraterParams,
 ) -> CraterShape:
-    """Volume change [m^3], negative where the bed was compacted; a depth map goes before a laser line."""
+    """Volume change of a crater [m^3] from [crater_image] or [crater_depth], negative where the bed was compacted.
+
+    A depth map goes before a laser line.
+    """
     found, share, seen = from_map(depth, p) if depth is not None else from_line(line, calibration, p)  # type: ignore[arg-type]
     if found.reason:
         raise ValueError(f"{(depth or line).path}: {found.reason}")  # type: ignore[union-attr]

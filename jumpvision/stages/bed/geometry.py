@@ -35,7 +35,10 @@ def geometry(
     *,
     p: GeometryParams,
 ) -> Geometry:
-    """Checks with value, limit and meaning; onset of fluidisation; the fan's operating point. SI units."""
+    """Whether walls, floor and air of the bed disturb the jump.
+
+    Checks with value, limit and meaning; onset of fluidisation; the fan's operating point. SI units.
+    """
     phi = packing(section, bed)[0]
     height = bed_depth(section, bed, phi)
     findings = walls(section, robot, law, model, height, p)

@@ -23,7 +23,10 @@ EDGE_COMMON = 0.025  # px, by which all columns of one picture may be off togeth
 
 @stage(version=4)
 def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *, p: BedParams) -> BedHeight:
-    """Mean height above the floor [m]; volume fraction from the grains' solid volume, or relative to a reference."""
+    """Height of the bed [m] and its volume fraction from [bed_image].
+
+    Mean height above the floor; volume fraction from the grains' solid volume, or relative to a reference.
+    """
     pixels, surfaces, time, view, other = surfaces_of(image, calibration, p)
     scale = view.scale
     if saturated := max(s.clipped / s.row.size for s in pixels):

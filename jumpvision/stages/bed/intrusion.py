@@ -23,7 +23,10 @@ LEAST = 40  # samples in fresh grains that a curve needs
 
 @stage(version=1)
 def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> Intrusion:
-    """`fits` {name: {value, sigma, ...}}, the averaged `profile`, the `events` and the cone's prediction `cone`."""
+    """Slow intrusion of [intrusion_log]: two resistances, overshoots after pauses and withdrawals, oscillations.
+
+    `fits` {name: {value, sigma, ...}}, the averaged `profile`, the `events` and the cone's prediction `cone`.
+    """
     d = read_log(log.path, "time_s", "depth_m", "force_N", at_least=LEAST)
     depth = d.depth_m.to_numpy()
     fresh = fresh_samples(d.time_s.to_numpy(), depth, window=p.window, rise=p.rise)

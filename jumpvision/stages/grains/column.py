@@ -20,7 +20,10 @@ from jumpvision.workflow.stage import stage
 
 @stage(version=7)
 def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
-    """Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t."""
+    """Speed of the grains under the foot over (y, t), with the jammed front and the decay below it.
+
+    Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t.
+    """
     field, grid = piv.field, piv.geometry
     if not grid.metric:
         raise NotApplicable(["column needs the scale of [grain_video] or [piv_field]"])

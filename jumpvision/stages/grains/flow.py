@@ -37,7 +37,9 @@ def flow(
     *,
     p: FlowParams,
 ) -> Flow:
-    """Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known.
+    """Shear rate, vorticity and divergence of the grains, their momentum and the mass that moves with the foot.
+
+    Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known.
 
     The sigmas over t are all of a value's uncertainty; `*_sigma_common`, what other films of this camera share.
     """

@@ -41,7 +41,9 @@ def piv(
     *,
     p: PivParams,
 ) -> Piv:
-    """m/s where the scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y).
+    """Velocity field of the grains in [grain_video] over (y, x, t), x right, y up.
+
+    m/s where the scale is known, else px/s; a vector holds at mid-time of its two frames, at (x, y).
 
     A field that is given in a file ([piv_field]) is taken instead of matching the film.
     """

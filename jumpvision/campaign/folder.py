@@ -1,0 +1,137 @@
+"""One way to run a folder, for command line, notebook and pipeline: its experiments, then what only many show."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from jumpvision.inputs.experiment import Campaign, Experiment
+from jumpvision.workflow.run import Outcome, Plan, jumps_table, run_campaign, run_single, write_jumps
+
+if TYPE_CHECKING:
+    from .diagnose import Draw
+
+DIAGNOSED = ("rod", "bed", "flow", "fit")  # stages whose results a diagnosis reads
+
+
+class Watcher(Protocol):
+    """Who is told how far a run is."""
+
+    def frames(self, what: str, done: int, total: int | None) -> None:
+        """A long film of a single experiment."""
+
+    def experiment(self, outcome: Outcome) -> None:
+        """One experiment of a campaign has ended."""
+
+
+@dataclass
+class Run:
+    """What became of a folder. files: what was written for the campaign, beside the experiments' results."""
+
+    campaign: Campaign
+    single: bool
+    plan: Plan
+    outcomes: list[Outcome]
+    diagnosis: Any = None
+    files: list[Path] = field(default_factory=list)
+
+    @functools.cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows of jumps.csv."""
+        return jumps_table(self.campaign, self.outcomes)
+
+    @property
+    def failed(self) -> bool:
+        """Whether something of an experiment failed; its outcome says what."""
+        return any(o.errors for o in self.outcomes)
+
+
+def results_of(path: Path) -> Path:
+    """Where results lie by default: results/NAME beside the folder."""
+    return path.absolute().parent / "results" / path.absolute().name
+
+
+def as_campaign(opened: Experiment | Campaign) -> Campaign:
+    """A single experiment is a campaign of one, or of none where it is excluded."""
+    if isinstance(opened, Campaign):
+        return opened
+    if opened.header.exclude:
+        return Campaign(opened.path, (), {opened.name: opened.header.exclude})
+    return Campaign(opened.path, (opened,))
+
+
+def run_folder(
+    opened: Experiment | Campaign,
+    plan: Plan,
+    *,
+    workers: int,
+    watcher: Watcher | None = None,
+    elsewhere: Mapping[str, list[str]] | None = None,
+    ask: bool | None = None,
+    draw: Draw | None = None,
+    say: Callable[[str], None],
+) -> Run:
+    """Run the plan on every experiment, then write what only a campaign shows, and question its model.
+
+    workers: processes at a time; of a single experiment they share a long film. elsewhere: as in run_campaign.
+    ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture.
+    say: is told what the questioning finds on its way.
+    """
+    campaign = as_campaign(opened)
+    run = Run(campaign, isinstance(opened, Experiment), plan, _outcomes(opened, plan, workers, watcher, elsewhere))
+    if run.single:
+        return run
+    if plan.whole:
+        write_jumps(run.rows, plan.results)
+    if ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)):
+        from .diagnose import question
+
+        run.diagnosis, written = question(
+            campaign,
+            {o.name: o for o in run.outcomes},
+            plan.results,
+            plan.cache,
+            workers=workers,
+            draw=draw,
+            say=say,
+        )
+        run.files += written
+    run.files += _tables(run)
+    return run
+
+
+def _outcomes(
+    opened: Experiment | Campaign,
+    plan: Plan,
+    workers: int,
+    watcher: Watcher | None,
+    elsewhere: Mapping[str, list[str]] | None,
+) -> list[Outcome]:
+    if isinstance(opened, Experiment):
+        runs = as_campaign(opened).experiments
+        return [run_single(e, plan, workers=workers, hook=watcher.frames if watcher else None) for e in runs]
+    done = watcher.experiment if watcher else lambda outcome: None
+    return run_campaign(opened, plan, workers=workers, done=done, elsewhere=elsewhere)
+
+
+def _worth_asking(campaign: Campaign) -> bool:
+    from .jumps import worth_asking
+
+    return worth_asking(campaign)
+
+
+def _tables(run: Run) -> list[Path]:
+    """What the experiments show together: intrusions, the actuator, craters; the files that a person opens."""
+    from .across import write_actuator, write_intrusions
+
+    write_intrusions(run.campaign, run.outcomes, run.plan.results)
+    write_actuator(run.campaign, run.outcomes, run.plan.results)
+    if not run.plan.whole and "crater" not in (run.plan.stages or ()):
+        return []
+    from .craters import craters_table, write_craters, zero_crossing
+
+    craters = craters_table({o.name: o.results for o in run.outcomes})
+    return write_craters(craters, zero_crossing(craters), run.plan.results)
