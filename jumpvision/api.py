@@ -23,8 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from jumpvision.base.schema import InputError
 from jumpvision.campaign.folder import Run, results_of, run_folder
-from jumpvision.inputs.experiment import Campaign, Experiment, open_folder
-from jumpvision.inputs.overrides import parse
+from jumpvision.inputs.experiment import Campaign, Experiment, open_folder, overrides_of
 from jumpvision.inputs.sections import NotApplicable
 from jumpvision.report.figures import PICTURES, drawn_diagnosis
 from jumpvision.results import Record
@@ -53,7 +52,7 @@ def open(
     set: values over the folder's, as --set: ["track.polarity=dark"]. model: a model.toml whose [model] and [robot]
     come over the folder's. pipeline: parameters by stage, under those of the folder.
     """
-    return open_folder(path, model=_path(model), pipeline=pipeline, overrides=parse(tuple(set)))
+    return open_folder(path, model=_path(model), pipeline=pipeline, overrides=overrides_of(tuple(set)))
 
 
 def stage_function(name: str) -> Callable[..., Record]:
@@ -128,7 +127,7 @@ def sweep(
         experiment=_path(experiment),
         model=_path(model),
         laws=_path(laws),
-        overrides=parse(tuple(set)),
+        overrides=overrides_of(tuple(set)),
         workers=workers,
         say=_warn,
     )
@@ -152,7 +151,7 @@ def plan(
     from jumpvision.studies.plan import check_call, make_plan, planned_robot, samples, seeded
 
     check_call(ground, apex, limits)
-    tables = {n: t for n, t in parse(tuple(set)).items() if t}
+    tables = {n: t for n, t in overrides_of(tuple(set)).items() if t}
     robot = planned_robot(ground, _path(experiment), _path(model), tables)
     found, _, numbers = make_plan(
         robot, apex, objective=objective, motion=motion, limits=limits, rng=seeded(), say=_warn

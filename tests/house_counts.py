@@ -23,7 +23,7 @@ class Bound(NamedTuple):
 
 BOUNDS = {
     "rooms": Bound(22, 22),
-    "floors": Bound(10, 9),
+    "floors": Bound(9, 9),
     "loose modules": Bound(2, 2),
     "entries of the fullest folder": Bound(14, 12),
     "files": Bound(267, 250),

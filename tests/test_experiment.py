@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import is_campaign, open_campaign, open_experiment
-from jumpvision.inputs.overrides import parse
+from jumpvision.inputs.experiment import is_campaign, open_campaign, open_experiment, overrides_of
 from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, Robot, need
 from jumpvision.workflow.run import Pipeline, read_pipeline
 
@@ -51,7 +50,7 @@ def test_overrides_win_over_the_folder_which_wins_over_a_pipeline(tmp_path):
     got = open_experiment(
         tmp_path,
         pipeline={"piv": {"window": 16, "step": 4}},
-        overrides=parse(("piv.gap=2", "robot.motor_mass=2.5", "track.polarity=dark")),
+        overrides=overrides_of(("piv.gap=2", "robot.motor_mass=2.5", "track.polarity=dark")),
     )
     assert got.params == {"piv": {"window": 48, "step": 4, "gap": 2}, "track": {"polarity": "dark"}}
     assert got.section(Robot).motor_mass == 2.5
@@ -138,18 +137,18 @@ def test_a_missing_key_is_named_with_unit_and_meaning():
 
 @pytest.mark.parametrize("bad", ["track.polarity", "nope.x=1", "track.polaritty=dark", "x=1"])
 def test_a_bad_setting_is_refused(bad):
-    assert bad.split("=")[0] in problems_of(parse, (bad,))[0]
+    assert bad.split("=")[0] in problems_of(overrides_of, (bad,))[0]
 
 
 @pytest.mark.parametrize(
     ("text", "value"), [(".012", 0.012), ("5.", 5.0), ("-.5e-3", -5e-4), ("1.2.3", "1.2.3"), (".", ".")]
 )
 def test_a_number_need_not_be_written_as_toml_has_it(text, value):
-    assert parse((f"model.delta={text}",)) == {"params": {}, "model": {"delta": value}}
+    assert overrides_of((f"model.delta={text}",)) == {"params": {}, "model": {"delta": value}}
 
 
 def test_bed_is_both_a_stage_and_a_section():
-    assert parse(("bed.method=threshold", "bed.width=0.5")) == {
+    assert overrides_of(("bed.method=threshold", "bed.width=0.5")) == {
         "params": {"bed": {"method": "threshold"}},
         "bed": {"width": 0.5},
     }

@@ -73,14 +73,14 @@ def plan(
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # the solver's small matrices: threads cost three times the time
     from dataclasses import asdict
 
-    from jumpvision.inputs.overrides import parse
+    from jumpvision.inputs.experiment import overrides_of
     from jumpvision.studies.plan import check_call, make_plan, message, planned_robot, seeded, write
 
     from . import terminal as show
 
     given = {name: value for name, value in asdict(limits).items() if value is not None}
     check_call(ground, apex, given)
-    robot = planned_robot(ground, experiment, model, {n: t for n, t in parse(settings).items() if t})
+    robot = planned_robot(ground, experiment, model, {n: t for n, t in overrides_of(settings).items() if t})
     show.line(f"planning for {robot.name} ...")
     found, planner, numbers = make_plan(
         robot, apex, objective=objective, motion=motion, limits=given, say=show.line, rng=seeded()

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from jumpvision.api import results_of
+from jumpvision.campaign.folder import results_of
 
 from .app import DONE, app, cores
 
@@ -91,8 +91,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
     from dataclasses import asdict
 
     from jumpvision.base.progress import HOOK
-    from jumpvision.inputs.experiment import folder_of
-    from jumpvision.inputs.overrides import parse
+    from jumpvision.inputs.experiment import folder_of, overrides_of
     from jumpvision.studies.compute import write
     from jumpvision.studies.study import Call, listed, run, studies
 
@@ -113,7 +112,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
         model=o.model,
         laws=o.laws,
         results=results,
-        overrides=parse(o.settings),
+        overrides=overrides_of(o.settings),
         workers=o.workers or cores(),
         say=show.line,
     )

@@ -27,9 +27,9 @@ def _opened(
     path: Path, options: Options, params: Mapping[str, Mapping[str, object]] | None = None
 ) -> Experiment | Campaign:
     from jumpvision.inputs import experiment
-    from jumpvision.inputs.overrides import parse
+    from jumpvision.inputs.experiment import overrides_of
 
-    return experiment.open_folder(path, model=options.model, pipeline=params, overrides=parse(options.set))
+    return experiment.open_folder(path, model=options.model, pipeline=params, overrides=overrides_of(options.set))
 
 
 def run(

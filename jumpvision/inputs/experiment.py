@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import glob
 import os
+import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -17,6 +19,7 @@ from jumpvision.base import notebook as reprs
 from jumpvision.base.schema import InputError, closest, read
 
 from .model import model_of, model_tables, read_toml
+from .parameters import PARAMS
 from .sections import SECTIONS, Header, Section
 
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
@@ -265,8 +268,6 @@ def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
 
 def _params(table: Mapping[str, Any], where: str) -> list[str]:
     """Problems of [params.*] tables; the stages declare what is allowed."""
-    from .parameters import PARAMS
-
     problems = []
     for stage, values in table.items():
         if stage not in PARAMS:
@@ -274,3 +275,45 @@ def _params(table: Mapping[str, Any], where: str) -> list[str]:
         else:
             problems += read(PARAMS[stage], values, f"{where} [params.{stage}]")[1]
     return problems
+
+
+def overrides_of(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
+    """`--set` arguments as tables: {"params": {stage: {key: value}}, section: {key: value}}.
+
+    A stage's parameter wins over a section's key of the same name (`bed` is both); `params.stage.key` is always the
+    stage's. Values read as TOML; what is not TOML is a number as `.5` or `5.`, else text.
+    """
+    out: dict[str, dict[str, Any]] = {"params": {}}
+    problems = []
+    for setting in settings:
+        path, equals, text = setting.partition("=")
+        *table, key = path.strip().split(".")
+        if not equals or not table:
+            problems.append(f"--set {setting}: must read section.key=value, e.g. --set track.polarity=dark")
+            continue
+        value = _value(text)
+        where = table[-1]
+        if table[0] == "params" or (where in PARAMS and key in {f.name for f in fields(PARAMS[where])}):
+            out["params"].setdefault(where, {})[key] = value
+        elif where in SECTIONS or table[0] in SECTIONS or table[0] == "model":
+            target: dict[str, Any] = out
+            for name in table:
+                target = target.setdefault(name, {})
+            target[key] = value
+        elif where in PARAMS:
+            allowed = [f.name for f in fields(PARAMS[where])]
+            problems.append(f"--set {setting}: unknown key '{key}'{closest(key, allowed)}")
+        else:
+            problems.append(
+                f"--set {setting}: unknown section '{where}'{closest(where, [*PARAMS, *SECTIONS, 'model'])}"
+            )
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"v = {text}")["v"]
+    except tomllib.TOMLDecodeError:
+        return float(text) if re.fullmatch(r"\s*[-+]?(\d+\.|\.\d+)(e[-+]?\d+)?\s*", text, re.IGNORECASE) else text
