@@ -14,6 +14,13 @@ class Params:
 
     stage: ClassVar[str]
 
+    def __init_subclass__(cls) -> None:
+        PARAMS[cls.stage] = cls
+
+
+PARAMS: dict[str, type[Params]] = {}
+"""Stage -> its parameters, in the order below."""
+
 
 @dataclass(frozen=True)
 class TrackParams(Params):
@@ -235,7 +242,3 @@ class SimulateParams(Params):
         "auto", "", "what drives the motor: log, law, or the law where both agree", choices=("auto", "log", "law")
     )
     encoder_step: float = param(6.25e-6, "m", "resolution of the motor log", lo=0, hi=1e-2, open_lo=True)
-
-
-PARAMS = {cls.stage: cls for cls in Params.__subclasses__()}
-"""Stage -> its parameters, in the order above."""

@@ -1,0 +1,46 @@
+"""A copy of the package in which a recipe of CONTRIBUTING.md is carried out."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import jumpvision
+
+ROOT = Path(jumpvision.__file__).parent
+DOCS = ROOT.parent / "docs"
+
+
+def package_with(place: Path, new: dict[str, str], added: dict[str, str]) -> None:
+    """`place`/jumpvision with files of this text (new), and files with this text at their end (added).
+
+    Only rooms that change are copied; the others are links, so that their compiled code is known.
+    """
+    changed = {Path(name).parts[0] for name in (*new, *added)}
+    copy = place / "jumpvision"
+    copy.mkdir()
+    for part in ROOT.iterdir():
+        if part.name not in changed:
+            (copy / part.name).symlink_to(part)
+        elif part.is_dir():
+            shutil.copytree(part, copy / part.name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name, text in new.items():
+        assert not (copy / name).exists()
+        (copy / name).write_text(text, encoding="utf-8")
+    for name, text in added.items():
+        file = copy / name
+        file.write_text(file.read_text(encoding="utf-8") + text, encoding="utf-8")
+
+
+def run_there(place: Path, script: str, *arguments: str) -> Any:
+    """What the script prints as JSON in its last line; run in `place` with the package copied there."""
+    call = [sys.executable, "-c", script, *arguments]
+    environment = os.environ | {"PYTHONPATH": str(place)}
+    done = subprocess.run(call, cwd=place, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
