@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import json
 import os
 import re
@@ -229,9 +229,9 @@ TEXT = [ROOT / "CONTRIBUTING.md", *PAGES]
 
 
 def found(dotted: str) -> bool:
-    """Whether a name that begins with a room of the package exists in it."""
+    """Whether a dotted name exists in the package."""
     parts = dotted.split(".")
-    for k in range(len(parts), 0, -1):
+    for k in range(len(parts), -1, -1):
         try:
             here: object = importlib.import_module(".".join(["jumpvision", *parts[:k]]))
         except ModuleNotFoundError:
@@ -244,14 +244,17 @@ def found(dotted: str) -> bool:
 
 @pytest.mark.parametrize("page", TEXT, ids=lambda p: p.name)
 def test_modules_and_functions_that_a_page_names_exist(page):
-    """`room/file.py` from the root, the package, tests or benchmarks; `room.module.function` from the package."""
+    """`room/file.py` from the root, the package, tests or benchmarks; `room.module.function` from the package; modules
+    that are run; what a notebook calls."""
     rooms = {p.stem for p in (ROOT / "jumpvision").iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
     for quoted in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8")):
         for path in re.findall(r"[\w./]+\.py\b", quoted):
             assert any((p / path).exists() for p in PLACES), f"{page.name}: {path}"
-        dotted = re.fullmatch(r"(?:jumpvision\.)?((\w+)(?:\.\w+)+)(?:\(.*\))?", quoted)
-        if dotted and dotted[2] in rooms and not dotted[1].endswith(MADE):
-            assert found(dotted[1]), f"{page.name}: {quoted}"
+        dotted = re.fullmatch(r"(jumpvision\.|jv\.)?((\w+)(?:\.\w+)*)(?:\(.*\))?", quoted)
+        if dotted and (dotted[1] or ("." in dotted[2] and dotted[3] in rooms)) and not dotted[2].endswith(MADE):
+            assert found(dotted[2]), f"{page.name}: {quoted}"
+        for module in re.findall(r"python -m (jumpvision[\w.]*|benchmarks[\w.]*)", quoted):
+            assert importlib.util.find_spec(module), f"{page.name}: {quoted}"
         folder = re.fullmatch(r"(?:jumpvision/)?((\w+)(?:/\w+)*)/?", quoted)
         if folder and folder[2] in rooms and "/" in quoted and folder[2] != "results":
             assert any((p / folder[1]).exists() for p in PLACES), f"{page.name}: {quoted}"
