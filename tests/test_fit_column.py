@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from jumpvision.estimate.line import fit_line
+from jumpvision.estimate.estimate import fit_line
 from jumpvision.grains.column import beta, beta_sensitivity, fit_column
 from jumpvision.grains.front import fit_mu, jammed_thickness
 

@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.estimate.estimate import Estimate, least_squares_fit
-from jumpvision.estimate.line import fit_line
+from jumpvision.estimate.estimate import Estimate, fit_line, least_squares_fit
 from jumpvision.grains.cone import cone_growth
 from jumpvision.grains.front import fit_mu
 

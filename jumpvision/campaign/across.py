@@ -56,8 +56,7 @@ def intrusion_laws(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Exponents over the feet, bends over the packing (k1 per foot area, ripples), and the cone's misfit by radius."""
     import numpy as np
 
-    from jumpvision.estimate.estimate import Estimate, widened
-    from jumpvision.estimate.line import bend_of, radius_exponent
+    from jumpvision.estimate.estimate import Estimate, bend_of, radius_exponent, widened
 
     def columns(*names: str) -> list[Any]:
         known = [r for r in rows if all(r[n] is not None for n in names)]

@@ -12,8 +12,7 @@ from scipy.special import chdtri
 
 from jumpvision.base.arrays import Array
 
-from .estimate import Estimate, checked, checked_sigma, least_squares_fit, scatter_factor
-from .line import fit_line
+from .estimate import Estimate, checked, checked_sigma, fit_line, least_squares_fit, scatter_factor
 
 NAN = float("nan")
 ALLOWED = 1e-3  # chance that a window wholly in flight fails the chi2 test

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 
-from .estimate import Estimate, checked, checked_sigma, least_squares_fit, scatter_factor
-from .line import fit_line
+from .estimate import Estimate, checked, checked_sigma, fit_line, least_squares_fit, scatter_factor
 
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
 DECAYS = np.array([0.0, 0.5, 1.5, 5.0, 15.0])  # over the record's length, first tries of the rate of decay

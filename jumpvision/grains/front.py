@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
-from jumpvision.estimate.estimate import checked, checked_sigma, least_squares_fit, scatter_factor
-from jumpvision.estimate.line import Line, line_or_alike
+from jumpvision.estimate.estimate import Line, checked, checked_sigma, least_squares_fit, line_or_alike, scatter_factor
 
 LOCAL = (
     0.5  # the profile below this share of its largest speed is not used: only the neighbourhood of the front matters
@@ -118,7 +117,7 @@ def fit_mu(intrusion: ArrayLike, thickness: ArrayLike, sigma: ArrayLike) -> Line
 
     intrusion [m]: depth of the face below the undisturbed surface. thickness, sigma [m]: from jammed_thickness, NaN
     frames are left out. Frames that stray from their neighbours in depth do not count. Where the front itself scatters
-    from frame to frame by more than the sigmas, each frame counts alike (`estimate.line`). (Depth of the front from the
+    from frame to frame by more than the sigmas, each frame counts alike (`line_or_alike`). (Depth of the front from the
     surface instead of from the face would give 1 + mu.)
     """
     intrusion, thickness, sigma = checked("fit_mu", intrusion=intrusion, thickness=thickness, sigma=sigma)

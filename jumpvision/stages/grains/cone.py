@@ -9,8 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jumpvision.estimate.estimate import Estimate, independent
-from jumpvision.estimate.line import Line, fit_line
+from jumpvision.estimate.estimate import Estimate, Line, fit_line, independent
 from jumpvision.estimate.mean import near_the_median, plain_mean, weighted_mean
 from jumpvision.grains.column import beta_sensitivity
 from jumpvision.grains.cone import Cone, MassCurve, fit_mass_curve, solve_cone
