@@ -1,4 +1,4 @@
-"""The one shape of a fitted number, the one way a nonlinear fit is solved, and the straight line that others rest on."""
+"""The one shape of a fitted number, the one way a nonlinear fit is solved, the straight line that others rest on."""
 
 from __future__ import annotations
 
