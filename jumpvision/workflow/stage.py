@@ -1,7 +1,7 @@
 """A stage is its typed signature: inputs by type, parameters `p`, output by type, a version, and help in its docstring.
 
 Everything else derives from it: `jumpvision NAME`, `jv.NAME`, the names a pipeline may list, the order of a run, the
-table of docs/stages.md.
+table in docs/keys.md.
 """
 
 from __future__ import annotations
