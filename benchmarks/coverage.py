@@ -19,17 +19,19 @@ from typing import Any
 
 import numpy as np
 
+from jumpvision.base.arrays import Z90
 from jumpvision.campaign import films
-from jumpvision.campaign.diagnose import heights_of
-from jumpvision.campaign.document import Z90, document
-from jumpvision.diagnosis.diagnose import Diagnosis, diagnose, fit_baseline
+from jumpvision.campaign.document import document
+from jumpvision.diagnosis.diagnose import Findings, diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Fit, Problem
+from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump, Measured, Shared
-from jumpvision.diagnosis.naming import _best_of, race
+from jumpvision.diagnosis.naming import best_starts, race
 from jumpvision.diagnosis.noise.learning import Learned
 from jumpvision.diagnosis.system import Parameter
 from jumpvision.lab.blind import campaign
 from jumpvision.lab.seal import answer_of, score
+from jumpvision.results.diagnosis import Unexplained
 
 from .diagnosis import jumps_of
 from .noise import questioned
@@ -78,11 +80,11 @@ class Question:
         rng, stops = np.random.default_rng([182, self.case.number]), [j.stop for j in self.jumps]
         if not self.case.naming:
             again = near and problem.fit(near.mechanisms, near.named)
-            return Answer(problem, again or told(problem, self.hidden, rng))
+            return Answer(learned, problem, again or told(problem, self.hidden, rng))
         d = diagnose(
             learned.system, learned.noise, rng, scatter=learned.scatter, measured=beside, by=("kind",), stops=stops
         )
-        return Answer(problem, d.naming.best.fit if d.naming and d.naming.named else d.baseline, d)
+        return Answer(learned, problem, d.naming.best.fit if d.naming and d.naming.named else d.baseline, d)
 
 
 def told(problem: Problem, hidden: tuple[str, ...], rng: np.random.Generator) -> Fit:
@@ -98,27 +100,28 @@ def told(problem: Problem, hidden: tuple[str, ...], rng: np.random.Generator) ->
             )
         tries.append(values)
     plain = [{p.name: p.start for m in hidden for p in candidates[m].parameters}]
-    return race(problem, _best_of(problem, hidden, tries + plain, 3))[0]
+    return race(problem, best_starts(problem, hidden, tries + plain, 3))[0]
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The fit that a diagnosis stands by, and the problem that it answers; diagnosis: where causes were sought."""
+    """The fit that a diagnosis stands by, and the problem that it answers; findings: where causes were sought."""
 
+    learned: Learned
     problem: Problem
     best: Fit
-    diagnosis: Diagnosis | None = None
+    findings: Findings | None = None
 
     @property
-    def system(self) -> Any:
-        return self.problem.system
+    def system(self) -> Jumper:
+        return self.learned.system
 
     @property
     def contradicts(self) -> bool:
         """Whether the confirmation says that film and jumps contradict each other."""
         alone = films.jumps_alone(self.best, self.problem)
         rows = films.confirmation(alone, self.system, [], self.problem.measured)
-        return any(r["verdict"] == "contradict" for r in rows)
+        return any(r.contradicts for r in rows)
 
 
 # ----------------------------------------------------------------------------------------------------------------- rows
@@ -155,13 +158,13 @@ def scored(answer: Answer, w: World) -> Row:
     """The outcome, and whether every 90 % interval holds the truth: of parameters as they are printed, of right names
     and of those beside wrong or missing ones; of the baseline's fitted ones; of what is stated of the
     apparatus."""
-    d, fit = answer.diagnosis, answer.best
+    d, fit = answer.findings, answer.best
     if d is None:
         outcome, names = "right", list(w.setting.hidden)
     else:
-        unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
-        data = document(d, answer.system, heights_of(d, answer.system), unexplained)
-        outcome, names = score(data, answer_of(w.setting))["outcome"], data["named"]
+        unexplained = Unexplained() if d.naming and not d.naming.named else None
+        data = document(d, answer.learned, unexplained)
+        outcome, names = score(data.values, answer_of(w.setting))["outcome"], data.named
     right = set(names) & set(w.setting.hidden)
     own = {p.name for m in right if m in fit.mechanisms for p in answer.system.candidates[m].parameters}
     named = {p.name: ends(fit, p) for p in fit.parameters if p.name in own}

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.campaign.diagnose import heights_of
 from jumpvision.campaign.document import document
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
@@ -33,6 +32,7 @@ from jumpvision.lab.seal import answer_of, score
 from jumpvision.mechanisms.parameters import ModelParameters
 from jumpvision.physics.forcing import from_log
 from jumpvision.physics.model import Model
+from jumpvision.results.diagnosis import Unexplained
 from jumpvision.stages.rod import commanded
 
 ENCODER = 6.25e-6  # m
@@ -113,11 +113,11 @@ def run(case: Case) -> dict[str, Any]:
         out["outcome"] = "false alarm" if found.discrepant else "right"
     else:
         d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
-        unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
-        data = document(d, system, heights_of(d, system), unexplained)
-        out |= {"p": data["p_value"], "named": "+".join(data["named"])}
-        out |= score(data, answer)
-        out["twins"] = data["indistinguishable"]
+        unexplained = Unexplained() if d.naming and not d.naming.named else None
+        data = document(d, learned, unexplained)
+        out |= {"p": data.p_value, "named": "+".join(data.named)}
+        out |= score(data.values, answer)
+        out["twins"] = data.indistinguishable
         if d.naming:
             truth = [e for e in d.naming.tried if set(e.mechanisms) == set(case.hidden)]
             wrong = [e for e in d.naming.tried if set(e.mechanisms) != set(case.hidden)]
@@ -126,7 +126,7 @@ def run(case: Case) -> dict[str, Any]:
             out["noncentrality"] = float(best - truth[0].fit.chi2) if truth else np.nan
             out["best_chi2_per_n"] = d.naming.best.fit.chi2 / sum(r.size for r in d.baseline.residuals)
         out["detected"] = float(d.baseline.chi2 - sum(r.size - 1 for r in d.baseline.residuals))
-        out["held_out"] = data["gain"]["rmse_track_after_m"] / noise.s if data["gain"] else None
+        out["held_out"] = data.gain.rmse_track_after_m / noise.s if data.gain else None
         out["truth"] = dict(answer.parameters)
     out["seconds"] = time.perf_counter() - began
     return out

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.diagnosis.detect import directions
-from jumpvision.diagnosis.diagnose import Diagnosis, diagnose
+from jumpvision.diagnosis.diagnose import Findings, diagnose
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
 from jumpvision.diagnosis.particle import Body, quiet
@@ -223,11 +223,11 @@ def dry_pendulum(rng: np.random.Generator, step: float = 2 * np.pi / 40000) -> t
     return t, np.round(out / step) * step
 
 
-def questioned(body: Body, scatter: dict[str, float] | None = None) -> Diagnosis:
+def questioned(body: Body, scatter: dict[str, float] | None = None) -> Findings:
     return diagnose(body, body.noise, np.random.default_rng(1), scatter=scatter)
 
 
-def best_of(d: Diagnosis) -> str:
+def best_of(d: Findings) -> str:
     """The named model, or the likeliest where none is, with its parameters."""
     if d.naming is None:
         return "adequate"
@@ -236,7 +236,7 @@ def best_of(d: Diagnosis) -> str:
     return f"{' + '.join(e.mechanisms) or 'baseline'} ({each})"
 
 
-def any_of(d: Diagnosis, mechanisms: Sequence[str]) -> float:
+def any_of(d: Findings, mechanisms: Sequence[str]) -> float:
     """Probability that at least one of these is in the model."""
     return sum(e.probability for e in d.naming.tried if set(mechanisms) & set(e.mechanisms)) if d.naming else 0.0
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from jumpvision.campaign.diagnose import heights_of
 from jumpvision.campaign.document import document
 from jumpvision.diagnosis.detect import Detection, detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
@@ -30,6 +29,7 @@ from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.lab.blind import Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.recordings import NU
 from jumpvision.lab.seal import answer_of, score
+from jumpvision.results.diagnosis import Unexplained
 
 from .diagnosis import jumps_of
 from .oracle import Oracle, Unreachable, level_for
@@ -168,11 +168,11 @@ def power(case: Case) -> Row:
         found = tested(Problem(system, learned.noise, learned.scatter), rng)
         return {**told, "detected": found.discrepant, "p": found.p_value, "chi2_per_dof": found.chi2_per_dof}
     d = diagnose(system, learned.noise, rng, scatter=learned.scatter, by=("kind",), stops=stops)
-    unexplained: Any = {"terms": []} if d.naming and not d.naming.named else None
-    data = document(d, system, heights_of(d, system), unexplained)
-    outcome = score(data, answer_of(setting))["outcome"]
+    unexplained = Unexplained() if d.naming and not d.naming.named else None
+    data = document(d, learned, unexplained)
+    outcome = score(data.values, answer_of(setting))["outcome"]
     return {
-        **told, "detected": not d.adequate, "outcome": outcome, "named": data["named"], "p": d.detection.p_value,
+        **told, "detected": not d.adequate, "outcome": outcome, "named": data.named, "p": d.detection.p_value,
         "chi2_per_dof": d.detection.chi2_per_dof,
     }  # fmt: skip
 

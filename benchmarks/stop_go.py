@@ -7,7 +7,6 @@ laboratory's own integrator with the motor's feedback loop; only encoder log and
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from pathlib import Path
@@ -20,6 +19,7 @@ from jumpvision.lab import recordings as logs
 from jumpvision.lab import write
 from jumpvision.lab.blind import ROBOTS
 from jumpvision.lab.jumper import Motor, Samples, motion_of
+from jumpvision.results.diagnosis import Diagnosis
 
 PHI, DENSITY = 0.571, 1000.0  # volume fraction, kg/m^3
 MODEL = {"k1": 2100.0, "k2": 2100.0, "delta": 0.012, "b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.pi / 3}
@@ -81,8 +81,8 @@ if __name__ == "__main__":
     campaign = Path(sys.argv[1])
     write_campaign(campaign)
     main(["diagnose", str(campaign)])
-    found = json.loads((campaign.parent / "results" / campaign.name / "diagnosis.json").read_text(encoding="utf-8"))
+    found = Diagnosis.load(campaign.parent / "results" / campaign.name)
     print("\n| motion | forgets the pause [mm] | jumped [mm] | with stop_go_overshoot [mm] |\n|---|---|---|---|")
-    for h in found["heights"]:
-        row = [h["simulated_m"], h["measured_m"], h["extended_m"]]
-        print(f"| {h['experiment']} | " + " | ".join("-" if x is None else f"{1e3 * x:.1f}" for x in row) + " |")
+    for h in found.heights:
+        row = [h.simulated_m, h.measured_m, h.extended_m]
+        print(f"| {h.experiment} | " + " | ".join(f"{1e3 * x:.1f}" if np.isfinite(x) else "-" for x in row) + " |")

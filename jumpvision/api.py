@@ -91,13 +91,14 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
     return pd.DataFrame(done.rows)
 
 
-def diagnose(campaign: Folder, *, results: PathLike | None = None, workers: int = 1) -> dict[str, Any]:
-    """What the campaign's [model] gets wrong, where and why, and what mending it gains: diagnosis.json as a dict."""
+def diagnose(campaign: Folder, *, results: PathLike | None = None, workers: int = 1) -> Diagnosis:
+    """What the campaign's [model] gets wrong, where and why, and what mending it gains; `.values` is diagnosis.json."""
     from jumpvision.campaign.folder import DIAGNOSED
 
     diagnosed = partial(Plan, stages=DIAGNOSED, whole=False)
-    data: dict[str, Any] = _run(campaign, diagnosed, results, workers, pictures=False, ask=True).diagnosis
-    return data
+    found = _run(campaign, diagnosed, results, workers, pictures=False, ask=True).diagnosis
+    assert found is not None  # a campaign that cannot be questioned raises
+    return found
 
 
 def sweep(

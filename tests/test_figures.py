@@ -25,7 +25,7 @@ def results(tmp_path_factory):
     grains_into(outcomes[1].results)
     rows = jumps_table(campaign, outcomes)
     write_jumps(rows, results)
-    (results / "diagnosis.json").write_text(json.dumps(diagnosis_of(rows)))
+    diagnosis_of(rows).save(results)
     return results
 
 

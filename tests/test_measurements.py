@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from diagnosis_sample import diagnosis
 
 from jumpvision.campaign.document import confirmed
-from jumpvision.campaign.films import CONTRADICT, _row
+from jumpvision.campaign.films import CONTRADICT, compared
 from jumpvision.campaign.jumps import CONE, _read, _together
 from jumpvision.diagnosis.jumper.jumps import Measured
 
@@ -49,10 +50,10 @@ def test_what_films_share_is_not_averaged_and_scatter_beyond_their_sigma_widens_
 @pytest.mark.parametrize("off, verdict", [(2.9, "agree"), (-3.1, "contradict")])
 def test_a_contradiction_is_said_with_both_numbers(off, verdict):
     film = (2.0 + off * np.hypot(0.02, 0.03), 0.03)
-    row = _row("mu", "film a", (2.0, 0.02), film, "1")
-    assert row["z"] == pytest.approx(off) and (abs(off) > CONTRADICT) == (row["verdict"] == "contradict")
-    assert row["verdict"] == verdict
-    text = confirmed({"confirmation": [row], "named": ["added_mass"]})
+    row = compared("mu", "film a", (2.0, 0.02), film, "1")
+    assert row.z == pytest.approx(off) and (abs(off) > CONTRADICT) == (row.verdict == "contradict")
+    assert row.verdict == verdict
+    text = confirmed(diagnosis(confirmation=(row,), named=("added_mass",)))
     if verdict == "contradict":
         assert "contradict each other: mu is 1.89 ± 0.03 by film a, 2.00 ± 0.02 by the jumps alone (3.1 sigma" in text
     else:

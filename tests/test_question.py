@@ -6,15 +6,30 @@ import json
 import math
 import shutil
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import SAMPLES
+from diagnosis_sample import diagnosis, parameter
+from jumpvision.results.records import RecordError
 
 from benchmarks import stop_go
 from benchmarks.diagnosis import Case, run
 from jumpvision.campaign.document import sentence
 from jumpvision.cli import main
+from jumpvision.results.diagnosis import (
+    Closest,
+    Coefficient,
+    CommonError,
+    Diagnosis,
+    Gain,
+    Height,
+    Outlier,
+    Tails,
+    Unexplained,
+    WithoutFilms,
+)
 
 KEPT = (
     "single-5.5Hz-1", "single-5.5Hz-2", "single-8.5Hz-1", "single-8.5Hz-2", "stutter-5.0Hz-1", "stutter-5.0Hz-2",
@@ -200,13 +215,46 @@ def test_planned_stop_go_motions_tell_that_the_sand_remembers_a_pause(tmp_path):
 
 
 def test_the_sentence_says_what_a_named_mechanism_leaves():
-    data = {
-        "verdict": "discrepant", "p_value": 0.0, "named": ["coulomb_friction"], "indistinguishable": [], "gain": None,
-        "heights": [{"kind": "single", "simulated_m": 0.052, "measured_m": 0.050 + d} for d in (-1e-4, 1e-4)],
-        "remainder": 0.0035, "unexplained": {"terms": ["v_m*x_r"], "where": "rod: |x_r| 0-9 mm"},
-    }  # fmt: skip
-    text = sentence(data)
+    tops = [Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 0.052, math.nan) for k, d in enumerate((-1e-4, 1e-4))]
+    left = Unexplained(("v_m*x_r",), {}, 0.9, "rod: |x_r| 0-9 mm")
+    d = diagnosis(named=("coulomb_friction",), heights=tuple(tops), remainder=0.0035, unexplained=left)
+    text = sentence(d)
     assert "lacks dry friction on the rail" in text
     assert "0.35 % of the discrepancy (in chi^2) stays, beyond the noise; " in text
     assert text.endswith("a force like v_m*x_r describes it (rod: |x_r| 0-9 mm).")
-    assert "stays" not in sentence({**data, "remainder": 0.0, "unexplained": None})
+    assert "stays" not in sentence(replace(d, remainder=0.0, unexplained=None))
+
+
+def test_a_diagnosis_comes_back_from_its_file_as_it_was(diagnosed, tmp_path):
+    """The file of a whole analysis; what it has not, an unknown number among it, from parts."""
+    results, _ = diagnosed
+    found = Diagnosis.load(results)
+    found.save(tmp_path)
+    assert (tmp_path / "diagnosis.json").read_bytes() == (results / "diagnosis.json").read_bytes()
+    assert Diagnosis.from_values(found.values) == found
+    assert found.named and found.models[0].parameters["C"].sigma > 0.0 and found.next_experiment.separates
+    gain = Gain(("a", "b"), 2e-3, 1e-3, 4e-3, 1e-3, 4.0, (2.0, 6.0), True)
+    told = diagnosis(
+        closest=Closest(("tilt",), 0.5, {"dg": parameter(0.1, 0.01, "m/s^2")}, 1e-3, gain),
+        unexplained=Unexplained(("v",), {"v": Coefficient(1.0, 0.1, "N s/m")}, 0.9, "flight", (), {"v": 0.8}),
+        heights=(Height("a", "single", None, 0.0, None, 0.02, math.nan, math.nan),),
+        indistinguishable=(("tilt", "payload"), ("payload", "tilt")),
+        noise=replace(diagnosis().noise, tails=Tails(4.0), outliers=(Outlier("a", 0.1, 7.0),), sources={"rest": None}),
+        without_films=WithoutFilms({"C": 2.7}, 900.0),
+        common=(CommonError("scale[0]", 1.0, math.inf, 1.01, 0.01, "1"),),
+    )
+    told.save(tmp_path)
+    back = Diagnosis.load(tmp_path)
+    assert back.values == told.values and list(back.values) == list(told.values)
+    assert back.closest == told.closest and back.unexplained == told.unexplained and back.noise == told.noise
+    assert math.isnan(back.heights[0].extended_m) and back.heights[0].frequency is None
+    assert told.values["heights"][0]["simulated_m"] is None and "with" in found.values["causes"][0]
+    assert "without_films" not in found.values and list(told.values).index("without_films") == 20
+    assert diagnosis(unexplained=Unexplained()).values["unexplained"].keys() == {"terms", "r2", "where"}
+
+
+def test_a_file_without_a_key_is_refused_by_its_name():
+    values = diagnosis().values
+    del values["p_value"]
+    with pytest.raises(RecordError, match=r"diagnosis\.json: 'p_value' is missing"):
+        Diagnosis.from_values(values)

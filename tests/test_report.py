@@ -7,12 +7,14 @@ import json
 import re
 import time
 import tracemalloc
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from diagnosis_sample import confirmation, diagnosis
 
 from jumpvision.base.storage import write_aside
 from jumpvision.cli import main
@@ -24,6 +26,7 @@ from jumpvision.report.pages.charts import heights_chart
 from jumpvision.report.pages.page import NAME, write_report
 from jumpvision.report.pages.words import experiment_words
 from jumpvision.results.fields import Column, ColumnGeometry
+from jumpvision.results.diagnosis import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.workflow.run import Outcome, jumps_table
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
@@ -128,29 +131,24 @@ def grains_into(out):
 
 
 def diagnosis_of(rows):
-    """As diagnosis.json has it."""
-    heights = [
-        {"experiment": r["experiment"], "kind": r["kind"], "measured_m": r["jump_height_m"],
-         "simulated_m": r["simulated_height_m"], "extended_m": r["jump_height_m"] + 1e-4}
-        for r in rows
-    ]  # fmt: skip
-    cell = {"z_score": 9.0, "samples": 40}
-    return {
-        "verdict": "discrepant", "p_value": 0.0, "sentence": SENTENCE, "heights": heights, "named": ["added_mass"],
-        "noise": {"sigma_m": 5e-5, "warnings": [], "sources": {
-            "stated": None, "rest": {"sigma_m": 5e-5, "log_sigma": 0.02, "n": 950}, "flight": None, "repeats": None}},
-        "confirmation": [{"quantity": "C", "unit": "1", "source": "film stutter-1", "z": -0.447, "verdict": "agree",
-                          "by_film": 2.6, "by_film_sigma": 0.1, "by_jumps": 2.7, "by_jumps_sigma": 0.2}],
-        "baseline": {"rmse_height_m": 0.0099},
-        "where": [
-            {"kind": "stutter", "phase_of_jump": "landing", "mean_residual_m": -0.006, "p_value": 1e-5, **cell},
-            {"kind": "single", "phase_of_jump": "flight", "mean_residual_m": 0.001, "p_value": 0.3, **cell},
-        ],
-        "causes": [{"mechanism": "added_mass", "with": [], "probability": 0.97, "delta_score": 812.3,
-                    "parameters": {"C": {"value": 2.7, "low": 2.4, "high": 3.0, "unit": "1"}}}],
-        "gain": {"ratio": 43.0, "ratio_ci95": [34.0, 53.0], "rmse_track_before_m": 0.008, "rmse_track_after_m": 0.0002,
-                 "rmse_height_before_m": 0.0099, "rmse_height_after_m": 0.0003},
-    }  # fmt: skip
+    """One that names the added mass."""
+    tops = ((r["jump_height_m"], r["simulated_height_m"], r["jump_height_m"] + 1e-4) for r in rows)
+    heights = [Height(r["experiment"], r["kind"], 6.0, 0.0, None, *top) for r, top in zip(rows, tops)]
+    sources = {"stated": None, "rest": NoiseSource(5e-5, 0.02, 950), "flight": None, "repeats": None}
+    return diagnosis(
+        sentence=SENTENCE,
+        heights=tuple(heights),
+        named=("added_mass",),
+        noise=Noise(5e-5, 0.0, None, 0.0, 950, sources, {}, {}, (), ()),
+        confirmation=(confirmation("C", (2.6, 0.1), (2.7, 0.2), source="film stutter-1"),),
+        baseline=Baseline((), {}, 0.0099, 0.008, 900.0),
+        where=(
+            Cell("stutter", "landing", -0.006, 9.0, 1e-5, 40),
+            Cell("single", "flight", 0.001, 9.0, 0.3, 40),
+        ),
+        causes=(Cause("added_mass", (), 0.97, 812.3, {"C": Parameter(2.7, 2.4, 3.0, "1")}),),
+        gain=Gain(tuple(h.experiment for h in heights), 0.0099, 0.0003, 0.008, 0.0002, 43.0, (34.0, 53.0), True),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -231,8 +229,8 @@ def test_the_extended_model_is_drawn_against_the_apex_that_it_was_fitted_to():
     """The highest jump may come before the motor's stop, which the diagnosis does not count: 20 mm, later 18 mm."""
     rows = [{"experiment": str(k), "kind": "single", "frequency_hz": 5.0 + k, "jump_height_m": 0.020, "sigma_m": 1e-5,
              "simulated_height_m": 0.025} for k in range(2)]  # fmt: skip
-    found = {"heights": [{"experiment": str(k), "measured_m": 0.018, "extended_m": 0.0181} for k in range(2)]}
-    model, better = heights_chart(rows, found)["panels"][1]["series"]
+    tops = tuple(Height(str(k), "single", 5.0 + k, 0.0, None, 0.018, 0.025, 0.0181) for k in range(2))
+    model, better = heights_chart(rows, diagnosis(heights=tops))["panels"][1]["series"]
     assert (model["x"], model["y"]) == ([25.0, 25.0], [20.0, 20.0])
     assert (better["x"], better["y"]) == ([18.1, 18.1], [18.0, 18.0])
 
@@ -241,10 +239,11 @@ def test_the_noise_stands_with_its_sources_and_its_warnings_at_the_head(tmp_path
     campaign, outcomes, results = campaign_of(tmp_path)
     rows = jumps_table(campaign, outcomes)
     found = diagnosis_of(rows)
-    found["noise"]["warnings"] = ["the noise is 0.08 mm in flight but 0.05 mm at rest"]
+    warning = "the noise is 0.08 mm in flight but 0.05 mm at rest"
+    found = replace(found, noise=replace(found.noise, warnings=(warning,)))
     text = write_report(campaign, outcomes, rows, results, single=False, diagnosis=found).read_text()
     assert "Noise: 0.05 mm a frame; at rest 0.0500 ± 0.0010 mm (n = 950)." in text  # 2 % of 0.05 mm; the others unknown
-    assert found["noise"]["warnings"][0] in text[: text.index("</header>")]
+    assert warning in text[: text.index("</header>")]
 
 
 def test_every_page_stands_alone(pages):

@@ -1,100 +1,134 @@
-"""diagnosis.json (docs/files.md section 4), the extended model.toml, and the verdict in plain words."""
+"""From findings to diagnosis.json (docs/files.md section 4), model.toml and the verdict in plain words."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from jumpvision.diagnosis.diagnose import Diagnosis
+from jumpvision.base.arrays import Z90
+from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.fitting import Fit
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import is_common
 from jumpvision.diagnosis.naming import Explanation, Naming, likely
 from jumpvision.diagnosis.noise.learning import Learned
-from jumpvision.diagnosis.proposing import Gain
+from jumpvision.diagnosis.proposing import Gain, apex
+from jumpvision.diagnosis.unexplained import Unexplained
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import ROBOT
+from jumpvision.results import diagnosis as record
+from jumpvision.results.diagnosis import Diagnosis
 
-Z90 = 1.645  # half width of a 90 % interval, in sigmas
 TOP = 12  # cells of "where"
 
 
-def document(d: Diagnosis, system: Jumper, heights: Sequence[Mapping[str, Any]], unexplained: Any) -> dict[str, Any]:
-    """diagnosis.json. heights: measured and simulated heights of every jump (see `heights_of`)."""
-    n = d.naming
-    best = n.best.fit if n and n.named else None
-    return {
-        "schema": 1,
-        "verdict": "adequate" if d.adequate else "discrepant",
-        "p_value": d.detection.p_value,
-        "baseline": {
-            "terms": list(system.model.terms),
-            "parameters": values(d.baseline, system),
-            "rmse_height_m": rms([h["simulated_m"] - h["measured_m"] for h in heights]),
-            "rmse_track_m": rmse_track(d.baseline, system),
-            "chi2_per_dof": d.detection.chi2_per_dof,
-        },
-        "where": [
-            {
-                **c.labels,
-                "phase_of_jump": c.part,
-                "mean_residual_m": c.mean_residual,
-                "z_score": c.z_score,
-                "p_value": c.p_value,
-                "samples": c.n,
-            }
-            for c in d.where[:TOP]
-        ],
-        "heights": [dict(h) for h in heights],
-        "causes": causes(n) if n else [],
-        "named": list(n.named) if n else [],
-        "remainder": n.remainder if n and n.named else None,
-        "indistinguishable": [list(t) for t in n.twins] if n else [],
-        "closest": closest(d, system) if n and not n.named else None,
-        "unexplained": unexplained,
-        "extended_model": (
-            {"terms": list(system.build(best.mechanisms, best.named).terms), "parameters": values(best, system)}
-            if best
-            else {"terms": list(system.model.terms), "parameters": values(d.baseline, system)}
+def document(
+    d: Findings,
+    learned: Learned,
+    unexplained: record.Unexplained | None,
+    *,
+    energy: Sequence[record.Energies] = (),
+    confirmation: Sequence[record.Confirmation] = (),
+    without_films: record.WithoutFilms | None = None,
+) -> Diagnosis:
+    """The record of a campaign's findings. unexplained: what generic forces say of the rest, None where it is nil."""
+    n, system = d.naming, learned.system
+    best = told(d)
+    extended = best is not d.baseline
+    heights = heights_of(d, system)
+    out = Diagnosis(
+        verdict="adequate" if d.adequate else "discrepant",
+        p_value=d.detection.p_value,
+        baseline=record.Baseline(
+            terms=system.model.terms,
+            parameters=values(d.baseline, system),
+            rmse_height_m=rms([h.simulated_m - h.measured_m for h in heights]),
+            rmse_track_m=rmse_track(d.baseline, system),
+            chi2_per_dof=d.detection.chi2_per_dof,
         ),
-        "gain": gain_of(d.gain) if best and d.gain else None,
-        "extrapolation": {k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if best else {},
-        "next_experiment": proposal(d),
-    }
+        where=tuple(
+            record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
+            for c in d.where[:TOP]
+        ),
+        heights=heights,
+        causes=causes(n) if n else (),
+        named=n.named if n else (),
+        remainder=n.remainder if n and n.named else None,
+        indistinguishable=n.twins if n else (),
+        closest=closest(d, system) if n and not n.named else None,
+        unexplained=unexplained,
+        extended_model=record.Model(system.build(best.mechanisms, best.named).terms, values(best, system)),
+        gain=gain_of(d.gain) if extended and d.gain else None,
+        extrapolation={k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if extended else {},
+        next_experiment=proposal(d),
+        noise=noise_of(learned, d),
+        common=common_of(d),
+        energy=tuple(energy),
+        confirmation=tuple(confirmation),
+        without_films=without_films,
+        sentence="",
+        confirmed=None,
+    )
+    return replace(out, sentence=sentence(out), confirmed=confirmed(out))
+
+
+def told(d: Findings) -> Fit:
+    """The fit that the findings stand by: of the named mechanisms, else the baseline."""
+    return d.naming.best.fit if d.naming and d.naming.named else d.baseline
+
+
+def heights_of(d: Findings, system: Jumper) -> tuple[record.Height, ...]:
+    """Measured height of every jump beside the re-fitted baseline's and the extended model's [m]."""
+    every = range(len(system.observations))
+    best = told(d)
+    before = system.predict(d.baseline.mechanisms, d.baseline.named, every)
+    after = system.predict(best.mechanisms, best.named, every) if best is not d.baseline else [None] * len(before)
+    out = []
+    for jump, o, y, z in zip(system.jumps, system.observations, before, after):
+        frequency, delay, phi = (o.labels.get(k) for k in ("frequency", "delay", "volume_fraction"))
+        tops = [math.nan if x is None else apex(o.t, x, jump.stop) for x in (o.y, y, z)]
+        out.append(record.Height(o.name, str(o.labels.get("kind")), frequency, delay, phi, *tops))
+    return tuple(out)
+
+
+def unexplained_of(found: Unexplained | None) -> record.Unexplained:
+    """Generic forces as they are told."""
+    if found is None:
+        return record.Unexplained()
+    each = zip(found.terms, found.coefficients, found.sigmas, found.units)
+    strengths = {t: record.Coefficient(c, s, u) for t, c, s, u in each}
+    return record.Unexplained(found.terms, strengths, found.r2, found.where, found.beside, found.stability)
 
 
 HEAVY = 30.0  # degrees of freedom from which Student's t is as good as normal
 LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
 
 
-def noise_of(learned: Learned, d: Diagnosis) -> dict[str, Any]:
+def noise_of(learned: Learned, d: Findings) -> record.Noise:
     """What is known of the noise and from where, with everything about it that a reader must be warned of."""
     n = learned.noise
-    sources = {
-        k: None if s is None else {"sigma_m": s.sigma, "log_sigma": s.log_sigma, "n": s.n}
-        for k, s in ((k, learned.sources.get(k)) for k in ("stated", "rest", "flight", "repeats"))
-    }
+    sources = {k: learned.sources.get(k) for k in ("stated", "rest", "flight", "repeats")}
     names = [j.name for j in learned.system.jumps]
-    unlike = {k: float(f) for k, f in zip(names, learned.tracks) if abs(math.log(f)) > math.log(1.5)}
-    return {
-        "sigma_m": learned.sigma,
-        "correlation": n.rho,
-        "tails": None if learned.tails > HEAVY else {"student_degrees": learned.tails},
-        "drift_m": n.drift,
-        "samples": n.n,
-        "sources": sources,
-        "scatter": {k: s for k, s in learned.scatter.items() if s > 0},
-        "tracks": unlike,
-        "outliers": [{"experiment": e, "time_s": t, "sigmas": z} for e, t, z in learned.outliers],
-        "warnings": [*learned.warnings, *agreement(d), *unrepeated(learned, d)],
-    }
+    return record.Noise(
+        sigma_m=learned.sigma,
+        correlation=n.rho,
+        tails=None if learned.tails > HEAVY else record.Tails(learned.tails),
+        drift_m=n.drift,
+        samples=n.n,
+        sources={k: record.NoiseSource(s.sigma, s.log_sigma, s.n) if s else None for k, s in sources.items()},
+        scatter={k: s for k, s in learned.scatter.items() if s > 0},
+        tracks={k: float(f) for k, f in zip(names, learned.tracks) if abs(math.log(f)) > math.log(1.5)},
+        outliers=tuple(record.Outlier(*x) for x in learned.outliers),
+        warnings=(*learned.warnings, *agreement(d), *unrepeated(learned, d)),
+    )
 
 
-def agreement(d: Diagnosis) -> list[str]:
+def agreement(d: Findings) -> list[str]:
     """Warnings where the best model agrees with the data too well, or not as well as the noise says."""
     best = d.naming.best if d.naming and d.naming.named else None
     test = best.detection if best else d.detection
@@ -113,7 +147,7 @@ def agreement(d: Diagnosis) -> list[str]:
     return []
 
 
-def unrepeated(learned: Learned, d: Diagnosis) -> list[str]:
+def unrepeated(learned: Learned, d: Findings) -> list[str]:
     """The warning that a misfit may be what differs from trial to trial, where no trial was repeated."""
     if d.adequate or learned.sources.get("repeats"):
         return []
@@ -123,63 +157,45 @@ def unrepeated(learned: Learned, d: Diagnosis) -> list[str]:
     ]
 
 
-def common_of(d: Diagnosis) -> list[dict[str, Any]]:
+def common_of(d: Findings) -> tuple[record.CommonError, ...]:
     """What an apparatus has wrong in common: as stated before, and as the jumps have it."""
-    fit = d.naming.best.fit if d.naming and d.naming.named else d.baseline
-    return [
-        {
-            "quantity": p.name,
-            "declared": p.start,
-            "stated_sigma": p.sigma,
-            "value": fit.named[p.name],
-            "sigma": fit.sigma(p.name),
-            "unit": p.unit,
-        }
+    fit = told(d)
+    return tuple(
+        record.CommonError(p.name, p.start, p.sigma, fit.named[p.name], fit.sigma(p.name), p.unit)
         for p in fit.parameters
         if is_common(p.name)
-    ]
+    )
 
 
-def closest(d: Diagnosis, system: Jumper) -> dict[str, Any] | None:
+def closest(d: Findings, system: Jumper) -> record.Closest | None:
     """The likeliest model where none passes the test; None where that is the baseline."""
     assert d.naming
     e = d.naming.best
     if not e.mechanisms:
         return None
-    return {
-        "mechanisms": list(e.mechanisms),
-        "probability": e.probability,
-        "parameters": {name: value for m in e.mechanisms for name, value in parameters_of(e, m).items()},
-        "rmse_track_m": rmse_track(e.fit, system),
-        "gain": gain_of(d.gain) if d.gain else None,
-    }
+    found = {name: value for m in e.mechanisms for name, value in parameters_of(e, m).items()}
+    gain = gain_of(d.gain) if d.gain else None
+    return record.Closest(e.mechanisms, e.probability, found, rmse_track(e.fit, system), gain)
 
 
-def causes(n: Naming) -> list[dict[str, Any]]:
+def causes(n: Naming) -> tuple[record.Cause, ...]:
     """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
     out = []
     for mechanism in likely(n.tried)[:8]:
         e = next(e for e in n.tried if mechanism in e.mechanisms)
-        out.append(
-            {
-                "mechanism": mechanism,
-                "with": [m for m in e.mechanisms if m != mechanism],
-                "probability": n.probability(mechanism),
-                "delta_score": e.delta_score,
-                "parameters": parameters_of(e, mechanism),
-            }
-        )
-    return out
+        others = tuple(m for m in e.mechanisms if m != mechanism)
+        parameters = parameters_of(e, mechanism)
+        out.append(record.Cause(mechanism, others, n.probability(mechanism), e.delta_score, parameters))
+    return tuple(out)
 
 
-def parameters_of(e: Explanation, mechanism: str) -> dict[str, dict[str, Any]]:
-    """{name: {value, low, high, unit}} of a mechanism, the ends of a 90 % interval within its range."""
+def parameters_of(e: Explanation, mechanism: str) -> dict[str, record.Parameter]:
+    """Parameters of a mechanism by name, the ends of a 90 % interval within its range."""
     out = {}
     for p in e.fit.parameters:
         if p.name in MECHANISMS[mechanism].parameters:
             value, half = e.fit.named[p.name], Z90 * e.fit.sigma(p.name)
-            ends = {"low": max(value - half, p.low), "high": min(value + half, p.high)}
-            out[p.name] = {"value": value, **ends, "unit": p.unit or "1"}
+            out[p.name] = record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
     return out
 
 
@@ -203,24 +219,25 @@ def rms(x: Any) -> float:
     return float(np.sqrt(np.mean(x * x))) if x.size else math.nan
 
 
-def gain_of(g: Gain) -> dict[str, Any]:
-    return {
-        "holdout": list(g.held_out),
-        "rmse_height_before_m": g.height_before,
-        "rmse_height_after_m": g.height_after,
-        "rmse_track_before_m": g.track_before,
-        "rmse_track_after_m": g.track_after,
-        "ratio": g.ratio,
-        "ratio_ci95": list(g.ratio_ci95),
-        "claimed": g.claimed,
-    }
+def gain_of(g: Gain) -> record.Gain:
+    """The gain on jumps held out."""
+    return record.Gain(
+        g.held_out,
+        g.height_before,
+        g.height_after,
+        g.track_before,
+        g.track_after,
+        g.ratio,
+        g.ratio_ci95,
+        g.claimed,
+    )
 
 
-def proposal(d: Diagnosis) -> dict[str, Any] | None:
-    p = d.next_experiment
-    if p is None:
+def proposal(d: Findings) -> record.NextExperiment | None:
+    """The experiment to be done next."""
+    if (p := d.next_experiment) is None:
         return None
-    return {**p.labels, "separates": list(p.separates), "expected_log10_odds": p.expected_log10_odds}
+    return record.NextExperiment(**p.labels, separates=p.separates, expected_log10_odds=p.expected_log10_odds)
 
 
 def model_toml(fit: Fit, system: Jumper, comment: str) -> str:
@@ -267,71 +284,68 @@ PLAIN = {  # what a model lacks, by mechanism
 }
 
 
-def sentence(data: Mapping[str, Any]) -> str:
+def sentence(d: Diagnosis) -> str:
     """The verdict in plain words."""
-    if data["verdict"] == "adequate":
-        return f"The simulation agrees with the measured jumps within their noise (p = {data['p_value']:.2g})."
-    rows = data["heights"]
+    if d.adequate:
+        return f"The simulation agrees with the measured jumps within their noise (p = {d.p_value:.2g})."
     by_kind: dict[str, list[float]] = {}
-    for h in rows:
-        by_kind.setdefault(str(h["kind"]), []).append(h["simulated_m"] - h["measured_m"])
+    for h in d.heights:
+        by_kind.setdefault(h.kind, []).append(h.simulated_m - h.measured_m)
     means = {k: (float(np.nanmean(v)), float(np.nanstd(v) / math.sqrt(len(v)))) for k, v in by_kind.items()}
     kind, (mean, error) = max(means.items(), key=lambda x: abs(x[1][0]))
     over = "over-predicts" if mean > 0 else "under-predicts"
     text = f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
-    if not data["named"]:
+    if not d.named:
         text += ", and no mechanism of the vocabulary explains all that it gets wrong"
-        if near := data["closest"]:
-            text += f"; the closest, {words(near['mechanisms'])}, "
-            text += f"brings the held-out track error down {near['gain']['ratio']:.1f}x" if near["gain"] else "helps"
-            text += f" and leaves {1e3 * near['rmse_track_m']:.2g} mm, beyond the noise"
-        return text + generic(data, "would") + "."
-    causes = " and ".join(PLAIN[m] for m in data["named"])
-    text += f" because it lacks {causes}"
-    if data["indistinguishable"]:
-        twins = "; ".join(" or ".join(words([m]) for m in t) for t in data["indistinguishable"])
+        if near := d.closest:
+            text += f"; the closest, {words(near.mechanisms)}, "
+            text += f"brings the held-out track error down {near.gain.ratio:.1f}x" if near.gain else "helps"
+            text += f" and leaves {1e3 * near.rmse_track_m:.2g} mm, beyond the noise"
+        return text + generic(d, "would") + "."
+    text += f" because it lacks {' and '.join(PLAIN[m] for m in d.named)}"
+    if d.indistinguishable:
+        twins = "; ".join(" or ".join(words([m]) for m in t) for t in d.indistinguishable)
         text += f" (the data cannot tell apart: {twins})"
-    if data["gain"]:
-        it = "it" if len(data["named"]) == 1 else "them"
-        text += f"; with {it} the held-out track error falls {data['gain']['ratio']:.3g}x"
-    if data["remainder"]:
-        text += f"; {100 * data['remainder']:.2g} % of the discrepancy (in chi^2) stays, beyond the noise" + generic(
-            data, "describes it"
-        )
+    if d.gain:
+        it = "it" if len(d.named) == 1 else "them"
+        text += f"; with {it} the held-out track error falls {d.gain.ratio:.3g}x"
+    if d.remainder:
+        text += f"; {100 * d.remainder:.2g} % of the discrepancy (in chi^2) stays, beyond the noise"
+        text += generic(d, "describes it")
     return text + "."
 
 
-def generic(data: Mapping[str, Any], does: str) -> str:
+def generic(d: Diagnosis, does: str) -> str:
     """What `unexplained` found, in words; "" where it is nothing."""
-    left = data["unexplained"]
-    if not (left and left["terms"]):
+    left = d.unexplained
+    if not (left and left.terms):
         return ""
-    return f"; a force like {' + '.join(left['terms'])} {does} ({left['where']})"
+    return f"; a force like {' + '.join(left.terms)} {does} ({left.where})"
 
 
-def confirmed(data: Mapping[str, Any]) -> str | None:
+def confirmed(d: Diagnosis) -> str | None:
     """The measurements by films and tests beside the jumps, in plain words; None where there are none."""
-    rows = data["confirmation"]
-    bad = [r for r in rows if r["verdict"] == "contradict"]
+    bad = [r for r in d.confirmation if r.contradicts]
     if bad:
-        told = "; ".join(
-            f"{r['quantity']} is {measured(r['by_film'], r['by_film_sigma'])} by {r['source']}, "
-            f"{measured(r['by_jumps'], r['by_jumps_sigma'])} by the jumps alone ({abs(r['z']):.1f} sigma apart)"
+        said = "; ".join(
+            f"{r.quantity} is {plus_minus(r.by_film, r.by_film_sigma)} by {r.source}, "
+            f"{plus_minus(r.by_jumps, r.by_jumps_sigma)} by the jumps alone ({abs(r.z):.1f} sigma apart)"
             for r in bad
         )
-        return f"Films and jumps contradict each other: {told}."
-    masses = [r for r in rows if r["quantity"] == "added_mass"]
-    if "added_mass" not in data["named"] or not masses:
+        return f"Films and jumps contradict each other: {said}."
+    masses = [r for r in d.confirmation if r.depth_m is not None]
+    if "added_mass" not in d.named or not masses:
         return None
-    row = max(masses, key=lambda r: r["by_film"])
-    film, jumps = (measured(1e3 * row[f"by_{k}"], 1e3 * row[f"by_{k}_sigma"]) for k in ("film", "jumps"))
+    row = max(masses, key=lambda r: r.by_film)
+    film = plus_minus(1e3 * row.by_film, 1e3 * row.by_film_sigma)
+    jumps = plus_minus(1e3 * row.by_jumps, 1e3 * row.by_jumps_sigma)
     return (
-        f"The jumps alone imply {jumps} g of sand moving with the foot {1e3 * row['depth_m']:.0f} mm deep; "
-        f"the grain film {row['experiment']} shows {film} g."
+        f"The jumps alone imply {jumps} g of sand moving with the foot {1e3 * (row.depth_m or 0.0):.0f} mm deep; "
+        f"the grain film {row.experiment} shows {film} g."
     )
 
 
-def measured(value: float, sigma: float) -> str:
+def plus_minus(value: float, sigma: float) -> str:
     """With as many digits as sigma has worth."""
     digits = max(0, -math.floor(math.log10(sigma))) if sigma > 0 else 1
     return f"{value:.{digits}f} ± {sigma:.{digits}f}"

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.diagnosis.diagnose import Diagnosis
+from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper, of_jump
 from jumpvision.diagnosis.jumper.jumps import Measured
@@ -18,6 +17,7 @@ from jumpvision.mechanisms.cone import cone_mass
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.model import ROBOT, Model
+from jumpvision.results.diagnosis import Confirmation, Energies
 from jumpvision.results.fields import Flow
 from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome
@@ -70,13 +70,8 @@ def jumps_alone(told: Fit, problem: Problem) -> Fit:
     return told if alone is None else alone
 
 
-def confirmation(
-    alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]
-) -> list[dict[str, Any]]:
-    """One row for every quantity that films or tests measure and the model has: by them, by the jumps alone.
-
-    z: their difference over the sigma of both; a verdict of `contradict` beyond CONTRADICT.
-    """
+def confirmation(alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]) -> list[Confirmation]:
+    """Every quantity that films or tests measure and the model has: by them, by the jumps alone."""
     model = system.build(alone.mechanisms, alone.named)
     names = {n for t in model.terms for n in MECHANISMS[t].parameters} | set(ROBOT)
     rows = []
@@ -86,33 +81,23 @@ def confirmation(
                 free = name in alone.named
                 jumps = alone.named[name] if free else _of(model, name)
                 by = (float(jumps), alone.sigma(name) if free else 0.0)
-                rows.append(_row(name, m.source, by, (float(m.values[k]), m.sigma(name)), _unit(name)))
+                rows.append(compared(name, m.source, by, (float(m.values[k]), m.sigma(name)), _unit(name)))
     own = {j.name: j.model for j in system.jumps}
     for film in seen:
         by = implied(alone, system, own.get(film.experiment, system.model), film.depth)
         if by[0] > 0:
-            rows.append(
-                _row("added_mass", f"film {film.experiment}", by, (film.mass, film.sigma), "kg")
-                | {"experiment": film.experiment, "depth_m": film.depth}
-            )
+            row = compared("added_mass", f"film {film.experiment}", by, (film.mass, film.sigma), "kg")
+            rows.append(replace(row, experiment=film.experiment, depth_m=film.depth))
     return rows
 
 
-def _row(
+def compared(
     quantity: str, source: str, jumps: tuple[float, float], film: tuple[float, float], unit: str
-) -> dict[str, Any]:
+) -> Confirmation:
+    """A quantity by jumps and film, each (value, sigma): they contradict each other beyond CONTRADICT sigmas."""
     z = (film[0] - jumps[0]) / math.hypot(film[1], jumps[1])
-    return {
-        "quantity": quantity,
-        "unit": unit,
-        "source": source,
-        "by_jumps": jumps[0],
-        "by_jumps_sigma": jumps[1],
-        "by_film": film[0],
-        "by_film_sigma": film[1],
-        "z": z,
-        "verdict": "contradict" if abs(z) > CONTRADICT else "agree",
-    }
+    verdict = "contradict" if abs(z) > CONTRADICT else "agree"
+    return Confirmation(quantity, unit, source, *jumps, *film, z, verdict)
 
 
 def _of(model: Model, name: str) -> float:
@@ -143,8 +128,8 @@ def implied(fit: Fit, system: Jumper, own: Model, depth: float) -> tuple[float, 
     return at, float(math.sqrt(max(slope @ fit.covariance @ slope, 0.0))) if slope.size else 0.0
 
 
-def ledgers(d: Diagnosis, system: Jumper) -> list[dict[str, Any]]:
-    """Ledgers [J] from rest to the measured apex, of the jump of each kind that the baseline misses most."""
+def energies(d: Findings, system: Jumper) -> list[Energies]:
+    """Energies from rest to the measured apex, of the jump of each kind that the baseline misses most."""
     worst: dict[str, int] = {}
     miss = [float(np.mean(r * r)) for r in d.baseline.residuals]
     for i, o in enumerate(system.observations):
@@ -154,15 +139,11 @@ def ledgers(d: Diagnosis, system: Jumper) -> list[dict[str, Any]]:
     fits = {"baseline": d.baseline}
     if d.naming and d.naming.named:
         fits["extended"] = d.naming.best.fit
-    return [
-        {"experiment": system.jumps[i].name, "kind": kind, "model": name, **entries}
-        for kind, i in sorted(worst.items())
-        for name, fit in fits.items()
-        if (entries := _ledger(system, i, fit)) is not None
-    ]
+    found = (_energies(system, i, kind, name, f) for kind, i in sorted(worst.items()) for name, f in fits.items())
+    return [e for e in found if e is not None]
 
 
-def _ledger(system: Jumper, i: int, fit: Fit) -> Mapping[str, Any] | None:
+def _energies(system: Jumper, i: int, kind: str, name: str, fit: Fit) -> Energies | None:
     jump = system.jumps[i]
     late = np.flatnonzero(jump.t >= jump.stop)
     if not late.size:
@@ -170,14 +151,7 @@ def _ledger(system: Jumper, i: int, fit: Fit) -> Mapping[str, Any] | None:
     apex = float(jump.t[late[np.argmax(jump.y[late])]])
     model = of_jump(system.build(fit.mechanisms, fit.named), jump.model, fit.named)
     try:
-        found = energy_ledger(model, jump.forcing, end=apex)
+        e = energy_ledger(model, jump.forcing, end=apex)
     except RuntimeError:
         return None
-    return {
-        "to_s": apex,
-        "motor_J": found.motor + found.impulse,
-        "potential_J": found.potential,
-        "kinetic_J": found.kinetic,
-        "spring_J": found.spring,
-        "losses_J": found.losses,
-    }
+    return Energies(jump.name, kind, name, apex, e.motor + e.impulse, e.potential, e.kinetic, e.spring, e.losses)

@@ -5,13 +5,18 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-from jumpvision.campaign.beside import chance, confirmation_rows, details, models, overview, parameter_rows, unit_of
+from jumpvision.campaign.truth import confirmation_rows, coverage_words, details, overview, parameter_rows
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.results import plain
+from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.workflow.run import Outcome
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 def line(text: str) -> None:
@@ -24,7 +29,7 @@ class Progress:
 
     def __init__(self, total: int):
         self.total, self.done, self.began, self.bar = total, 0, time.perf_counter(), None
-        self.tasks: dict[str, Any] = {}
+        self.tasks: dict[str, TaskID] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -57,7 +62,7 @@ class Progress:
         line(f"[{self.done}/{self.total}] {outcome.name}: {state} ({outcome.seconds:.1f} s; {left:.0f} s left)")
 
 
-def result(data: Any, rows: list[dict[str, Any]], *, as_json: bool) -> None:
+def result(data: Any, rows: Sequence[Mapping[str, object]], *, as_json: bool) -> None:
     """A result as JSON or as a table."""
     if as_json:
         print(json.dumps(plain(data), indent=1))
@@ -65,7 +70,7 @@ def result(data: Any, rows: list[dict[str, Any]], *, as_json: bool) -> None:
         table(rows)
 
 
-def table(rows: list[dict[str, Any]], title: str | None = None) -> None:
+def table(rows: Sequence[Mapping[str, object]], title: str | None = None) -> None:
     """Rows with the same keys as a table that fits a terminal and a log file."""
     from rich.console import Console
     from rich.table import Table
@@ -97,69 +102,64 @@ def _is_number(value: Any) -> bool:
 CERTAIN = 99.0  # log10 of odds: more says nothing
 
 
-def said(diagnosis: dict[str, Any]) -> list[str]:
-    """The verdict, and what confirms it."""
-    return [text for text in (diagnosis["sentence"], diagnosis.get("confirmed")) if text]
+def verdict(diagnosis: Diagnosis) -> list[str]:
+    """The sentence, and what confirms it."""
+    return [text for text in (diagnosis.sentence, diagnosis.confirmed) if text]
 
 
-def found_beside_truth(data: dict[str, Any], campaign: Campaign) -> None:
+def beside_truth(diagnosis: Diagnosis, campaign: Campaign) -> None:
     """The parameters of the named mechanisms, and what films or tests measure of them, each beside the truth."""
     for title, rows in (
-        ("parameters of the named mechanisms", parameter_rows(data, campaign)),
-        ("measured by films or tests, and by the jumps alone", confirmation_rows(data, campaign)),
+        ("parameters of the named mechanisms", parameter_rows(diagnosis, campaign)),
+        ("measured by films or tests, and by the jumps alone", confirmation_rows(diagnosis, campaign)),
     ):
         if rows:
             print()
             table(rows, title)
 
 
-def diagnosis(data: dict[str, Any], campaign: Campaign, made: list[Path], *, as_json: bool) -> None:
+def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json: bool) -> None:
     """What `diagnose` found: the sentence, the parameters beside the truth, the causes, the gain."""
     if as_json:
-        print(json.dumps(plain(data), indent=1))
+        print(json.dumps(found.values, indent=1))
         return
-    print("\n".join(said(data)))
-    found_beside_truth(data, campaign)
-    rows = []
-    for c in models(data["causes"]):
-        values = ", ".join(
-            f"{n} = {p['value']:.4g} ({p['low']:.4g} to {p['high']:.4g}) {unit_of(p['unit'])}".rstrip()
-            for n, p in c["parameters"].items()
-        )
-        rows.append(
-            {
-                "mechanism": " + ".join([c["mechanism"], *c["with"]]),
-                "probability": f"{c['probability']:.3f}",
-                "held-out gain": f"{c['delta_score']:.0f}",
-                "parameters (90 %)": values,
-            }
-        )
+    print("\n".join(verdict(found)))
+    beside_truth(found, campaign)
+    rows = [
+        {
+            "mechanism": " + ".join(c.mechanisms),
+            "probability": f"{c.probability:.3f}",
+            "held-out gain": f"{c.delta_score:.0f}",
+            "parameters (90 %)": c.words,
+        }
+        for c in found.models
+    ]
     if rows:
         print()
         table(rows)
-    if g := data["gain"]:
+    if g := found.gain:
         line(
-            f"held out: track {1e3 * g['rmse_track_before_m']:.3f} -> {1e3 * g['rmse_track_after_m']:.3f} mm, heights "
-            f"{1e3 * g['rmse_height_before_m']:.2f} -> {1e3 * g['rmse_height_after_m']:.2f} mm rms; "
-            f"ratio {g['ratio']:.1f} ({g['ratio_ci95'][0]:.1f} to {g['ratio_ci95'][1]:.1f})"
+            f"held out: track {1e3 * g.rmse_track_before_m:.3f} -> {1e3 * g.rmse_track_after_m:.3f} mm, heights "
+            f"{1e3 * g.rmse_height_before_m:.2f} -> {1e3 * g.rmse_height_after_m:.2f} mm rms; "
+            f"ratio {g.ratio:.1f} ({g.ratio_ci95[0]:.1f} to {g.ratio_ci95[1]:.1f})"
         )
-    if n := data["next_experiment"]:
-        what = f"{n['kind']} at {n['frequency']} Hz" + (f", delay {n['delay']} s" if n["delay"] else "")
-        odds = f"10^{min(n['expected_log10_odds'], CERTAIN):.1f} odds expected"
-        line(f"next experiment: {what} separates {' from '.join(n['separates'])} ({odds})")
+    if n := found.next_experiment:
+        what = f"{n.kind} at {n.frequency} Hz" + (f", delay {n.delay} s" if n.delay else "")
+        odds = f"10^{min(n.expected_log10_odds, CERTAIN):.1f} odds expected"
+        line(f"next experiment: {what} separates {' from '.join(n.separates)} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))
 
 
 def outcome(
     campaign: Campaign,
     outcomes: list[Outcome],
-    rows: list[dict[str, Any]],
+    rows: Sequence[object],
     results: Path,
     made: list[Path],
     *,
     as_json: bool,
     single: bool,
-    diagnosis: dict[str, Any] | None = None,
+    diagnosis: Diagnosis | None = None,
 ) -> None:
     """The end of a command: table on stdout; what was done, skipped, warned of and failed on stderr."""
     if as_json:
@@ -178,7 +178,7 @@ def outcome(
                 for o in outcomes
             ],
             "excluded": dict(campaign.excluded),
-            "diagnosis": diagnosis,
+            "diagnosis": diagnosis and diagnosis.values,
         }
         print(json.dumps(plain(data), indent=1))
     elif any(o.summary for o in outcomes):
@@ -188,11 +188,11 @@ def outcome(
         if rows_of_details := details(campaign, outcomes):
             print()
             table(rows_of_details)
-        if text := chance(campaign, outcomes):
+        if text := coverage_words(campaign, outcomes):
             print("\n" + text)
     if diagnosis and not as_json:
-        print("\n" + "\n".join(said(diagnosis)))
-        found_beside_truth(diagnosis, campaign)
+        print("\n" + "\n".join(verdict(diagnosis)))
+        beside_truth(diagnosis, campaign)
     for o in outcomes:
         for text in o.warnings:
             line(f"warning: {o.name}: {text}")

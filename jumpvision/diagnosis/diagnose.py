@@ -21,7 +21,7 @@ Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Findings:
     """What is wrong with a model, or that nothing is. naming, gain, next_experiment: None for an adequate model."""
 
     noise: Noise
@@ -49,7 +49,7 @@ def diagnose(
     stops: Sequence[float] | None = None,
     runnable: Sequence[Runnable] = (),
     say: Say = lambda text: None,
-) -> Diagnosis:
+) -> Findings:
     """Questions a system. by: labels of the observations to report by. stops: time after which each one's apex counts.
     scatter: standard deviations of what differs from trial to trial (System.scatter). measured: of parameters, by other
     means.
@@ -63,7 +63,7 @@ def diagnose(
     found = detect(problem, base, directions(problem, base), rng)
     where = locate(problem, base, tuple(by), rng)
     if not found.discrepant:
-        return Diagnosis(noise, base, found, where)
+        return Findings(noise, base, found, where)
     say(f"discrepant (p = {found.p_value:.2g}): trying {len(system.candidates)} mechanisms")
     naming = name(problem, base, found, rng)
     say("predicting held-out conditions")
@@ -73,7 +73,7 @@ def diagnose(
     beyond = extrapolation(problem, base, best, by[0], times, rng) if by else {}
     second = next((e.fit for e in naming.tried if e is not naming.best), base)
     proposal = propose(runnable, best, second, noise) if runnable else None
-    return Diagnosis(noise, base, found, where, naming, gained, beyond, proposal)
+    return Findings(noise, base, found, where, naming, gained, beyond, proposal)
 
 
 def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jumpvision.base.arrays import Z90
+
 from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
 from .system import Parameter
@@ -18,7 +20,6 @@ FIRSTS, SECONDS = 4, 4  # pairs tried: the best single ones, each with those its
 SHORT = 1.0  # of chi^2 by which a fit is said to have stopped short
 WORTH = 3.0  # of log evidence that a second mechanism must bring
 LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
-Z90 = 1.645  # half width of a 90 % interval, in sigmas
 LEFT = 0.01  # of the baseline's excess of chi^2: a mechanism that leaves less is named, though the rest shows.
 # Substitutes for an effect of no vocabulary leave 3 to 16 %.
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
@@ -135,7 +136,7 @@ def _starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> li
         tries = _about(candidate.parameters, base.named) + _about(candidate.parameters, first)
         last = candidate.parameters[-1].name  # a place, such as the depth of a bend: each its own basin
         places = sorted({t[last] for t in tries})
-        return [s for x in places for s in _best_of(problem, (mechanism,), [t for t in tries if t[last] == x], 2)]
+        return [s for x in places for s in best_starts(problem, (mechanism,), [t for t in tries if t[last] == x], 2)]
     linear = [
         start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
     ]
@@ -149,7 +150,7 @@ def _starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> li
             value = base.named.get(strength.name, candidate.null) + factor * strength.scale
             if strength.low <= value <= strength.high:
                 tries.append({**base.named, **fixed, strength.name: value})
-    return _best_of(problem, (mechanism,), tries, 2)
+    return best_starts(problem, (mechanism,), tries, 2)
 
 
 def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str, float]]:
@@ -161,7 +162,9 @@ def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str
     ]
 
 
-def _best_of(problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int) -> list[Start]:
+def best_starts(
+    problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int
+) -> list[Start]:
     """The n starts of least cost over one trial of each condition."""
     first = {o.condition: i for i, o in reversed(list(enumerate(problem.system.observations)))}
     cost = [problem.cost(mechanisms, t, sorted(first.values())) for t in tries]
@@ -208,7 +211,7 @@ def _pairs(problem: Problem, base: Fit, singles: Sequence[Fit], tests: dict[tupl
                     strength = candidates[n].parameters[0]
                     moved[strength.name] = min(candidates[n].null + factor * strength.scale, strength.high)
                 tries.append(moved)
-        out += _best_of(problem, names, tries, 2)
+        out += best_starts(problem, names, tries, 2)
     return out
 
 

@@ -21,7 +21,7 @@ from jumpvision.base.arrays import Array
 
 from .detect import LEVEL, Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
-from .naming import Start, _best_of, held_out_score, race, start_of
+from .naming import Start, best_starts, held_out_score, race, start_of
 from .system import System
 
 FITTED = 8  # shapes of the greatest scores are fitted through the simulation
@@ -58,19 +58,6 @@ class Unexplained:
     r2: float
     stability: Mapping[str, float]
     where: str
-
-    def document(self) -> dict[str, Any]:
-        """As diagnosis.json has it."""
-        each = zip(self.terms, self.coefficients, self.sigmas, self.units)
-        strengths = {t: {"value": c, "sigma": s, "unit": u} for t, c, s, u in each}
-        return {
-            "terms": list(self.terms),
-            "coefficients": strengths,
-            "r2": self.r2,
-            "where": self.where,
-            "beside": list(self.beside),
-            "stability": dict(self.stability),
-        }
 
 
 def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.random.Generator) -> Unexplained | None:
@@ -126,7 +113,7 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
     for d, z in ranked[:FITTED]:
         full = start_of(problem, fit, d, float(z))
         tries = [{**full, "r": full["r"] * share} for share in (1.0, 0.3)]
-        out += _best_of(problem, (*fit.mechanisms, d.mechanism), tries, 1)
+        out += best_starts(problem, (*fit.mechanisms, d.mechanism), tries, 1)
     return out
 
 

@@ -16,6 +16,7 @@ from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, resistances, single
 from jumpvision.report.pages.charts import fits_of, json_of
 from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
+from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.studies.study import studies
 
@@ -82,8 +83,8 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
                 lambda F: films.tracks([track(n, r.experiments[n]) for n in chosen], F),
             ),
         )
-    diagnosis = json_of(r.folder / "diagnosis.json")
-    if diagnosis:
+    if (r.folder / Diagnosis.file).exists():
+        diagnosis = Diagnosis.load(r.folder)
         yield "diagnosis", ("heights, where the model fails, and the gain held out", lambda F: gains(diagnosis, F))
     yield from of_grains(r)
     for name, folder in r.having("intrusion.json").items():

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from jumpvision.diagnosis.diagnose import Diagnosis
+from jumpvision.base.arrays import Z95
+from jumpvision.diagnosis.detect import LEVEL
+from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import PARTS
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.results.diagnosis import Diagnosis
 
 from .pictures import png
 
@@ -18,10 +21,10 @@ BARS = 7  # models shown
 CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 
-def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> bytes:
+def diagnosis_picture(d: Findings, system: Jumper, data: Diagnosis) -> bytes:
     """Nine panels for a discrepant model, three for an adequate one."""
     with styled() as Figure:
-        extended = bool(data["named"])
+        extended = bool(data.named)
         figure = Figure(figsize=(12.6, 10.4 if d.naming else 3.8), layout="constrained")
         axes = figure.subplots(3 if d.naming else 1, 3).ravel()
         _heights(axes[0], data)
@@ -37,8 +40,8 @@ def diagnosis_picture(d: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> 
         return png(figure)
 
 
-def gains(data: Mapping[str, Any], Figure: Any) -> Any:
-    """The part that diagnosis.json alone tells: heights, where, and the gain."""
+def gains(data: Diagnosis, Figure: Any) -> Any:
+    """The part that the record alone tells: heights, where, and the gain."""
     figure = Figure(figsize=(12.6, 3.8), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     _heights(left, data)
@@ -47,17 +50,18 @@ def gains(data: Mapping[str, Any], Figure: Any) -> Any:
     return figure
 
 
-def _heights(ax: Any, data: Mapping[str, Any]) -> None:
-    rows = [h for h in data["heights"] if h["measured_m"] is not None]
+def _heights(ax: Any, data: Diagnosis) -> None:
+    rows = [h for h in data.heights if np.isfinite(h.measured_m)]
     top = 0.0
-    for kind in sorted({str(h["kind"]) for h in rows}):
+    for kind in sorted({h.kind for h in rows}):
         mark, color = MARKS.get(kind, ("D", ACCENT))
-        mine = [h for h in rows if str(h["kind"]) == kind]
-        measured = [1e3 * h["measured_m"] for h in mine]
-        before = [1e3 * h["simulated_m"] for h in mine]
+        mine = [h for h in rows if h.kind == kind]
+        measured = [1e3 * h.measured_m for h in mine]
+        before = [1e3 * h.simulated_m for h in mine]
         ax.plot(before, measured, mark, ms=6, mfc="none", color=color, label=kind.replace("_", " "))
-        if mine[0]["extended_m"] is not None:
-            ax.plot([1e3 * h["extended_m"] for h in mine], measured, mark, ms=4.5, color=color)
+        after = [1e3 * h.extended_m for h in mine]
+        if np.isfinite(after).any():
+            ax.plot(after, measured, mark, ms=4.5, color=color)
         top = max(top, *measured, *before)
     ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
     ax.set(title="jump heights", xlabel="simulated [mm]; filled: extended", ylabel="measured [mm]")
@@ -66,7 +70,7 @@ def _heights(ax: Any, data: Mapping[str, Any]) -> None:
     ax.legend(loc="upper left")
 
 
-def _track(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
+def _track(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
     """The jump that the baseline misses most: residuals of both models, with the noise."""
     worst = int(np.argmax([np.mean(r * r) for r in d.baseline.residuals]))
     o = system.observations[worst]
@@ -81,14 +85,14 @@ def _track(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
     ax.legend()
 
 
-def _where(figure: Any, ax: Any, data: Mapping[str, Any]) -> None:
-    cells = data["where"]
-    kinds = sorted({str(c.get("kind")) for c in cells})
-    parts = [p for p in PARTS if any(c["phase_of_jump"] == p for c in cells)]
+def _where(figure: Any, ax: Any, data: Diagnosis) -> None:
+    cells = data.where
+    kinds = sorted({c.kind for c in cells})
+    parts = [p for p in PARTS if any(c.phase_of_jump == p for c in cells)]
     z = np.full((len(kinds), len(parts)), np.nan)
     for c in cells:
-        if c["phase_of_jump"] in parts:
-            z[kinds.index(str(c.get("kind"))), parts.index(c["phase_of_jump"])] = 1e3 * c["mean_residual_m"]
+        if c.phase_of_jump in parts:
+            z[kinds.index(c.kind), parts.index(c.phase_of_jump)] = 1e3 * c.mean_residual_m
     limit = max(float(np.nanmax(np.abs(z))) if np.isfinite(z).any() else 1.0, 1e-6)
     image = ax.imshow(z, cmap=SIGNED, vmin=-limit, vmax=limit, aspect="auto")
     ax.set_xticks(range(len(parts)), [p.replace("_", " ") for p in parts], rotation=35, ha="right")
@@ -97,12 +101,12 @@ def _where(figure: Any, ax: Any, data: Mapping[str, Any]) -> None:
     ax.set_title("where: mean residual [mm]")
     ax.set_xlabel("a dot: beyond chance")
     for c in cells:
-        if c["phase_of_jump"] in parts and c["p_value"] < 0.02:
-            ax.plot(parts.index(c["phase_of_jump"]), kinds.index(str(c.get("kind"))), ".", color="black", ms=5)
+        if c.phase_of_jump in parts and c.p_value < LEVEL:
+            ax.plot(parts.index(c.phase_of_jump), kinds.index(c.kind), ".", color="black", ms=5)
     figure.colorbar(image, ax=ax, shrink=0.8)
 
 
-def _causes(ax: Any, d: Diagnosis) -> None:
+def _causes(ax: Any, d: Findings) -> None:
     assert d.naming
     tried = d.naming.tried[:BARS]
     names = [" + ".join(m.replace("_", " ") for m in e.mechanisms) or "baseline" for e in tried]
@@ -116,28 +120,28 @@ def _causes(ax: Any, d: Diagnosis) -> None:
     ax.set(title="misfit of each explanation", xlabel="chi² per sample; 1 is noise alone")
 
 
-def _gain(ax: Any, data: Mapping[str, Any]) -> None:
-    g = data["gain"]
+def _gain(ax: Any, data: Diagnosis) -> None:
+    g = data.gain
     if not g:
         ax.set_axis_off()
         ax.text(0.5, 0.5, "no extension to be tested", ha="center", va="center", color=QUIET)
         return
     pairs = [
-        ("track", g["rmse_track_before_m"], g["rmse_track_after_m"]),
-        ("height", g["rmse_height_before_m"], g["rmse_height_after_m"]),
+        ("track", g.rmse_track_before_m, g.rmse_track_after_m),
+        ("height", g.rmse_height_before_m, g.rmse_height_after_m),
     ]
     for i, (_, before, after) in enumerate(pairs):
         ax.bar(i - 0.18, 1e3 * before, 0.34, color=MODEL, label="baseline" if i == 0 else None)
         ax.bar(i + 0.18, 1e3 * after, 0.34, color=GREEN, label="extended" if i == 0 else None)
     ax.set_xticks([0, 1], [p[0] for p in pairs])
     ax.set_yscale("log")
-    low, high = g["ratio_ci95"]
-    ax.set(title=f"held out: {g['ratio']:.1f}x better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
+    low, high = g.ratio_ci95
+    ax.set(title=f"held out: {g.ratio:.1f}x better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
     ax.margins(y=0.25)
     ax.legend(loc="upper center", ncols=2)
 
 
-def _scores(ax: Any, d: Diagnosis) -> None:
+def _scores(ax: Any, d: Findings) -> None:
     """How much the baseline's residuals look like what each missing mechanism would leave."""
     top: dict[str, float] = {}
     for direction, z in zip(d.detection.directions, d.detection.score):
@@ -151,18 +155,18 @@ def _scores(ax: Any, d: Diagnosis) -> None:
     ax.set(title="scores on the baseline", xlabel="|z|; 3 is chance")
 
 
-def _energy(ax: Any, data: Mapping[str, Any]) -> None:
+def _energy(ax: Any, data: Diagnosis) -> None:
     """Where the motor's work has gone by the apex: one bar a model, of the jump of each kind that is missed most."""
-    rows = data["energy"]
-    parts = [{"height": r["potential_J"], "motion": r["kinetic_J"] + r["spring_J"], **r["losses_J"]} for r in rows]
-    large = 0.01 * max((r["motor_J"] for r in rows), default=0.0)
+    rows = data.energy
+    parts = [{"height": r.potential_J, "motion": r.kinetic_J + r.spring_J, **r.losses_J} for r in rows]
+    large = 0.01 * max((r.motor_J for r in rows), default=0.0)
     names = [n for n in dict.fromkeys(n for p in parts for n in p) if any(abs(p.get(n, 0.0)) > large for p in parts)]
     for k, name in enumerate(names):
         values = np.array([p.get(name, 0.0) for p in parts])
         before = [[p.get(n, 0.0) for n in names[:k]] for p in parts]
         left = [sum(x for x in b if x * v >= 0) for b, v in zip(before, values)]
         ax.barh(range(len(rows)), values, left=left, color=CYCLE[k % len(CYCLE)], label=name.replace("_", " "))
-    ax.set_yticks(range(len(rows)), [f"{r['kind'].replace('_', ' ')}\n{r['model']}" for r in rows])
+    ax.set_yticks(range(len(rows)), [f"{r.kind.replace('_', ' ')}\n{r.model}" for r in rows])
     ax.invert_yaxis()
     ax.axvline(0.0, color="black", lw=0.8)
     ax.set(title="the motor's work, by the apex", xlabel="energy [J]")
@@ -172,7 +176,7 @@ def _energy(ax: Any, data: Mapping[str, Any]) -> None:
 SMOOTH = 9  # frames, of the quadratic whose curvature is the acceleration
 
 
-def _force(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
+def _force(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
     """Mass times the acceleration that a model misses, over time: a picture, no evidence."""
     from scipy.signal import savgol_filter
 
@@ -191,20 +195,23 @@ def _force(ax: Any, d: Diagnosis, system: Jumper, extended: bool) -> None:
     ax.legend()
 
 
-def _films(ax: Any, data: Mapping[str, Any]) -> None:
+def _films(ax: Any, data: Diagnosis) -> None:
     """What films and tests measure of the model, over what the jumps alone imply."""
-    rows = [r for r in data["confirmation"] if r["by_jumps"]]
+    rows = [r for r in data.confirmation if r.by_jumps]
     if not rows:
         ax.set_axis_off()
         ax.text(0.5, 0.5, "no film or test to confirm it with", ha="center", va="center", color=QUIET)
         return
     place = np.arange(len(rows))
-    jumps = np.array([r["by_jumps"] for r in rows])
-    for shift, key, color, label in ((-0.12, "film", MEASURED, "film or test"), (0.12, "jumps", GREEN, "jumps alone")):
-        value, sigma = (np.array([r[f"by_{key}{s}"] for r in rows]) / jumps for s in ("", "_sigma"))
-        ax.errorbar(value, place + shift, xerr=1.96 * np.abs(sigma), fmt="o", ms=5, capsize=3, color=color, label=label)
-    apart = ["  contradict" if r["verdict"] == "contradict" else "" for r in rows]
-    ax.set_yticks(place, [f"{r['quantity'].replace('_', ' ')}{a}" for r, a in zip(rows, apart)])
+    jumps = np.array([r.by_jumps for r in rows])
+    for shift, by, color, label in (
+        (-0.12, [(r.by_film, r.by_film_sigma) for r in rows], MEASURED, "film or test"),
+        (0.12, [(r.by_jumps, r.by_jumps_sigma) for r in rows], GREEN, "jumps alone"),
+    ):
+        value, sigma = np.array(by).T / jumps
+        ax.errorbar(value, place + shift, xerr=Z95 * np.abs(sigma), fmt="o", ms=5, capsize=3, color=color, label=label)
+    apart = ["  contradict" if r.contradicts else "" for r in rows]
+    ax.set_yticks(place, [f"{r.quantity.replace('_', ' ')}{a}" for r, a in zip(rows, apart)])
     ax.axvline(1.0, color=QUIET, lw=0.8)
     ax.invert_yaxis()
     ax.set(title="measured by other means", xlabel="over the jumps' value; bars 95 %")
@@ -214,7 +221,7 @@ def _films(ax: Any, data: Mapping[str, Any]) -> None:
 MARKS = {"single": ("o", MEASURED), "stutter": ("s", MODEL), "delayed_stutter": ("^", GREEN)}
 
 
-def heights(rows: list[dict[str, Any]], Figure: Any) -> Any:
+def heights(rows: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
     """Jump height against frequency by kind, measured (filled, ±2σ) and simulated (open)."""
     known = [r for r in rows if r.get("jump_height_m") is not None and r.get("frequency_hz") is not None]
     figure = Figure(figsize=(8.6, 3.8), layout="constrained")

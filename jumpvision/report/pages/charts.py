@@ -5,40 +5,135 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict, Unpack
 
 import numpy as np
 
-Chart = dict[str, Any]
+from jumpvision.diagnosis.detect import LEVEL
+from jumpvision.results.diagnosis import Cell, Diagnosis, Gain
+
+Numbers = list[float | None]
+
+
+class AxisLook(TypedDict, total=False):
+    """zero: 0 is in the picture; names: of categories at 0, 1, 2 ...; range: first and last value."""
+
+    log: bool
+    zero: bool
+    names: list[str]
+    range: list[float]
+
+
+class Axis(AxisLook):
+    """One axis."""
+
+    label: str
+    unit: str
+
+
+class SeriesLook(TypedDict, total=False):
+    """label: what is shown of a point; tags: entries of the legend that switch it; size [px]."""
+
+    mark: str
+    label: list[str]
+    tags: list[str]
+    hollow: bool
+    joined: bool
+    dash: bool
+    size: float
+
+
+class Series(SeriesLook):
+    """Numbers as they are; s: standard uncertainties of y. kind: points, line, bars, or a map z over x and y."""
+
+    name: str
+    role: str
+    kind: str
+    x: Numbers
+    y: Numbers
+    s: NotRequired[Numbers]
+    z: NotRequired[list[Numbers]]
+    signed: NotRequired[bool]
+    limits: NotRequired[Numbers]
+    unit: NotRequired[str]
+    dots: NotRequired[list[tuple[int, int]]]
+
+
+class Rule(TypedDict, total=False):
+    """A line across a panel at x or y."""
+
+    x: float
+    y: float
+
+
+class PanelLook(TypedDict, total=False):
+    """share: of the figure's width; height [px]; equal: both axes have one scale; spans: (from, to, word) along x."""
+
+    share: float
+    height: int
+    equal: bool
+    spans: list[tuple[float, float, str]]
+    rules: list[Rule]
+
+
+class Panel(PanelLook):
+    """One panel."""
+
+    title: str
+    x: Axis
+    y: Axis
+    series: list[Series]
+
+
+class Key(SeriesLook):
+    """An entry of the legend."""
+
+    name: str
+    role: str
+
+
+class Chart(TypedDict):
+    """One figure; stacked panels share x."""
+
+    title: str
+    note: str
+    panels: list[Panel]
+    stacked: bool
+    legend: NotRequired[list[Key]]
+
 
 MOST = 3000  # points of a series in a page: two a pixel
 DIGITS = 5  # significant figures
 
 
-def numbers(values: Any, factor: float = 1.0, digits: int = DIGITS) -> list[float | None]:
+def numbers(values: Any, factor: float = 1.0, digits: int = DIGITS) -> Numbers:
     """Values times factor with so many significant figures; None where they are not finite."""
     array = np.asarray(values, float) * factor
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in array]
 
 
-def axis(label: str, unit: str = "", **more: Any) -> dict[str, Any]:
-    """One axis; more: log, zero (it is in the picture), names (of categories at 0, 1, 2 ...)."""
-    return {"label": label, "unit": unit, **more}
+def axis(label: str, unit: str = "", **look: Unpack[AxisLook]) -> Axis:
+    """One axis."""
+    return {"label": label, "unit": unit, **look}
 
 
-def series(name: str, role: str, x: Any, y: Any, s: Any = None, *, kind: str = "points", **more: Any) -> dict[str, Any]:
+def series(
+    name: str, role: str, x: Any, y: Any, s: Any = None, *, kind: str = "points", **look: Unpack[SeriesLook]
+) -> Series:
     """A series of numbers as they are; s may be None."""
-    out = {"name": name, "role": role, "kind": kind, "x": numbers(x), "y": numbers(y), **more}
-    return out if s is None else {**out, "s": numbers(s, digits=2)}
+    out: Series = {"name": name, "role": role, "kind": kind, "x": numbers(x), "y": numbers(y), **look}
+    if s is not None:
+        out["s"] = numbers(s, digits=2)
+    return out
 
 
-def panel(title: str, x: Any, y: Any, drawn: Sequence[dict[str, Any]], **more: Any) -> dict[str, Any]:
+def panel(title: str, x: Axis, y: Axis, drawn: Sequence[Series], **look: Unpack[PanelLook]) -> Panel:
     """One panel."""
-    return {"title": title, "x": x, "y": y, "series": list(drawn), **more}
+    return {"title": title, "x": x, "y": y, "series": list(drawn), **look}
 
 
-def chart(title: str, panels: Sequence[dict[str, Any]], note: str = "", *, stacked: bool = False) -> Chart:
-    """One figure; stacked panels share x."""
+def chart(title: str, panels: Sequence[Panel], note: str = "", *, stacked: bool = False) -> Chart:
+    """One figure."""
     return {"title": title, "note": note, "panels": list(panels), "stacked": stacked}
 
 
@@ -70,7 +165,7 @@ ALONG = {
 }
 
 
-def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Mapping[str, Any] | None = None) -> Chart | None:
+def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Diagnosis | None = None) -> Chart | None:
     """Jump heights by kind along what varies most, measured, simulated and, where the diagnosis has one, extended."""
     known = [r for r in rows if r.get("jump_height_m") is not None]
     if not known:
@@ -81,113 +176,96 @@ def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Mapping[str, Any
     if not known:
         return None
     label, unit, factor = ALONG[along]
-    asked = {h["experiment"]: h for h in (diagnosis or {}).get("heights", [])}  # apexes after the motor's stop
-    extended = {name: h["extended_m"] for name, h in asked.items()}
+    asked = {h.experiment: h for h in diagnosis.heights} if diagnosis else {}  # apexes after the motor's stop
+    extends = any(np.isfinite(h.extended_m) for h in asked.values())
     left, right = [], []
-    legend: list[dict[str, Any]] = []
+    legend: list[Key] = []
     for kind in sorted({str(r["kind"]) for r in known}):
         role, mark = KINDS.get(kind, ("accent", "circle"))
         word = kind.replace("_", " ")
         legend.append({"name": word, "role": role, "mark": mark})
         mine = sorted((r for r in known if str(r["kind"]) == kind), key=lambda r: r[along])
-        look: dict[str, Any] = {"mark": mark, "label": names(mine)}
+        look: SeriesLook = {"mark": mark, "label": names(mine)}
         x, measured = column(mine, along, factor), column(mine, "jump_height_m", 1e3)
         model = column(mine, "simulated_height_m", 1e3)
-        better, reached = (
-            np.array([asked.get(r["experiment"], {}).get(k) or np.nan for r in mine], float) * 1e3
-            for k in ("extended_m", "measured_m")
-        )
-        styles: dict[str, dict[str, Any]] = {"model": {"hollow": True, "size": 5}, "extended model": {"size": 3}}
-        for (name, how), heights, jumped in zip(styles.items(), (model, better), (measured, reached)):
+        tops = [(h.extended_m, h.measured_m) if (h := asked.get(r["experiment"])) else (np.nan, np.nan) for r in mine]
+        better, reached = np.array(tops).T * 1e3
+        styles: dict[str, SeriesLook] = {"model": {"hollow": True, "size": 5}, "extended model": {"size": 3}}
+        for (name, style), heights, jumped in zip(styles.items(), (model, better), (measured, reached)):
             if np.isfinite(heights).any():
-                right.append(series(f"{word}, {name}", role, heights, jumped, tags=[word, name], **how, **look))
+                how: SeriesLook = {**look, **style, "tags": [word, name]}
+                right.append(series(f"{word}, {name}", role, heights, jumped, **how))
         if np.isfinite(model).any():
-            left.append(
-                series(f"{word}, model", role, x, model, tags=[word, "model"], hollow=True, size=5, joined=True, **look)
-            )
-        left.append(
-            series(
-                f"{word}, measured", role, x, measured, column(mine, "sigma_m", 1e3), tags=[word, "measured"], **look
-            )
-        )
-    heights = axis("jump height", "mm", zero=True)
-    panels = [panel(f"against {label}", axis(label, unit), heights, left, share=1.5)]
+            how = {**look, **styles["model"], "tags": [word, "model"], "joined": True}
+            left.append(series(f"{word}, model", role, x, model, **how))
+        how = {**look, "tags": [word, "measured"]}
+        left.append(series(f"{word}, measured", role, x, measured, column(mine, "sigma_m", 1e3), **how))
+    panels = [panel(f"against {label}", axis(label, unit), axis("jump height", "mm", zero=True), left, share=1.5)]
     if right:
-        panels.append(
-            panel(
-                "measured against model",
-                axis("model", "mm", zero=True),
-                axis("measured", "mm", zero=True),
-                right,
-                equal=True,
-            )
-        )
+        both = axis("model", "mm", zero=True), axis("measured", "mm", zero=True)
+        panels.append(panel("measured against model", *both, right, equal=True))
     words = "Filled: measured, bars ±2σ; open: the model." if right else "Bars are ±2σ."
-    if any(extended.values()):
+    if extends:
         words += " Small on the right: the extended model, both apexes after the motor's stop."
-    legend += [{"name": "measured", "role": "ink"}, {"name": "model", "role": "ink", "hollow": True}] if right else []
-    legend += [{"name": "extended model", "role": "ink", "size": 3}] if any(extended.values()) else []
-    return chart("Jump heights", panels, words) | {"legend": legend}
+    if right:
+        legend += [{"name": "measured", "role": "ink"}, {"name": "model", "role": "ink", "hollow": True}]
+    if extends:
+        legend.append({"name": "extended model", "role": "ink", "size": 3})
+    return {**chart("Jump heights", panels, words), "legend": legend}
 
 
-def diagnosis_charts(d: Mapping[str, Any] | None) -> list[Chart]:
+def diagnosis_charts(d: Diagnosis | None) -> list[Chart]:
     """Where the simulation fails, which cause, and what the extension gains."""
     if not d:
         return []
     panels = []
-    if d["where"]:
-        panels.append(where_panel(d["where"]))
-    if d["causes"]:
-        causes = d["causes"]
-        panels.append(
-            panel(
-                "probability of each mechanism",
-                axis("probability", range=[0.0, 1.0]),
-                axis("mechanism", names=[c["mechanism"].replace("_", " ") for c in causes]),
-                [
-                    series(
-                        "probability",
-                        "green",
-                        [c["probability"] for c in causes],
-                        range(len(causes)),
-                        kind="bars",
-                        label=[parameters(c) for c in causes],
-                    )
-                ],
-            )
+    if d.where:
+        panels.append(where_panel(d.where))
+    if d.causes:
+        likely = series(
+            "probability",
+            "green",
+            [c.probability for c in d.causes],
+            range(len(d.causes)),
+            kind="bars",
+            label=[c.words for c in d.causes],
         )
-    if g := d["gain"]:
-        low, high = g["ratio_ci95"]
-        what = ["track", "height"]
-        before, after = ([g[f"rmse_{w}_{k}_m"] * 1e3 for w in what] for k in ("before", "after"))
+        mechanisms = axis("mechanism", names=[c.mechanism.replace("_", " ") for c in d.causes])
         panels.append(
-            panel(
-                f"jumps held out: track {g['ratio']:.3g}× better ({low:.3g} to {high:.3g})",
-                axis("rms error", "mm", log=True),
-                axis("of", names=what),
-                [
-                    series("baseline", "model", before, range(2), kind="bars"),
-                    series("extended", "green", after, range(2), kind="bars"),
-                ],
-            )
+            panel("probability of each mechanism", axis("probability", range=[0.0, 1.0]), mechanisms, [likely])
         )
-    note = "A dot marks a residual beyond chance (p < 0.02)." if d["where"] else ""
+    if d.gain:
+        panels.append(gain_panel(d.gain))
+    note = "A dot marks a residual beyond chance (p < 0.02)." if d.where else ""
     return [chart("Where it fails, why, and what is gained", panels, note)] if panels else []
 
 
-def where_panel(cells: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def gain_panel(g: Gain) -> Panel:
+    """Errors of jumps held out, by the baseline and by the extended model."""
+    low, high = g.ratio_ci95
+    before = np.array([g.rmse_track_before_m, g.rmse_height_before_m]) * 1e3
+    after = np.array([g.rmse_track_after_m, g.rmse_height_after_m]) * 1e3
+    bars = [
+        series("baseline", "model", before, range(2), kind="bars"),
+        series("extended", "green", after, range(2), kind="bars"),
+    ]
+    title = f"jumps held out: track {g.ratio:.3g}× better ({low:.3g} to {high:.3g})"
+    return panel(title, axis("rms error", "mm", log=True), axis("of", names=["track", "height"]), bars)
+
+
+def where_panel(cells: Sequence[Cell]) -> Panel:
     """Mean residual by kind and part of the jump, as a map."""
-    kinds = sorted({str(c.get("kind")) for c in cells})
-    parts = list(dict.fromkeys(str(c["phase_of_jump"]) for c in cells))
-    z: list[list[float | None]] = [[None] * len(parts) for _ in kinds]
+    kinds = sorted({c.kind for c in cells})
+    parts = list(dict.fromkeys(c.phase_of_jump for c in cells))
+    z: list[Numbers] = [[None] * len(parts) for _ in kinds]
     dots = []
     for c in cells:
-        j, i = kinds.index(str(c.get("kind"))), parts.index(str(c["phase_of_jump"]))
-        z[j][i] = numbers([c["mean_residual_m"]], 1e3, 3)[0]
-        if c["p_value"] < 0.02:
-            dots.append([i, j])
+        j, i = kinds.index(c.kind), parts.index(c.phase_of_jump)
+        z[j][i] = numbers([c.mean_residual_m], 1e3, 3)[0]
+        if c.p_value < LEVEL:
+            dots.append((i, j))
     top = max((abs(v) for row in z for v in row if v is not None), default=1.0) or 1.0
-    drawn = {
+    drawn: Series = {
         "name": "mean residual",
         "kind": "map",
         "role": "ink",
@@ -206,12 +284,4 @@ def where_panel(cells: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         [drawn],
         height=90 + 44 * len(kinds),
         share=1.3,
-    )
-
-
-def parameters(cause: Mapping[str, Any]) -> str:
-    """The parameters of a cause in words, each with its 90 % interval."""
-    return ", ".join(
-        f"{n} = {p['value']:.4g} ({p['low']:.4g} to {p['high']:.4g}) {p['unit'].removesuffix('1') or ''}".rstrip()
-        for n, p in cause["parameters"].items()
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from jumpvision.results.fields import Column
 
-from .charts import MOST, Chart, axis, chart, fits_of, json_of, panel, series
+from .charts import MOST, Chart, Rule, axis, chart, fits_of, json_of, panel, series
 
 
 def experiment_charts(results: Path, law: Any = None) -> list[Chart]:
@@ -28,7 +28,7 @@ def jump_chart(results: Path, law: Any = None) -> Chart | None:
     every = -(-len(rod) // MOST)
     rod = rod.iloc[::every]
     t = rod.time_s
-    spans = [[law.start, law.stop, "motor"]] if law is not None and law.moves else []
+    spans = [(law.start, law.stop, "motor")] if law is not None and law.moves else []
     x, y = axis("time", "s"), axis("height above rest", "mm")
     measured = series("measured", "measured", t, rod.height_m * 1e3, rod.sigma_m * 1e3, size=2)
     note = "Bars and bands are ±2σ." + (f" Every {every}th frame is shown." if every > 1 else "")
@@ -126,7 +126,7 @@ def intrusion_chart(results: Path) -> Chart | None:
     if v["cone"]:
         shown.append(series("RFT cone", "green", z, np.array(v["cone"]["force_N"])[::every], kind="line", dash=True))
     delta = v["fits"]["delta"]["value"]
-    rules = [{"x": delta * 1e3}] if delta is not None else []
+    rules: list[Rule] = [{"x": delta * 1e3}] if delta is not None else []
     depth, left = axis("depth below the surface", "mm"), p["force_N"] - p["fitted_N"]
     panels = [
         panel("force against depth", depth, axis("force", "N", zero=True), shown, rules=rules),

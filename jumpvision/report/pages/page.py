@@ -17,17 +17,18 @@ from jumpvision import __version__
 from jumpvision.base.numbers import measured
 from jumpvision.base.storage import write_aside
 from jumpvision.campaign.across import actuator_bandwidth, actuator_rows, intrusion_laws, intrusion_rows
-from jumpvision.campaign.beside import Truth, chance, confirmation_rows, details, is_named, models, overview, said_true
 from jumpvision.campaign.craters import craters_table, zero_crossing
+from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, details, overview, true_parameters
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Actuation
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.report.figures.pictures import drawn
 from jumpvision.results import plain
+from jumpvision.results.diagnosis import Cause, Diagnosis
 from jumpvision.workflow.run import Outcome, truth_of
 
-from .charts import diagnosis_charts, fits_of, heights_chart, json_of, parameters
+from .charts import diagnosis_charts, fits_of, heights_chart, json_of
 from .experiment_charts import experiment_charts
 from .words import campaign_words, experiment_words, film, inline, noise_words, poster, preview
 
@@ -59,7 +60,7 @@ def write_report(
     results: Path,
     *,
     single: bool,
-    diagnosis: dict[str, Any] | None = None,
+    diagnosis: Diagnosis | None = None,
 ) -> Path:
     """Write the pages and return the path of the one to open: of the campaign, or of the only experiment."""
     laws = {e.name: e.section(Actuation) for e in campaign.experiments}
@@ -73,8 +74,8 @@ def write_report(
             o.errors.append(f"{o.results / NAME}: {e.strerror or e}; free or change it and run again")
     if single:
         return outcomes[0].results / NAME
-    true = [dict(truth_of(campaign.path)), chance(campaign, outcomes)]
-    key = digest_of([*keys, json.dumps(plain([rows, diagnosis, dict(campaign.excluded), true]))])
+    true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
+    key = digest_of([*keys, json.dumps(plain([rows, diagnosis and diagnosis.values, dict(campaign.excluded), true]))])
     if not made_from(results / NAME, key):
         write_campaign(campaign, outcomes, rows, results, diagnosis, key)
     return results / NAME
@@ -85,7 +86,7 @@ def write_campaign(
     outcomes: list[Outcome],
     rows: list[dict[str, Any]],
     results: Path,
-    diagnosis: dict[str, Any] | None,
+    diagnosis: Diagnosis | None,
     key: str,
 ) -> None:
     """The page of a campaign."""
@@ -117,15 +118,15 @@ def write_campaign(
         causes=causes_shown(diagnosis, truth) if diagnosis else [],
         synthetic=truth is not None,
         beside=confirmation_rows(diagnosis, campaign) if diagnosis else [],
-        noise=noise_words(diagnosis["noise"]) if diagnosis else "",
-        confirmed=diagnosis.get("confirmed") if diagnosis else None,
+        noise=noise_words(diagnosis.noise) if diagnosis else "",
+        confirmed=diagnosis.confirmed if diagnosis else None,
         model=diagnosis,
         critical=inline(drawn(critical, craters, crossing)) if packed else None,
         intrusions=inline(drawn(resistances, intruded, intrusion_laws(intruded))) if intruded else None,
         actuator=inline(drawn(actuator, driven, actuator_bandwidth(driven))) if swept else None,
         table=linked(overview(campaign, outcomes), outcomes),
         details=details(campaign, outcomes),
-        chance=chance(campaign, outcomes),
+        chance=coverage_words(campaign, outcomes),
         shown=shown,
         previews=[
             {"src": preview(shown.results / f), "heading": PICTURES.get(f, ("Intrusion", ""))[0]}
@@ -142,12 +143,9 @@ def write_campaign(
     write_aside(results / NAME, text)
 
 
-def causes_shown(diagnosis: dict[str, Any], truth: Truth | None) -> list[dict[str, Any]]:
-    """The models that were tried with their parameters in words; of the named one the truth too, where it is stated."""
-    return [
-        c | {"said": parameters(c), "true": said_true(c, truth) if truth and is_named(c, diagnosis) else ""}
-        for c in models(diagnosis["causes"])
-    ]
+def causes_shown(diagnosis: Diagnosis, truth: Truth | None) -> list[tuple[Cause, str]]:
+    """(model that was tried, its true parameters in words where it is the named one and they are stated)."""
+    return [(c, true_parameters(c, truth) if truth and diagnosis.names(c) else "") for c in diagnosis.models]
 
 
 def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:

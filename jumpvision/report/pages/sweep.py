@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,7 @@ from jumpvision.studies.axes import AXES
 from jumpvision.studies.comparison import compare
 from jumpvision.studies.motions import grid
 
-from .charts import Chart, axis, chart, numbers, panel, series
+from .charts import Axis, AxisLook, Chart, Panel, Series, axis, chart, numbers, panel, series
 from .page import static, template
 from .words import inline
 
@@ -83,7 +83,7 @@ def charts_of(data: xr.Dataset) -> list[Chart]:
     return []
 
 
-def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> dict[str, Any]:
+def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> Panel:
     """One quantity over two axes, the first upwards; thinned to FINEST points an axis."""
     title, factor, unit = SHOWN[name]
     thin = {d: slice(None, None, -(-data.sizes[d] // FINEST)) for d in dims}
@@ -93,7 +93,7 @@ def map_panel(data: xr.Dataset, name: str, dims: list[str]) -> dict[str, Any]:
     seen = z[np.isfinite(z)]
     limits = [min(0.0, float(seen.min())), float(np.percentile(seen, 99.5)) or 1.0] if seen.size else [0.0, 1.0]
     x, y = (part[d].values * AXES[d].factor for d in dims[::-1])
-    drawn = {
+    drawn: Series = {
         "name": title,
         "kind": "map",
         "role": "ink",
@@ -120,9 +120,9 @@ def edges_of(x: Any) -> list[float]:
     return [float(x[0] - half), float(x[-1] + half)]
 
 
-def axis_of(name: str, **more: Any) -> dict[str, Any]:
+def axis_of(name: str, **look: Unpack[AxisLook]) -> Axis:
     """An axis of a sweep."""
-    return axis(AXES[name].label, AXES[name].shown, **more)
+    return axis(AXES[name].label, AXES[name].shown, **look)
 
 
 def comparison(data: xr.Dataset) -> Chart:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.numbers import measured
+from jumpvision.estimate.crater import ZeroCrossing
+from jumpvision.results.diagnosis import Diagnosis, Noise
 
 from .charts import column
 
@@ -18,29 +20,23 @@ SHOWN = 3
 
 
 def campaign_words(
-    rows: Sequence[Mapping[str, Any]], diagnosis: Mapping[str, Any] | None, craters: Any, intruded: int
+    rows: Sequence[Mapping[str, Any]], diagnosis: Diagnosis | None, craters: ZeroCrossing | None, intruded: int
 ) -> tuple[str, Numbers]:
     """(sentence, numbers) of a campaign; the diagnosis' sentence where there is one."""
     jumped = [r for r in rows if r.get("jump_height_m") is not None]
     h, s = column(jumped, "jump_height_m", 1e3), column(jumped, "sigma_m", 1e3)
     model = column(jumped, "simulated_height_m", 1e3)
     if diagnosis:
-        b, p = diagnosis["baseline"], diagnosis["p_value"]
-        facts = [(f"{1e3 * b['rmse_height_m']:.3g}", "mm", "error of the simulated heights, rms")]
-        if g := diagnosis["gain"]:
-            low, high = g["ratio_ci95"]
+        facts = [(f"{1e3 * diagnosis.baseline.rmse_height_m:.3g}", "mm", "error of the simulated heights, rms")]
+        if g := diagnosis.gain:
+            low, high = g.ratio_ci95
             said = f"smaller track error on jumps held out, with the extended model ({low:.3g} to {high:.3g})"
-            facts.append((f"{g['ratio']:.3g}×", "", said))
+            facts.append((f"{g.ratio:.3g}×", "", said))
         else:
-            facts.append((probability(p), "", "probability of such residuals by noise alone"))
-        facts.append(
-            (
-                str(len(diagnosis["heights"])),
-                "jumps",
-                f"questioned, noise {1e3 * diagnosis['noise']['sigma_m']:.2g} mm a frame",
-            )
-        )
-        return str(diagnosis["sentence"]), facts
+            facts.append((probability(diagnosis.p_value), "", "probability of such residuals by noise alone"))
+        noise = f"questioned, noise {1e3 * diagnosis.noise.sigma_m:.2g} mm a frame"
+        facts.append((str(len(diagnosis.heights)), "jumps", noise))
+        return diagnosis.sentence, facts
     if jumped:
         text = f"{len(jumped)} jumps, {h.min():.3g} to {h.max():.3g} mm high"
         facts = [(f"{h.max():.4g}", "mm", f"highest jump: {jumped[int(h.argmax())]['experiment']}")]
@@ -61,14 +57,14 @@ def campaign_words(
     return f"{what} analysed.", []
 
 
-def noise_words(noise: Mapping[str, Any]) -> str:
+def noise_words(noise: Noise) -> str:
     """What is known of the noise of a frame, and from which sources."""
-    known = {k: s for k, s in noise["sources"].items() if s}
     sources = "; ".join(
-        f"{SOURCES[k]} {measured(s['sigma_m'], s['sigma_m'] * s['log_sigma'], 1e3)} mm (n = {s['n']})"
-        for k, s in known.items()
+        f"{SOURCES[k]} {measured(s.sigma_m, s.sigma_m * s.log_sigma, 1e3)} mm (n = {s.n})"
+        for k, s in noise.sources.items()
+        if s
     )
-    return f"Noise: {1e3 * noise['sigma_m']:.3g} mm a frame" + (f"; {sources}." if sources else ".")
+    return f"Noise: {1e3 * noise.sigma_m:.3g} mm a frame" + (f"; {sources}." if sources else ".")
 
 
 SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}

@@ -5,22 +5,24 @@ from __future__ import annotations
 import json
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import SAMPLES
+from diagnosis_sample import causes, confirmation, diagnosis, parameter
 
 from jumpvision.base.numbers import measured
-from jumpvision.campaign.beside import Truth, chance, confirmation_rows, parameter_rows, true_mass
+from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, parameter_rows, true_mass
 from jumpvision.cli import terminal as show
 from jumpvision.inputs.experiment import open_campaign
 from jumpvision.report.pages.page import causes_shown
+from jumpvision.results.diagnosis import Cause
 from jumpvision.workflow.run import Outcome
 
 SAND = SAMPLES / "loose_sand"
 FILM = "stutter-7.0Hz-film"
 TRUE = {"b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.radians(60.0)}  # of truth.json
-Z90 = 1.645
 
 
 @pytest.fixture(scope="module")
@@ -37,25 +39,10 @@ def recorded(tmp_path):
     return open_campaign(tmp_path / "sand")
 
 
-def parameter(value, sigma, unit="1"):
-    """A parameter of diagnosis.json."""
-    return {"value": value, "low": value - Z90 * sigma, "high": value + Z90 * sigma, "unit": unit}
-
-
-def confirmed(quantity, film, jumps, **more):
-    """A row of `confirmation`: (value, sigma) by film and by the jumps."""
-    z = (film[0] - jumps[0]) / math.hypot(film[1], jumps[1])
-    return {"quantity": quantity, "unit": "1", "source": f"film {FILM}", "by_film": film[0], "by_film_sigma": film[1],
-            "by_jumps": jumps[0], "by_jumps_sigma": jumps[1], "z": z, "verdict": "agree", **more}  # fmt: skip
-
-
 def diagnosed(named, parameters, rows=()):
-    """The parts of diagnosis.json that are shown; one cause for each mechanism of the named model, and a rival."""
-    common = {"probability": 0.9, "delta_score": 100.0}
-    causes = [{"mechanism": m, "with": [n for n in named if n != m], "parameters": parameters, **common} for m in named]
-    rival = {"mechanism": "tilt", "with": [], "parameters": {"dg": parameter(0.1, 0.01, "m/s^2")}, **common}
-    return {"sentence": "Said.", "confirmed": None, "named": list(named), "causes": [*causes, rival],
-            "confirmation": list(rows), "gain": None, "next_experiment": None}  # fmt: skip
+    """One cause for each mechanism of the named model, and a rival."""
+    rival = Cause("tilt", (), 0.9, 100.0, {"dg": parameter(0.1, 0.01, "m/s^2")})
+    return diagnosis(named=tuple(named), causes=(*causes(tuple(named), parameters), rival), confirmation=tuple(rows))
 
 
 def test_the_truth_stands_beside_each_parameter_and_is_marked_outside_95_per_cent(campaign):
@@ -68,7 +55,7 @@ def test_the_truth_stands_beside_each_parameter_and_is_marked_outside_95_per_cen
     assert {n: r["truth is"] for n, r in rows.items()} == {
         "b": "inside 95 %", "C": "inside 95 %", "mu": "outside 95 % (2.0 sigma)", "theta": "outside 95 % (3.0 sigma)",
     }  # fmt: skip
-    shown = [c["true"] for c in causes_shown(d, Truth.of(campaign))]
+    shown = [true for _, true in causes_shown(d, Truth.of(campaign))]
     assert shown[1:] == [""] and shown[0].endswith("; mu outside 95 % (2.0 sigma), theta outside 95 % (3.0 sigma)")
 
 
@@ -81,8 +68,8 @@ def test_as_many_digits_as_the_uncertainty_is_worth():
 
 def test_an_interval_cut_by_the_parameters_range_is_as_wide_as_its_other_half(campaign):
     p = parameter(17.2 + 0.03, 0.02)
-    for cut in ({"low": p["value"] - 0.001}, {"high": p["value"] + 0.001}):
-        (row,) = parameter_rows(diagnosed(["depth_drag"], {"b": p | cut}), campaign)
+    for cut in ({"low": p.value - 0.001}, {"high": p.value + 0.001}):
+        (row,) = parameter_rows(diagnosed(["depth_drag"], {"b": replace(p, **cut)}), campaign)
         assert row["truth is"] == "inside 95 %"  # 1.5 sigma; 49 sigma of the short half
 
 
@@ -101,11 +88,11 @@ def test_what_the_truth_lacks_and_what_has_no_one_value_are_not_judged(campaign,
 
 
 def test_nothing_is_said_of_a_truth_where_none_is_stated(recorded, capsys):
-    d = diagnosed(["depth_drag"], {"b": parameter(17.0, 0.02)}, [confirmed("C", (2.7, 0.1), (2.6, 0.1))])
+    d = diagnosed(["depth_drag"], {"b": parameter(17.0, 0.02)}, [confirmation("C", (2.7, 0.1), (2.6, 0.1))])
     assert not {"true", "truth is"} & {k for r in parameter_rows(d, recorded) for k in r}
     assert not {"true", "truth is"} & {k for r in confirmation_rows(d, recorded) for k in r}
     summary = {"jump_height_m": 0.02, "sigma_m": 1e-5}
-    assert chance(recorded, [Outcome(FILM, recorded.path, summary=summary)]) == ""
+    assert coverage_words(recorded, [Outcome(FILM, recorded.path, summary=summary)]) == ""
     show.diagnosis(d, recorded, [], as_json=False)
     text = capsys.readouterr().out
     assert "17.000 ± 0.020" in text and "true" not in text and "95 %" not in text
@@ -113,8 +100,8 @@ def test_nothing_is_said_of_a_truth_where_none_is_stated(recorded, capsys):
 
 def test_film_and_jumps_are_each_held_against_the_truth(campaign):
     """0.2 off: 2 sigma of the film's 0.1, 1 sigma of the jumps' 0.2."""
-    rows = [confirmed("C", (2.8, 0.1), (2.6, 0.2)), confirmed("mu", (2.2, 0.1), (1.8, 0.2)),
-            confirmed("b", (17.2, 0.1), (17.8, 0.2)), confirmed("mu", (2.1, 0.1), (3.0, 0.0))]  # fmt: skip
+    rows = [confirmation("C", (2.8, 0.1), (2.6, 0.2)), confirmation("mu", (2.2, 0.1), (1.8, 0.2)),
+            confirmation("b", (17.2, 0.1), (17.8, 0.2)), confirmation("mu", (2.1, 0.1), (3.0, 0.0))]  # fmt: skip
     shown = confirmation_rows(diagnosed([], {}, rows), campaign)
     assert [r["truth is"] for r in shown] == [
         "inside 95 %", "outside 95 % (2.0 sigma) by film", "outside 95 % (3.0 sigma) by the jumps", "inside 95 %",
@@ -138,7 +125,7 @@ def test_the_true_mass_is_that_of_the_laboratorys_film(campaign):
     off = bend * np.max(np.diff(depth)) ** 2 / 8
     assert off < 0.01 * mass.min()
     for z, m in zip(depth, mass, strict=True):
-        row = confirmed("added_mass", (0.1, 0.01), (0.1, 0.01), experiment=FILM, depth_m=float(z))
+        row = confirmation("added_mass", (0.1, 0.01), (0.1, 0.01), experiment=FILM, depth_m=float(z))
         assert true_mass(row, campaign, Truth.of(campaign)) == pytest.approx(m, abs=off)
 
 
@@ -146,16 +133,16 @@ def test_values_outside_95_per_cent_are_told_with_what_chance_leaves(campaign):
     true = json.loads((SAND / FILM / "truth.json").read_text())["summary"]
     good = {"jump_height_m": true["jump_height_m"] + 1.9e-5, "sigma_m": 1e-5, "mu": 2.0 - 0.019, "mu_sigma": 0.01}
     outcomes = [Outcome(FILM, SAND, summary=good)]
-    assert chance(campaign, outcomes) == "The truth is inside 95 % of 2 of the 2 values with an uncertainty."
+    assert coverage_words(campaign, outcomes) == "The truth is inside 95 % of 2 of the 2 values with an uncertainty."
     outcomes[0].summary["mu"] = 2.0 - 0.03
-    assert chance(campaign, outcomes) == (
+    assert coverage_words(campaign, outcomes) == (
         "The truth is inside 95 % of 1 of the 2 values with an uncertainty, outside 95 % of "
         f"{FILM} mu (3.0 sigma): by chance about 0.1 would be."
     )
 
 
 def test_the_terminal_shows_the_tables_and_json_nothing_but_json(campaign, capsys):
-    row = confirmed("added_mass", (0.146, 0.003), (0.1503, 0.0002), experiment=FILM, depth_m=0.023) | {"unit": "kg"}
+    row = confirmation("added_mass", (0.146, 0.003), (0.1503, 0.0002), experiment=FILM, depth_m=0.023, unit="kg")
     d = diagnosed(["depth_drag"], {"b": parameter(17.3, 0.02)}, [row])
     outcomes = [Outcome(FILM, SAND, summary={"jump_height_m": 0.0067, "sigma_m": 1e-5})]
     show.diagnosis(d, campaign, [], as_json=False)
@@ -163,6 +150,6 @@ def test_the_terminal_shows_the_tables_and_json_nothing_but_json(campaign, capsy
     text = capsys.readouterr().out
     assert text.count("outside 95 % (5.0 sigma)") == 2 and text.count("added mass, 23.0 mm deep") == 2
     show.diagnosis(d, campaign, [], as_json=True)
-    assert json.loads(capsys.readouterr().out) == d
+    assert json.loads(capsys.readouterr().out) == d.values
     show.outcome(campaign, outcomes, [], SAND, [], as_json=True, single=False, diagnosis=d)
-    assert json.loads(capsys.readouterr().out)["diagnosis"] == d
+    assert json.loads(capsys.readouterr().out)["diagnosis"] == d.values
