@@ -19,8 +19,8 @@ from test_crater import write_line
 from test_vectors import folder_of, made
 
 from jumpvision.base.schema import InputError
-from jumpvision.campaign import craters
-from jumpvision.campaign.across import bed_laws, intrusion_laws
+from jumpvision.campaign.craters import Crater, zero_crossing
+from jumpvision.campaign.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
 from jumpvision.cli import main
 from jumpvision.estimate.estimate import Estimate, independent
 from jumpvision.estimate.flight import Flights
@@ -540,17 +540,15 @@ def test_the_critical_packing_keeps_the_error_of_the_beds_camera():
     for n in (6, 200):
         phi = rng.uniform(0.58, 0.63, n)
         rows = [
-            {"volume_m3": 4e-5 * (f - 0.605) + rng.normal(0, 1e-8), "sigma_m3": math.hypot(1e-8, 0.03 * 1e-6),
-             "sigma_common_m3": 0.03 * 1e-6, "noise_sigma_m3": 1e-8, "volume_fraction": f,
-             "sigma_volume_fraction": math.hypot(1e-4, 0.002 * f), "sigma_common_volume_fraction": 0.002 * f}
+            Crater(str(f), 4e-5 * (f - 0.605) + rng.normal(0, 1e-8), math.hypot(1e-8, 0.03 * 1e-6), 0.03 * 1e-6, 1e-8,
+                   f, math.hypot(1e-4, 0.002 * f), 0.002 * f, None, None, None)
             for f in phi
         ]  # fmt: skip
-        told = craters.zero_crossing(rows)
+        told = zero_crossing(rows)
         assert told.sigma_common == pytest.approx(0.002 * 0.605, rel=1e-2)
-        bare = craters.zero_crossing([
-            r | {"sigma_m3": 1e-8, "sigma_common_m3": None, "sigma_volume_fraction": 1e-4,
-                 "sigma_common_volume_fraction": None} for r in rows
-        ])  # fmt: skip
+        own = {"sigma_m3": 1e-8, "sigma_volume_fraction": 1e-4}
+        alone = own | {"sigma_common_m3": None, "sigma_common_volume_fraction": None}
+        bare = zero_crossing([replace(r, **alone) for r in rows])
         assert told.value == pytest.approx(bare.value, rel=1e-9)  # the weights are those of what is independent
         assert told.sigma == pytest.approx(math.hypot(bare.sigma, told.sigma_common), rel=1e-3)
         assert told.low95 < told.value - 1.9 * told.sigma_common and told.high95 > told.value + 1.9 * told.sigma_common
@@ -562,21 +560,23 @@ def test_a_kink_against_packing_keeps_the_error_of_the_beds_camera():
     value = value + 20.0 * np.random.default_rng(2).standard_normal(phi.size)
 
     def rows(share):
+        none = np.zeros(0)
+        unknown = dict.fromkeys(FITTED, Fitted(np.nan, np.nan))
         return [
-            {"foot_radius_m": 0.0381, "volume_fraction": f, "sigma_common_volume_fraction": share * f, "k1": v,
-             "k1_sigma": 20.0, "cone": None}
-            | {k: None for n in ("k2", "delta", "s", "s_p", "lam") for k in (n, f"{n}_sigma")}
-            | {"ripple_variance_N2": None, "ripple_variance_N2_sigma": None}
+            SlowIntrusion(
+                str(f), 0.0381, f, share * f, np.nan, unknown | {"k1": Fitted(v, 20.0)}, none, none, none, None
+            )
             for f, v in zip(phi, value)
-        ]  # fmt: skip
+        ]
 
-    plain, told = (bed_laws(rows(s))[1]["k1"] for s in (0.0, 0.01))
+    plain, told = (bed_laws(rows(s)).values["k1"] for s in (0.0, 0.01))
     assert told["phi_c"]["value"] == plain["phi_c"]["value"] and plain["phi_c"]["sigma_common"] == 0.0
     assert told["phi_c"]["sigma"] == pytest.approx(math.hypot(plain["phi_c"]["sigma"], 0.01 * 0.605), rel=0.02)
     plain, told = (intrusion_laws(rows(s)) for s in (0.0, 0.01))
-    e, before = (d["laws"]["phi_c_from_k1"] for d in (told, plain))
-    assert e["sigma_common"] == pytest.approx(0.01 * 0.605, rel=0.02) and before["sigma_common"] == 0.0
-    assert e["sigma"] > e["sigma_common"] and told["phi_c_from_k1_ci95"][0] < plain["phi_c_from_k1_ci95"][0]
+    e, before = (d.laws["phi_c_from_k1"] for d in (told, plain))
+    assert e.sigma_common == pytest.approx(0.01 * 0.605, rel=0.02) and before.sigma_common == 0.0
+    assert e.sigma > e.sigma_common
+    assert told.intervals["phi_c_from_k1"][0] < plain.intervals["phi_c_from_k1"][0]
 
 
 def test_summary_and_table_show_the_common_part(tmp_path):

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from conftest import SAMPLES
 from diagnosis_sample import diagnosis, parameter
-from jumpvision.results.records import RecordError
 
 from benchmarks import stop_go
 from benchmarks.diagnosis import Case, run
 from jumpvision.campaign.document import sentence
 from jumpvision.cli import main
+from jumpvision.results import RecordError
 from jumpvision.results.diagnosis import (
     Closest,
     Coefficient,

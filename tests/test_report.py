@@ -25,8 +25,8 @@ from jumpvision.report.figures.overlays import STRIP, webm
 from jumpvision.report.pages.charts import heights_chart
 from jumpvision.report.pages.page import NAME, write_report
 from jumpvision.report.pages.words import experiment_words
-from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.results.diagnosis import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
+from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.workflow.run import Outcome, jumps_table
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]

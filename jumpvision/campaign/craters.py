@@ -6,70 +6,77 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.crater import TWO_HALVES, ZeroCrossing, critical_fraction
 from jumpvision.estimate.estimate import independent
 from jumpvision.results import plain
 from jumpvision.results.values import CraterShape
 
-COLUMNS = (
-    "volume_m3",
-    "sigma_m3",
-    "sigma_common_m3",
-    "noise_sigma_m3",
-    "volume_fraction",
-    "sigma_volume_fraction",
-    "sigma_common_volume_fraction",
-    "depth_m",
-    "rim_height_m",
-    "radius_m",
-)
+
+@dataclass(frozen=True)
+class Crater:
+    """One crater, as its row of craters.csv; None where unknown."""
+
+    experiment: str
+    volume_m3: float | None
+    sigma_m3: float | None
+    sigma_common_m3: float | None
+    noise_sigma_m3: float | None
+    volume_fraction: float | None
+    sigma_volume_fraction: float | None
+    sigma_common_volume_fraction: float | None
+    depth_m: float | None
+    rim_height_m: float | None
+    radius_m: float | None
 
 
-def craters_table(results: Mapping[str, Path]) -> list[dict[str, Any]]:
-    """One row an experiment that has a crater; results: its folder of results by name."""
-    rows = []
-    for name, folder in results.items():
-        if (folder / CraterShape.file).exists():
-            values = CraterShape.load(folder).values
-            rows.append({"experiment": name, **{c: values.get(c) for c in COLUMNS}})
-    return rows
+COLUMNS = tuple(f.name for f in fields(Crater))
 
 
-def zero_crossing(rows: list[dict[str, Any]]) -> ZeroCrossing:
-    """phi_c of the rows. Two halves of one crater say little about its own asymmetry, so that of all is pooled.
+def craters_of(results: Mapping[str, Path]) -> list[Crater]:
+    """Those of the experiments that have one; results: folder of results by name."""
+    found = {n: CraterShape.load(f).values for n, f in results.items() if (f / CraterShape.file).exists()}
+    return [Crater(name, *(values.get(c) for c in COLUMNS[1:])) for name, values in found.items()]
+
+
+def zero_crossing(craters: Sequence[Crater]) -> ZeroCrossing:
+    """phi_c of the craters. Two halves of one crater say little about its own asymmetry, so that of all is pooled.
 
     What all beds or all craters share by their cameras does not average out: another scale of the crater's camera
     multiplies all volumes and leaves their zero; another of the bed's multiplies all phi, and so phi_c.
     """
-    known = [r for r in rows if r["volume_fraction"] is not None]
+    known = [c for c in craters if c.volume_fraction is not None]
+
+    def column(name: str, unknown: float) -> Array:
+        values = (getattr(c, name) for c in known)
+        return np.array([unknown if v is None else v for v in values], float)
+
     v, total, noise, phi, dphi = (
-        np.array([r[c] if r[c] is not None else math.nan for r in known], float)
+        column(c, math.nan)
         for c in ("volume_m3", "sigma_m3", "noise_sigma_m3", "volume_fraction", "sigma_volume_fraction")
     )
-    alike, alike_phi = (
-        np.array([r[c] or 0.0 for r in known]) for c in ("sigma_common_m3", "sigma_common_volume_fraction")
-    )
+    alike, alike_phi = (column(c, 0.0) for c in ("sigma_common_m3", "sigma_common_volume_fraction"))
     own, own_phi = independent(total, alike), independent(dphi, alike_phi)
     uneven = np.mean(np.maximum(own**2 - noise**2, 0.0)) / TWO_HALVES**2 if known else 0.0
     found = critical_fraction(phi, own_phi, v, np.sqrt(noise**2 + uneven))
     return found.with_common(found.value * float(np.mean(alike_phi / phi)) if known else 0.0)
 
 
-def write_craters(rows: list[dict[str, Any]], found: ZeroCrossing, results: Path) -> list[Path]:
+def write_craters(craters: Sequence[Crater], found: ZeroCrossing, results: Path) -> list[Path]:
     """craters.csv and, in fits.json of the campaign, phi_c with its 95 % interval; the files written."""
-    if not rows:
+    if not craters:
         return []
     text = io.StringIO()
-    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     table.writeheader()
-    table.writerows(rows)
+    table.writerows(map(asdict, craters))
     write_aside(results / "craters.csv", text.getvalue())
     entry = {
         "value": found.value,

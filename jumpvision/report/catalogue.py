@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision.base.schema import InputError, closest
-from jumpvision.campaign.craters import craters_table, zero_crossing
+from jumpvision.campaign.actuator import Driven, actuator_bandwidth
+from jumpvision.campaign.craters import craters_of, zero_crossing
+from jumpvision.campaign.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, resistances, single
@@ -18,6 +20,7 @@ from jumpvision.report.pages.charts import fits_of, json_of
 from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.fields import Column, Flow, Piv
+from jumpvision.results.values import Intrusion
 from jumpvision.studies.study import studies
 
 from .figures import grains as films
@@ -40,7 +43,7 @@ class Results:
         return {f.parent.name: f.parent for f in sorted(self.folder.glob("*/summary.json"))}
 
     @cached_property
-    def jumps(self) -> list[dict[str, Any]]:
+    def jumps(self) -> list[dict[str, float | str | None]]:
         """Rows of jumps.csv."""
         return table(self.folder / "jumps.csv")
 
@@ -89,16 +92,15 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
     yield from of_grains(r)
     for name, folder in r.having("intrusion.json").items():
         yield of_intrusion(name, folder, "" if len(r.experiments) == 1 else f"-{name}")
-    if rows := intrusion_rows(r):
-        laws = json_of(r.folder / "intrusion_laws.json")
+    if rows := intrusions_of(r):
         yield (
             "resistances",
             (
                 "resistances, bend and oscillations against packing; feet beside the cone",
-                lambda F: resistances(rows, laws, F),
+                lambda F: resistances(rows, intrusion_laws(rows), F),
             ),
         )
-    craters = [c for c in craters_table(r.experiments) if c["volume_fraction"] is not None]
+    craters = [c for c in craters_of(r.experiments) if c.volume_fraction is not None]
     if len(craters) > 1:
         yield (
             "craters",
@@ -107,10 +109,10 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
                 lambda F: critical(craters, zero_crossing(craters), F),
             ),
         )
-    driven = table(r.folder / "actuator.csv")
-    if len({d["frequency_hz"] for d in driven}) > 2:
-        fit = json_of(r.folder / "actuator_bandwidth.json")
-        yield "actuator", ("amplitude ratio and lag of the actuator", lambda F: actuator(driven, fit, F))
+    motors = [Driven.of(row) for row in table(r.folder / "actuator.csv")]
+    if len({m.frequency for m in motors}) > 2:
+        what = "amplitude ratio and lag of the actuator"
+        yield "actuator", (what, lambda F: actuator(motors, actuator_bandwidth(motors), F))
 
 
 def of_intrusion(name: str, folder: Path, end: str) -> tuple[str, tuple[str, Draw]]:
@@ -191,17 +193,18 @@ def track(name: str, folder: Path) -> dict[str, Any]:
     }
 
 
-def intrusion_rows(r: Results) -> list[dict[str, Any]]:
-    """Rows of intrusion.csv with the profile and the cone of each."""
-    rows = []
+def intrusions_of(r: Results) -> list[SlowIntrusion]:
+    """The slow intrusions of a campaign, by its table."""
+    out = []
     for row in table(r.folder / "intrusion.csv"):
-        record = json_of(r.folder / str(row["experiment"]) / "intrusion.json")
-        if record:
-            rows.append(row | {"profile": record["profile"], "cone": record["cone"]})
-    return rows
+        name = str(row["experiment"])
+        if (r.folder / name / Intrusion.file).exists():
+            known = (row[k] for k in ("foot_radius_m", "volume_fraction", "sigma_common_volume_fraction"))
+            out.append(slow_intrusion(name, r.folder / name, *(None if x is None else float(x) for x in known)))
+    return out
 
 
-def table(file: Path) -> list[dict[str, Any]]:
+def table(file: Path) -> list[dict[str, float | str | None]]:
     """Rows of a CSV file, numbers as floats and empty cells as None; [] where it is not there."""
     if not file.exists():
         return []

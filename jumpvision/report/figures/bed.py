@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from jumpvision.base.numbers import measured
+from jumpvision.campaign.craters import Crater
 from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
 from jumpvision.physics.air import Drop
@@ -117,11 +119,11 @@ def draw_profile(axis: Any, v: dict[str, Any]) -> None:
     axis.legend()
 
 
-def critical(rows: list[dict[str, Any]], found: ZeroCrossing, Figure: Any) -> Any:
+def critical(craters: Sequence[Crater], found: ZeroCrossing, Figure: Any) -> Any:
     """Volume change against volume fraction, where that is known, with the line through phi_c."""
-    known = [r for r in rows if r["volume_fraction"] is not None]
-    phi, v = (np.array([r[k] for r in known], float) for k in ("volume_fraction", "volume_m3"))
-    dphi, dv = (np.array([r[k] for r in known], float) for k in ("sigma_volume_fraction", "sigma_m3"))
+    known = [c for c in craters if c.volume_fraction is not None]
+    phi, v = np.array([(c.volume_fraction, c.volume_m3) for c in known], float).T
+    dphi, dv = np.array([(c.sigma_volume_fraction, c.sigma_m3) for c in known], float).T
     figure = Figure(figsize=(6.0, 3.6), layout="constrained")
     axis = figure.subplots()
     axis.axhline(0.0, color=QUIET, lw=0.8)

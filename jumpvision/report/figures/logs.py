@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from jumpvision.base.numbers import measured
+from jumpvision.campaign.actuator import Driven
+from jumpvision.campaign.intrusions import IntrusionLaws, SlowIntrusion
+from jumpvision.estimate.motor import Bandwidth
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Actuation, MotorLog, NotApplicable
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
@@ -73,26 +77,26 @@ def draw_events(axis: Any, v: dict[str, Any]) -> None:
         axis.text(0.5, 0.5, "no pause or withdrawal", ha="center", transform=axis.transAxes, color=QUIET)
 
 
-def resistances(rows: list[dict[str, Any]], laws: dict[str, Any], Figure: Any) -> Any:
+def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: Any) -> Any:
     """k1, k2 per foot area, delta and ripples against packing; force against depth by foot beside the cone."""
     figure = Figure(figsize=(9.6, 6.4), layout="constrained")
     axes = figure.subplots(2, 2)
-    known = [r for r in rows if r["volume_fraction"] is not None]
+    known = [r for r in rows if np.isfinite(r.volume_fraction)]
     for name, color, mark in (("k1", MEASURED, "o"), ("k2", MODEL, "s")):
-        mine = [r for r in known if r[name] is not None and r["foot_radius_m"]]
-        area = np.array([np.pi * r["foot_radius_m"] ** 2 for r in mine]) * 1e6
+        mine = [r for r in known if np.isfinite(r.fits[name].value) and r.foot_radius > 0.0]
+        area = np.array([np.pi * r.foot_radius**2 for r in mine]) * 1e6
         points(axes[0, 0], mine, name, color, mark, 1.0 / area, f"${name[0]}_{name[1]}$")
     axes[0, 0].set(ylabel="resistance / foot area [N/cm³]", xlabel="volume fraction", title="resistances")
-    mine = [r for r in known if r["delta"] is not None]
+    mine = [r for r in known if np.isfinite(r.fits["delta"].value)]
     points(axes[0, 1], mine, "delta", MEASURED, "o", np.full(len(mine), 1e3), "δ")
     axes[0, 1].set(ylabel="δ [mm]", xlabel="volume fraction", title="depth of the bend")
-    mine = [r for r in known if r["ripple_N"] is not None]
+    mine = [r for r in known if np.isfinite(r.fits["ripple_N"].value)]
     points(axes[1, 0], mine, "ripple_N", GREEN, "o", np.ones(len(mine)), "ripple")
     for axis, law in ((axes[0, 0], "phi_c_from_k1"), (axes[1, 0], "phi_c_from_ripple")):
-        bend = laws["laws"][law]
-        if bend["value"] is not None:
-            axis.axvspan(*laws[f"{law}_ci95"], color=QUIET, alpha=0.25, lw=0)
-            axis.axvline(bend["value"], color=QUIET, lw=0.8, label=f"bend at {bend['value']:.3f}")
+        bend = laws.laws[law].value
+        if np.isfinite(bend):
+            axis.axvspan(*laws.intervals[law], color=QUIET, alpha=0.25, lw=0)
+            axis.axvline(bend, color=QUIET, lw=0.8, label=f"bend at {bend:.3f}")
     axes[1, 0].set(ylabel="amplitude [N]", xlabel="volume fraction", title="oscillations below the bend")
     for axis in (axes[0, 0], axes[1, 0]):
         axis.legend()
@@ -100,27 +104,29 @@ def resistances(rows: list[dict[str, Any]], laws: dict[str, Any], Figure: Any) -
     return figure
 
 
-def points(axis: Any, rows: list[dict[str, Any]], name: str, color: str, mark: str, factor: Any, label: str) -> None:
-    """One column of the table against packing, with sigma."""
+def points(axis: Any, rows: Sequence[SlowIntrusion], name: str, color: str, mark: str, factor: Any, label: str) -> None:
+    """One fit of each intrusion against packing, with sigma."""
     if rows:
-        phi = [r["volume_fraction"] for r in rows]
-        value, sigma = (np.array([r[k] for r in rows]) * factor for k in (name, f"{name}_sigma"))
+        value, sigma = np.array([r.fits[name] for r in rows]).T * factor
+        phi = [r.volume_fraction for r in rows]
         axis.errorbar(phi, value, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=label)
 
 
-def draw_feet(axis: Any, rows: list[dict[str, Any]]) -> None:
+def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
     """First intrusions in the loosest bed by foot radius, and the cone's prediction of each."""
     import matplotlib as mpl
 
-    loose = min((r["volume_fraction"] or 0.0 for r in rows), default=0.0)
-    longest_last = sorted(rows, key=lambda r: r["profile"]["event"].count(-1))
-    feet = {r["foot_radius_m"]: r for r in longest_last if r["cone"] and (r["volume_fraction"] or 0.0) <= loose + 1e-6}
+    packing = {r.experiment: float(np.nan_to_num(r.volume_fraction)) for r in rows}
+    loose = min(packing.values(), default=0.0)
+    longest_last = sorted(rows, key=lambda r: int(np.sum(r.event == -1)))
+    feet = {r.foot_radius: r for r in longest_last if r.cone is not None and packing[r.experiment] <= loose + 1e-6}
     colors = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, max(len(feet), 1)))
     for color, (radius, row) in zip(colors, sorted(feet.items())):
-        first = np.array(row["profile"]["event"]) < 0
-        z = np.array(row["profile"]["depth_m"])[first] * 1e3
-        axis.plot(z, np.array(row["profile"]["force_N"])[first], color=color, label=f"R = {radius * 1e3:.1f} mm")
-        axis.plot(z, np.array(row["cone"]["force_N"])[first], color=color, ls=":", lw=1.0)
+        assert row.cone is not None
+        first = row.event < 0
+        z = row.depth[first] * 1e3
+        axis.plot(z, row.force[first], color=color, label=f"R = {radius * 1e3:.1f} mm")
+        axis.plot(z, row.cone[first], color=color, ls=":", lw=1.0)
     axis.set(title="feet in the loosest bed, dotted: RFT cone", xlabel="depth [mm]", ylabel="force [N]")
     if feet:
         axis.legend()
@@ -202,21 +208,21 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
         return MotorPicture(png(figure))
 
 
-def actuator(rows: list[dict[str, Any]], fit: dict[str, Any], Figure: Any) -> Any:
+def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: Any) -> Any:
     """Amplitude ratio with the -3 dB level and the bandwidth, and lag, both with 2 sigma."""
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)
-    f = np.array([r["frequency_hz"] for r in rows])
+    f = np.array([r.frequency for r in rows])
     for axis, name, factor in ((left, "actuator_ratio", 1.0), (right, "actuator_lag_s", 1e3)):
-        value, sigma = (np.array([r[k] for r in rows]) * factor for k in (name, f"{name}_sigma"))
+        value, sigma = np.array([r.fits[name] for r in rows]).T * factor
         axis.errorbar(f, value, 2 * sigma, fmt="o", ms=4, lw=0.8, color=MEASURED)
         axis.set(xlabel="frequency [Hz]")
-    gain, cut = fit["gain"]["value"], fit["bandwidth_hz"]
-    if gain is not None:
-        left.axhline(gain / np.sqrt(2), color=QUIET, lw=0.8, ls="--", label="−3 dB")
-    if cut["value"] is not None:
-        left.axvspan(*fit["bandwidth_ci95_hz"], color=MODEL, alpha=0.2, lw=0)
-        left.axvline(cut["value"], color=MODEL, lw=0.8, label=f"{measured(cut['value'], cut['sigma'])} Hz")
+    if np.isfinite(found.gain.value):
+        left.axhline(found.gain.value / np.sqrt(2), color=QUIET, lw=0.8, ls="--", label="−3 dB")
+    if np.isfinite(found.cutoff.value):
+        left.axvspan(found.low, found.high, color=MODEL, alpha=0.2, lw=0)
+        cutoff = measured(found.cutoff.value, found.cutoff.sigma)
+        left.axvline(found.cutoff.value, color=MODEL, lw=0.8, label=f"{cutoff} Hz")
     left.set(title="encoder / command", ylabel="amplitude ratio")
     left.legend()
     right.set(title="lag behind the command", ylabel="lag [ms]")

@@ -16,8 +16,9 @@ from typing import Any
 from jumpvision import __version__
 from jumpvision.base.numbers import measured
 from jumpvision.base.storage import write_aside
-from jumpvision.campaign.across import actuator_bandwidth, actuator_rows, intrusion_laws, intrusion_rows
-from jumpvision.campaign.craters import craters_table, zero_crossing
+from jumpvision.campaign.actuator import actuator_bandwidth, driven
+from jumpvision.campaign.craters import craters_of, zero_crossing
+from jumpvision.campaign.intrusions import intrusion_laws, slow_intrusions
 from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, details, overview, true_parameters
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Actuation
@@ -90,12 +91,12 @@ def write_campaign(
     key: str,
 ) -> None:
     """The page of a campaign."""
-    craters = craters_table({o.name: o.results for o in outcomes})
+    craters = craters_of({o.name: o.results for o in outcomes})
     crossing = zero_crossing(craters) if craters else None
-    packed = crossing is not None and any(r["volume_fraction"] is not None for r in craters)
-    intruded = intrusion_rows(campaign, outcomes)
-    driven = actuator_rows(campaign, outcomes)
-    swept = len({r["frequency_hz"] for r in driven}) > 2
+    packed = crossing is not None and any(c.volume_fraction is not None for c in craters)
+    intruded = slow_intrusions(campaign, outcomes)
+    motors = driven(campaign, outcomes)
+    swept = len({r.frequency for r in motors}) > 2
     sentence, facts = campaign_words(rows, diagnosis, crossing, len(intruded))
     heights = heights_chart(rows, diagnosis)
     truth = Truth.of(campaign)
@@ -123,7 +124,7 @@ def write_campaign(
         model=diagnosis,
         critical=inline(drawn(critical, craters, crossing)) if packed else None,
         intrusions=inline(drawn(resistances, intruded, intrusion_laws(intruded))) if intruded else None,
-        actuator=inline(drawn(actuator, driven, actuator_bandwidth(driven))) if swept else None,
+        actuator=inline(drawn(actuator, motors, actuator_bandwidth(motors))) if swept else None,
         table=linked(overview(campaign, outcomes), outcomes),
         details=details(campaign, outcomes),
         chance=coverage_words(campaign, outcomes),
