@@ -1,4 +1,4 @@
-"""Array types, and the constants of a normal distribution."""
+"""Array types, and the constants of a normal distribution that robust estimates use."""
 
 from __future__ import annotations
 
@@ -10,4 +10,3 @@ Float32 = NDArray[np.float32]
 
 MAD = 0.6745  # median absolute deviation of a normal distribution over its standard deviation
 FROM_MAD = 1.4826  # the other way round
-Z90, Z95 = 1.645, 1.960  # half widths of its 90 % and 95 % intervals, in sigmas

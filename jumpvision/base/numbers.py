@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from math import isfinite
 
+Z90, Z95 = 1.645, 1.960  # half widths of 90 % and 95 % intervals of a normal error, in sigmas
+
 
 def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> str:
     """`12.34 ± 0.05`: two significant figures of the uncertainty; "" when unknown."""

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jumpvision.base.arrays import Z95
-from jumpvision.base.numbers import measured, plain_number, with_digits_of
+from jumpvision.base.numbers import Z95, measured, plain_number, with_digits_of
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Bed, Robot
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
