@@ -12,6 +12,8 @@ from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.workflow.run import Outcome, Plan, jumps_table, run_campaign, run_single, write_jumps
 
 if TYPE_CHECKING:
+    from jumpvision.results.diagnosis import Diagnosis
+
     from .diagnose import Draw
 
 DIAGNOSED = ("rod", "bed", "flow", "fit")  # stages whose results a diagnosis reads
@@ -35,7 +37,7 @@ class Run:
     single: bool
     plan: Plan
     outcomes: list[Outcome]
-    diagnosis: Any = None
+    diagnosis: Diagnosis | None = None
     files: list[Path] = field(default_factory=list)
 
     @functools.cached_property
@@ -125,13 +127,14 @@ def _worth_asking(campaign: Campaign) -> bool:
 
 def _tables(run: Run) -> list[Path]:
     """What the experiments show together: intrusions, the actuator, craters; the files that a person opens."""
-    from .across import write_actuator, write_intrusions
+    from .actuator import write_actuator
+    from .intrusions import write_intrusions
 
     write_intrusions(run.campaign, run.outcomes, run.plan.results)
     write_actuator(run.campaign, run.outcomes, run.plan.results)
     if not run.plan.whole and "crater" not in (run.plan.stages or ()):
         return []
-    from .craters import craters_table, write_craters, zero_crossing
+    from .craters import craters_of, write_craters, zero_crossing
 
-    craters = craters_table({o.name: o.results for o in run.outcomes})
+    craters = craters_of({o.name: o.results for o in run.outcomes})
     return write_craters(craters, zero_crossing(craters), run.plan.results)

@@ -103,6 +103,7 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
     if not is_campaign(folder_of(path)):
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
     done = work(path, options, stages=DIAGNOSED, ask=True)
+    assert done.diagnosis is not None  # a campaign that cannot be questioned raises
     terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
     return FAILED if done.failed else DONE
 

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from jumpvision.diagnosis.diagnose import Diagnosis
+    from jumpvision.diagnosis.diagnose import Findings
     from jumpvision.diagnosis.jumper.jumper import Jumper
+    from jumpvision.results.diagnosis import Diagnosis
 
 DRAWN = "pictures", "grains", "bed", "logs", "overlay", "overlays", "cone_film"
 PICTURES = tuple(f"jumpvision.report.figures.{module}" for module in DRAWN)  # whose import registers figures as stages
 
 
-def drawn_diagnosis(found: Diagnosis, system: Jumper, data: Mapping[str, Any]) -> bytes:
+def drawn_diagnosis(found: Findings, system: Jumper, data: Diagnosis) -> bytes:
     """diagnosis.png; what draws it is imported when it is drawn, as most runs find theirs in the cache."""
     from .diagnosis import diagnosis_picture
 
