@@ -14,8 +14,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.storage import write_aside
-from jumpvision.estimate.estimate import Estimate, widened
-from jumpvision.estimate.line import bend_of, radius_exponent
+from jumpvision.estimate.estimate import Estimate, bend_of, radius_exponent, widened
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.physics.packing import PackingFit, fit_packing_law
 from jumpvision.results import plain
