@@ -14,9 +14,8 @@ from jumpvision.dem.motion import discs_under_foot
 from jumpvision.lab import blind
 from jumpvision.lab.campaign import jump_of, write_campaign
 from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainScene, View
+from jumpvision.lab.films.grains import GrainScene, QuickGrainScene, View
 from jumpvision.lab.films.optics import Camera, record, record_bright
-from jumpvision.lab.films.quick import QuickGrainScene
 from jumpvision.lab.films.rod import write_rod_film
 from jumpvision.lab.protocol_keys import RodFilm
 

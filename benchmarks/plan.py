@@ -29,10 +29,9 @@ from numpy.typing import NDArray
 from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
 from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
-from jumpvision.planning.guess import guessed, starts
 from jumpvision.planning.jumper import Drive
-from jumpvision.planning.plan import Plan, Planner
-from jumpvision.planning.spread import drawn
+from jumpvision.planning.plan import Plan, Planner, drawn
+from jumpvision.planning.solve import guessed, starts
 from jumpvision.planning.transcription import Limits
 from jumpvision.studies.plan import rigid, samples
 

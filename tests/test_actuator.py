@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lsim
 
 from jumpvision.cli import main
-from jumpvision.estimate.motor import bandwidth, follow, motor_power, response
+from jumpvision.estimate.robot import bandwidth, follow, motor_power, response
 from jumpvision.lab import write
 
 STEP = 6.25e-6  # m, encoder

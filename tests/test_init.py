@@ -18,8 +18,7 @@ from conftest import SAMPLES
 
 from jumpvision.cli import main
 from jumpvision.frames import open_frames
-from jumpvision.init.measure import Picks, law
-from jumpvision.init.pick import TOOLS, Server
+from jumpvision.init.measure import TOOLS, Picks, Server, law
 from jumpvision.init.recognise import recordings
 from jumpvision.inputs.experiment import open_experiment
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainScene, View
+from jumpvision.lab.films.grains import GrainScene, QuickGrainScene, View, carry
 from jumpvision.lab.films.optics import record_bright
-from jumpvision.lab.films.quick import QuickGrainScene, carry
 
 VIEW = View((220, 310), 3e-4, 42.0, 150.0)
 

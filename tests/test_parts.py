@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from scipy import ndimage
 
-from jumpvision.base.processes import WORKERS, in_parts
+from jumpvision.base.progress import WORKERS, in_parts
 
 
 def doubled(part: int, wait: float) -> tuple[int, int]:

@@ -28,11 +28,14 @@ from jumpvision.studies.plan import rigid, samples
 
 casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
 
-from jumpvision.planning import namespace, transcription  # noqa: E402
-from jumpvision.planning.guess import guessed, starts  # noqa: E402
+from jumpvision.planning import transcription  # noqa: E402
 from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory  # noqa: E402
-from jumpvision.planning.plan import Planner  # noqa: E402
-from jumpvision.planning.spread import apexes, drawn  # noqa: E402
+from jumpvision.planning.plan import (  # noqa: E402
+    Planner,
+    apexes,
+    drawn,
+)
+from jumpvision.planning.solve import guessed, starts  # noqa: E402
 from jumpvision.planning.transcription import Limits  # noqa: E402
 
 P = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, theta=math.pi / 3, b=17.2, alpha=73.0, k=2000.0,
@@ -69,7 +72,7 @@ def test_every_law_has_its_symbols(term, rng=None):
     rng = np.random.default_rng(1)
     names = list(inspect.signature(TERMS[term]).parameters)[1:]
     symbols = {n: casadi.SX.sym(n) for n in names}
-    law = casadi.Function("law", list(symbols.values()), [TERMS[term](namespace, **symbols)])
+    law = casadi.Function("law", list(symbols.values()), [TERMS[term](transcription.SYMBOLS, **symbols)])
     for _ in range(50):
         values = {n: float(rng.uniform(0.01, 1.2)) for n in names} | {
             n: float(rng.uniform(-2.0, 2.0)) for n in names if n in ("v", "a", "v_m", "stretch")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.estimate.stiffness import direction, spring_stiffness
+from jumpvision.estimate.robot import direction, spring_stiffness
 
 LOOP = np.r_[np.linspace(0, 2e-2, 40), np.linspace(2e-2, 0, 40)]
 SIDE = np.r_[np.ones(40), -np.ones(40)]

@@ -1,9 +1,17 @@
-"""Progress of long work: the core iterates through `watch`, whoever shows it sets the hook; nothing is printed here."""
+"""Long work: its progress, and its parts in several processes, whose results come in order.
+
+The core iterates through `watch`, whoever shows it sets the hook; nothing is printed here.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sized
+import multiprocessing
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextvars import ContextVar
+from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -23,3 +31,50 @@ def watch(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T
     for done, item in enumerate(items, 1):
         yield item
         hook(what, done, total)
+
+
+Part = TypeVar("Part")
+Result = TypeVar("Result")
+
+WORKERS: ContextVar[int] = ContextVar("workers", default=1)  # processes that one experiment may use
+SPAWN = "spawn"  # fork is unsafe under OpenMP and OpenCV threads
+
+
+def in_parts(function: Callable[..., Result], parts: Sequence[Part], *arguments: object) -> Iterator[Result]:
+    """function(part, *arguments) of every part, in order; as many results wait as there are processes.
+
+    function and arguments must be picklable; with WORKERS = 1 all is done here.
+    """
+    n = min(WORKERS.get(), len(parts))
+    if n <= 1:
+        yield from (function(part, *arguments) for part in parts)
+        return
+    with ProcessPoolExecutor(n, mp_context=multiprocessing.get_context(SPAWN), initializer=one_thread) as pool:
+        waiting: deque[Future[Result]] = deque()
+        try:
+            for part in parts:
+                waiting.append(pool.submit(function, part, *arguments))
+                if len(waiting) > n:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:  # an error, or nobody asks for more
+            pool.shutdown(cancel_futures=True)
+
+
+def one_thread() -> None:
+    """Begin a worker: the processes are the parallel work. It ends when the process that started it is killed."""
+    import threading
+
+    os.environ |= dict.fromkeys(("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    import cv2
+
+    cv2.setNumThreads(1)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(process: BaseProcess) -> None:
+    process.join()
+    os._exit(1)

@@ -13,7 +13,8 @@ import functools
 import math
 import types
 from collections.abc import Iterable, Mapping
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from pathlib import Path
+from typing import Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
 REQUIRED: Any = dataclasses.MISSING
 
@@ -191,3 +192,34 @@ def table_of(cls: type) -> list[dict[str, str]]:
             }
         )
     return rows
+
+
+class MissingKey(InputError):
+    """A stage needs a key, or a section, that the folder does not give."""
+
+
+class NotApplicable(InputError):
+    """A stage finds that the folder has nothing for it to do: a film without a foot has no cone. Not a failure."""
+
+
+class Section:
+    """One table of the file; `name` is its TOML name."""
+
+    name: ClassVar[str]
+
+
+@dataclasses.dataclass(frozen=True)
+class FileSection(Section):
+    """A section that names a recording; `path` is where it lies (a glob stays a pattern)."""
+
+    file: str = param(REQUIRED, "", "file in the experiment's folder")
+    path: Path = Path()  # not a key of the file: set when the folder is read
+
+
+def need(section: Any, *keys: str) -> list[Any]:
+    """The values of `keys`, in order; MissingKey naming every one that is absent."""
+    by_name = {f.name: f for f in dataclasses.fields(section)}
+    missing = [k for k in keys if getattr(section, k) is None]
+    if missing:
+        raise MissingKey([f"[{section.name}] {k}: missing; give {k} = ... ({describe(by_name[k])})" for k in missing])
+    return [getattr(section, k) for k in keys]

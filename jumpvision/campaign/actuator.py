@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.base.storage import write_aside
-from jumpvision.estimate.motor import Bandwidth, bandwidth
+from jumpvision.estimate.robot import Bandwidth, bandwidth
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.results import plain
 from jumpvision.results.values import Fits

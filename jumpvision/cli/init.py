@@ -99,7 +99,7 @@ def init(
     files = {SECTIONS[k]: f for k in SECTIONS if (f := getattr(which, k))}
     ask = None
     if pick:
-        from jumpvision.init.pick import Page
+        from jumpvision.init.measure import Page
 
         ask = Page(port, open_browser=browser, say=show.line).ask
     written = init(folder, Choices(files, _picks(eye), ground), ask)

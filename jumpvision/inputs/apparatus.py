@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from jumpvision.base.schema import param
-
-from .section import Section, need
+from jumpvision.base.schema import Section, need, param
 
 
 @dataclass(frozen=True)

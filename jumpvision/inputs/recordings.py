@@ -7,9 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from jumpvision.base.schema import param
-
-from .section import FileSection, Section
+from jumpvision.base.schema import FileSection, Section, param
 
 SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
 SCALE_SIGMA: dict[str, Any] = {

@@ -6,6 +6,10 @@ SI units throughout. Sections that name a recording carry `file`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from jumpvision.base.schema import FileSection, MissingKey, NotApplicable, Section, need, param
+
 from .apparatus import PHASES, Actuation, Bed, Fan, Motor, Robot, RobotSigma
 from .recordings import (
     LENGTHS,
@@ -24,7 +28,6 @@ from .recordings import (
     RodVideo,
     SpringLog,
 )
-from .section import FileSection, Header, MissingKey, NotApplicable, Section, need
 
 __all__ = [
     "LENGTHS",
@@ -57,6 +60,18 @@ __all__ = [
     "SpringLog",
     "need",
 ]
+
+
+@dataclass(frozen=True)
+class Header:
+    """The keys above the first section."""
+
+    schema: int = param(1, "", "version of this file format", lo=1, hi=1)
+    name: str = param("", "", "unique in a campaign; default: the folder's name")
+    ground: str = param("granular", "", "what the robot stands on", choices=("hard", "granular"))
+    group: str = param("", "", "trials of one condition share a group")
+    exclude: str = param("", "", "a reason: the experiment is skipped and listed with it")
+
 
 SECTIONS: dict[str, type[Section]] = {
     s.name: s

@@ -1,11 +1,13 @@
-"""Planning a jump: solve, simulate the plan with its events, correct the target by the miss, or say what is reached."""
+"""Planning a jump: solve, simulate the plan with its events, correct the target by the miss, or say what is reached;
+and how far its apex may lie off, because robot and model are known only within their uncertainties."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +17,9 @@ from jumpvision.physics.forcing import Forcing, Loop, Spline
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import Motion, equilibrium, simulate
 
-from . import namespace
-from .guess import guessed, starts
 from .jumper import AIR, INTRUDE, STUCK, Drive, Jumper
-from .solve import Solution, Solver
-from .transcription import OBJECTIVES, Guess, Limits, Programme
+from .solve import Solution, Solver, guessed, starts
+from .transcription import OBJECTIVES, SYMBOLS, Guess, Limits, Programme
 
 MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "single": {"hard": (STUCK, AIR), "granular": (STUCK, INTRUDE, STUCK, AIR)},
@@ -87,7 +87,7 @@ class Planner:
                     "follows its command); set kp = 0 or remove the term"
                 ]
             )
-        self.jumper = Jumper(self.model, self.drive, namespace)
+        self.jumper = Jumper(self.model, self.drive, SYMBOLS)
         self.sequence = MOTIONS[self.motion][self.model.ground]
 
     def solver(self, objective: str) -> Solver:
@@ -201,3 +201,27 @@ class Planner:
             s.seconds,
             time.perf_counter() - began,
         )
+
+
+def drawn(model: Model, sigma: Mapping[str, float], rng: np.random.Generator) -> Model:
+    """The model with the values of `sigma` (name -> standard uncertainty) drawn from normal distributions.
+
+    Names are those of `Model` (the robot's) or of its parameters. A draw that cannot be (a negative mass) is repeated.
+    """
+    own = {n for n in sigma if n in Model.__dataclass_fields__}
+    for _ in range(1000):
+        near = {n: float(rng.normal(getattr(model if n in own else model.parameters, n), s)) for n, s in sigma.items()}
+        robot: dict[str, Any] = {n: v for n, v in near.items() if n in own}
+        try:
+            parameters = replace(model.parameters, **{n: v for n, v in near.items() if n not in own})
+            return replace(model, parameters=parameters, **robot)
+        except InputError:
+            continue
+    raise InputError([f"sigma of {', '.join(sigma)}: hardly any draw is a possible model; give smaller uncertainties"])
+
+
+def apexes(
+    planner: Planner, command: Spline, sigma: Mapping[str, float], *, draws: int, rng: np.random.Generator
+) -> Array:
+    """Apexes [m], (draws,), of one command on models drawn from the uncertainties."""
+    return np.array([planner.resimulate(command, drawn(planner.model, sigma, rng))[1] for _ in range(draws)])

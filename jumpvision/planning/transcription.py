@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -19,6 +20,9 @@ import numpy as np
 from jumpvision.base.arrays import Array
 
 from .jumper import AIR, INTRUDE, STUCK, Jumper, Memory
+
+# the array namespace that the force laws ask for, over CasADi's symbols
+SYMBOLS = SimpleNamespace(exp=ca.exp, tan=ca.tan, maximum=ca.fmax, minimum=ca.fmin, where=ca.if_else)
 
 OBJECTIVES = ("effort", "height", "power", "energy")
 SCALE = {

@@ -11,8 +11,8 @@ from jumpvision.base.arrays import Array
 from jumpvision.estimate.decay import LAWS, decay_law
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import Flights
-from jumpvision.estimate.motor import follow, motor_power
 from jumpvision.estimate.ringdown import peaks_damping, ring_down, swings_until
+from jumpvision.estimate.robot import follow, motor_power
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import FitParams
 from jumpvision.inputs.sections import Actuation, Clock, MotorLog, Robot, need

@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from jumpvision.estimate.estimate import Estimate
-from jumpvision.estimate.stiffness import BENT, Spring, spring_stiffness
+from jumpvision.estimate.robot import BENT, Spring, spring_stiffness
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Robot, SpringLog
 from jumpvision.results.values import SpringTest

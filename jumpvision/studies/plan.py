@@ -101,8 +101,7 @@ def make_plan(
     """(plan, planner, the numbers of plan.json); apex None: the highest. limits: by name, they replace the motor's."""
     try:
         from jumpvision.planning.jumper import Drive
-        from jumpvision.planning.plan import Planner
-        from jumpvision.planning.spread import apexes
+        from jumpvision.planning.plan import Planner, apexes
         from jumpvision.planning.transcription import Limits
     except ImportError:
         raise InputError(["plan: needs CasADi; install it with pip install 'jumpvision[plan]'"]) from None

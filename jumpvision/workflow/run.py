@@ -20,8 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision import __version__
-from jumpvision.base.processes import SPAWN, WORKERS, one_thread
-from jumpvision.base.progress import HOOK, Hook
+from jumpvision.base.progress import HOOK, SPAWN, WORKERS, Hook, one_thread
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sha256, sweep_leftovers, write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment

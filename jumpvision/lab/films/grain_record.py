@@ -17,9 +17,8 @@ from jumpvision.lab.protocol_keys import GrainFilm
 from jumpvision.lab.write import Recording, Table
 
 from .flow import Cone, Flow
-from .grains import GrainScene, View
+from .grains import GrainScene, QuickGrainScene, View
 from .optics import BedCamera, GrainCamera, distorted, exposed, lens_of, margin, reflection, seen_places, shade
-from .quick import QuickGrainScene
 
 GRAIN_RATE = 500.0  # 1/s
 CONE, FILM, GOOD = Cone(), GrainFilm(), GrainCamera()  # of the samples
@@ -116,8 +115,8 @@ def write_grain_film(
 ) -> Recording:
     """grains.mkv around the first landing and the push-off.
 
-    bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; camera: its faults; quick: by the
-    quick scene of `films.quick`.
+    bed_density: phi rho [kg/m^3]; radius of the foot, diameter of the grains [m]; camera: its faults; quick: by
+    `QuickGrainScene`.
     """
     exposure, subs = 0.0005, 4
     start = start_of(motion)

@@ -10,7 +10,7 @@ import numpy as np
 from jumpvision.base.numbers import measured
 from jumpvision.campaign.actuator import Driven
 from jumpvision.campaign.intrusions import IntrusionLaws, SlowIntrusion
-from jumpvision.estimate.motor import Bandwidth
+from jumpvision.estimate.robot import Bandwidth
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Actuation, MotorLog, NotApplicable
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
-from jumpvision.base.processes import WORKERS, in_parts
-from jumpvision.base.progress import watch
+from jumpvision.base.progress import WORKERS, in_parts, watch
 from jumpvision.frames import Film
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.parameters import PivParams

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
 
-from .background import LEAST, Background, SceneSum
+from .background import LEAST, Background, SceneSum, View, Window
 from .disc import WX, WY, A
 from .measure import Found, window_half
 from .track import BallSettings, BallTrack, BallTracker, as_track
-from .view import View, Window
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again

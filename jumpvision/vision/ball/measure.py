@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import FROM_MAD
 
 from . import disc
+from .background import View
 from .disc import DRIFT, LIGHT, learn, rim_faults
-from .view import View
 
 MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
 DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given

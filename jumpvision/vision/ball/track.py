@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .background import View
 from .disc import WX, WY
 from .measure import DiscMeasure, Found, Start, ThresholdMeasure
 from .search import Blob, find_blobs
-from .view import View
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
