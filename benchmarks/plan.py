@@ -63,7 +63,7 @@ def played(model: Model, plan: Plan) -> float:
     robot = Robot(model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
                   model.foot_radius or 0.0, model.gravity)  # fmt: skip
     values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].parameters}
-    command = Samples(samples(plan.command, plan.command.stop).command_m.to_numpy(), 1000.0, 0.01)
+    command = Samples(samples(plan.command).command_m.to_numpy(), 1000.0, 0.01)
     return motion_of(
         robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,
         bed_density=(model.volume_fraction or 0.0) * (model.grain_density or 0.0),

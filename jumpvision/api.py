@@ -12,6 +12,7 @@ another folder. Warnings are Python warnings here. Bad calls and folders raise j
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import importlib
 import inspect
 import os
@@ -156,10 +157,9 @@ def plan(
     check_call(ground, apex, limits)
     tables = {n: t for n, t in overrides_of(tuple(set)).items() if t}
     robot = planned_robot(ground, _path(experiment), _path(model), tables)
-    found, _, numbers = make_plan(
-        robot, apex, objective=objective, motion=motion, limits=limits, rng=seeded(), say=_warn
-    )
-    return (samples(found.command, found.command.stop) if numbers["status"] == "solved" else None), numbers
+    planned = make_plan(robot, apex, objective=objective, motion=motion, limits=limits, rng=seeded(), say=_warn)
+    numbers = dataclasses.asdict(planned.numbers)
+    return (samples(planned.plan.command) if planned.numbers.status == "solved" else None), numbers
 
 
 def _parameter(row: Mapping[str, str]) -> str:

@@ -92,7 +92,7 @@ def test_equations_are_newtons_laws(model):
         s = dict(zip(("y", "w", "X", "V", "x_f", "v_f"), (y, w, X, V, x_f, v_f)))
         s = {n: s[n] for n in jumper.states(mode)}
         e = jumper.equations(mode, s, (0.001, 0.2, 5.0), Memory(floor=-x_f))
-        rate = dict(zip(jumper.states(mode), e["rates"]))
+        rate = dict(zip(jumper.states(mode), e.rates))
         a_r = rate["w"] - m.m_m / m.M * rate["V"]
         a_m = a_r + rate["V"]
         v_r, x_r = w - m.m_m / m.M * V, y - m.m_m / m.M * X
@@ -101,7 +101,7 @@ def test_equations_are_newtons_laws(model):
         F_s = -m.k_s * (x_r - x_f) - m.c_s * (v_r - foot_rate) - k_3 * (x_r - x_f) ** 3
         rail = -(P.c_v if "viscous_friction" in m else 0.0) * (v_r + V)
         F_m = 20000.0 * (0.001 - X) + 120.0 * (0.2 - V) + m.m_m * m.g
-        assert e["force"] == pytest.approx(F_m)
+        assert e.force == pytest.approx(F_m)
         assert m.m_m * a_m == pytest.approx(-m.m_m * m.g + F_m + rail, abs=1e-9)
         assert m.rod_mass * a_r == pytest.approx(-m.rod_mass * m.g - F_m + F_s, abs=1e-9)
         if mode == AIR:
@@ -131,7 +131,7 @@ def test_the_plan_jumps_to_its_apex(name):
     x_c, v_c = plan.command(np.array([plan.command.stop - 1e-9]))
     assert abs(x_c[0]) < 1e-8 and abs(v_c[0]) < 1e-5
     if planner.model.ground == "granular":  # one intrusion, as it was planned, and no landing before the stop
-        kinds = [str(e["kind"]) for e in plan.motion.events if e["time"] < plan.command.stop]
+        kinds = [str(e.kind) for e in plan.motion.events if e.time < plan.command.stop]
         assert [kind for kind in kinds if kind != "rail_slip"] == ["intrude", "stop", "lift_off"]
 
 
@@ -170,7 +170,7 @@ def lab_apex(model, plan):
     robot = Robot(model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
                   model.foot_radius or 0.0, model.gravity)  # fmt: skip
     values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].parameters}
-    command = Samples(samples(plan.command, plan.command.stop).command_m.to_numpy(), 1000.0, 0.01)
+    command = Samples(samples(plan.command).command_m.to_numpy(), 1000.0, 0.01)
     motion = motion_of(
         robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,
         bed_density=(model.volume_fraction or 0.0) * (model.grain_density or 0.0), motor=Motor(20000.0, 120.0, 100.0),
@@ -250,7 +250,7 @@ def test_stop_go_is_there_with_its_term_only():
     plan = Planner(model, LOOP, LIMITS, motion="stop-go").plan(0.04)
     assert plan.status == "solved"
     assert plan.resimulated_apex == pytest.approx(0.04, abs=TOLERANCE)
-    kinds = [str(e["kind"]) for e in plan.motion.events if e["time"] < plan.command.stop]
+    kinds = [str(e.kind) for e in plan.motion.events if e.time < plan.command.stop]
     assert kinds[:5] == ["intrude", "stop", "intrude", "stop", "lift_off"]
 
 

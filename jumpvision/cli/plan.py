@@ -28,6 +28,20 @@ class PlanLimits:
     by: Annotated[float | None, _limit("Latest time of the apex after the start [s].")] = None
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class PlanOutput:
+    """Where a plan goes, and values in place of others."""
+
+    results: Annotated[Path, Parameter(help="Folder for the files.")] = Path("results/plan")
+    settings: Annotated[
+        tuple[str, ...],
+        Parameter(name="--set", negative="", help="Override a value: section.key=value, e.g. motor.kp=30000."),
+    ] = ()
+    json: Annotated[bool, Parameter(help="Machine-readable result on stdout.")] = False
+    pictures: Annotated[bool, Parameter(help="Draw the figure and the animation.")] = True
+
+
 @app.command
 def plan(
     *,
@@ -38,10 +52,7 @@ def plan(
     objective: str = "effort",
     motion: str = "single",
     limits: PlanLimits = PlanLimits(),
-    results: Path = Path("results/plan"),
-    settings: Annotated[tuple[str, ...], Parameter(name="--set", negative="")] = (),
-    json: bool = False,
-    pictures: bool = True,
+    output: PlanOutput = PlanOutput(),
 ) -> int:
     """Motor trajectory for a jump to a given apex: plan.csv, plan.json, plan.png and an animation plan.html.
 
@@ -61,14 +72,6 @@ def plan(
         What is least: effort (motor force squared over time), power (its peak) or energy.
     motion
         single (one push-off), hop (a preliminary hop), stop-go (a pause in the sand), stick (land and stand still).
-    results
-        Folder for the files.
-    settings
-        Override a value: section.key=value, e.g. motor.kp=30000.
-    json
-        Machine-readable result on stdout.
-    pictures
-        Draw the figure and the animation.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # the solver's small matrices: threads cost three times the time
     from dataclasses import asdict
@@ -80,22 +83,21 @@ def plan(
 
     given = {name: value for name, value in asdict(limits).items() if value is not None}
     check_call(ground, apex, given)
-    robot = planned_robot(ground, experiment, model, {n: t for n, t in overrides_of(settings).items() if t})
+    robot = planned_robot(ground, experiment, model, {n: t for n, t in overrides_of(output.settings).items() if t})
     show.line(f"planning for {robot.name} ...")
-    found, planner, numbers = make_plan(
-        robot, apex, objective=objective, motion=motion, limits=given, say=show.line, rng=seeded()
-    )
-    files = write(found, numbers, results)
-    if pictures:
+    planned = make_plan(robot, apex, objective=objective, motion=motion, limits=given, say=show.line, rng=seeded())
+    results, numbers = output.results, asdict(planned.numbers)
+    files = write(planned, results)
+    if output.pictures:
         from jumpvision.report.figures.plan import plan_animation, plan_picture
 
         files += [results / "plan.png", results / "plan.html"]
-        files[-2].write_bytes(plan_picture(found, planner, numbers))
-        files[-1].write_text(plan_animation(found, planner, numbers), encoding="utf-8")
+        files[-2].write_bytes(plan_picture(planned))
+        files[-1].write_text(plan_animation(planned), encoding="utf-8")
     rows = [{"what": k, "value": v} for k, v in numbers.items() if not isinstance(v, dict)]
-    show.result(numbers | {"files": [str(f) for f in files]}, rows, as_json=json)
-    if numbers["status"] != "solved":
-        show.line(message(numbers))
+    show.result(numbers | {"files": [str(f) for f in files]}, rows, as_json=output.json)
+    if planned.numbers.status != "solved":
+        show.line(message(planned.numbers))
         return FAILED
     show.line(f"results in {results}: {', '.join(f.name for f in files)}")
     return DONE

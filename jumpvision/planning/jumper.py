@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from jumpvision.mechanisms.laws import STATIC, TERMS, spring
 from jumpvision.physics.model import Model
@@ -35,6 +35,20 @@ class Memory:
     pause: Any = 0.0
     moved: bool = False  # the foot has intruded before
     landed: bool = False  # the foot has left the ground before
+
+
+class Dynamics(NamedTuple):
+    """What the equations of motion give in one state; SI, up positive."""
+
+    rates: list[Any]  # of the states, in their order
+    rod: Any
+    rod_rate: Any
+    foot: Any
+    foot_rate: Any
+    X: Any  # of the motor on the rod
+    V: Any
+    force: Any  # F_m
+    push: Any  # on the ground
 
 
 @dataclass(frozen=True)
@@ -91,11 +105,8 @@ class Jumper:
         """m_f + m_a(z) [kg]."""
         return self.model.m_f - self.law("added_mass", z=z, a=1.0)
 
-    def equations(self, mode: str, s: dict[str, Any], command: tuple[Any, Any, Any], memory: Memory) -> dict[str, Any]:
-        """Rates of the states under "rates", and rod, rod_rate, X, V, force F_m, spring force, push on the ground.
-
-        command: X_c [m], X_c' [m/s], X_c'' [m/s^2].
-        """
+    def equations(self, mode: str, s: dict[str, Any], command: tuple[Any, Any, Any], memory: Memory) -> Dynamics:
+        """Rates of the states, positions, motor force and push; command: X_c [m], X_c' [m/s], X_c'' [m/s^2]."""
         m, d = self.model, self.drive
         x_c, v_c, a_c = command
         if d.kp > 0:
@@ -132,14 +143,14 @@ class Jumper:
                 self.static_force(z, memory) + self.law("inertial_drag", v=v_f) + self.law("depth_drag", z=z, v=v_f)
             )
             rates["v_f"] = (resist - push) / self.foot_inertia(z)
-        return {
-            "rates": [rates[n] for n in self.states(mode)],
-            "rod": x_r,
-            "rod_rate": v_r,
-            "foot": x_f,
-            "foot_rate": v_f,
-            "X": X,
-            "V": V,
-            "force": effort,
-            "push": push,
-        }
+        return Dynamics(
+            rates=[rates[n] for n in self.states(mode)],
+            rod=x_r,
+            rod_rate=v_r,
+            foot=x_f,
+            foot_rate=v_f,
+            X=X,
+            V=V,
+            force=effort,
+            push=push,
+        )

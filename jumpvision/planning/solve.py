@@ -207,7 +207,7 @@ class Solver:
         return {"lbx": lbx / self.scale, "ubx": ubx / self.scale, "lbg": low / scale, "ubg": high / scale}
 
     def _solution(
-        self, r: dict[str, Any], bounds: dict[str, Array], limits: Limits, stats: dict[str, Any], seconds: float
+        self, r: dict[str, ca.DM], bounds: dict[str, Array], limits: Limits, stats: dict[str, Any], seconds: float
     ) -> Solution:
         x, g = np.asarray(r["x"]).ravel(), np.asarray(r["g"]).ravel()
         v = x * self.scale

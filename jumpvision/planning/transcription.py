@@ -19,7 +19,9 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .jumper import AIR, INTRUDE, STUCK, Jumper, Memory
+from .jumper import AIR, INTRUDE, STUCK, Dynamics, Jumper, Memory
+
+State = dict[str, Any]  # by name: casadi expressions, and numbers at the start (its stubs know no sum of both)
 
 # the array namespace that the force laws ask for, over CasADi's symbols
 SYMBOLS = SimpleNamespace(exp=ca.exp, tan=ca.tan, maximum=ca.fmax, minimum=ca.fmin, where=ca.if_else)
@@ -134,14 +136,14 @@ class Programme:
         """Intervals of a phase."""
         return ON_HARD if mode == STUCK and self.jumper.model.ground == "hard" else INTERVALS[mode]
 
-    def build(self) -> dict[str, Any]:
+    def build(self) -> dict[str, ca.SX]:
         """The programme {x, f, g} for `casadi.nlpsol`."""
         j = self.jumper
         self.low = self.unknown("low", 0, 0.0)
         self.peak = self.unknown("peak", 0, 0.0) if self.objective == "power" else 0.0
         self.command, self.totals = (0.0, 0.0), dict.fromkeys(("heat", "smooth", "work"), 0.0)
         memory = Memory(floor=-self.rest[1])
-        state: dict[str, Any] = dict.fromkeys(("w", "X", "V", "v_f"), 0.0)
+        state: State = dict.fromkeys(("w", "X", "V", "v_f"), 0.0)
         state |= {"y": self.rest[0], "x_f": self.rest[1]}
         time, apex = 0.0, None
         for i, (mode, following) in enumerate(zip(self.sequence, (*self.sequence[1:], None))):
@@ -150,23 +152,23 @@ class Programme:
             state = state | end
             e = j.equations(mode, end, (*self.command, 0.0), memory)
             if mode == AIR and following == AIR:
-                self.row(e["rod_rate"], 0.0, 0.0, SCALE["w"])
-                apex, apex_time = e["rod"] - self.rest[0], time
+                self.row(e.rod_rate, 0.0, 0.0, SCALE["w"])
+                apex, apex_time = e.rod - self.rest[0], time
             elif following is not None:
                 state, memory = self._change(mode, following, state, e, memory)
         self._stop(e)
         if apex is None:
             apex, apex_time = self._ballistic(state, time)
         else:
-            self.row(e["rod"] - self.rest[0], 0.0, 0.0, SCALE["y"])
-            self.row(e["rod_rate"], 0.0, 0.0, SCALE["w"])
+            self.row(e.rod - self.rest[0], 0.0, 0.0, SCALE["y"])
+            self.row(e.rod_rate, 0.0, 0.0, SCALE["w"])
         self.apex, self.apex_time = apex, apex_time
         self.row(apex, -math.inf, math.inf, SCALE["y"], "apex")
         if self.limits.by < math.inf:
             self.row(apex_time, 0.0, self.limits.by, SCALE["T"], "time")
         return {"x": ca.vertcat(*self.symbols), "f": self._cost(), "g": ca.vertcat(*self.values)}
 
-    def _phase(self, i: int, mode: str, state: Mapping[str, Any], memory: Memory) -> tuple[Any, dict[str, Any]]:
+    def _phase(self, i: int, mode: str, state: State, memory: Memory) -> tuple[Any, State]:
         """Duration [s] and states at the end of phase i, with its collocation equations and inequalities as rows."""
         tau = ca.collocation_points(DEGREE, "radau")
         C, _, B = (np.asarray(a, float) for a in ca.collocation_coeff(tau))
@@ -182,7 +184,7 @@ class Programme:
                 u, place = c * h, (k + c) / n
                 command = (x_c + u * v_c + 0.5 * u * u * a_c, v_c + u * a_c, a_c)
                 e = self.jumper.equations(mode, dict(zip(names, ca.vertsplit(point))), command, memory)
-                rates.append(ca.vertcat(*e["rates"]))
+                rates.append(ca.vertcat(*e.rates))
                 self._hold(mode, e, memory, place, k == n - 1)
                 self._limit(e)
                 self._spend(e, h * b, i, place)
@@ -197,10 +199,10 @@ class Programme:
             self.row(self.command[1] - v_c - h * a_c, 0.0, 0.0, SCALE["v_c"])
         return duration, dict(zip(names, ca.vertsplit(at)))
 
-    def _spend(self, e: Mapping[str, Any], dt: Any, phase: int, place: float) -> None:
+    def _spend(self, e: Dynamics, dt: Any, phase: int, place: float) -> None:
         """Adds a point of weight dt [s] to the integrals of the objectives."""
-        power = e["force"] * e["V"]
-        self.totals["heat"] += dt * (e["force"] / self.weight) ** 2
+        power = e.force * e.V
+        self.totals["heat"] += dt * (e.force / self.weight) ** 2
         if self.objective == "power":
             self.row(power - self.peak, -math.inf, 0.0, SCALE["peak"])
         if self.objective == "energy":
@@ -220,50 +222,48 @@ class Programme:
         }
         return parts[self.objective] + SMOOTH * (heat + smooth)
 
-    def _hold(self, mode: str, e: Mapping[str, Any], memory: Memory, place: float, late: bool) -> None:
+    def _hold(self, mode: str, e: Dynamics, memory: Memory, place: float, late: bool) -> None:
         """The inequalities under which a mode lasts; its end is `_change`'s. late: in the last interval."""
         if mode == INTRUDE:
-            self.row(e["foot_rate"], -math.inf, -SLOWEST * 4.0 * place * (1.0 - place), 0.5)
+            self.row(e.foot_rate, -math.inf, -SLOWEST * 4.0 * place * (1.0 - place), 0.5)
         if place == 1.0:
             return
         if mode == STUCK and self.jumper.massless:
-            self.row(-e["rod"], 0.0 if late else MARGIN * abs(self.rest[0]), math.inf, 0.01)
+            self.row(-e.rod, 0.0 if late else MARGIN * abs(self.rest[0]), math.inf, 0.01)
         elif mode == STUCK:
-            self.row(e["push"], 0.0 if late else MARGIN * self.weight, math.inf, self.weight)
+            self.row(e.push, 0.0 if late else MARGIN * self.weight, math.inf, self.weight)
             if self.jumper.model.ground == "granular":
-                spare = self.jumper.static_force(memory.floor, memory) - e["push"]
+                spare = self.jumper.static_force(memory.floor, memory) - e.push
                 self.row(spare, MARGIN * self.weight if memory.moved and not late else 0.0, math.inf, self.weight)
         elif mode == AIR:
-            self.row(e["foot"] + memory.floor, 0.0, math.inf, 0.01)
+            self.row(e.foot + memory.floor, 0.0, math.inf, 0.01)
 
-    def _limit(self, e: Mapping[str, Any]) -> None:
+    def _limit(self, e: Dynamics) -> None:
         """The motor's limits."""
         asked = self.limits.bounds()
         values = {
-            "force": (e["force"], self.weight),
-            "speed": (e["V"], 0.5),
-            "stroke": (e["X"] - self.low, 0.01),
-            "power": (e["force"] * e["V"], 10.0),
+            "force": (e.force, self.weight),
+            "speed": (e.V, 0.5),
+            "stroke": (e.X - self.low, 0.01),
+            "power": (e.force * e.V, 10.0),
         }
         for name, (value, scale) in values.items():
             if name in asked:
                 self.row(value, *asked[name], scale, name)
 
-    def _change(
-        self, mode: str, following: str, state: dict[str, Any], e: Mapping[str, Any], memory: Memory
-    ) -> tuple[dict[str, Any], Memory]:
+    def _change(self, mode: str, following: str, state: State, e: Dynamics, memory: Memory) -> tuple[State, Memory]:
         """The event between two phases: its condition as a row, and state and memory behind it."""
         j = self.jumper
         m = j.model
         if mode == STUCK and following == INTRUDE:
-            self.row(e["push"] - j.static_force(memory.floor, memory), 0.0, 0.0, self.weight)
+            self.row(e.push - j.static_force(memory.floor, memory), 0.0, 0.0, self.weight)
             return state | {"x_f": -memory.floor, "v_f": 0.0}, memory
         if mode == INTRUDE and following == STUCK:
             self.row(state["v_f"], 0.0, 0.0, 0.5)
             floor = -state["x_f"]
             return state, Memory(floor, memory.hole, floor, True, memory.landed)
         if mode == STUCK and following == AIR:
-            self.row(e["rod"], 0.0, 0.0, 0.01) if j.massless else self.row(e["push"], 0.0, 0.0, self.weight)
+            self.row(e.rod, 0.0, 0.0, 0.01) if j.massless else self.row(e.push, 0.0, 0.0, self.weight)
             return state | {"x_f": -memory.floor, "v_f": 0.0}, Memory(
                 memory.floor, memory.floor, 0.0, memory.moved, True
             )
@@ -271,22 +271,22 @@ class Programme:
             self.row(state["x_f"] + memory.floor, 0.0, 0.0, 0.01)
             return state | {"v_f": state["v_f"] * m.m_f / j.foot_inertia(memory.floor)}, memory
         if mode == AIR and following == STUCK and m.ground == "hard":
-            self.row(e["foot"] if not j.massless else e["rod"], 0.0, 0.0, 0.01)
+            self.row(e.foot if not j.massless else e.rod, 0.0, 0.0, 0.01)
             loss = m.parameters.e or 0.0 if "landing_loss" in m else 0.0
-            return state | {"w": state["w"] + (math.sqrt(1.0 - loss) - 1.0) * e["rod_rate"]}, memory
+            return state | {"w": state["w"] + (math.sqrt(1.0 - loss) - 1.0) * e.rod_rate}, memory
         raise ValueError(f"phases: {mode} cannot be followed by {following} on {m.ground} ground")
 
-    def _stop(self, e: Mapping[str, Any]) -> None:
+    def _stop(self, e: Dynamics) -> None:
         """The command ends where it began, at rest, and the motor on it."""
         self.row(self.command[0], 0.0, 0.0, SCALE["x_c"])
         self.row(self.command[1], 0.0, 0.0, SCALE["v_c"])
         if self.jumper.drive.kp > 0 or "motor_lag" in self.jumper.model:
             sag = self.jumper.sag() if self.sequence[-1] == AIR else 0.0
-            self.row(e["X"] - sag, 0.0, 0.0, SCALE["X"])
+            self.row(e.X - sag, 0.0, 0.0, SCALE["X"])
         if self.jumper.drive.kp > 0:
-            self.row(e["V"], 0.0, 0.0, SCALE["V"])
+            self.row(e.V, 0.0, 0.0, SCALE["V"])
 
-    def _ballistic(self, state: Mapping[str, Any], time: Any) -> tuple[Any, Any]:
+    def _ballistic(self, state: State, time: Any) -> tuple[Any, Any]:
         """Apex of the rod over rest [m] and its time: free flight of the mass centre, spring and motor settled."""
         m = self.jumper.model
         total = m.M + m.m_f

@@ -225,20 +225,26 @@ def _dataset(
         "trial_simulated_m": (np.array([j.model for j in jumps]), "m", "jump_height of its simulation"),
     }
 
-    def over(dim: str, columns: dict[str, tuple[Any, str, str]]) -> dict[str, Any]:
-        return {n: ((dim,), v, {"units": unit, "long_name": words}) for n, (v, unit, words) in columns.items()}
+    def over(dim: str, columns: dict[str, tuple[Any, str, str]]) -> dict[str, xr.Variable]:
+        return {
+            n: xr.Variable((dim,), v, {"units": unit, "long_name": words}) for n, (v, unit, words) in columns.items()
+        }
 
     variables = over("condition", by_condition) | over("trial", by_trial)
     words = {"units": "m", "long_name": "change of the simulated height by one sigma of the parameter"}
-    variables["model_step_m"] = (("trial", "parameter"), steps, words)
-    coords: dict[str, Any] = {
-        n: (("condition",), [j.law[n] for j in first], {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning})
+    variables["model_step_m"] = xr.Variable(("trial", "parameter"), steps, words)
+    coords = {
+        n: xr.Variable(
+            ("condition",),
+            [j.law[n] for j in first],
+            {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning},
+        )
         for n in COORDS
     }
     coords |= {
-        "group": (("condition",), [j.experiment.header.group for j in first]),
-        "experiment": (("trial",), [j.experiment.name for j in jumps]),
-        "parameter": names,
+        "group": xr.Variable(("condition",), [j.experiment.header.group for j in first]),
+        "experiment": xr.Variable(("trial",), [j.experiment.name for j in jumps]),
+        "parameter": xr.Variable(("parameter",), names),
     }
     behind, more = simulated_map(robot, jumps)
     return xr.Dataset(
@@ -256,7 +262,7 @@ def _dataset(
     )
 
 
-def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, Any], dict[str, Any]]:
+def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, xr.Variable], dict[str, xr.Variable]]:
     """The model's height between the points, over frequency and phase; nothing where robots or the rest differ."""
     rest = {n: {round(j.law[n], 9) for j in jumps} for n in COORDS[2:]}
     sections = [(j.experiment.section(Robot), j.experiment.section(ModelSpec)) for j in jumps]
@@ -275,8 +281,8 @@ def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, Any], di
     height = hard_points({n: np.broadcast_to(v, (DRAWN, DRAWN)) for n, v in grid.items()})["jump_height_m"]
     words = {"units": "m", "long_name": "jump_height simulated between the conditions"}
     dims = ("map_frequency", "map_phase")
-    return {"simulated_map_m": (dims, height, words)}, {
-        n: ((n,), a, {"units": AXES[n[4:]].unit}) for n, a in zip(dims, axes)
+    return {"simulated_map_m": xr.Variable(dims, height, words)}, {
+        n: xr.Variable((n,), a, {"units": AXES[n[4:]].unit}) for n, a in zip(dims, axes)
     }
 
 

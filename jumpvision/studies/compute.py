@@ -130,28 +130,28 @@ def dataset(
     attrs: Mapping[str, Attribute] | None = None,
 ) -> xr.Dataset:
     """`results` of jumps over `dims` with `extra` variables. coords: by name, values or (dim, values)."""
-    variables: dict[str, Any] = {}
+    variables: dict[str, xr.Variable] = {}
     for name, (unit, meaning) in RESULTS.items():
         values = np.asarray(results[name])
         if name == "n_jumps":
             values = np.nan_to_num(values, nan=-1).astype(np.int64)
-        variables[name] = (dims, values, {"units": unit, "long_name": meaning})
+        variables[name] = xr.Variable(dims, values, {"units": unit, "long_name": meaning})
     flags = {"units": "1", "flag_values": np.arange(4, dtype=np.int8), "flag_meanings": " ".join(CLASSES)}
-    variables["jump_class"] = (dims, jump_class(results["n_jumps"]), {**flags, "long_name": "kind of jump"})
+    variables["jump_class"] = xr.Variable(dims, jump_class(results["n_jumps"]), {**flags, "long_name": "kind of jump"})
     for name, (over, values, unit, meaning) in (extra or {}).items():
-        variables[name] = (over, values, {"units": unit, "long_name": meaning})
-    units: dict[str, Any] = {}
+        variables[name] = xr.Variable(over, values, {"units": unit, "long_name": meaning})
+    places: dict[str, xr.Variable] = {}
     for name, values in coords.items():
         over, values = values if isinstance(values, tuple) else ((name,) if np.ndim(values) else (), values)
         axis = AXES.get(name)
         meta = {"units": axis.unit or "1", "long_name": axis.meaning} if axis else {}
-        units[name] = (over, values, meta)
+        places[name] = xr.Variable(over, values, meta)
     return xr.Dataset(
-        variables, coords=units, attrs={**provenance(s.machine), "analysis": s.study.name, **(attrs or {})}
+        variables, coords=places, attrs={**provenance(s.machine), "analysis": s.study.name, **(attrs or {})}
     )
 
 
-def provenance(machine: Machine) -> dict[str, Any]:
+def provenance(machine: Machine) -> dict[str, str]:
     """Attributes of a file: the robot, its constants and model, and the versions."""
     packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
     return {

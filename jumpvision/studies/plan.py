@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -17,10 +17,14 @@ from jumpvision.base.schema import InputError, read
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.model import ModelSpec, read_model
 from jumpvision.inputs.sections import Motor, Robot
+from jumpvision.physics.forcing import Forcing
 from jumpvision.physics.model import GROUNDS, Model
 from jumpvision.results import plain
 
 from .machine import machine
+
+if TYPE_CHECKING:
+    from jumpvision.planning.plan import Plan, Planner
 
 RATE = 1000.0  # rows of plan.csv in a second
 DRAWS = 200  # models drawn for the spread of the apex
@@ -38,6 +42,38 @@ class Robot1D:
     model: Model
     motor: Motor | None
     sigma: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class PlanNumbers:
+    """What plan.json holds, in its order; None: not known, or not of this status."""
+
+    status: str
+    apex_m: float
+    resimulated_apex_m: float | None
+    apex_spread_m: float | None
+    solve_s: float
+    active_limits: list[str]
+    highest_apex_m: float | None
+    planned_apex_m: float
+    build_s: float
+    total_s: float
+    robot: str
+    ground: str
+    objective: str
+    motion: str
+    limits: dict[str, float]
+    duration_s: float
+    phases_s: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A plan with its planner and numbers."""
+
+    plan: Plan
+    planner: Planner
+    numbers: PlanNumbers
 
 
 def check_call(ground: str, apex: float | None, limits: Mapping[str, float]) -> None:
@@ -97,8 +133,8 @@ def make_plan(
     limits: Mapping[str, float],
     say: Callable[[str], None],
     rng: np.random.Generator,
-) -> tuple[Any, Any, dict[str, Any]]:
-    """(plan, planner, the numbers of plan.json); apex None: the highest. limits: by name, they replace the motor's."""
+) -> Planned:
+    """The plan of a jump; apex None: the highest. limits: by name, they replace the motor's."""
     try:
         from jumpvision.planning.jumper import Drive
         from jumpvision.planning.plan import Planner, apexes
@@ -119,40 +155,41 @@ def make_plan(
     elif plan.status == "solved":
         say("no uncertainties in [robot.sigma] or [model.sigma]: the spread of the apex stays open")
     reached = plan.status == "solved"
-    numbers = {
-        "status": plan.status,
-        "apex_m": plan.apex,
-        "resimulated_apex_m": plan.resimulated_apex if reached else None,
-        "apex_spread_m": spread,
-        "solve_s": plan.solve_s,
-        "active_limits": list(plan.active),
-        "highest_apex_m": None if reached else plan.planned_apex,
-        "planned_apex_m": plan.planned_apex,
-        "build_s": plan.build_s,
-        "total_s": plan.total_s,
-        "robot": robot.name,
-        "ground": robot.model.ground,
-        "objective": "height" if apex is None else objective,
-        "motion": motion,
-        "limits": {n: v for n, v in asdict(planner.limits).items() if v < math.inf},
-        "duration_s": plan.command.stop,
-        "phases_s": dict(zip(_phases(planner.sequence), plan.durations.tolist())),
-    }
-    return plan, planner, numbers
+    numbers = PlanNumbers(
+        status=plan.status,
+        apex_m=plan.apex,
+        resimulated_apex_m=plan.resimulated_apex if reached else None,
+        apex_spread_m=spread,
+        solve_s=plan.solve_s,
+        active_limits=list(plan.active),
+        highest_apex_m=None if reached else plan.planned_apex,
+        planned_apex_m=plan.planned_apex,
+        build_s=plan.build_s,
+        total_s=plan.total_s,
+        robot=robot.name,
+        ground=robot.model.ground,
+        objective="height" if apex is None else objective,
+        motion=motion,
+        limits={n: v for n, v in asdict(planner.limits).items() if v < math.inf},
+        duration_s=plan.command.stop,
+        phases_s=dict(zip(_phases(planner.sequence), plan.durations.tolist())),
+    )
+    return Planned(plan, planner, numbers)
 
 
 def _phases(sequence: tuple[str, ...]) -> list[str]:
     return [f"{i + 1} {mode}" for i, mode in enumerate(sequence)]
 
 
-def message(numbers: Mapping[str, Any]) -> str:
+def message(numbers: PlanNumbers) -> str:
     """One sentence on a plan that was not found."""
-    wanted, best = 1e3 * numbers["apex_m"], 1e3 * numbers["highest_apex_m"]
-    limits = ", ".join(f"{n} ({_limit(n, numbers['limits'])})" for n in numbers["active_limits"])
+    n = numbers
+    limits = ", ".join(f"{name} ({_limit(name, n.limits)})" for name in n.active_limits)
     why = f"what holds it back: {limits}" if limits else "no motor limit holds it back: try another --motion"
-    if numbers["status"] == "infeasible":
+    if n.status == "infeasible" and n.highest_apex_m is not None:
+        wanted, best = 1e3 * n.apex_m, 1e3 * n.highest_apex_m
         return f"an apex of {wanted:.1f} mm is out of reach: the highest jump found reaches {best:.1f} mm; {why}"
-    return f"no plan was found for an apex of {wanted:.1f} mm; try another --objective or --motion"
+    return f"no plan was found for an apex of {1e3 * n.apex_m:.1f} mm; try another --objective or --motion"
 
 
 def _limit(name: str, limits: Mapping[str, float]) -> str:
@@ -166,21 +203,21 @@ def _limit(name: str, limits: Mapping[str, float]) -> str:
     return f"{limits[key]:g} {unit}"
 
 
-def samples(command: Callable[[Any], Any], stop: float) -> pd.DataFrame:
+def samples(command: Forcing) -> pd.DataFrame:
     """The command in equal steps for the controller, to its end."""
-    t = np.arange(math.ceil(stop * RATE) + 1) / RATE
+    t = np.arange(math.ceil(command.stop * RATE) + 1) / RATE
     return pd.DataFrame({"time_s": t, "command_m": command(t)[0]})
 
 
-def write(plan: Any, numbers: Mapping[str, Any], folder: Path) -> list[Path]:
+def write(planned: Planned, folder: Path) -> list[Path]:
     """plan.json, and plan.csv where there is a plan; an old plan.csv does not outlive a failure."""
     folder.mkdir(parents=True, exist_ok=True)
     table, text = folder / "plan.csv", folder / "plan.json"
-    text.write_text(json.dumps(plain(dict(numbers)), indent=1) + "\n", encoding="utf-8")
-    if numbers["status"] != "solved":
+    text.write_text(json.dumps(plain(asdict(planned.numbers)), indent=1) + "\n", encoding="utf-8")
+    if planned.numbers.status != "solved":
         table.unlink(missing_ok=True)
         return [text]
-    samples(plan.command, plan.command.stop).to_csv(table, index=False, lineterminator="\n")
+    samples(planned.plan.command).to_csv(table, index=False, lineterminator="\n")
     return [table, text]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.studies.plan import Planned, PlanNumbers
 
 from .pictures import png
 
@@ -16,8 +17,9 @@ AFTER = 0.12  # s shown after the apex
 FRAME = 1 / 240  # s between frames of the animation
 
 
-def plan_picture(plan: Any, planner: Any, numbers: dict[str, Any]) -> bytes:
+def plan_picture(planned: Planned) -> bytes:
     """Command and motor, rod and foot, motor force and power against time, with the phases shaded; PNG."""
+    plan, planner, numbers = planned.plan, planned.planner, planned.numbers
     m, motion = planner.model, plan.motion
     t = motion.t
     apex_at = float(t[np.argmax(motion.rod)])
@@ -39,7 +41,7 @@ def plan_picture(plan: Any, planner: Any, numbers: dict[str, Any]) -> bytes:
         rise = 1e3 * (motion.rod[show] - motion.rest)
         body.plot(1e3 * t, rise, color=MODEL, label="rod over rest")
         body.plot(1e3 * t, 1e3 * motion.foot[show], color=GREEN, label="foot")
-        body.axhline(1e3 * numbers["apex_m"], color=QUIET, lw=0.8, ls=":")
+        body.axhline(1e3 * numbers.apex_m, color=QUIET, lw=0.8, ls=":")
         body.set(ylabel="height [mm]")
         effort.plot(1e3 * t, force, color=ACCENT, label="motor force [N]")
         effort.plot(1e3 * t, force * V, color=MEASURED, lw=1.0, label="motor power [W]")
@@ -50,10 +52,10 @@ def plan_picture(plan: Any, planner: Any, numbers: dict[str, Any]) -> bytes:
         return png(figure)
 
 
-def _title(numbers: dict[str, Any]) -> str:
-    if numbers["status"] != "solved":
-        return f"highest jump found: {1e3 * numbers['highest_apex_m']:.1f} mm; {1e3 * numbers['apex_m']:.1f} mm wanted"
-    return f"apex {1e3 * numbers['apex_m']:.1f} mm on {numbers['ground']} ground, {numbers['objective']}"
+def _title(n: PlanNumbers) -> str:
+    if n.highest_apex_m is not None:
+        return f"highest jump found: {1e3 * n.highest_apex_m:.1f} mm; {1e3 * n.apex_m:.1f} mm wanted"
+    return f"apex {1e3 * n.apex_m:.1f} mm on {n.ground} ground, {n.objective}"
 
 
 def _phases(axis: Any, sequence: tuple[str, ...], durations: Any) -> None:
@@ -62,9 +64,9 @@ def _phases(axis: Any, sequence: tuple[str, ...], durations: Any) -> None:
         axis.axvspan(begin, end, color=SHADES[mode], lw=0)
 
 
-def plan_animation(plan: Any, planner: Any, numbers: dict[str, Any]) -> str:
+def plan_animation(planned: Planned) -> str:
     """A self-contained page that plays the jump, eight times slowed."""
-    motion = plan.motion
+    motion, numbers = planned.plan.motion, planned.numbers
     t = np.arange(0.0, float(motion.t[np.argmax(motion.rod)]) + 2 * AFTER, FRAME)
 
     def at(a: Any) -> list[float]:
@@ -74,9 +76,9 @@ def plan_animation(plan: Any, planner: Any, numbers: dict[str, Any]) -> str:
     data = {
         **tracks,
         "frame_s": FRAME,
-        "sand": numbers["ground"] == "granular",
+        "sand": numbers.ground == "granular",
         "title": _title(numbers),
-        "apex": round(1e3 * numbers["apex_m"], 2),
+        "apex": round(1e3 * numbers.apex_m, 2),
     }
     return PAGE.replace("DATA", json.dumps(data))
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from jumpvision.mechanisms.cone import cone_mass, cone_mass_slope
 from jumpvision.physics.batch import model_at, resolve
@@ -225,7 +226,7 @@ def delay(s: Sweep) -> Found:
     at = float(f[np.argmax(each.max(axis=0))])
     alpha, *_ = drag_of_singles(s, FREQUENCIES[::2], phi)
     older = baseline(s)
-    law: dict[str, Any] = {"delay": wait, "phase": phase, "frequency": at}
+    law: dict[str, ArrayLike] = {"delay": wait, "phase": phase, "frequency": at}
     found = batch(s, law)
     old = batch(s, law, placeholder(s.machine.model, older), with_alpha(s, phi, alpha))
     single = float(heights(s, "single", {"frequency": FREQUENCIES}).max())
