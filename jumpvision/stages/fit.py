@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -80,9 +81,10 @@ def fit(
         out |= theory(phi, p)
     if not (out or rod or contact or column or flow or intrusion or spring):
         raise NotApplicable(["fit needs [actuation] beside [motor_log], or another recording"])
+    entries = {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()}
     for made in (intrusion, spring):
-        out |= made.fits.estimates if made else {}
-    return Fits(out)
+        entries |= made.values["fits"] if made else {}
+    return Fits(entries)
 
 
 def begin_of(rod: RodMotion | None, contact: ContactLog | None) -> float:
@@ -188,7 +190,7 @@ def seen_by_lens(height: Estimate, lens: Array, t: Array, when: float) -> Estima
     return height.with_common(abs(float(np.interp(when, t, lens)))) if lens.any() else height
 
 
-def theory(phi: float, p: FitParams) -> dict[str, Estimate]:
+def theory(phi: float, p: FitParams) -> dict[str, Any]:
     """beta and mu that the packing alone implies (thesis eqs. 29 and 30), where the bed is loose enough."""
     try:
         cone = cone_growth(phi, p.critical_fraction)

@@ -9,7 +9,6 @@ from typing import Any, NotRequired, TypedDict, Unpack
 
 import numpy as np
 
-<<<<<<< HEAD
 from jumpvision.diagnosis.detect import LEVEL
 from jumpvision.results.diagnosis import Cell, Diagnosis, Gain
 
@@ -102,11 +101,6 @@ class Chart(TypedDict):
     stacked: bool
     legend: NotRequired[list[Key]]
 
-=======
-from jumpvision.results.values import Fits
-
-Chart = dict[str, Any]
->>>>>>> fe48f13 (Fits hold Estimates; JSON only at the file, and back as the same type)
 
 MOST = 3000  # points of a series in a page: two a pixel
 DIGITS = 5  # significant figures
@@ -158,9 +152,9 @@ def json_of(file: Path) -> dict[str, Any]:
     return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
 
 
-def fits_of(results: Path) -> Fits:
-    """fits.json; no fits where it is not there."""
-    return Fits.load(results) if (results / Fits.file).exists() else Fits({})
+def fits_of(results: Path) -> dict[str, Any]:
+    """fits.json."""
+    return json_of(results / "fits.json")
 
 
 KINDS = {"single": ("measured", "circle"), "stutter": ("model", "square"), "delayed_stutter": ("green", "triangle")}

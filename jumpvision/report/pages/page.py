@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -17,28 +16,17 @@ from typing import Any
 from jumpvision import __version__
 from jumpvision.base.numbers import measured
 from jumpvision.base.storage import write_aside
-<<<<<<< HEAD
 from jumpvision.campaign.actuator import actuator_bandwidth, driven
 from jumpvision.campaign.craters import craters_of, zero_crossing
 from jumpvision.campaign.intrusions import intrusion_laws, slow_intrusions
 from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, details, overview, true_parameters
-=======
-from jumpvision.campaign.across import actuator_bandwidth, actuator_rows, intrusion_laws, intrusion_rows
-from jumpvision.campaign.beside import Truth, chance, confirmation_rows, details, is_named, models, overview, said_true
-from jumpvision.campaign.craters import craters_table, zero_crossing
-from jumpvision.estimate.estimate import Estimate
->>>>>>> fe48f13 (Fits hold Estimates; JSON only at the file, and back as the same type)
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Actuation
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.report.figures.pictures import drawn
 from jumpvision.results import plain
-<<<<<<< HEAD
 from jumpvision.results.diagnosis import Cause, Diagnosis
-=======
-from jumpvision.results.values import Fits, Intrusion
->>>>>>> fe48f13 (Fits hold Estimates; JSON only at the file, and back as the same type)
 from jumpvision.workflow.run import Outcome, truth_of
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
@@ -169,13 +157,11 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
     key = digest_of([back, *outcome.errors, *outcome.warnings, *outcome.not_run, receipt])
     if made_from(page, key):
         return key
-    folder = outcome.results
-    fits = dict(fits_of(folder).estimates)
-    if (folder / Intrusion.file).exists():
-        fits |= Intrusion.load(folder).fits.estimates
+    folder, fits = outcome.results, fits_of(outcome.results)
+    intrusion = json_of(folder / "intrusion.json").get("fits", {})
     crater = json_of(folder / "crater.json")
-    volume = {"volume_m3": Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)} if crater else {}
-    sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume))
+    volume = {"volume_m3": {"value": crater["volume_m3"], "sigma": crater["sigma_m3"]}} if crater else {}
+    sentence, facts = experiment_words(law, outcome.summary, {**fits, **intrusion, **volume})
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")
     text = template("experiment.html.j2").render(
@@ -198,7 +184,7 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
             for f, (heading, alt) in PICTURES.items()
             if (folder / f).exists()
         ],
-        fits=fit_rows(fits),
+        fits=fit_rows({**fits, **intrusion}),
         warnings=outcome.warnings,
         errors=outcome.errors,
         not_run=outcome.not_run,
@@ -247,12 +233,12 @@ def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[st
     ]
 
 
-def fit_rows(fits: dict[str, Estimate]) -> list[dict[str, str]]:
+def fit_rows(fits: dict[str, Any]) -> list[dict[str, str]]:
     """fits.json as table rows; fits without a value are left out."""
     return [
-        {"name": k, "value": measured(e.value, e.sigma), "unit": e.unit, "n": str(e.n)}
-        for k, e in fits.items()
-        if e.known
+        {"name": k, "value": measured(f["value"], f["sigma"]), "unit": f["unit"], "n": str(f["n"])}
+        for k, f in fits.items()
+        if f["value"] is not None
     ]
 
 
