@@ -62,6 +62,41 @@ def learn_noise(system: Jumper) -> Learned:
     usable = [x for kind in alone.values() for x in kind]
     scale, doubt = _tracks(usable, stated, frame)
     factors = [f * w for f, w in zip(scale, weights)]
+    evidence = _evidence(system, alone, scale, factors)
+    level = _level(evidence, stated, scale, frame, step, warnings)
+    noise, kurtosis = level.noise, level.kurtosis
+    drifting, reach = [*evidence.pairs, *evidence.still], readings.reach_of([j.t for j in jumps])
+    noise = replace(
+        noise,
+        kurtosis=kurtosis,
+        log_power=math.hypot(math.sqrt((kurtosis - 1.0) / max(noise.n, 1)), doubt),
+        drift=readings.learn(drifting, noise, reach) if drifting else noise.s,
+        reach=reach,
+    )
+    scatter = differing(system, evidence.pairs, noise)
+    if noise.rho > TOP - 0.01:
+        warnings.append(
+            f"the correlation of the noise lies at the end of its range ({noise.rho:.2f}): what is taken for rest or "
+            "flight moves; film a longer rest, or repeat trials (same `group`)"
+        )
+    weighted = system.weighted(factors, [n for n, s in scatter.items() if s > 0])
+    told = tuple(warnings), tuple(outliers)
+    return Learned(noise, scatter, weighted, level.sigma, level.tails, scale, level.sources, *told)
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """Stretches that tell of the noise. pairs: differences of repeated trials; parts: all by kind; used: those that
+    count once; still: rest of tracks that were not repeated, of which only the level is unknown."""
+
+    pairs: list[Stretch]
+    parts: dict[str, list[Stretch]]
+    used: list[Stretch]
+    still: list[Stretch]
+
+
+def _evidence(system: Jumper, alone: Mapping[str, list[Stretch]], scale: Array, factors: Sequence[Array]) -> _Evidence:
+    """Rest, flight and repeats, every track at its own scale."""
     alone = {
         k: [replace(x, spread=x.spread * scale[x.track]) for x in v if x.spread is not None] for k, v in alone.items()
     }
@@ -73,42 +108,40 @@ def learn_noise(system: Jumper) -> Learned:
     }
     # a repeated track's rest is in its differences already
     repeated = {x.track for x in pairs} | {i for x in pairs for i in _like(system, x.track)}
-    used = [*parts["repeats"], *parts["flight"], *(x for x in parts["rest"] if x.track not in repeated)]
+    rest = [x for x in parts["rest"] if x.track not in repeated]
+    used = [*parts["repeats"], *parts["flight"], *rest]
     # a track that is finer than it may count tells nothing of the others
     usual = [x for x in used if scale[x.track] > FINEST]
-    used = usual if samples(usual) >= FEWEST else used
+    still = [replace(x, design=x.design[:, :1]) for x in rest]
+    return _Evidence(pairs, parts, usual if samples(usual) >= FEWEST else used, still)
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The noise without its wander, and the shape of its errors (see Learned)."""
+
+    noise: Noise
+    kurtosis: float
+    sigma: float
+    tails: float
+    sources: dict[str, Source | None]
+
+
+def _level(evidence: _Evidence, stated: Array, scale: Array, frame: float, step: float, warnings: list[str]) -> _Level:
+    """The noise by all sources; as the tracks state it where there is too little else. step: rounding [unit of y]."""
+    used, parts, least = evidence.used, evidence.parts, step / math.sqrt(12.0)
     if samples(used) < FEWEST:
         noise = only_stated(stated, frame, samples(used), warnings)
         sources: dict[str, Source | None] = dict.fromkeys(("rest", "flight", "repeats"))
-        kurtosis, sigma, tails = 3.0, noise.s, math.inf
-    else:
-        noise = estimate(used, frame, floor=least)
-        kurtosis = kurtosis_of(used, noise)
-        sources = {k: of_stretches(v, noise, kurtosis) for k, v in parts.items()}
-        if step > 0 and (found := sources["repeats"]) is not None:
-            sources["repeats"] = replace(found, sigma=of_rounded(found.sigma, step))
-        noise = combined(noise, sources, used, parts, least, warnings)
-        noise = with_stated(noise, sources, stated, scale, kurtosis, warnings)
-        sigma, tails = half_width(used, noise)
-    sources["stated"] = of_statements(stated)
-    still = [replace(x, design=x.design[:, :1]) for x in alone["rest"] if x.track not in repeated]
-    drifting = [*pairs, *still]
-    reach = readings.reach_of([j.t for j in jumps])
-    noise = replace(
-        noise,
-        kurtosis=kurtosis,
-        log_power=math.hypot(math.sqrt((kurtosis - 1.0) / max(noise.n, 1)), doubt),
-        drift=readings.learn(drifting, noise, reach) if drifting else noise.s,
-        reach=reach,
-    )
-    scatter = differing(system, pairs, noise)
-    if noise.rho > TOP - 0.01:
-        warnings.append(
-            f"the correlation of the noise lies at the end of its range ({noise.rho:.2f}): what is taken for rest or "
-            "flight moves; film a longer rest, or repeat trials (same `group`)"
-        )
-    weighted = system.weighted(factors, [n for n, s in scatter.items() if s > 0])
-    return Learned(noise, scatter, weighted, sigma, tails, scale, sources, tuple(warnings), tuple(outliers))
+        return _Level(noise, 3.0, noise.s, math.inf, sources | {"stated": of_statements(stated)})
+    noise = estimate(used, frame, floor=least)
+    kurtosis = kurtosis_of(used, noise)
+    sources = {k: of_stretches(v, noise, kurtosis) for k, v in parts.items()}
+    if step > 0 and (found := sources["repeats"]) is not None:
+        sources["repeats"] = replace(found, sigma=of_rounded(found.sigma, step))
+    noise = combined(noise, sources, used, parts, least, warnings)
+    noise = with_stated(noise, sources, stated, scale, kurtosis, warnings)
+    return _Level(noise, kurtosis, *half_width(used, noise), sources | {"stated": of_statements(stated)})
 
 
 def differing(system: Jumper, pairs: Sequence[Stretch], noise: Noise) -> dict[str, float]:
