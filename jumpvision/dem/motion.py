@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -142,7 +144,9 @@ def forces(discs: Discs, law: Law, box: Box) -> Array:
     return out
 
 
-def foot_path(foot, foot_t, foot_y, times):  # type: ignore[no-untyped-def]
+def foot_path(
+    foot: Plate | Block | None, foot_t: ArrayLike | None, foot_y: ArrayLike | None, times: Array
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Height and velocity of the foot's face as functions of time; zero without a foot."""
     from scipy.interpolate import CubicSpline
 

@@ -175,7 +175,7 @@ def law_rows(v: Mapping[str, Array]) -> Array:
     return half_cycle_rows(f, f2, amp, ph, wait)
 
 
-def hard_points(v: Mapping[str, Array]) -> dict[str, NDArray]:
+def hard_points(v: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
     """hard_sweep at the points."""
     return hard_sweep(law_rows(v), **{name: v[name] for name in VALUES_OF_ROBOT})
 

@@ -52,12 +52,12 @@ def gravity_of(alpha: Any, stiffness: Any, mass: Any, amplitude: Any) -> Any:
     return alpha * stiffness * amplitude / mass
 
 
-Jumps = Callable[[list[Array]], dict[str, NDArray]]
+Jumps = Callable[[list[Array]], dict[str, NDArray[Any]]]
 
 
 def best_jump(
     jumps: Jumps, low: ArrayLike, high: ArrayLike, *, points: int, rounds: int, key: str
-) -> tuple[Array, dict[str, NDArray]]:
+) -> tuple[Array, dict[str, NDArray[Any]]]:
     """Where jumps(...)[key] is greatest, and the results there.
 
     low, high: (..., d) corners of the boxes searched. jumps takes d arrays of shape (..., n) and returns arrays of

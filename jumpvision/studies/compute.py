@@ -36,7 +36,7 @@ RTOL, ATOL = 1e-6, 1e-9  # as the stage `simulate`
 SLOW = 5.0  # s, from where the time is announced
 
 
-def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, say: Say) -> dict[str, NDArray]:
+def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, say: Say) -> dict[str, NDArray[Any]]:
     """Results over the grid of `given`: shape the sizes of its 1-D entries, in order. InputError for what cannot be."""
     no_effect(machine, given)
     shape = tuple(a.size for a in given.values() if a.ndim)

@@ -43,14 +43,16 @@ HUMAN = {
 TYPES = ("stutter", "single")
 
 
-def _both(s: Sweep, alpha: Any, share: Any, zeta: Any, search: Search = SEARCH, key: str = KEY) -> dict[str, NDArray]:
+def _both(
+    s: Sweep, alpha: Any, share: Any, zeta: Any, search: Search = SEARCH, key: str = KEY
+) -> dict[str, NDArray[Any]]:
     """best_by_alpha with the two jump types as first axis."""
     shape = np.broadcast_shapes(np.shape(alpha), np.shape(share), np.shape(zeta))
     phases = np.array([STUTTER, SINGLE]).reshape(2, *[1] * len(shape))
     return best_by_alpha(alpha, phases, share, zeta, robot=s.robot, search=search, key=key)
 
 
-def _region(s: Sweep, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray, NDArray]:
+def _region(s: Sweep, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray[Any], NDArray[Any]]:
     """From and to which alpha the stutter jump is the higher one at the lower peak power; NaN where nowhere."""
     best = _both(s, alpha, share, zeta, SEARCH._replace(points=60))
     height, power = (best[k][0] / best[k][1] for k in ("com_height_m", "peak_power_W"))
@@ -59,7 +61,7 @@ def _region(s: Sweep, alpha: Any, share: Any, zeta: Any) -> tuple[NDArray, NDArr
     return low, np.where(np.isfinite(low), high, np.nan)
 
 
-def _scaled(best: dict[str, NDArray], dims: tuple[str, ...]) -> dict[str, Variable]:
+def _scaled(best: dict[str, NDArray[Any]], dims: tuple[str, ...]) -> dict[str, Variable]:
     return {
         "height_ratio": (dims, best["com_height_m"] / best["amplitude_m"], "1", "com_height / A"),
         "frequency_ratio": (dims, best["frequency_ratio"], "1", "best frequency / f_0"),
@@ -166,7 +168,7 @@ def alpha(s: Sweep) -> Found:
     return data, rows
 
 
-def _phases(s: Sweep) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _phases(s: Sweep) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """alpha, phase [rad], and over both the greatest com_height / A over frequency and its number of flights."""
     few, phase = np.geomspace(ALPHAS[0], ALPHAS[-1], 18), np.linspace(0.0, 2.0 * np.pi, 121)
     f = np.linspace(0.15, 3.0, 360) * s.robot.f0

@@ -212,7 +212,7 @@ def _threshold(grey: Array) -> Surface:
     if np.ptp(grey) == 0.0:
         return Surface(column, np.full(nx, NAN), np.full(nx, NAN), np.full(nx, "no bright-above-dark edge"))
     margin = ITERATIONS + 1  # the picture's border is no edge of the bed
-    dark = np.pad(grey < threshold_otsu(grey), margin, mode="edge")
+    dark = np.pad(np.asarray(grey < threshold_otsu(grey)), margin, mode="edge")
     dark = binary_closing(binary_opening(dark, iterations=ITERATIONS), iterations=ITERATIONS)[
         margin:-margin, margin:-margin
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -72,7 +72,7 @@ def best_by_alpha(
     robot: HardRobot,
     search: Search,
     key: str = KEY,
-) -> dict[str, NDArray]:
+) -> dict[str, NDArray[Any]]:
     """The one-cycle jump of greatest `key` over the frequencies of the search.
 
     alpha, phase [rad], rod_share m_r/M and zeta broadcast to (...); the latter two in place of the robot's own, whose
@@ -82,7 +82,7 @@ def best_by_alpha(
     a, ph, share, z = np.broadcast_arrays(*(np.asarray(v, float) for v in (alpha, phase, rod_share, zeta)))
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
-    def jumps(at: list[Array]) -> dict[str, NDArray]:
+    def jumps(at: list[Array]) -> dict[str, NDArray[Any]]:
         return hard_sweep(
             sine_rows(at[0] * f0, amp[..., None], ph[..., None], 1.0),
             motor_mass=mass * (1.0 - share[..., None]),
@@ -107,7 +107,7 @@ def best_by_alpha(
 
 def best_two_frequencies(
     alpha: ArrayLike, *, robot: HardRobot, search: Search, highest2: float, points2: int
-) -> dict[str, NDArray]:
+) -> dict[str, NDArray[Any]]:
     """The highest stutter jump (phase pi/2) whose two half cycles have frequencies of their own (thesis Fig 36).
 
     Arguments as in best_by_alpha, alpha (n,). The first frequency is searched as `search` says, for every second
@@ -119,10 +119,10 @@ def best_two_frequencies(
     mass, stiffness, gravity, rod_share = robot.mass, robot.stiffness, robot.gravity, robot.rod_share
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
-    def of_second(at: list[Array]) -> dict[str, NDArray]:
+    def of_second(at: list[Array]) -> dict[str, NDArray[Any]]:
         second = np.exp(at[0])
 
-        def of_first(at: list[Array]) -> dict[str, NDArray]:
+        def of_first(at: list[Array]) -> dict[str, NDArray[Any]]:
             return hard_sweep(
                 half_cycle_rows(at[0] * f0, second[..., None] * f0, amp[:, None, None], STUTTER, 0.0),
                 motor_mass=mass * (1.0 - rod_share),
@@ -260,7 +260,7 @@ def easiest_frequency(
     A_min that matter: near resonance A_min is flat.
     """
 
-    def jumps(at: list[Array]) -> dict[str, NDArray]:
+    def jumps(at: list[Array]) -> dict[str, NDArray[Any]]:
         given = {"cycles": cycles, "wait": 0.0, "largest": largest, "resolution": resolution}
         return {"amplitude": -minimum_amplitude(at[0] * robot.f0, [phase], robot=robot, **given)[:, 0]}
 

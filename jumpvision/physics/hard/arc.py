@@ -60,7 +60,7 @@ def sincos(x: float) -> tuple[float, float]:
 @nb.njit(**INLINE)
 def make_arc(
     grounded: bool,
-    piece: NDArray | tuple[float, ...],
+    piece: NDArray[Any] | tuple[float, ...],
     tau: float,
     length: float,
     x: float,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,7 +96,7 @@ def scattered(
     rng: np.random.Generator,
     amplitude: float,
     cycles: float,
-) -> dict[str, NDArray]:
+) -> dict[str, NDArray[Any]]:
     """hard_map's results, (nf, np, trials), of jumps that start from a ringing spring.
 
     ringing [m]: standard deviation of the rod's displacement, and of its velocity over w_0, at the start of the law.

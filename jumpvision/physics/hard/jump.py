@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba as nb
 import numpy as np
@@ -199,7 +199,7 @@ def hard_sweep(
     damping: ArrayLike,
     gravity: ArrayLike,
     landing_loss: ArrayLike,
-) -> dict[str, NDArray]:
+) -> dict[str, NDArray[Any]]:
     """The results of one jump for every law, in parallel.
 
     laws: shape (..., r, 6), the rows of a forcing.Segments for every point. The other arguments, as in hard_jump,
@@ -229,7 +229,7 @@ def hard_sweep(
     out = np.empty((len(RESULTS), rows.shape[0]))
     with nb.parallel_chunksize(1):  # blocks are handed out as threads become free, where the threading layer can
         _sweep(np.ascontiguousarray(rows), robots, out)
-    result: dict[str, NDArray] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
+    result: dict[str, NDArray[Any]] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result
 
@@ -255,7 +255,7 @@ def hard_map(
     damping: float,
     gravity: float,
     landing_loss: float,
-) -> dict[str, NDArray]:
+) -> dict[str, NDArray[Any]]:
     """hard_sweep over the sinusoidal law: frequencies (nf,) [Hz], phases (np,) [rad]; results of shape (nf, np)."""
     f, ph = np.asarray(frequencies, float)[:, None], np.asarray(phases, float)[None, :]
     return hard_sweep(
@@ -320,7 +320,7 @@ def _pieces(forcing: Forcing) -> Array:
 
 
 @nb.njit(**KERNEL)
-def _peak_speed(pieces: NDArray, n: int) -> float:
+def _peak_speed(pieces: NDArray[Any], n: int) -> float:
     """Greatest |X_m'| [m/s] of the first n pieces; each is a sinusoid or a cubic."""
     peak = 0.0
     for i in range(n):
@@ -337,8 +337,8 @@ def _peak_speed(pieces: NDArray, n: int) -> float:
 
 @nb.njit(cache=True)
 def _sample(
-    rows: NDArray, piece: NDArray, t: NDArray, q: float, g: float, w2: float, gam: float
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    rows: NDArray[Any], piece: NDArray[Any], t: NDArray[Any], q: float, g: float, w2: float, gam: float
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """x_r, v_r, x_m and F_s/M at the times t; at rest before the first arc."""
     x, v, xm, f = np.empty(t.size), np.empty(t.size), np.empty(t.size), np.empty(t.size)
     for i in range(t.size):
@@ -354,7 +354,7 @@ def _sample(
 
 
 @nb.njit(parallel=True, **KERNEL)
-def _sweep(laws: NDArray, robots: NDArray, out: NDArray) -> None:
+def _sweep(laws: NDArray[Any], robots: NDArray[Any], out: NDArray[Any]) -> None:
     """hard_sweep, flat: laws (n, r, 6), robots (6, n or 1) in the order of its arguments, out (8, n) as RESULTS."""
     for block in nb.prange((laws.shape[0] + BLOCK - 1) // BLOCK):
         pieces, none = np.zeros((laws.shape[1] + 1, 9)), np.empty((0, 2))

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from jumpvision.base.arrays import Array
+
 from .granular import (
     AIR,
     AT,
@@ -15,7 +17,6 @@ from .granular import (
     STUCK,
     VF,
     XF,
-    Array,
     Guards,
     V,
     X,

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.cone import cone_mass, cone_mass_slope
 from jumpvision.physics.batch import model_at, resolve
 from jumpvision.physics.packing import PackingFit, fit_packing_law
@@ -21,7 +22,6 @@ from .shared import (
     HOP_DELAY,
     SETTLED,
     TYPES,
-    Array,
     baseline,
     batch,
     drag_of_singles,

@@ -15,6 +15,7 @@ from jumpvision.base.arrays import FROM_MAD
 from . import disc
 from .background import View
 from .disc import DRIFT, LIGHT, learn, rim_faults
+from .sums import SECTORS
 
 MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
 DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given
@@ -76,7 +77,7 @@ class DiscMeasure:
         self.last = np.zeros(12)
         self.light_var = np.zeros(4)
         self.drift = DRIFT.copy()
-        self.rim = np.zeros(disc.SECTORS)  # running mean shape of the rim, px outside the circle
+        self.rim = np.zeros(SECTORS)  # running mean shape of the rim, px outside the circle
         self.rim_factor = 1.0
 
     def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
@@ -167,7 +168,7 @@ class DiscMeasure:
             return "at the image edge"
         off, dent = rim_faults(fit.sectors, fit.shifts, fit.shift_sigmas, self.rim, self.rim_factor)
         if off > MOST_SECTORS_OFF:
-            return f"occluded: {off} of {disc.SECTORS} sectors"
+            return f"occluded: {off} of {SECTORS} sectors"
         if dent > min(RIM_OFF * d, RIM_OFF_PX):
             return f"occluded: the rim is off by {dent:.2g} px"
         if fit.dropped > MOST_DROPPED:
