@@ -31,7 +31,7 @@ HEAD = """# API reference
 Made by `python docs/reference.py` from the docstrings. The functions for notebooks are introduced in
 [notebook.md](notebook.md). The rooms below them are core code: arrays in, arrays out, nothing read, written or drawn;
 import them from their module, e.g. `from jumpvision.estimate.decay import ...`. Pixels and frames in `vision`,
-SI units from `grains` on. "The thesis" is Aguilar 2016, with the equations in [physics.md](physics.md)."""
+SI units from `grains` on. "The thesis" is Aguilar, with the equations in [physics.md](physics.md)."""
 
 
 def files(name: str) -> list[Path]:

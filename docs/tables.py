@@ -65,7 +65,7 @@ def text() -> str:
         "# Every key, with its default, unit, range and meaning",
         "Made by `python docs/tables.py` from the declarations in the code; `jumpvision params` prints the stages' "
         "part. SI units. A section may be left out until a stage needs it. "
-        "The thesis is Aguilar 2016 ([physics.md](physics.md)).",
+        "The thesis is Aguilar ([physics.md](physics.md)).",
         "## experiment.toml and campaign.toml",
         f"### above the first section\n\n{rows(table_of(Header))}",
     ]
