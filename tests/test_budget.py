@@ -583,7 +583,7 @@ def test_summary_and_table_show_the_common_part(tmp_path):
     (tmp_path / "experiment.toml").write_text("[bed]\nsolid_volume = 0.045\nlength = 0.56\nwidth = 0.56\n")
     film = replace(FILM, scale_sigma=0.01 * FILM.scale)
     found = heights(film, clock=Clock(offset_sigma=1e-3))
-    fits = Fits({k: e.entry() for k, e in found.items()})
+    fits = Fits(found)
     phi = BedHeight({"volume_fraction": 0.57, "sigma_volume_fraction": 3e-3, "sigma_common_volume_fraction": 2e-3})
     d = summary(open_experiment(tmp_path), LAW, fits, None, phi, None).values
     assert d["sigma_common_m"] == found["jump_height_m"].sigma_common > 0.0

@@ -59,8 +59,18 @@ def test_nothing_to_fit_is_a_value_and_a_bad_sigma_an_error():
 
 def test_entry_has_exactly_the_keys_of_the_contract_and_no_nan():
     entry = Estimate(math.nan, 1.0, "m", 3, 2.0, "why").entry()
-    assert entry == {"value": None, "sigma": 1.0, "sigma_common": 0.0, "unit": "m", "n": 3, "chi2": 2.0}
-    json.dumps(entry, allow_nan=False)
+    assert entry == {
+        "value": None,
+        "sigma": 1.0,
+        "sigma_common": 0.0,
+        "unit": "m",
+        "n": 3,
+        "chi2": 2.0,
+        "reason": "why",
+    }
+    assert "reason" not in Estimate(2.0, 1.0, "m", 3, 2.0).entry()
+    again = Estimate.of_entry(json.loads(json.dumps(entry, allow_nan=False)))
+    assert again.entry() == entry and math.isnan(again.value) and not again.known
 
 
 def test_an_undetermined_parameter_is_refused():

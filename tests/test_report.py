@@ -27,6 +27,7 @@ from jumpvision.report.pages.page import NAME, write_report
 from jumpvision.report.pages.words import experiment_words
 from jumpvision.results.diagnosis import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.results.fields import Column, ColumnGeometry
+from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome, jumps_table
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
@@ -197,10 +198,14 @@ def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
     text = (pages / NAME).read_text(encoding="utf-8")
     assert re.search(r"<h1[^>]*>" + re.escape(SENTENCE) + "</h1>", text)
     assert re.findall(r"<dd>([^<]*)", text) == ["9.9 ", "43×", "4 "]
-    said, facts = experiment_words(None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.0345}, {})
+    said, facts = experiment_words(
+        None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.0345}, Fits({})
+    )
     assert said == "A jump rose 20.000 ± 0.020 mm; the model says 34.5 mm, 14.5 mm too high."
     assert [f[0] for f in facts] == ["20.000 ± 0.020", "+14.5"]
-    said, facts = experiment_words(None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.01999}, {})
+    said, facts = experiment_words(
+        None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.01999}, Fits({})
+    )
     assert said.endswith("the model says 19.99 mm, the same within 2σ.") and facts[1][0] == "−0.010 ± 0.020"
 
 

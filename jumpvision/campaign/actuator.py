@@ -18,7 +18,7 @@ from jumpvision.results import plain
 from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome
 
-from .intrusions import Fitted, number
+from .intrusions import Fitted
 
 FITTED = ("actuator_ratio", "actuator_lag_s", "actuator_tau_s", "peak_power_W", "motor_work_J")
 FEWEST = 2  # frequencies of which a table is written
@@ -60,12 +60,12 @@ def driven(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[Driven]:
     for e in campaign.experiments:
         if e.name not in results or not (results[e.name] / Fits.file).exists():
             continue
-        fits = Fits.load(results[e.name]).values
-        if "actuator_ratio" not in fits:
+        fits = Fits.load(results[e.name])
+        if fits.get("actuator_ratio") is None:
             continue
         law = e.sections["actuation"]
-        found = ((n, fits.get(n, {})) for n in FITTED)
-        fitted = {n: Fitted(number(f.get("value")), number(f.get("sigma"))) for n, f in found}
+        found = ((n, fits.get(n)) for n in FITTED)
+        fitted = {n: Fitted(f.value, f.sigma) if f else Fitted(math.nan, math.nan) for n, f in found}
         rows.append(Driven(e.name, law.frequency, law.amplitude, fitted))
     return sorted(rows, key=lambda r: r.frequency)
 

@@ -49,15 +49,15 @@ def films(outcomes: Mapping[str, Outcome]) -> list[Film]:
     for name, outcome in outcomes.items():
         if not all((outcome.results / r.file).exists() for r in (Flow, Fits)):
             continue
-        fits = Fits.load(outcome.results).values
-        seen = fits.get("added_mass_kg", {})
+        fits = Fits.load(outcome.results)
+        seen = fits.get("added_mass_kg")
         flow = Flow.load(outcome.results)
         peak = peak_momentum(flow.field.momentum, flow.field.added_mass)
-        if seen.get("sigma") and peak is not None:
+        if seen and seen.sigma > 0.0 and peak is not None:
             depth = float(flow.field.foot_depth.values[peak])
-            moved = [fits["momentum_per_vector_of_window"]["value"], AXIS * fits["momentum_per_mm_of_axis"]["value"]]
-            share = math.hypot(seen["sigma"] / seen["value"], *(x for x in moved if x is not None))
-            whole = seen["value"] * ANGLE["full"] / ANGLE[flow.geometry.disc]
+            moved = [fits["momentum_per_vector_of_window"].value, AXIS * fits["momentum_per_mm_of_axis"].value]
+            share = math.hypot(seen.sigma / seen.value, *(x for x in moved if math.isfinite(x)))
+            whole = seen.value * ANGLE["full"] / ANGLE[flow.geometry.disc]
             out.append(Film(name, depth, whole, whole * share))
     return out
 

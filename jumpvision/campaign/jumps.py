@@ -188,7 +188,7 @@ def measurements(
         outcome = outcomes.get(e.name)
         if outcome is None or not (outcome.results / Fits.file).exists() or not _alike(e, robot, phi):
             continue
-        fits = Fits.load(outcome.results).values
+        fits = Fits.load(outcome.results)
         kinds = {"film": CONE, "spring test": _own("spring_stiffness")}
         if "intrusion_log" in e.sections:
             kinds["intrusion"] = _own("k1", "k2", "delta")
@@ -221,22 +221,22 @@ def _alike(e: Experiment, robot: Robot, phi: float | None) -> bool:
 
 
 def _read(
-    fits: Mapping[str, Any], names: Mapping[str, tuple[str, float]], source: str
+    fits: Fits, names: Mapping[str, tuple[str, float]], source: str
 ) -> tuple[Measured, np.ndarray[Any, Any]] | None:
     """(what fits.json says of these parameters, its covariance that other experiments share); None where nothing."""
-    have = {n: (fits[key], unit) for n, (key, unit) in names.items() if fits.get(key, {}).get("sigma")}
+    have = {n: (e, unit) for n, (key, unit) in names.items() if (e := fits.get(key)) and e.sigma > 0.0}
     if not have:
         return None
-    value = np.array([f["value"] * u for f, u in have.values()])
-    sigma = np.array([f["sigma"] * u for f, u in have.values()])
-    common = np.array([f.get("sigma_common", 0.0) * u for f, u in have.values()])
+    value = np.array([e.value * u for e, u in have.values()])
+    sigma = np.array([e.sigma * u for e, u in have.values()])
+    common = np.array([e.sigma_common * u for e, u in have.values()])
     keys = list(have)
     correlation = np.eye(len(keys))
     for i, a in enumerate(keys):
         for j, b in enumerate(keys):
             entry = fits.get(f"correlation_{a}_{b}") or fits.get(f"correlation_{b}_{a}")
-            if i != j and entry and entry["value"] is not None:
-                correlation[i, j] = entry["value"]
+            if i != j and entry and entry.known:
+                correlation[i, j] = entry.value
     own = np.sqrt(np.maximum(sigma**2 - common**2, 0.0))
     shared = np.outer(common, common)
     return Measured(tuple(keys), value, correlation * np.outer(own, own) + shared, source), shared

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,12 +34,13 @@ class Estimate:
         """The same with one more standard uncertainty [unit] that other experiments share, independent of the rest."""
         return replace(self, sigma=math.hypot(self.sigma, common), sigma_common=math.hypot(self.sigma_common, common))
 
+    @property
+    def known(self) -> bool:
+        """Whether there is a value."""
+        return math.isfinite(self.value)
+
     def entry(self) -> dict[str, float | str | int | None]:
-        """The entry of fits.json: value, sigma, sigma_common, unit, n, chi2; a NaN becomes None, as JSON has no NaN."""
-
-        def finite(a: float) -> float | None:
-            return float(a) if math.isfinite(a) else None
-
+        """The entry of fits.json: value, sigma, sigma_common, unit, n, chi2, and the reason where there is one."""
         return {
             "value": finite(self.value),
             "sigma": finite(self.sigma),
@@ -47,7 +48,18 @@ class Estimate:
             "unit": self.unit,
             "n": int(self.n),
             "chi2": finite(self.chi2),
+            **({"reason": self.reason} if self.reason else {}),
         }
+
+    @classmethod
+    def of_entry(cls, entry: Mapping[str, float | str | int | None]) -> Estimate:
+        """What `entry` made, back again."""
+        return cls(**{k: math.nan if v is None else v for k, v in entry.items()})  # type: ignore[arg-type]
+
+
+def finite(a: float) -> float | None:
+    """The number as a file holds it: None for NaN, as JSON has none."""
+    return float(a) if math.isfinite(a) else None
 
 
 APART = 1e-8  # of the common part: a smaller independent one is lost in the sum of their squares

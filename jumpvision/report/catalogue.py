@@ -118,7 +118,7 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
 def of_intrusion(name: str, folder: Path, end: str) -> tuple[str, tuple[str, Draw]]:
     """The figure of one slow intrusion."""
     what = f"force against depth, fit and overshoots: {name}"
-    return f"intrusion{end}", (what, lambda F: single(json_of(folder / "intrusion.json"), F))
+    return f"intrusion{end}", (what, lambda F: single(Intrusion.load(folder), F))
 
 
 def of_grains(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
@@ -161,7 +161,7 @@ def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str,
             lambda F: films.column(fits, Column.load(folder), F),
         ),
     )
-    if (fits.get("cone_slope_kg_m") or {}).get("value") is not None:
+    if fits.known("cone_slope_kg_m"):
         yield (
             f"added-mass{end}",
             (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -11,6 +12,8 @@ from . import Record, plain
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from jumpvision.estimate.estimate import Estimate
 
 
 @dataclass(frozen=True)
@@ -45,22 +48,30 @@ class Geometry(Values):
     file = "geometry.json"
 
 
-class Intrusion(Values):
-    """Force against depth of a slow intrusion: fits, averaged profile, events, the cone's prediction."""
+@dataclass(frozen=True)
+class Fits(Record):
+    """Every fit by name, as an Estimate: fits["mu"].value, .sigma; .sigma_common: that experiments share."""
 
-    file = "intrusion.json"
-
-
-class SpringTest(Values):
-    """Force against displacement of the spring: stiffness, hysteresis, curvature, and the record with its line."""
-
-    file = "spring.json"
-
-
-class Fits(Values):
-    """Every fit: {name: {value, sigma, sigma_common, unit, n, chi2}}, sigma_common the part that experiments share."""
+    estimates: Mapping[str, Estimate]
 
     file = "fits.json"
+
+    def __getitem__(self, name: str) -> Estimate:
+        return self.estimates[name]
+
+    def get(self, name: str) -> Estimate | None:
+        """The fit of this name; None where the data did not ask for it."""
+        return self.estimates.get(name)
+
+    def known(self, name: str) -> Estimate | None:
+        """The same; None too where the data do not allow it."""
+        found = self.estimates.get(name)
+        return found if found is not None and found.known else None
+
+    @property
+    def values(self) -> dict[str, dict[str, float | str | int | None]]:
+        """As in the file: {name: {value, sigma, sigma_common, unit, n, chi2}}, null with its reason."""
+        return {k: e.entry() for k, e in self.estimates.items()}
 
     @property
     def table(self) -> pd.DataFrame:
@@ -68,6 +79,41 @@ class Fits(Values):
         import pandas as pd
 
         return pd.DataFrame.from_dict(self.values, orient="index")
+
+    def save(self, folder: Path) -> None:
+        (folder / self.file).write_text(json.dumps(self.values, indent=1) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        return cls.of(json.loads((folder / cls.file).read_text(encoding="utf-8")))
+
+    @classmethod
+    def of(cls, entries: Mapping[str, Mapping[str, float | str | int | None]]) -> Self:
+        """From what a file holds."""
+        from jumpvision.estimate.estimate import Estimate
+
+        return cls({k: Estimate.of_entry(e) for k, e in entries.items()})
+
+
+class Tested(Values):
+    """A test with `fits` of its own, which stand in fits.json too."""
+
+    @property
+    def fits(self) -> Fits:
+        """Its fits."""
+        return Fits.of(self.values["fits"])
+
+
+class Intrusion(Tested):
+    """Force against depth of a slow intrusion: fits, averaged profile, events, the cone's prediction."""
+
+    file = "intrusion.json"
+
+
+class SpringTest(Tested):
+    """Force against displacement of the spring: stiffness, hysteresis, curvature, and the record with its line."""
+
+    file = "spring.json"
 
 
 class Summary(Values):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -81,10 +80,9 @@ def fit(
         out |= theory(phi, p)
     if not (out or rod or contact or column or flow or intrusion or spring):
         raise NotApplicable(["fit needs [actuation] beside [motor_log], or another recording"])
-    entries = {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in out.items()}
     for made in (intrusion, spring):
-        entries |= made.values["fits"] if made else {}
-    return Fits(entries)
+        out |= made.fits.estimates if made else {}
+    return Fits(out)
 
 
 def begin_of(rod: RodMotion | None, contact: ContactLog | None) -> float:
@@ -190,7 +188,7 @@ def seen_by_lens(height: Estimate, lens: Array, t: Array, when: float) -> Estima
     return height.with_common(abs(float(np.interp(when, t, lens)))) if lens.any() else height
 
 
-def theory(phi: float, p: FitParams) -> dict[str, Any]:
+def theory(phi: float, p: FitParams) -> dict[str, Estimate]:
     """beta and mu that the packing alone implies (thesis eqs. 29 and 30), where the bed is loose enough."""
     try:
         cone = cone_growth(phi, p.critical_fraction)

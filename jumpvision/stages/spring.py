@@ -40,7 +40,7 @@ def spring(log: SpringLog, robot: Robot | None) -> SpringTest:
     tell(found, robot)
     return SpringTest(
         {
-            "fits": {n: e.entry() | ({"reason": e.reason} if e.reason else {}) for n, e in found.fits.items()},
+            "fits": {n: e.entry() for n, e in found.fits.items()},
             "profile": {"displacement_m": x, "force_N": force, "direction": found.side, "fitted_N": found.fitted},
         }
     )

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
+from jumpvision.estimate.estimate import finite
 from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.sections import Actuation, Bed
 from jumpvision.results.tables import Simulation
@@ -41,25 +40,28 @@ def summary(
     Every value with `<key>_sigma` beside it (`sigma_m` for the jump height), and
     `<key>_sigma_common` (`sigma_common_m`), the part of it that other experiments share.
     """
-    f = fits.values if fits else {}
     phi, phi_sigma = packing(section, bed)
 
-    def get(name: str, part: str = "value") -> Any:
-        return f[name][part] if name in f else None
+    def parts(name: str) -> tuple[float | None, float | None, float | None]:
+        """value, sigma, sigma_common of a fit."""
+        e = fits.get(name) if fits else None
+        return (finite(e.value), finite(e.sigma), finite(e.sigma_common)) if e else (None, None, None)
 
+    height, height_sigma, height_common = parts("jump_height_m")
+    n_jumps = parts("n_jumps")[0]
     out = {
         "experiment": experiment.name,
         "kind": law.kind if law else None,
-        "jump_height_m": get("jump_height_m"),
-        "sigma_m": get("jump_height_m", "sigma"),
-        "sigma_common_m": get("jump_height_m", "sigma_common"),
-        "n_jumps": None if get("n_jumps") is None else int(get("n_jumps")),
+        "jump_height_m": height,
+        "sigma_m": height_sigma,
+        "sigma_common_m": height_common,
+        "n_jumps": None if n_jumps is None else int(n_jumps),
         "volume_fraction": phi,
         "sigma_volume_fraction": phi_sigma,
         "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
     }
     for key, name in FROM_FITS.items():
-        out |= {key: get(name), f"{key}_sigma": get(name, "sigma"), f"{key}_sigma_common": get(name, "sigma_common")}
+        out |= zip((key, f"{key}_sigma", f"{key}_sigma_common"), parts(name))
     out["simulated_height_m"] = simulated_height(simulation, law) if simulation else None
     return Summary(out)
 

@@ -10,10 +10,11 @@ import numpy as np
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField
 from jumpvision.report.style import ACCENT, MAP, MEASURED, MODEL, QUIET, styled
 from jumpvision.results.fields import Column, Flow, Piv
+from jumpvision.results.values import Fits
 from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
 
-from .pictures import COLUMN_PANELS, Picture, draw_cone, draw_sides, png
+from .pictures import COLUMN_PANELS, Data, Picture, draw_cone, draw_sides, png
 
 
 class PivPicture(Picture):
@@ -206,18 +207,18 @@ def momentum(flows: Sequence[tuple[str, str, Any]], Figure: Any) -> Any:
     return figure
 
 
-def column(fits: dict[str, Any], record: Any, Figure: Any) -> Any:
+def column(fits: Fits, record: Column, Figure: Any) -> Any:
     """The central column: exponential, beta, jammed front and theta against depth. record: the Column."""
     figure = Figure(figsize=(8.6, 5.4), layout="constrained")
     for axis, draw in zip(figure.subplots(2, 2).flat, COLUMN_PANELS, strict=True):
-        draw(axis, fits, {"column": record})
+        draw(axis, fits, Data(column=record))
     return figure
 
 
-def added_mass(fits: dict[str, Any], record: Any, flow: Any, Figure: Any) -> Any:
+def added_mass(fits: Fits, record: Column, flow: Flow, Figure: Any) -> Any:
     """Added mass against depth with the saturating cone. record, flow: the Column and the Flow."""
     figure = Figure(figsize=(4.4, 3.0), layout="constrained")
     axis = figure.subplots()
-    draw_cone(axis, fits, {"column": record, "flow": flow})
+    draw_cone(axis, fits, Data(column=record, flow=flow))
     axis.set_title("")
     return figure

@@ -10,6 +10,7 @@ import numpy as np
 from jumpvision.base.numbers import measured
 from jumpvision.campaign.actuator import Driven
 from jumpvision.campaign.intrusions import IntrusionLaws, SlowIntrusion
+from jumpvision.estimate.estimate import Estimate, finite
 from jumpvision.estimate.robot import Bandwidth
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Actuation, MotorLog, NotApplicable
@@ -29,11 +30,12 @@ class IntrusionPicture(Picture):
 def intrusion_picture(intrusion: Intrusion) -> IntrusionPicture:
     """The figure of one log."""
     with styled() as Figure:
-        return IntrusionPicture(png(single(intrusion.values, Figure)))
+        return IntrusionPicture(png(single(intrusion, Figure)))
 
 
-def single(v: dict[str, Any], Figure: Any) -> Any:
+def single(intrusion: Intrusion, Figure: Any) -> Any:
     """Force against depth with the fitted curve and the cone; what is left over; overshoot against depth."""
+    v, fits = intrusion.values, intrusion.fits
     p = {k: np.array(a) for k, a in v["profile"].items()}
     z = p["depth_m"] * 1e3
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
@@ -44,34 +46,32 @@ def single(v: dict[str, Any], Figure: Any) -> Any:
         left.plot(z, p["first_N"], color=MODEL, lw=0.8, ls="--", label="without events")
     if v["cone"]:
         left.plot(z, v["cone"]["force_N"], color=GREEN, lw=1.0, ls=":", label="RFT cone")
-    delta = v["fits"]["delta"]
-    if delta["value"] is not None:
-        left.axvline(delta["value"] * 1e3, color=QUIET, lw=0.8)
-        left.set_title(f"δ = {delta['value'] * 1e3:.2f} ± {delta['sigma'] * 1e3:.2f} mm")
+    if delta := fits.known("delta"):
+        left.axvline(delta.value * 1e3, color=QUIET, lw=0.8)
+        left.set_title(f"δ = {delta.value * 1e3:.2f} ± {delta.sigma * 1e3:.2f} mm")
     else:
         left.set_title(f"one slope suffices (p = {v['p_one_slope']:.2g})")
     left.set(xlabel="depth below the surface [mm]", ylabel="force [N]")
     left.legend()
     middle.plot(z, p["force_N"] - p["fitted_N"], color=MEASURED, lw=0.8)
     middle.set(title="measured − fit", xlabel="depth below the surface [mm]", ylabel="[N]")
-    draw_events(right, v)
+    draw_events(right, v["events"], fits)
     return figure
 
 
-def draw_events(axis: Any, v: dict[str, Any]) -> None:
+def draw_events(axis: Any, events: list[Any], fits: Fits) -> None:
     """Overshoot against depth, with the proportional law of each kind."""
     for kind, name, color, mark in (("reintrusion", "s", MEASURED, "o"), ("stop_go", "s_p", ACCENT, "s")):
-        mine = [e for e in v["events"] if e["kind"] == kind]
+        mine = [e for e in events if e["kind"] == kind]
         if not mine:
             continue
         z = np.array([e["depth_m"] for e in mine]) * 1e3
         o, sigma = (np.array([e[k] for e in mine]) for k in ("overshoot_N", "sigma_N"))
         axis.errorbar(z, o, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=kind.replace("_", "-"))
-        s = v["fits"].get(name)
-        if s and s["value"] is not None:
-            axis.plot([0, z.max()], [0, s["value"] * z.max() * 1e-3], color=color, lw=0.8)
+        if s := fits.known(name):
+            axis.plot([0, z.max()], [0, s.value * z.max() * 1e-3], color=color, lw=0.8)
     axis.set(title="overshoot", xlabel="depth of the event [mm]", ylabel="[N]")
-    if v["events"]:
+    if events:
         axis.legend()
     else:
         axis.text(0.5, 0.5, "no pause or withdrawal", ha="center", transform=axis.transAxes, color=QUIET)
@@ -139,7 +139,7 @@ class SpringPicture(Picture):
 @stage(version=1, picture=True)
 def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
     """Loading and unloading apart; the two lines of a loop; turning points, which are left out, in grey."""
-    fits, p = fit.values, {k: np.array(a, float) for k, a in spring.values["profile"].items()}
+    p = {k: np.array(a, float) for k, a in spring.values["profile"].items()}
     x, left = p["displacement_m"] * 1e3, p["force_N"] - p["fitted_N"]
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.4), layout="constrained")
@@ -155,15 +155,16 @@ def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
                 rest.plot(x[mine], left[mine], ".", ms=4, color=color)
         rest.axhline(0.0, color=QUIET, lw=0.8)
         whole.legend()
-        whole.set(xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {shown(fits['spring_stiffness'])} N/m")
-        loop = fits.get("spring_hysteresis_N")
+        whole.set(xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {shown(fit['spring_stiffness'])} N/m")
+        loop = fit.get("spring_hysteresis_N")
         title = f"hysteresis ±{shown(loop)} N" if loop else "one direction: no hysteresis measured"
         rest.set(xlabel="displacement [mm]", ylabel="measured − line [N]", title=title)
         return SpringPicture(png(figure))
 
 
-def shown(fit: dict[str, Any]) -> str:
-    return measured(fit["value"], fit["sigma"])
+def shown(e: Estimate, factor: float = 1.0) -> str:
+    """Value ± sigma."""
+    return measured(finite(e.value), e.sigma, factor)
 
 
 class MotorPicture(Picture):
@@ -173,34 +174,32 @@ class MotorPicture(Picture):
 @stage(version=1, picture=True)
 def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     """Encoder and command, their difference, and where force was logged the work it does."""
-    v = fits.values
-    if (v.get("actuator_ratio") or {}).get("value") is None:
+    if not fits.known("actuator_ratio"):
         raise NotApplicable(["motor_picture needs a log from rest to rest"])
     t, position = read_motor(log, law)
-    shown = (t > law.start - 0.05) & (t < law.stop + 0.1)
-    t, position = t[shown], position[shown]
+    around = (t > law.start - 0.05) & (t < law.stop + 0.1)
+    t, position = t[around], position[around]
     command = commanded(law)(t)[0]
     logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))
-    force = logged.force_N.to_numpy()[shown] if "force_N" in logged else None
+    force = logged.force_N.to_numpy()[around] if "force_N" in logged else None
+    done, peak = fits.get("motor_work_J"), fits.known("peak_power_W")
     with styled() as Figure:
-        panels = 3 if force is not None and "motor_work_J" in v else 2
+        panels = 3 if force is not None and done else 2
         figure = Figure(figsize=(3.3 * panels, 3.2), layout="constrained")
         axes = figure.subplots(1, panels)
         axes[0].plot(t, command * 1e3, color=MODEL, label="command")
         axes[0].plot(t, position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
         axes[0].legend()
-        ratio, lag = v["actuator_ratio"], v["actuator_lag_s"]
-        axes[0].set(title=f"ratio {measured(ratio['value'], ratio['sigma'])}", ylabel="motor on the rod [mm]")
+        axes[0].set(title=f"ratio {shown(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
         axes[1].plot(t, (position - command) * 1e3, color=MEASURED, lw=0.8)
-        axes[1].set(title=f"lag {measured(lag['value'], lag['sigma'], 1e3)} ms", ylabel="encoder − command [mm]")
-        if force is not None and "motor_work_J" in v:
+        axes[1].set(title=f"lag {shown(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
+        if force is not None and done:
             work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
             axes[2].plot(t, work, color=MEASURED)
-            done, peak = v["motor_work_J"], v.get("peak_power_W") or {"value": None, "sigma": None}
-            axes[2].axhline(done["value"], color=QUIET, lw=0.8, ls="--")
-            title = f"work {measured(done['value'], done['sigma'])} J"
-            if peak["value"] is not None:
-                title += f"\npeak power {measured(peak['value'], peak['sigma'])} W"
+            axes[2].axhline(done.value, color=QUIET, lw=0.8, ls="--")
+            title = f"work {shown(done)} J"
+            if peak:
+                title += f"\npeak power {shown(peak)} W"
             axes[2].set(title=title, ylabel="work of the motor's force [J]")
         for axis in axes:
             axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0)

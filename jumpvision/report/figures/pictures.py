@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -150,38 +150,38 @@ def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
 @stage(version=2, picture=True)
 def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None, flow: Flow | None) -> FitPicture:
     """The fits beside the data they were made on."""
-    panels: list[Any] = []
-    v = fits.values
+    panels: list[Panel] = []
     if column is not None:
         panels += COLUMN_PANELS
-    if flow is not None and (v.get("cone_slope_kg_m") or {}).get("value") is not None:
+    if flow is not None and fits.known("cone_slope_kg_m"):
         panels.append(draw_cone)
-    if rod is not None and v.get("ring_start_s"):
+    if rod is not None and fits.get("ring_start_s"):
         panels.append(draw_ring)
     if not panels:
         raise NotApplicable(["fit_picture needs a ring-down or a grain film"])
     with styled() as Figure:
         figure = Figure(figsize=(3.1 * len(panels) + 0.4, 3.2), layout="constrained")
         for axis, draw in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
-            draw(axis, v, {"rod": rod, "column": column, "flow": flow})
+            draw(axis, fits, Data(rod, column, flow))
         return FitPicture(png(figure))
 
 
-def draw_ring(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+class Data(NamedTuple):
+    """What fits are drawn beside; a panel is drawn only where there is what it needs."""
+
+    rod: Any = None
+    column: Any = None
+    flow: Any = None
+
+
+Panel = Callable[[Any, Fits, Data], None]
+RING = ("frequency_hz", "zeta", "ring_amplitude_m", "ring_offset_m", "ring_phase_rad", "ring_start_s", "ring_stop_s")
+
+
+def draw_ring(axis: Any, fits: Fits, of: Data) -> None:
     """The ring-down after the last landing and its damped cosine."""
-    t, h, _ = of["rod"].arrays
-    f, zeta, a, offset, phase, start, stop = (
-        fits[k]["value"]
-        for k in (
-            "frequency_hz",
-            "zeta",
-            "ring_amplitude_m",
-            "ring_offset_m",
-            "ring_phase_rad",
-            "ring_start_s",
-            "ring_stop_s",
-        )
-    )
+    t, h, _ = of.rod.arrays
+    f, zeta, a, offset, phase, start, stop = (fits[k].value for k in RING)
     w = (t >= start) & (t <= stop)
     axis.plot(t[w], (h[w] - offset) * 1e3, ".", ms=3, color=MEASURED)
     line = np.linspace(start, stop, 1500)
@@ -191,9 +191,9 @@ def draw_ring(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     axis.set(title=f"ring-down {f:.3f} Hz, ζ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
 
 
-def draw_profile(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+def draw_profile(axis: Any, fits: Fits, of: Data) -> None:
     """Speed below the foot at the frame with the fastest foot, and the exponential a^(z+b)."""
-    c = of["column"].field
+    c = of.column.field
     i = (
         int(np.nanargmax(np.where(np.isfinite(c.beta_deg), c.max_speed, np.nan)))
         if np.isfinite(c.beta_deg).any()
@@ -208,7 +208,7 @@ def draw_profile(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     axis.plot(
         line * 1e3, np.minimum(np.exp(float(c.log_a[i]) * (line + float(c.b[i]))), 1.0), color=MODEL, label="$a^{z+b}$"
     )
-    axis.axhline(float(of["column"].geometry.front), color=QUIET, lw=0.8, ls="--")
+    axis.axhline(float(of.column.geometry.front), color=QUIET, lw=0.8, ls="--")
     axis.set_xlim(0)
     axis.set(
         title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest"
@@ -216,58 +216,56 @@ def draw_profile(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
     axis.legend()
 
 
-def draw_beta(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+def draw_beta(axis: Any, fits: Fits, of: Data) -> None:
     """beta against the foot's depth."""
-    c = of["column"].field
+    c = of.column.field
     axis.errorbar(c.foot_depth * 1e3, c.beta_deg, c.beta_deg_sigma, fmt=".", lw=0.7, color=MEASURED)
-    b = fits.get("beta_deg")
-    if b and b["value"] is not None:
-        axis.axhline(b["value"], color=MODEL)
+    if b := fits.known("beta_deg"):
+        axis.axhline(b.value, color=MODEL)
     axis.set(title="β = asin(a^Δz)", xlabel="foot depth [mm]", ylabel="β [deg]")
 
 
-def draw_front(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+def draw_front(axis: Any, fits: Fits, of: Data) -> None:
     """Thickness of the jammed layer against the foot's depth; the slope is mu."""
-    c = of["column"].field
+    c = of.column.field
     x = c.foot_depth.values * 1e3
     axis.errorbar(x, c.jammed_thickness * 1e3, c.jammed_thickness_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
     mu, cut = fits.get("mu"), fits.get("mu_intercept_m")
-    if mu and cut and mu["value"] is not None and np.isfinite(x).any():
+    if mu and cut and mu.known and np.isfinite(x).any():
         line = np.array([np.nanmin(x), np.nanmax(x)])
         axis.plot(
             line,
-            mu["value"] * line + cut["value"] * 1e3,
+            mu.value * line + cut.value * 1e3,
             color=MODEL,
-            label=f"μ = {mu['value']:.2f} ± {mu['sigma']:.2f}",
+            label=f"μ = {mu.value:.2f} ± {mu.sigma:.2f}",
         )
         axis.legend()
     axis.set(title="jammed front", xlabel="foot depth [mm]", ylabel="thickness [mm]")
 
 
-def draw_theta(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+def draw_theta(axis: Any, fits: Fits, of: Data) -> None:
     """Angle of the cone's side and of the bands of shear against the foot's depth."""
-    c = of["column"].field
+    c = of.column.field
     for name, color, mark, label in (
         ("theta_bands_deg", QUIET, "x", "bands of shear"),
         ("theta_deg", MEASURED, ".", "side of the cone"),
     ):
         axis.errorbar(c.foot_depth * 1e3, c[name], c[f"{name}_sigma"], fmt=mark, lw=0.7, ms=4, color=color, label=label)
-    theta = fits.get("theta_deg")
-    if theta and theta["value"] is not None:
-        axis.axhline(theta["value"], color=MODEL)
+    if theta := fits.known("theta_deg"):
+        axis.axhline(theta.value, color=MODEL)
         axis.legend()
     axis.set(title="θ of the cone", xlabel="foot depth [mm]", ylabel="θ [deg]", ylim=(30, 90))
 
 
-def draw_cone(axis: Any, fits: dict[str, Any], of: dict[str, Any]) -> None:
+def draw_cone(axis: Any, fits: Fits, of: Data) -> None:
     """Added mass against depth and the saturating cone (33)."""
-    f = of["flow"].field
+    f = of.flow.field
     z = f.foot_depth.values
     axis.errorbar(z * 1e3, f.added_mass * 1e3, f.added_mass_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
     line = np.linspace(0.0, np.nanmax(z[np.isfinite(f.added_mass.values)]), 100)
-    slope, narrowing = fits["cone_slope_kg_m"]["value"], fits["mu_over_tan_theta"]["value"]
-    c, R = fits["C"], of["column"].geometry.foot_radius_m
-    label = f"C = {c['value']:.2f} ± {c['sigma']:.2f}" if c["value"] is not None else "cone"
+    slope, narrowing = fits["cone_slope_kg_m"].value, fits["mu_over_tan_theta"].value
+    c, R = fits["C"], of.column.geometry.foot_radius_m
+    label = f"C = {c.value:.2f} ± {c.sigma:.2f}" if c.known else "cone"
     axis.plot(line * 1e3, mass_curve(line, slope, narrowing, R) * 1e3, color=GREEN, label=label)
     axis.legend()
     axis.set(title="added mass and cone", xlabel="foot depth [mm]", ylabel="m_a [g]")

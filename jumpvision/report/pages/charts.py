@@ -11,6 +11,7 @@ import numpy as np
 
 from jumpvision.diagnosis.detect import LEVEL
 from jumpvision.results.diagnosis import Cell, Diagnosis, Gain
+from jumpvision.results.values import Fits
 
 Numbers = list[float | None]
 
@@ -152,9 +153,9 @@ def json_of(file: Path) -> dict[str, Any]:
     return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
 
 
-def fits_of(results: Path) -> dict[str, Any]:
-    """fits.json."""
-    return json_of(results / "fits.json")
+def fits_of(results: Path) -> Fits:
+    """fits.json; no fits where it is not there."""
+    return Fits.load(results) if (results / Fits.file).exists() else Fits({})
 
 
 KINDS = {"single": ("measured", "circle"), "stutter": ("model", "square"), "delayed_stutter": ("green", "triangle")}

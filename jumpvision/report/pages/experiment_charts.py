@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from jumpvision.results.fields import Column
+from jumpvision.results.values import Intrusion
 
-from .charts import MOST, Chart, Rule, axis, chart, fits_of, json_of, panel, series
+from .charts import MOST, Chart, Rule, axis, chart, fits_of, panel, series
 
 
 def experiment_charts(results: Path, law: Any = None) -> list[Chart]:
@@ -84,21 +85,23 @@ def grains_chart(results: Path) -> Chart | None:
         front, front_sigma = c.jammed_thickness.values * 1e3, c.jammed_thickness_sigma.values * 1e3
     else:
         front = front_sigma = np.full(t.size, np.nan)
-    slope, narrowing = (fits.get(k, {}).get("value") for k in ("cone_slope_kg_m", "mu_over_tan_theta"))
-    if slope is not None and narrowing is not None and np.isfinite(radius) and np.isfinite(mass).any():
+    slope, narrowing = fits.known("cone_slope_kg_m"), fits.known("mu_over_tan_theta")
+    if slope and narrowing and np.isfinite(radius) and np.isfinite(mass).any():
         line = np.linspace(0.0, np.nanmax(depth[np.isfinite(mass)]), 80)
         shown.append(
-            series("cone", "green", line, mass_curve(line * 1e-3, slope, narrowing, radius) * 1e3, kind="line")
+            series(
+                "cone", "green", line, mass_curve(line * 1e-3, slope.value, narrowing.value, radius) * 1e3, kind="line"
+            )
         )
     panels.append(
         panel("mass that moves with the foot", axis("depth of the foot", "mm"), axis("mₐ", "g", zero=True), shown)
     )
     if np.isfinite(front).any():
         shown = [series("measured", "measured", depth, front, front_sigma, size=3)]
-        mu, cut = fits.get("mu", {}), fits.get("mu_intercept_m", {})
-        if mu.get("value") is not None and cut.get("value") is not None:
+        mu, cut = fits.known("mu"), fits.known("mu_intercept_m")
+        if mu and cut:
             ends = np.array([np.nanmin(depth), np.nanmax(depth)])
-            shown.append(series("slope μ", "model", ends, mu["value"] * ends + cut["value"] * 1e3, kind="line"))
+            shown.append(series("slope μ", "model", ends, mu.value * ends + cut.value * 1e3, kind="line"))
         panels.append(
             panel(
                 "jammed front below the foot",
@@ -112,10 +115,10 @@ def grains_chart(results: Path) -> Chart | None:
 
 def intrusion_chart(results: Path) -> Chart | None:
     """Force against depth with the fit and the cone, and what the fit leaves over."""
-    v = json_of(results / "intrusion.json")
-    if not v:
+    if not (results / Intrusion.file).exists():
         return None
-    profile = v["profile"]
+    intrusion = Intrusion.load(results)
+    v, profile = intrusion.values, intrusion.values["profile"]
     every = -(-len(profile["depth_m"]) // MOST)
     p = {k: np.array(a, float)[::every] for k, a in profile.items() if k in ("depth_m", "force_N", "fitted_N")}
     z = p["depth_m"] * 1e3
@@ -125,8 +128,8 @@ def intrusion_chart(results: Path) -> Chart | None:
     ]
     if v["cone"]:
         shown.append(series("RFT cone", "green", z, np.array(v["cone"]["force_N"])[::every], kind="line", dash=True))
-    delta = v["fits"]["delta"]["value"]
-    rules: list[Rule] = [{"x": delta * 1e3}] if delta is not None else []
+    delta = intrusion.fits.known("delta")
+    rules: list[Rule] = [{"x": delta.value * 1e3}] if delta else []
     depth, left = axis("depth below the surface", "mm"), p["force_N"] - p["fitted_N"]
     panels = [
         panel("force against depth", depth, axis("force", "N", zero=True), shown, rules=rules),

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +21,7 @@ from jumpvision.campaign.actuator import actuator_bandwidth, driven
 from jumpvision.campaign.craters import craters_of, zero_crossing
 from jumpvision.campaign.intrusions import intrusion_laws, slow_intrusions
 from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, details, overview, true_parameters
+from jumpvision.estimate.estimate import Estimate
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Actuation
 from jumpvision.report.figures.bed import critical
@@ -27,6 +29,7 @@ from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.report.figures.pictures import drawn
 from jumpvision.results import plain
 from jumpvision.results.diagnosis import Cause, Diagnosis
+from jumpvision.results.values import Fits, Intrusion
 from jumpvision.workflow.run import Outcome, truth_of
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
@@ -157,11 +160,13 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
     key = digest_of([back, *outcome.errors, *outcome.warnings, *outcome.not_run, receipt])
     if made_from(page, key):
         return key
-    folder, fits = outcome.results, fits_of(outcome.results)
-    intrusion = json_of(folder / "intrusion.json").get("fits", {})
+    folder = outcome.results
+    fits = dict(fits_of(folder).estimates)
+    if (folder / Intrusion.file).exists():
+        fits |= Intrusion.load(folder).fits.estimates
     crater = json_of(folder / "crater.json")
-    volume = {"volume_m3": {"value": crater["volume_m3"], "sigma": crater["sigma_m3"]}} if crater else {}
-    sentence, facts = experiment_words(law, outcome.summary, {**fits, **intrusion, **volume})
+    volume = {"volume_m3": Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)} if crater else {}
+    sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume))
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")
     text = template("experiment.html.j2").render(
@@ -184,7 +189,7 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
             for f, (heading, alt) in PICTURES.items()
             if (folder / f).exists()
         ],
-        fits=fit_rows({**fits, **intrusion}),
+        fits=fit_rows(fits),
         warnings=outcome.warnings,
         errors=outcome.errors,
         not_run=outcome.not_run,
@@ -233,12 +238,12 @@ def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[st
     ]
 
 
-def fit_rows(fits: dict[str, Any]) -> list[dict[str, str]]:
+def fit_rows(fits: dict[str, Estimate]) -> list[dict[str, str]]:
     """fits.json as table rows; fits without a value are left out."""
     return [
-        {"name": k, "value": measured(f["value"], f["sigma"]), "unit": f["unit"], "n": str(f["n"])}
-        for k, f in fits.items()
-        if f["value"] is not None
+        {"name": k, "value": measured(e.value, e.sigma), "unit": e.unit, "n": str(e.n)}
+        for k, e in fits.items()
+        if e.known
     ]
 
 

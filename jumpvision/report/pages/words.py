@@ -12,6 +12,7 @@ import numpy as np
 from jumpvision.base.numbers import measured
 from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.results.diagnosis import Diagnosis, Noise
+from jumpvision.results.values import Fits
 
 from .charts import column
 
@@ -70,7 +71,7 @@ def noise_words(noise: Noise) -> str:
 SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
 
 
-def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Mapping[str, Any]) -> tuple[str, Numbers]:
+def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Fits) -> tuple[str, Numbers]:
     """(sentence, numbers) of one experiment. kind: its [actuation], or None."""
     h, model = summary.get("jump_height_m"), summary.get("simulated_height_m")
     facts: Numbers = []
@@ -90,9 +91,8 @@ def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Mapping[str, A
             facts.append((gap.replace("-", "−"), "mm", "model − measured"))
         text += "."
     for name, label, unit, factor in OTHERS:
-        fit = fits.get(name) or {}
-        if fit.get("value") is not None:
-            facts.append((measured(fit["value"], fit["sigma"], factor), unit, label))
+        if fit := fits.known(name):
+            facts.append((measured(fit.value, fit.sigma, factor), unit, label))
     if summary.get("volume_fraction") is not None:
         facts.append(
             (

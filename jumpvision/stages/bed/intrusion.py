@@ -48,7 +48,7 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
     below = curve.bins.z - surface
     return Intrusion(
         {
-            "fits": {k: e.entry() | ({"reason": e.reason} if e.reason else {}) for k, e in fits.items()},
+            "fits": {k: e.entry() for k, e in fits.items()},
             "p_one_slope": curve.p_value,
             "delta_ci95_m": [curve.delta_low, curve.delta_high],
             "noise": {
