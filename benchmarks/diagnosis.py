@@ -29,7 +29,7 @@ from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.inputs.sections import Actuation
 from jumpvision.lab.blind import ROBOTS, Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import from_log
 from jumpvision.physics.model import Model
 from jumpvision.results.diagnosis import Unexplained

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from jumpvision.mechanisms.cone import cone_mass
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.batch import jump_batch
 from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.forcing import Segments, sinusoid

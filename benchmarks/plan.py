@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
 from jumpvision.planning.jumper import Drive
 from jumpvision.planning.plan import Plan, Planner, drawn
@@ -62,7 +62,7 @@ def played(model: Model, plan: Plan) -> float:
     """Apex over rest [m] in the laboratory."""
     robot = Robot(model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
                   model.foot_radius or 0.0, model.gravity)  # fmt: skip
-    values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].parameters}
+    values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].names}
     command = Samples(samples(plan.command).command_m.to_numpy(), 1000.0, 0.01)
     return motion_of(
         robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,

@@ -11,7 +11,7 @@ from jumpvision.base.schema import table_of
 from jumpvision.frames.opening import READERS
 from jumpvision.inputs.parameters import PARAMS
 from jumpvision.inputs.sections import SECTIONS, Header, RobotSigma, Section
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import GROUNDS
 from jumpvision.studies.study import listed
 from jumpvision.workflow.stage import Input, results_stages
@@ -29,7 +29,7 @@ def rows(table: Sequence[Mapping[str, object]]) -> str:
 def mechanisms() -> list[dict[str, str]]:
     """The vocabulary of causes as rows."""
     return [
-        {"mechanism": k, "parameters": ", ".join(m.parameters), "ground": ", ".join(m.grounds), "meaning": m.meaning}
+        {"mechanism": k, "parameters": ", ".join(m.names), "ground": ", ".join(m.grounds), "meaning": m.meaning}
         for k, m in MECHANISMS.items()
     ]
 

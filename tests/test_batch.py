@@ -9,7 +9,7 @@ from test_granular import BED, SAND, case
 
 from benchmarks.granular import random_values
 from jumpvision.base.schema import InputError
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.batch import jump_batch
 from jumpvision.physics.forcing import Segments
 from jumpvision.physics.hard.analysis import half_cycle_rows

@@ -22,7 +22,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.demo import controls, jumper
 from jumpvision.demo.server import QUESTIONS, Server, keys
 from jumpvision.inputs.sections import SECTIONS
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import delayed, from_log, sinusoid
 from jumpvision.physics.hard.jump import hard_jump, hard_map
 from jumpvision.physics.model import Model

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import equilibrium, filmed_height, simulate

@@ -12,7 +12,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.inputs.experiment import open_campaign
 from jumpvision.lab import blind, seal
 from jumpvision.lab.jumper import AT_THE_CAMERA, MECHANISMS, OUTSIDE, truth_of
-from jumpvision.mechanisms.parameters import MECHANISMS as VOCABULARY
+from jumpvision.mechanisms.registry import MECHANISMS as VOCABULARY
 
 
 def rng(seed: int = 1) -> np.random.Generator:

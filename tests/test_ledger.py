@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_granular import HARD, SAND, case
 
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.forcing import Loop, delayed, sinusoid
 from jumpvision.physics.model import Model

@@ -9,7 +9,7 @@ from test_granular import HARD, SAND, case
 
 from jumpvision.lab import samples
 from jumpvision.lab.jumper import Law, Motor, motion_of
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import Loop, delayed, sinusoid
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import simulate

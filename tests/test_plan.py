@@ -6,7 +6,6 @@ About 30 s on an idle core where the compiled simulators are cached.
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import json
 import math
 import os
@@ -21,8 +20,7 @@ from test_granular import SAND
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
 from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
-from jumpvision.mechanisms.laws import TERMS
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
 from jumpvision.studies.plan import rigid, samples
 
@@ -66,18 +64,18 @@ def hard() -> Planner:
     return Planner(THESIS, LOOP, LIMITS)
 
 
-@pytest.mark.parametrize("term", TERMS)
+@pytest.mark.parametrize("term", [n for n, m in MECHANISMS.items() if m.law])
 def test_every_law_has_its_symbols(term, rng=None):
     """The same function in CasADi's symbols and in numpy, on both sides of every bend."""
     rng = np.random.default_rng(1)
-    names = list(inspect.signature(TERMS[term]).parameters)[1:]
+    force, names = MECHANISMS[term].law, MECHANISMS[term].symbols
     symbols = {n: casadi.SX.sym(n) for n in names}
-    law = casadi.Function("law", list(symbols.values()), [TERMS[term](transcription.SYMBOLS, **symbols)])
+    law = casadi.Function("law", list(symbols.values()), [force(transcription.SYMBOLS, **symbols)])
     for _ in range(50):
         values = {n: float(rng.uniform(0.01, 1.2)) for n in names} | {
             n: float(rng.uniform(-2.0, 2.0)) for n in names if n in ("v", "a", "v_m", "stretch")
         }
-        assert float(law(*values.values())) == pytest.approx(float(TERMS[term](np, **values)), rel=1e-12, abs=1e-12)
+        assert float(law(*values.values())) == pytest.approx(float(force(np, **values)), rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("model", [CONE, RFT, PLAIN], ids=["cone", "rft", "plain"])
@@ -169,7 +167,7 @@ def test_the_laboratory_agrees(sand):
 def lab_apex(model, plan):
     robot = Robot(model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
                   model.foot_radius or 0.0, model.gravity)  # fmt: skip
-    values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].parameters}
+    values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].names}
     command = Samples(samples(plan.command).command_m.to_numpy(), 1000.0, 0.01)
     motion = motion_of(
         robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,

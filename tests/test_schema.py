@@ -11,7 +11,7 @@ import pytest
 from jumpvision.base.schema import InputError, param, read, table_of
 from jumpvision.inputs.parameters import PARAMS
 from jumpvision.inputs.sections import SECTIONS, Header, RodVideo
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,12 @@ from scipy.integrate import quad
 
 from jumpvision.base.schema import InputError
 from jumpvision.mechanisms import cone
-from jumpvision.mechanisms.laws import STATE, STATIC, TERMS
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.record import STATE, Body, symbols
+from jumpvision.mechanisms.registry import MECHANISMS, STATIC, ModelParameters
 from jumpvision.physics.model import Model
-from jumpvision.physics.sand import scalar
+from jumpvision.physics.sand import granular, scalar  # noqa: F401  the first makes the laws known to numba
 
+LAWS = {n: m.law for n, m in MECHANISMS.items() if m.law}
 FIELDS = ModelParameters.__dataclass_fields__
 ROBOT = {
     "motor_mass": 1.125,
@@ -56,14 +57,14 @@ def draw(name, law, rng, n):
     return value if np.ndim(value) else float(value)
 
 
-@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("name", LAWS)
 def test_law_is_documented_finite_compiled_and_a_force(name):
-    law, rng, n = TERMS[name], np.random.default_rng(7), 11
+    law, rng, n = LAWS[name], np.random.default_rng(7), 11
     symbols = list(inspect.signature(law).parameters)
     assert symbols[0] == "xp" and law.__doc__
     assert all(s in STATE or s in FIELDS for s in symbols[1:])
     # the declared parameters of the mechanism are exactly those the law takes
-    assert set(MECHANISMS[name].parameters) == {s for s in symbols if s in FIELDS}
+    assert set(MECHANISMS[name].names) == {s for s in symbols if s in FIELDS}
 
     values = {s: draw(s, law, rng, n) for s in symbols[1:]}
     force = law(np, **values)
@@ -73,7 +74,8 @@ def test_law_is_documented_finite_compiled_and_a_force(name):
     space = {"law": law, "scalar": scalar}
     exec(f"def one({arguments}): return law(scalar, {arguments})", space)
     compiled = nb.njit(space["one"])
-    each = [compiled(*(v[i] if np.ndim(v) else v for v in values.values())) for i in range(n)]
+    packed = {s: math.tan(v) if s == "theta" else v for s, v in values.items()}  # an angle is compiled as its tangent
+    each = [compiled(*(v[i] if np.ndim(v) else v for v in packed.values())) for i in range(n)]
     np.testing.assert_allclose(each, force, rtol=1e-14)  # a few roundings of 1.1e-16
 
     units = np.array([3.0, 0.7, 1.9])  # new units of kg, m, s
@@ -83,9 +85,30 @@ def test_law_is_documented_finite_compiled_and_a_force(name):
 
 
 def test_every_parameter_is_declared_and_used():
-    assert {p for m in MECHANISMS.values() for p in m.parameters} == set(FIELDS)
-    assert set(TERMS) <= set(MECHANISMS)
+    assert {p for m in MECHANISMS.values() for p in m.names} == set(FIELDS)
+    rules = {Body.BED, Body.ROBOT, Body.LANDING, Body.MOTOR, Body.HEIGHT, Body.TIME}
+    for m in MECHANISMS.values():
+        assert bool(m.law) == bool(m.equation) == (m.acts_on not in rules), m.name
+        assert (m.corrects in ROBOT) == (m.acts_on is Body.ROBOT), m.name
+        assert bool(m.slope) == (m.acts_on in (Body.INERTIA, Body.SPRING)), m.name
     assert ModelParameters().mu == 2.2 and ModelParameters().theta == pytest.approx(math.pi / 3)
+
+
+@pytest.mark.parametrize("m", [m for m in MECHANISMS.values() if m.slope], ids=lambda m: m.name)
+def test_slope_and_energy_are_those_of_the_law(m):
+    """dm/dz of an inertia, -dF/dstretch of a spring, and the energy that the spring's force is the slope of."""
+    rng = np.random.default_rng(3)
+    along, h = ("z", 1e-7) if m.acts_on is Body.INERTIA else ("stretch", 1e-6)
+    values = {s: draw(s, m.law, rng, 11) for s in {*m.symbols, *symbols(m.slope)}} | {"a": 1.0}
+
+    def of(part, step):
+        function = getattr(m, part)
+        return function(np, **{s: values[s] + step * (s == along) for s in symbols(function)})
+
+    slope = -(of("law", h) - of("law", -h)) / (2 * h)
+    np.testing.assert_allclose(of("slope", 0.0), slope, rtol=1e-6)
+    if m.energy:
+        np.testing.assert_allclose(of("law", 0.0), -(of("energy", h) - of("energy", -h)) / (2 * h), rtol=1e-6)
 
 
 def test_cone_is_the_integral_of_its_faces():

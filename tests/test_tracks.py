@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import Loop, delayed, from_log, sinusoid
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import Tracks, simulate

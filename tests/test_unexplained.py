@@ -17,7 +17,7 @@ from jumpvision.diagnosis.jumper.shapes import Shaped, generic, unit
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.lab.jumper import Law, Robot, motion_of
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.model import Model
 

@@ -19,7 +19,7 @@ from jumpvision.diagnosis.naming import Explanation, Naming, likely
 from jumpvision.diagnosis.noise.learning import Learned
 from jumpvision.diagnosis.proposing import Gain, apex
 from jumpvision.diagnosis.unexplained import Unexplained
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import ROBOT
 from jumpvision.results import diagnosis as record
 from jumpvision.results.diagnosis import Diagnosis
@@ -193,7 +193,7 @@ def parameters_of(e: Explanation, mechanism: str) -> dict[str, record.Parameter]
     """Parameters of a mechanism by name, the ends of a 90 % interval within its range."""
     out = {}
     for p in e.fit.parameters:
-        if p.name in MECHANISMS[mechanism].parameters:
+        if p.name in MECHANISMS[mechanism].names:
             value, half = e.fit.named[p.name], Z90 * e.fit.sigma(p.name)
             out[p.name] = record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
     return out
@@ -202,7 +202,7 @@ def parameters_of(e: Explanation, mechanism: str) -> dict[str, record.Parameter]
 def values(fit: Fit, system: Jumper) -> dict[str, float]:
     """Every parameter that the model with this fit's mechanisms needs, and what of the robot was re-fitted."""
     model = system.build(fit.mechanisms, fit.named)
-    names = dict.fromkeys(n for t in model.terms for n in MECHANISMS[t].parameters)
+    names = dict.fromkeys(n for t in model.terms for n in MECHANISMS[t].names)
     out = {n: float(getattr(model.parameters, n)) for n in names}
     return out | {n: v for n, v in fit.named.items() if n in ROBOT}
 
@@ -259,31 +259,6 @@ def model_toml(fit: Fit, system: Jumper, comment: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-PLAIN = {  # what a model lacks, by mechanism
-    "linear_penetration": "a resistance in proportion to depth",
-    "two_resistance": "a resistance that bends with depth",
-    "rft_cone": "the resistance of a growing cone",
-    "inertial_drag": "the drag of the grains that are pushed aside",
-    "depth_drag": "the drag of grains that join the cone",
-    "added_mass": "the added mass of the jammed cone",
-    "foot_mass": "the right mass of the foot",
-    "reintrusion_overshoot": "the extra force on landing in an old hole",
-    "stop_go_overshoot": "the extra force after a pause in the sand",
-    "compaction": "sand compacted by an earlier footprint",
-    "viscous_friction": "viscous friction on the rail",
-    "coulomb_friction": "dry friction on the rail",
-    "spring_hardening": "the stiffening of the spring",
-    "spring_damping": "the right damping of the spring",
-    "spring_stiffness": "the right stiffness of the spring",
-    "payload": "the right mass on the motor",
-    "tilt": "the right gravity along the rail (a tilt)",
-    "landing_loss": "the loss at touchdown",
-    "motor_lag": "the lag of the motor",
-    "camera_scale": "the right scale of the camera",
-    "time_offset": "the right clock of the camera",
-}
-
-
 def sentence(d: Diagnosis) -> str:
     """The verdict in plain words."""
     if d.adequate:
@@ -302,7 +277,7 @@ def sentence(d: Diagnosis) -> str:
             text += f"brings the held-out track error down {near.gain.ratio:.1f}x" if near.gain else "helps"
             text += f" and leaves {1e3 * near.rmse_track_m:.2g} mm, beyond the noise"
         return text + generic(d, "would") + "."
-    text += f" because it lacks {' and '.join(PLAIN[m] for m in d.named)}"
+    text += f" because it lacks {' and '.join(MECHANISMS[m].lacks for m in d.named)}"
     if d.indistinguishable:
         twins = "; ".join(" or ".join(words([m]) for m in t) for t in d.indistinguishable)
         text += f" (the data cannot tell apart: {twins})"

@@ -12,7 +12,7 @@ import numpy as np
 from jumpvision.base.numbers import Z95, measured, plain_number, with_digits_of
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Bed, Robot
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.results.diagnosis import Cause, Confirmation, Diagnosis, Parameter
 from jumpvision.workflow.run import Outcome, truth_of
 
@@ -90,7 +90,7 @@ class Truth:
 
     def acts(self, name: str) -> bool:
         """Whether a mechanism with this parameter is part of the truth."""
-        return any(name in MECHANISMS[t].parameters for t in self.terms if t in MECHANISMS)
+        return any(name in MECHANISMS[t].names for t in self.terms if t in MECHANISMS)
 
 
 def true_words(name: str, parameter: Parameter, truth: Truth) -> tuple[str, str]:

@@ -1,7 +1,7 @@
 """What the page shows to be set: the sliders of each ground and the jump types, with their words and ranges.
 
 A slider's range is what is worth trying; what is allowed at all is declared with the key itself (`sections`,
-`mechanisms.parameters`) and checked when the jump is asked for.
+`mechanisms`) and checked when the jump is asked for.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from jumpvision.inputs.sections import PHASES, Actuation, Bed, Robot
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.studies.machine import THESIS
 
 SECTIONS: dict[str, Any] = {"robot": Robot, "actuation": Actuation, "bed": Bed, "model": ModelParameters}

@@ -63,7 +63,7 @@ def model_tables(file: Path) -> dict[str, Any]:
 
 def model_of(table: Mapping[str, Any], where: str) -> tuple[ModelSpec | None, list[str]]:
     """(the section, problems) of a [model] table; None where there are problems. where: file and section, to name."""
-    from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+    from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 
     declared = {f.name: f for f in fields(ModelParameters)}
     problems: list[str] = []

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.registry import PARAMETERS
 from jumpvision.physics.hard.analysis import half_cycle_rows
 from jumpvision.physics.hard.jump import RESULTS, hard_sweep, sine_rows
 from jumpvision.physics.sand.events import CANNOT_CARRY
@@ -26,7 +27,6 @@ from .model import BED, ROBOT, Model
 from .oscillator import amplitude_of, damping_of, gravity_of
 from .sand import compiled, events
 
-PARAMETERS = tuple(f.name for f in dataclasses.fields(ModelParameters))
 FAILURE = {
     events.TOO_MANY_EVENTS: "more events than a jump can have",
     events.STEP_TOO_SMALL: "the step became too small",
@@ -77,7 +77,7 @@ def _with_arrays(model: Model, flat: dict[str, Array]) -> Model:
     """The model with arrays (n,) for numbers, checked all at once. InputError: the first that is no model."""
     unknown = [name for name in flat if name not in (*ROBOT, *BED, *PARAMETERS)]
     if unknown:
-        known = ", ".join(ROBOT + BED + PARAMETERS)
+        known = ", ".join((*ROBOT, *BED, *PARAMETERS))
         raise ValueError(f"jump_batch {unknown[0]}: no value of a model; give one of {known}")
     out, parameters = copy.copy(model), copy.copy(model.parameters)
     object.__setattr__(out, "parameters", parameters)
@@ -93,7 +93,7 @@ def _with_arrays(model: Model, flat: dict[str, Array]) -> Model:
         bad |= np.less_equal(value, 0.0)
     bad |= np.less(out.m_f, 0.0) | np.less(out.c_s, 0.0)
     bad |= np.equal(out.m_f, 0.0) & (model.ground == "granular")
-    if "added_mass" in out:
+    if out.acting(Body.INERTIA):
         bad |= np.less(out.spare_drag, 0.0)
     if bad.any():
         i = int(np.argmax(bad))
@@ -124,7 +124,7 @@ LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
 VALUES_OF_BED = ("phi", "foot_radius")
 OF_MODEL = "model."  # before the name of a model parameter that differs from point to point, e.g. model.k1
 # parameters of a force of the ground that grow with the area of the foot (docs/physics.md section 3)
-BY_AREA = ("k", "k1", "k2", "alpha", "s", "s_p")
+BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
 TAIL = 0.6  # s simulated on sand after the motor stops, doubled until the jump has landed
 MOST = 30.0  # s, longest tail that is doubled once more
 SAMPLES = 400  # of the motor force while the law runs
@@ -254,10 +254,8 @@ def jump_results(model: Model, law: Forcing, *, rtol: float, atol: float) -> tup
     if "motor_lag" not in model:
         v_motor = m.rod_velocity[:-1] + rate
         rail = np.zeros(SAMPLES)
-        if "viscous_friction" in model:
-            rail -= (model.parameters.c_v or 0.0) * v_motor
-        if "coulomb_friction" in model:
-            rail -= (model.parameters.F_c or 0.0) * np.sign(v_motor)
+        for friction in model.acting(Body.CARRIAGE, Body.RAIL):
+            rail += model.force(friction, v_m=v_motor)
         # m_m a_m = -m_m g + F_m + rail with a_m = a_r + X_m'' and M a_r = -M g + F_s + rail - m_m X_m''
         share = model.m_m / model.M
         accel = (1.0 - share) * acceleration(law, driven) + (m.spring_force[:-1] + rail) / model.M

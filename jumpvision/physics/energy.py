@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.mechanisms.cone import cone_mass
-from jumpvision.mechanisms.laws import STATIC
+from jumpvision.mechanisms.record import Body
 from jumpvision.physics.hard.jump import HardMotion
 from jumpvision.physics.sand.granular import INTRUDE, N_MOTION, VF, WORKS, XF, V, W, X, Y
 from jumpvision.physics.sand.jump import Motion, follow
@@ -99,25 +98,23 @@ def energy_ledger(
         rate = (command - s[X]) / model.symbol("tau")
     position = s[X] if isinstance(forcing, Loop) or "motor_lag" in model else command
     foot = model.m_f
-    if motion.mode[-1] == INTRUDE and "added_mass" in model:
-        names = ("C", "mu", "theta", "R", "phi", "rho")
-        foot += float(cone_mass(np, -s[XF], **{n: model.symbol(n) for n in names}))
-    k_3 = model.symbol("k_3") if "spring_hardening" in model else 0.0
+    if motion.mode[-1] == INTRUDE:
+        foot += sum(float(model.force(m, z=-s[XF], a=-1.0)) for m in model.acting(Body.INERTIA))
+    elastic = [m for m in model.acting(Body.SPRING) if m.energy]
 
     def spring(stretch: float) -> float:
-        return 0.5 * model.k_s * stretch**2 + 0.25 * k_3 * stretch**4
+        return sum((model.force(m, "energy", stretch=stretch) for m in elastic), 0.5 * model.k_s * stretch**2)
 
     loose = model.m_f == 0.0 and motion.mode[-1] == 0  # a foot without mass hangs on the relaxed spring
     stretch = 0.0 if loose else s[Y] - ratio * position - s[XF]
     work = dict(zip(WORKS, map(float, s[N_MOTION:])))
-    static = next((t for t in STATIC if t in model), None)
-    named = {"static": static} if static else {}
-    acting = {*model.terms, "spring_damping", "landing", "static"}
+    named = dict(zip(["static"], [m.name for m in model.acting(Body.STATIC)]))
+    acting = {*model.terms, "spring_damping", "landing", *named}
     return Ledger(
         motor=work.pop("motor"),
         impulse=work.pop("impulse"),
         kinetic=float(0.5 * model.M * s[W] ** 2 + 0.5 * ratio * model.rod_mass * rate**2 + 0.5 * foot * s[VF] ** 2),
         potential=float(model.g * (model.M * (s[Y] - rest[Y]) + model.m_f * (s[XF] - rest[XF]))),
         spring=float(spring(stretch) - spring(motion.rest - rest[XF])),
-        losses={named.get(n, n): x for n, x in work.items() if n in acting and not (n == "static" and not static)},
+        losses={named.get(n, n): x for n, x in work.items() if n in acting},
     )

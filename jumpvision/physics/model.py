@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
-import inspect
+import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
@@ -15,24 +14,14 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import minimize_scalar
 
 from jumpvision.base.schema import REQUIRED, InputError, check_value, closest, param, type_of
-from jumpvision.mechanisms.cone import cone_mass_slope
-from jumpvision.mechanisms.laws import STATIC, TERMS
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.record import STATE, Body, Mechanism
+from jumpvision.mechanisms.record import symbols as names_of
+from jumpvision.mechanisms.registry import MECHANISMS, STATIC, ModelParameters, acting
 
 GROUNDS = ("hard", "granular")
 
-_EQUATION = {  # how a term reads on the line of the force it belongs to
-    "linear_penetration": "k z",
-    "two_resistance": "k1 min(z, delta) + k2 max(z - delta, 0)",
-    "rft_cone": "k1/(pi R^2) int A_flat dz + sigma_cone int A_cone dz",
-    "inertial_drag": "alpha v^2",
-    "depth_drag": "b m_a'(z) v^2",
-    "reintrusion_overshoot": "s z_g exp(-(z - z_g)/lam)",
-    "stop_go_overshoot": "s_p z_stop exp(-(z - z_stop)/lam)",
-    "viscous_friction": "c_v v_m",
-    "coulomb_friction": "F_c sign(v_m)",
-    "spring_hardening": "k_3 stretch^3",
-}
+OF_BED = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
+"""Symbol of a law -> field of a Model."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +39,7 @@ class Model:
     """Robot, ground and mechanisms. Raises InputError (a ValueError) with every problem found.
 
     terms: identifiers of docs/physics.md section 6; on granular ground exactly one static force among them. The robot's
-    values are those assumed; the mechanisms `payload`, `foot_mass`, `spring_stiffness`, `spring_damping` and `tilt`
-    correct them (properties m_m, m_f, k_s, c_s, g).
+    values are those assumed; mechanisms that act on Body.ROBOT correct them (properties m_m, m_f, k_s, c_s, g).
     """
 
     ground: str = param(REQUIRED, "", "ground", choices=GROUNDS)
@@ -92,7 +80,7 @@ class Model:
         if self.ground == "granular" and len(set(static)) != 1:
             found = ", ".join(static) or "none"
             yield f"model terms: granular ground needs exactly one static force of {', '.join(STATIC)}; found {found}"
-        needed = {n: t for t in reversed(known) for n in MECHANISMS[t].parameters}
+        needed = {n: t for t in reversed(known) for n in MECHANISMS[t].names}
         missing = [n for n in needed if getattr(self.parameters, n) is None]
         for n in missing:
             about = ModelParameters.__dataclass_fields__[n].metadata["meaning"]
@@ -101,9 +89,8 @@ class Model:
         if wrong := list(_range_problems(self.parameters, "model", [n for n in given if n in needed])):
             yield from wrong
             return
-        symbols = {n for t in known if t in TERMS for n in _arguments(t)}
-        values = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
-        lacking = [values[n] for n in values if n in symbols and getattr(self, values[n]) is None]
+        symbols = {n for t in known for n in MECHANISMS[t].symbols}
+        lacking = [own for n, own in OF_BED.items() if n in symbols and getattr(self, own) is None]
         yield from (f"model {n}: missing; the cone needs it" for n in lacking)
         if missing or lacking:
             return
@@ -115,7 +102,7 @@ class Model:
             yield f"model foot_mass: {self.m_f:g} kg; must be {least}: give the foot's mass"
         if self.c_s < 0:
             yield f"model spring_damping: {self.c_s:g} N s/m after correction; must be >= 0"
-        if "added_mass" in self and self.spare_drag < 0:
+        if self.acting(Body.INERTIA) and self.spare_drag < 0:
             yield (
                 f"model alpha, b: alpha + (b - 1/2) dm_a/dz = {self.spare_drag:g} kg/m < 0 at the surface would "
                 "create energy; give 'depth_drag' with b >= 0.5, or 'inertial_drag' with a larger alpha"
@@ -125,12 +112,12 @@ class Model:
     @property
     def m_m(self) -> float:
         """Mass of the motor with its payload [kg]."""
-        return self.motor_mass + self._extra("payload", "dm")
+        return self._corrected("motor_mass")
 
     @property
     def m_f(self) -> float:
         """Mass of the foot [kg]."""
-        return self.foot_mass + self._extra("foot_mass", "dm_f")
+        return self._corrected("foot_mass")
 
     @property
     def M(self) -> float:
@@ -140,81 +127,97 @@ class Model:
     @property
     def k_s(self) -> float:
         """Stiffness of the spring [N/m]."""
-        return self.spring_stiffness + self._extra("spring_stiffness", "dk")
+        return self._corrected("spring_stiffness")
 
     @property
     def c_s(self) -> float:
         """Damping of the spring [N s/m]."""
-        return self.spring_damping + self._extra("spring_damping", "dc")
+        return self._corrected("spring_damping")
 
     @property
     def g(self) -> float:
         """Gravity along the rail [m/s^2]."""
-        return self.gravity + self._extra("tilt", "dg")
+        return self._corrected("gravity")
 
     @property
     def camera_factor(self) -> float:
         """Reported height / true height."""
-        return self.parameters.scale or 1.0 if "camera_scale" in self else 1.0
+        return math.prod((self.symbol(m.names[0]) for m in self.acting(Body.HEIGHT)), start=1.0)
 
     @property
     def time_shift(self) -> float:
         """dt [s]: a frame stamped t shows t + dt."""
-        return self._extra("time_offset", "dt")
+        return sum((self.symbol(m.names[0]) for m in self.acting(Body.TIME)), 0.0)
+
+    @property
+    def hold(self) -> float:
+        """Dry friction of the rail [N], what it can hold the carriage by."""
+        return sum((abs(self.force(m, v_m=1.0)) for m in self.acting(Body.RAIL)), 0.0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the closed-form flow of hard ground holds."""
+        linear = (Body.ROBOT, Body.LANDING, Body.HEIGHT, Body.TIME)
+        return self.ground == "hard" and self.m_f == 0.0 and len(self.acting(*linear)) == len(self.terms)
 
     @property
     def spare_drag(self) -> float:
         """alpha + (b - 1/2) dm_a/dz at the surface [kg/m]: linear in dm_a/dz, which falls to 0 with depth."""
-        p = self.parameters
-        names = ("C", "mu", "theta", "R", "phi", "rho")
-        slope = cone_mass_slope(np, 0.0, **{n: self.symbol(n) for n in names})
-        alpha = p.alpha if "inertial_drag" in self and p.alpha is not None else 0.0
-        b = p.b if "depth_drag" in self and p.b is not None else 0.0
-        return alpha + (b - 0.5) * slope
+        drag = sum(self.force(m, z=0.0, v=1.0) for m in self.acting(Body.DRAG))
+        return drag - 0.5 * sum(self.force(m, "slope", z=0.0) for m in self.acting(Body.INERTIA))
 
-    def _extra(self, mechanism: str, name: str) -> float:
-        return getattr(self.parameters, name) if mechanism in self else 0.0
+    def acting(self, *bodies: Body) -> list[Mechanism]:
+        """Its mechanisms that act on these, in the order of its terms."""
+        return [m for t in self.terms if (m := MECHANISMS.get(t)) and m.acts_on in bodies]
+
+    def _corrected(self, name: str) -> float:
+        value: float = getattr(self, name)
+        for m in self.acting(Body.ROBOT):
+            if m.corrects == name:
+                value = value + self.symbol(m.names[0])
+        return value
 
     def symbol(self, name: str) -> float:
         """Value of a parameter or of R, phi, rho by its symbol in a force law."""
-        names = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
-        return getattr(self, names[name]) if name in names else getattr(self.parameters, name)
+        return getattr(self, OF_BED[name]) if name in OF_BED else getattr(self.parameters, name)
+
+    def force(self, mechanism: Mechanism, part: str = "law", xp: Any = np, **symbols: Any) -> Any:
+        """The law (or `slope`, `energy`) of a mechanism [N], positive up; symbols win over the model's own values.
+
+        AttributeError names a symbol that lacks.
+        """
+        function = getattr(mechanism, part)
+        return function(xp, **{n: symbols[n] if n in symbols else self.symbol(n) for n in names_of(function)})
 
     def forces(self, **state: ArrayLike) -> dict[str, NDArray[np.float64]]:
         """{mechanism: force [N], positive up} of every force law of the model on a measured track.
 
-        state: the symbols of `terms.STATE` that the laws ask for (z, v, a, z_g, z_stop, v_m, stretch), arrays (n,) or
+        state: the symbols of `record.STATE` that the laws ask for (z, v, a, z_g, z_stop, v_m, stretch), arrays (n,) or
         numbers. Laws of the ground hold while the foot intrudes: mask the rest. ValueError names a symbol that lacks.
         """
-        arrays = {n: np.asarray(x, float) for n, x in state.items()}
+        arrays: dict[str, Any] = {n: np.asarray(x, float) for n, x in state.items()}
         out = {}
-        for t in self.terms:
-            if t not in TERMS:
-                continue
-            arguments: dict[str, Any] = {}
-            for n in _arguments(t)[1:]:
-                if n in arrays:
-                    arguments[n] = arrays[n]
-                elif n in ModelParameters.__dataclass_fields__ or n in ("R", "phi", "rho"):
-                    arguments[n] = self.symbol(n)
-                else:
-                    raise ValueError(f"forces: '{t}' needs {n}; give {n} = array")
-            out[t] = np.asarray(TERMS[t](np, **arguments))
+        for m in self.acting(*Body):
+            for n in m.symbols:
+                if n in STATE and n not in OF_BED and n not in arrays:
+                    raise ValueError(f"forces: '{m.name}' needs {n}; give {n} = array")
+            if m.law:
+                out[m.name] = np.asarray(self.force(m, **arrays))
         return out
 
     def __str__(self) -> str:
-        minus = [f" - {_EQUATION[t]}" for t in self.terms if t.endswith("_friction")]
-        spring = "F_s = -k stretch - c stretch'" + (
-            f" - {_EQUATION['spring_hardening']}" if "spring_hardening" in self else ""
-        )
-        lines = [f"{self.ground} ground", f"  M y'' = -M g + F_s{''.join(minus)}", f"  {spring},  stretch = x_r - x_f"]
+        def sum_of(sign: str, *bodies: Body) -> str:
+            return "".join(f" {sign} {m.equation}" for m in self.acting(*bodies))
+
+        lines = [
+            f"{self.ground} ground",
+            f"  M y'' = -M g + F_s{sum_of('-', Body.CARRIAGE, Body.RAIL)}",
+            f"  F_s = -k stretch - c stretch'{sum_of('-', Body.SPRING)},  stretch = x_r - x_f",
+        ]
         if self.ground == "granular":
-            over = [t for t in self.terms if t.endswith("_overshoot")]
-            drag = [t for t in self.terms if t.endswith("_drag")]
-            inertia = "(m_f + m_a(z))" if "added_mass" in self else "m_f"
-            lines.append(f"  {inertia} a_f = -(F_s + m_f g) + F_p{''.join(f' + {_EQUATION[t]}' for t in drag)}")
-            static = next(t for t in self.terms if t in STATIC)
-            lines.append("  F_p = " + " + ".join(_EQUATION[t] for t in (static, *over)))
+            inertia = f"(m_f{added})" if (added := sum_of("+", Body.INERTIA)) else "m_f"
+            lines.append(f"  {inertia} a_f = -(F_s + m_f g) + F_p{sum_of('+', Body.DRAG, Body.FOOT)}")
+            lines.append(f"  F_p = {self.acting(Body.STATIC)[0].equation}{sum_of('+', Body.OVERSHOOT)}")
         lines.append(
             f"  m_m = {self.m_m:g} kg, m_r = {self.rod_mass:g} kg, m_f = {self.m_f:g} kg, k = {self.k_s:g} N/m, "
             f"c = {self.c_s:g} N s/m, g = {self.g:g} m/s^2"
@@ -223,7 +226,7 @@ class Model:
         for t in self.terms:
             values = ", ".join(
                 f"{n} = {getattr(self.parameters, n):g} {fields[n].metadata['unit']}".strip()
-                for n in MECHANISMS[t].parameters
+                for n in MECHANISMS[t].names
             )
             lines.append(f"  {t}: {values}")
         return "\n".join(lines)
@@ -234,12 +237,6 @@ ROBOT = tuple(
     f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters", "residual", *BED)
 )
 """The numbers of a Model beside its parameters, by whose they are."""
-
-
-@functools.cache
-def _arguments(term: str) -> tuple[str, ...]:
-    """Names that a force law is written in, its array namespace first."""
-    return tuple(inspect.signature(TERMS[term]).parameters)
 
 
 def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:
@@ -254,7 +251,7 @@ def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[s
             yield f"{where} {n} = {value!r}: {problem}"
 
 
-DYNAMIC = ("inertial_drag", "depth_drag", "added_mass", "reintrusion_overshoot", "stop_go_overshoot")
+DYNAMIC = [m.name for m in acting(Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA)]
 FORCE_MODELS: dict[str, tuple[str, ...]] = {  # over the static force F_p (docs/physics.md section 3)
     "static": (),
     "constant drag": ("inertial_drag",),

@@ -14,7 +14,8 @@ from scipy.optimize import minimize_scalar
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import check_value, closest, type_of
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.registry import ModelParameters, acting
 
 from .batch import BY_AREA, OF_MODEL
 
@@ -162,7 +163,8 @@ def _kinks(trial: Array, x: Array, w: Array, data: Array) -> tuple[Array, Array]
     return np.sum(rest**2, axis=0), (bends.T @ rest) ** 2
 
 
-BED_PARAMETERS = ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "mu", "theta", "s", "lam", "s_p")
+ON_FOOT = (Body.STATIC, Body.DRAG, Body.FOOT, Body.INERTIA, Body.OVERSHOOT)
+BED_PARAMETERS = tuple(dict.fromkeys(n for m in acting(*ON_FOOT) for n in m.names))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The jumper's equations of motion in symbols, one mode at a time, from the force laws of `mechanisms.laws`.
+"""The jumper's equations of motion in symbols, one mode at a time, from the laws of its mechanisms.
 
 State [y, w(, X(, V))(, x_f, v_f)] as in `physics.sand.granular`: y = x_r + (m_m/M) X_m the centre of mass of motor and
 rod, w its rate; X, V the motor's position and rate where a feedback loop drives it, X alone where it lags its command;
@@ -7,11 +7,11 @@ the foot where it moves by itself. Modes: STUCK (foot at rest on the ground), IN
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from jumpvision.mechanisms.laws import STATIC, TERMS, spring
+from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.model import Model
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
@@ -73,37 +73,33 @@ class Jumper:
         """X_m - command [m] of the loop in free flight, where its feed-forward m_m g carries nothing."""
         return self.model.m_m * self.model.g / self.drive.kp if self.drive.kp > 0 else 0.0
 
-    def law(self, term: str, **symbols: Any) -> Any:
-        """Force [N] of one mechanism; 0 where the model has it not. symbols win over the model's parameters."""
-        if term not in self.model:
-            return 0.0
-        names = list(inspect.signature(TERMS[term]).parameters)[1:]
-        return TERMS[term](self.xp, **{n: symbols[n] if n in symbols else self.model.symbol(n) for n in names})
+    def sum_of(self, *bodies: Body, **symbols: Any) -> Any:
+        """Force [N] of all that acts on these bodies; symbols win over the model's parameters."""
+        return sum((self.model.force(m, xp=self.xp, **symbols) for m in self.model.acting(*bodies)), 0.0)
 
     def rail(self, v_m: Any) -> Any:
-        """Friction of the rail on the carriage [N]: -c_v v_m - F_c v_m / sqrt(v_m^2 + SLIP^2).
+        """Friction of the rail on the carriage [N]; dry friction as hold v_m / sqrt(v_m^2 + SLIP^2).
 
-        The second part stands in for the set-valued `terms.coulomb_friction`, which the re-simulation has.
+        That stands in for its set-valued law, which the re-simulation has.
         """
-        force = self.law("viscous_friction", v_m=v_m)
-        if "coulomb_friction" in self.model:
-            force -= self.model.parameters.F_c * v_m / (v_m * v_m + SLIP * SLIP) ** 0.5
+        force = self.sum_of(Body.CARRIAGE, v_m=v_m)
+        if hold := self.model.hold:
+            force -= hold * v_m / (v_m * v_m + SLIP * SLIP) ** 0.5
         return force
 
     def static_force(self, z: Any, memory: Memory) -> Any:
         """F_p(z) [N] with its overshoots, also the yield threshold."""
         stiffer: dict[str, Any] = {}
-        if "compaction" in self.model and memory.landed:
-            p = self.model.parameters
-            stiffer = {n: p.factor * v for n in ("k", "k1") if (v := getattr(p, n)) is not None}
-        force = sum(self.law(t, z=z, **stiffer) for t in STATIC)
-        if memory.landed:
-            force += self.law("reintrusion_overshoot", z=z, z_g=memory.hole)
-        return force + self.law("stop_go_overshoot", z=z, z_stop=memory.pause)
+        for m in self.model.acting(Body.BED) if memory.landed else ():
+            given = {n: stiffer.get(n, self.model.symbol(n)) for n in m.scales}
+            stiffer |= {n: self.model.symbol(m.names[0]) * v for n, v in given.items() if v is not None}
+        hole = memory.hole if memory.landed else 0.0
+        force = self.sum_of(Body.STATIC, z=z, **stiffer)
+        return force + self.sum_of(Body.OVERSHOOT, z=z, z_g=hole, z_stop=memory.pause)
 
     def foot_inertia(self, z: Any) -> Any:
         """m_f + m_a(z) [kg]."""
-        return self.model.m_f - self.law("added_mass", z=z, a=1.0)
+        return self.model.m_f - self.sum_of(Body.INERTIA, z=z, a=1.0)
 
     def equations(self, mode: str, s: dict[str, Any], command: tuple[Any, Any, Any], memory: Memory) -> Dynamics:
         """Rates of the states, positions, motor force and push; command: X_c [m], X_c' [m/s], X_c'' [m/s^2]."""
@@ -123,7 +119,10 @@ class Jumper:
         v_f = v_r if free else s.get("v_f", 0.0)
         stretch = x_r - x_f
         force = (
-            0.0 if free else spring(stretch, v_r - v_f, m.k_s, m.c_s) + self.law("spring_hardening", stretch=stretch)
+            0.0
+            if free
+            else spring(stretch, v_r - v_f, m.k_s, m.c_s)
+            + self.sum_of(Body.SPRING, stretch=stretch, stretch_rate=v_r - v_f)
         )
         rail = self.rail(v_m)
         w_rate = -m.g + (force + rail) / m.M
@@ -139,9 +138,9 @@ class Jumper:
             rates["v_f"] = -push / m.m_f
         elif mode == INTRUDE:
             z = -x_f
-            resist = (
-                self.static_force(z, memory) + self.law("inertial_drag", v=v_f) + self.law("depth_drag", z=z, v=v_f)
-            )
+            resist = self.static_force(z, memory)
+            for law in m.acting(Body.DRAG, Body.FOOT):
+                resist += m.force(law, xp=self.xp, z=z, v=v_f, z_g=memory.hole, z_stop=memory.pause)
             rates["v_f"] = (resist - push) / self.foot_inertia(z)
         return Dynamics(
             rates=[rates[n] for n in self.states(mode)],

@@ -295,7 +295,7 @@ class Programme:
             y, w = (m.M * y + m.m_f * state["x_f"]) / total, (m.M * w + m.m_f * state["v_f"]) / total
         self.row(w, 0.0, math.inf, 0.5)
         drag = m.parameters.c_v / total if "viscous_friction" in m and m.parameters.c_v else 0.0
-        g = m.g + (m.parameters.F_c / total if "coulomb_friction" in m and m.parameters.F_c else 0.0)
+        g = m.g + m.hold / total
         if drag:
             left = ca.log(1.0 + drag * w / g) / drag
             rise = w / drag - g / drag * left

@@ -13,7 +13,7 @@ from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.batch import OF_MODEL
 from jumpvision.physics.forcing import Forcing, Loop, from_log
 from jumpvision.physics.hard.jump import hard_jump
@@ -27,8 +27,6 @@ from jumpvision.workflow.stage import StageWarning, stage
 from .rod import commanded, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
-# mechanisms under which the hard-ground flow stays linear, so that its closed form holds
-LINEAR_TERMS = {"landing_loss", "payload", "spring_damping", "spring_stiffness", "tilt", "camera_scale", "time_offset"}
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
@@ -54,8 +52,7 @@ def simulate(
     forcing, stop = driver(log, law, motor, p)
     times = output_times(forcing, stop, rod, lead=0.05 + abs(model.time_shift))
     true = times + model.time_shift
-    linear = model.ground == "hard" and model.m_f == 0.0 and set(model.terms) <= LINEAR_TERMS
-    if linear and not isinstance(forcing, Loop):
+    if model.exact and not isinstance(forcing, Loop):
         m = hard_jump(
             motor_mass=model.m_m,
             rod_mass=model.rod_mass,

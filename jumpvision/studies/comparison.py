@@ -25,7 +25,7 @@ from jumpvision.inputs.experiment import Campaign, Experiment, open_campaign
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog, Robot
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.batch import hard_points, resolve
 from jumpvision.results.tables import RodMotion
 from jumpvision.stages.recordings import shared_of

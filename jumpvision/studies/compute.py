@@ -22,6 +22,7 @@ from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
+from jumpvision.mechanisms.registry import MECHANISMS
 from jumpvision.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.physics.hard.jump import RESULTS as COMPUTED
 from jumpvision.results import plain
@@ -77,10 +78,11 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
 def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
     """InputError for axes of the bed that the model's terms do not see: their map would be constant."""
     model = machine.model
-    cone = {"added_mass", "depth_drag", "rft_cone"} & set(model.terms)
+    seen = {n for t in model.terms for n in MECHANISMS[t].symbols}
     inert = {
-        "phi": not machine.laws and (model.volume_fraction is None or not cone - {"rft_cone"}),
-        "foot_radius": model.foot_radius is None or not (cone or any(getattr(model.parameters, n) for n in BY_AREA)),
+        "phi": not machine.laws and (model.volume_fraction is None or "phi" not in seen),
+        "foot_radius": model.foot_radius is None
+        or not ("R" in seen or any(getattr(model.parameters, n) for n in BY_AREA)),
     }
     problems = [
         f"{option(n)}: has no effect in a model of {', '.join(model.terms) or 'hard ground'}; give [bed] "

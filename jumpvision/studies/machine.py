@@ -13,14 +13,12 @@ from jumpvision.base.schema import InputError, closest, read
 from jumpvision.inputs.experiment import Experiment, merged, open_experiment
 from jumpvision.inputs.model import ModelSpec, read_model
 from jumpvision.inputs.sections import Actuation, Bed, Header, Robot
-from jumpvision.mechanisms.parameters import ModelParameters
+from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import Model
-from jumpvision.stages.simulate import LINEAR_TERMS, build_model
+from jumpvision.stages.simulate import build_model
 
 from .axes import Laws
-
-# mechanisms that only correct the robot's values, or change what a film shows
-CORRECTIONS = {"payload", "foot_mass", "spring_stiffness", "spring_damping", "tilt", "camera_scale", "time_offset"}
 
 THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 and 3
     "hard": {
@@ -75,7 +73,7 @@ class Machine:
     @property
     def exact(self) -> bool:
         """Whether the closed-form flow of hard ground holds."""
-        return self.model.ground == "hard" and self.model.m_f == 0.0 and set(self.model.terms) <= LINEAR_TERMS
+        return self.model.exact
 
 
 def machine(
@@ -144,10 +142,14 @@ def machine(
 
 
 def plain_model(model: Model) -> Model:
-    """The model with its corrections of the robot's values applied, so that an axis sets the true value."""
+    """The model with its corrections of the robot's values applied, so that an axis sets the true value.
+
+    What only a film shows otherwise is left out.
+    """
+    gone = model.acting(Body.ROBOT, Body.HEIGHT, Body.TIME)
     return dataclasses.replace(
         model,
-        terms=tuple(t for t in model.terms if t not in CORRECTIONS),
+        terms=tuple(t for t in model.terms if MECHANISMS[t] not in gone),
         motor_mass=model.m_m,
         foot_mass=model.m_f,
         spring_stiffness=model.k_s,

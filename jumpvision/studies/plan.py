@@ -17,6 +17,8 @@ from jumpvision.base.schema import InputError, read
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.model import ModelSpec, read_model
 from jumpvision.inputs.sections import Motor, Robot
+from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.registry import acting
 from jumpvision.physics.forcing import Forcing
 from jumpvision.physics.model import GROUNDS, Model
 from jumpvision.results import plain
@@ -31,7 +33,7 @@ DRAWS = 200  # models drawn for the spread of the apex
 MOTOR = Motor(
     kp=20000.0, kd=120.0, max_force=100.0, max_speed=3.0, stroke=0.05
 )  # of the thesis' robot, if none is given
-CORRECTS = {"dm": "motor_mass", "dm_f": "foot_mass", "dk": "spring_stiffness", "dc": "spring_damping", "dg": "gravity"}
+CORRECTS = {m.names[0]: m.corrects for m in acting(Body.ROBOT)}
 
 
 @dataclass(frozen=True)
@@ -223,5 +225,5 @@ def write(planned: Planned, folder: Path) -> list[Path]:
 
 def rigid(model: Model) -> Model:
     """The same robot on hard ground: what a plan that knows nothing of the sand is made for."""
-    keep = tuple(t for t in model.terms if t in ("viscous_friction", "spring_hardening", "motor_lag"))
-    return dataclasses.replace(model, ground="hard", terms=keep)
+    keep = model.acting(Body.CARRIAGE, Body.SPRING, Body.MOTOR)
+    return dataclasses.replace(model, ground="hard", terms=tuple(m.name for m in keep))

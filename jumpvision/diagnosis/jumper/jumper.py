@@ -14,6 +14,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.diagnosis.system import Observation, Parameter
+from jumpvision.mechanisms.registry import MECHANISMS, PARAMETERS
 from jumpvision.physics.forcing import Forcing, Loop, Segments, Spline
 from jumpvision.physics.model import BED, ROBOT, Model
 from jumpvision.physics.sand.jump import Motion, Tracks, simulate
@@ -22,9 +23,8 @@ from .jumps import Jump, coarseness, common, groups, is_common, observation, val
 from .vocabulary import candidates
 
 RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
-C_THESIS = 2.7  # scale of the added mass, where nothing in the data says it
 SCATTER = ("start", "bed")  # what may differ from trial to trial
-STIFFNESS = ("k", "k1", "k2", "sigma_cone")
+STIFFNESS = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
 
 
 class Jumper:
@@ -101,8 +101,9 @@ class Jumper:
             gone = self.candidates[name].replaces
             terms = [name if t == gone else t for t in terms] if gone else [*terms, name]
         extra = {k: v for k, v in values.items() if k not in ROBOT}
-        if "depth_drag" in terms and "C" not in extra and base.parameters.C is None:
-            extra["C"] = C_THESIS  # only the product b C shows without the added mass
+        for n, v in ((n, v) for t in terms for n, v in MECHANISMS[t].assumed.items()):
+            if n not in extra and getattr(base.parameters, n) is None:
+                extra[n] = v
         robot: dict[str, Any] = {k: v for k, v in values.items() if k in ROBOT}
         return replace(base, terms=tuple(terms), parameters=replace(base.parameters, **extra), **robot)
 

@@ -13,11 +13,10 @@ import numpy as np
 from numba import njit, prange
 
 from jumpvision.base.arrays import Array
-from jumpvision.mechanisms import cone
-from jumpvision.mechanisms import laws as terms
+from jumpvision.mechanisms import registry
 from jumpvision.physics import forcing
 
-from . import events, granular, kernel, modes, rest, scalar, step, tangents, within
+from . import events, granular, kernel, modes, rest, scalar, step, within
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
@@ -129,27 +128,15 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
 
 
-PARTS = (
-    cone,
-    events,
-    forcing,
-    granular,
-    kernel,
-    modes,
-    rest,
-    scalar,
-    step,
-    tangents,
-    terms,
-    within,
-)
+PARTS = (events, forcing, granular, kernel, modes, rest, scalar, step, within)
 
 
 @functools.cache
 def digest() -> str:
     """Of all files compiled together: numba's cache sees changes of one file, so this is a part of its key."""
-    names = sorted({str(Path(str(m.__file__))) for m in PARTS} | {__file__})
-    return hashlib.sha256(b"".join(Path(n).read_bytes() for n in names)).hexdigest()
+    laws = Path(str(registry.__file__)).parent.glob("*.py")
+    files = sorted({Path(str(m.__file__)) for m in PARTS} | {Path(__file__), *laws})
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
 
 
 @functools.cache

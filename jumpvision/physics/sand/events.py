@@ -23,10 +23,10 @@ from .granular import (
     AIR,
     HARD,
     INTRUDE,
+    LANDED,
     N_MOTION,
     STUCK,
     VF,
-    WORKS,
     XF,
     Guards,
     V,
@@ -381,8 +381,8 @@ def run(
                         new_mode = settle(t, s, memory, kind, row, p)
                 if size > N_MOTION:
                     mass = p.m_f if p.static == HARD else foot_inertia(memory[0], p)
-                    s[N_MOTION + len(WORKS) - 1] += before - kinetic(s, v, mass, p)
-                if p.F_c > 0.0:
+                    s[LANDED] += before - kinetic(s, v, mass, p)
+                if p.hold > 0.0:
                     slip = grip(t, s, new_mode, memory, kind, row, p, STILL)
     if mode == INTRUDE:
         memory[0] = max(memory[0], -s[XF])

@@ -18,66 +18,61 @@ Everything here is compiled into `events.run`; `p` is one record of CONSTANTS.
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.mechanisms.cone import cone_mass, cone_mass_slope
-from jumpvision.mechanisms.laws import (
-    coulomb_friction,
-    linear_penetration,
-    reintrusion_overshoot,
-    rft_cone,
-    spring,
-    spring_hardening,
-    stop_go_overshoot,
-    two_resistance,
-    viscous_friction,
-)
+from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.registry import MECHANISMS, PARAMETERS, acting
+from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.forcing import segment_xv
 
-from . import scalar, tangents
-from .kernel import kernel
+from .kernel import chosen, each, kernel, running, summed
 
 Guards = tuple[float, float, float, float]
 
 AIR, STUCK, INTRUDE = 0, 1, 2
-HARD, LINEAR, TWO_RESISTANCE, RFT_CONE = 0, 1, 2, 3
+HARD = 0  # of p.static; else the number of the static force, from 1
 SINE, CUBIC = 0, 1
 FOOT, CARRIAGE, CONE = 0, 1, 2  # what a residual force acts on; CONE: r z^i is a mass that moves with the foot
 Y, W, XF, VF, X, V = range(6)
 N_MOTION = V + 1
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
-WORKS = (
-    "motor",
-    "impulse",
-    "spring_damping",
-    "static",
-    "reintrusion_overshoot",
-    "stop_go_overshoot",
-    "inertial_drag",
-    "depth_drag",
-    "added_mass",
-    "viscous_friction",
-    "coulomb_friction",
-    "landing",
-)
+LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
+LOSSES = [[m for m in acting(body) if not m.energy] for body in LOST]
+WORKS = ("motor", "impulse", "spring_damping", "static", *(m.name for body in LOSSES for m in body), "landing")
 """Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
+OVERSHOOT, DRAG, FORCE, INERTIA, FRICTION, DRY, SPRING, LANDED = accumulate(map(len, LOSSES), initial=N_MOTION + 4)
 
+SWITCHES = tuple(m.name for m in MECHANISMS.values() if m.law and m.acts_on is not Body.STATIC)
+ROBOT = ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
+LOOP = ("kp", "kd", "max_force", "max_speed", "low", "high")
 CONSTANTS = np.dtype(
-    [(n, np.int64) for n in ("static", "massless", "r_on")]
-    + [(n, np.float64) for n in ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack")]
-    + [
-        (n, np.float64)
-        for n in ("k", "k1", "k2", "delta", "sigma_cone", "alpha", "b", "C", "C_drag", "mu", "tan_theta")
-    ]
-    + [(n, np.float64) for n in ("s", "lam", "s_p", "factor", "c_v", "F_c", "k_3", "e", "tau")]
-    + [(n, np.float64) for n in ("kp", "kd", "max_force", "max_speed", "low", "high")]
-    + [(n, np.float64) for n in ("r", "r_i", "r_j")]
+    [(n, np.int64) for n in ("static", "massless", "linear", "r_on", *SWITCHES)]
+    + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "r", "r_i", "r_j")]
 )
-"""Numbers of one jumper: zero switches a term off. C is 0 without added mass, C_drag without depth drag; tau = 0
-without lag. lam and factor are 1 when unused. r, r_i, r_j: the force or mass that `unexplained` tries, on `r_on`."""
+"""Numbers of one jumper. static: the number of its static force, from 1. SWITCHES: which other laws act in it; the
+parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, and
+the motor is where its command says. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier
+footprint. r, r_i, r_j: the force or mass that `unexplained` tries, on `r_on`."""
+
+springs = summed(Body.SPRING, "stretch, stretch_rate")
+static_law = chosen(Body.STATIC, "z")
+overshoots = summed(Body.OVERSHOOT, "z, z_g, z_stop")
+drags = summed(Body.DRAG, "z", at="v=1.0")
+forces = summed(Body.FOOT, "z, v, z_g, z_stop")
+inertias = summed(Body.INERTIA, "z", at="a=-1.0")
+frictions = summed(Body.CARRIAGE, "v_m")
+dry_frictions = summed(Body.RAIL, "v_m")
+write_overshoots = each(LOSSES[0], "z, z_g, z_stop")
+write_drags = running(LOSSES[1], "z", at="v=1.0")
+write_forces = each(LOSSES[2], "z, v, z_g, z_stop")
+write_slopes = each(LOSSES[3], "z", part="slope")
+write_frictions = each(LOSSES[4], "v_m")
+write_dry = each(LOSSES[5], "v_m")
+write_springs = each(LOSSES[6], "stretch, stretch_rate")
 
 
 @kernel
@@ -124,41 +119,21 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     """F_s [N], positive upwards on the rod."""
     if p.massless == 1 and mode == AIR:
         return 0.0
-    stretch = x_r - s[XF]
-    return spring(stretch, v_r - s[VF], p.k_s, p.c_s) + spring_hardening(scalar, stretch, p.k_3)
+    stretch, rate = x_r - s[XF], v_r - s[VF]
+    return springs(spring(stretch, rate, p.k_s, p.c_s), stretch, rate, p)
 
 
 @kernel
 def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
     """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop: last pause (0: none)."""
-    factor = p.factor if z_g > 0.0 else 1.0
-    if p.static == LINEAR:
-        f = linear_penetration(scalar, z, factor * p.k)
-    elif p.static == TWO_RESISTANCE:
-        f = two_resistance(scalar, z, factor * p.k1, p.k2, p.delta)
-    else:
-        f = rft_cone(tangents, z, factor * p.k1, p.sigma_cone, p.mu, p.tan_theta, p.R)
-    if p.s > 0.0:
-        f += reintrusion_overshoot(scalar, z, z_g, p.s, p.lam)
-    if p.s_p > 0.0:
-        f += stop_go_overshoot(scalar, z, z_stop, p.s_p, p.lam)
-    return f
-
-
-@kernel
-def drag_coefficient(z: float, p: Any) -> float:
-    """alpha + b dm_a/dz [kg/m], what v^2 is multiplied by."""
-    if p.C_drag > 0.0:
-        return p.alpha + p.b * cone_mass_slope(tangents, z, p.C_drag, p.mu, p.tan_theta, p.R, p.phi, p.rho)
-    return p.alpha
+    factor = p.stiffer if z_g > 0.0 else 1.0
+    return overshoots(static_law(p.static, factor, z, p), z, z_g, z_stop, p)
 
 
 @kernel
 def foot_inertia(z: float, p: Any) -> float:
     """m_f + m_a(z) [kg]."""
-    mass = p.m_f
-    if p.C > 0.0:
-        mass += cone_mass(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
+    mass = inertias(p.m_f, z, p)
     if p.r != 0.0 and p.r_on == CONE:
         mass += p.r * z**p.r_i
     return mass
@@ -177,7 +152,7 @@ def residual_force(q: float, rate: float, p: Any) -> float:
 @kernel
 def rail_friction(x_r: float, v_m: float, slip: int, p: Any) -> float:
     """Force of the rail on the sliding carriage [N]."""
-    rail = viscous_friction(scalar, v_m, p.c_v) + coulomb_friction(scalar, float(slip), p.F_c)
+    rail = dry_frictions(frictions(0.0, v_m, p), float(slip), p)
     if p.r != 0.0 and p.r_on == CARRIAGE:
         rail += residual_force(x_r, v_m, p)
     return rail
@@ -205,7 +180,8 @@ def rhs(
         k[i, VF] = -p.g - force / p.m_f
     else:
         z = -s[XF]
-        resist = static_force(z, memory[1], memory[2], p) + drag_coefficient(z, p) * s[VF] * s[VF]
+        resist = static_force(z, memory[1], memory[2], p) + drags(0.0, z, p) * s[VF] * s[VF]
+        resist = forces(resist, z, s[VF], memory[1], memory[2], p)
         if p.r != 0.0 and p.r_on == FOOT:
             resist += residual_force(z, s[VF], p)
         k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
@@ -258,27 +234,39 @@ def works(
     """Writes the powers [W] of WORKS behind the slopes of the motion: the motor's into the jumper, losses out of it."""
     for j in range(N_MOTION, s.size):
         k[i, j] = 0.0
-    _, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
     acceleration = k[i, V] if p.kp > 0.0 else acceleration
     rail = p.M * (k[i, W] + p.g) - force
     # m_m a_m = -m_m g + F_m + rail
     k[i, N_MOTION] = (p.m_m * (k[i, W] + p.m_r / p.M * acceleration + p.g) - rail) * (v_m - v_r)
     if not (p.massless == 1 and mode == AIR):
         k[i, N_MOTION + 2] = p.c_s * (v_r - s[VF]) ** 2
+        write_springs(k, i, SPRING, x_r - s[XF], v_r - s[VF], p)
+        for j in range(SPRING, LANDED):
+            k[i, j] *= s[VF] - v_r
     if mode == INTRUDE:
         z, speed = -s[XF], -s[VF]
-        again = reintrusion_overshoot(scalar, z, memory[1], p.s, p.lam)
-        pause = stop_go_overshoot(scalar, z, memory[2], p.s_p, p.lam)
-        k[i, N_MOTION + 3] = (static_force(z, memory[1], memory[2], p) - again - pause) * speed
-        k[i, N_MOTION + 4], k[i, N_MOTION + 5] = again * speed, pause * speed
-        k[i, N_MOTION + 6] = p.alpha * speed**3
-        k[i, N_MOTION + 7] = (drag_coefficient(z, p) - p.alpha) * speed**3
-        if p.C > 0.0:  # grains that join the cone at its speed bring half the energy that they take
-            slope = cone_mass_slope(tangents, z, p.C, p.mu, p.tan_theta, p.R, p.phi, p.rho)
-            k[i, N_MOTION + 8] = -0.5 * slope * speed**3
+        write_overshoots(k, i, OVERSHOOT, z, memory[1], memory[2], p)
+        write_drags(k, i, DRAG, z, p)
+        write_forces(k, i, FORCE, z, s[VF], memory[1], memory[2], p)
+        write_slopes(k, i, INERTIA, z, p)
+        resist = static_force(z, memory[1], memory[2], p)
+        for j in range(OVERSHOOT, DRAG):
+            resist -= k[i, j]
+            k[i, j] *= speed
+        k[i, N_MOTION + 3] = resist * speed
+        before = 0.0
+        for j in range(DRAG, FORCE):
+            k[i, j], before = (k[i, j] - before) * speed**3, k[i, j]
+        for j in range(FORCE, INERTIA):
+            k[i, j] *= speed
+        for j in range(INERTIA, FRICTION):  # grains that join at the foot's speed bring half the energy that they take
+            k[i, j] *= -0.5 * speed**3
     if slip != 0:
-        k[i, N_MOTION + 9] = p.c_v * v_m * v_m
-        k[i, N_MOTION + 10] = p.F_c * slip * v_m
+        write_frictions(k, i, FRICTION, v_m, p)
+        write_dry(k, i, DRY, float(slip), p)
+        for j in range(FRICTION, SPRING):
+            k[i, j] *= -v_m
 
 
 @kernel

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
-from jumpvision.mechanisms import laws as terms
-from jumpvision.mechanisms.parameters import MECHANISMS
+from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.registry import MECHANISMS, STATIC
 from jumpvision.physics.forcing import Forcing, Loop, Segments
 from jumpvision.physics.model import Model
 
@@ -156,27 +156,28 @@ def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, 
 
 def pack(model: Model, n: int = 1) -> NDArray[Any]:
     """The model as records of `granular.CONSTANTS`, shape (n,); numbers of the model may be arrays (n,)."""
-    p, used = model.parameters, granular.CONSTANTS.names or ()
-    out = np.zeros(n, granular.CONSTANTS)
-    out["static"] = 0 if model.ground == "hard" else 1 + terms.STATIC.index(next(t for t in terms.STATIC if t in model))
+    p, out = model.parameters, np.zeros(n, granular.CONSTANTS)
+    out["static"] = 0 if model.ground == "hard" else 1 + STATIC.index(next(t for t in STATIC if t in model))
     out["massless"] = np.equal(model.m_f, 0.0)
-    for name in ("m_m", "M", "m_f", "k_s", "c_s", "g"):
+    for name in ("m_m", "M", "m_f", "k_s", "c_s", "g", "hold"):
         out[name] = getattr(model, name)
     out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
     for name in ("R", "phi", "rho"):
         value = model.symbol(name)
         out[name] = 0.0 if value is None else value
-    out["lam"], out["factor"] = 1.0, 1.0
+    out["stiffer"], out["linear"] = 1.0, 1
     own = model.residual
     out["r_on"], out["r"], out["r_i"], out["r_j"] = own.on, own.strength, own.i, own.j
-    for mechanism in model.terms:
-        for name in MECHANISMS[mechanism].parameters:
-            if name == "C" and mechanism == "depth_drag":
-                out["C_drag"] = p.C
-            elif name == "theta":
-                out["tan_theta"] = np.tan(p.theta)
-            elif name in used:
-                out[name] = getattr(p, name)
+    for m in map(MECHANISMS.__getitem__, model.terms):
+        for name in m.names:
+            out[name] = np.tan(p.theta) if name == "theta" else getattr(p, name)
+        acts = np.not_equal(getattr(p, m.names[0]), 0.0)
+        if m.name in granular.SWITCHES:
+            out[m.name] = acts
+        if m.acts_on in (Body.SPRING, Body.CARRIAGE, Body.RAIL, Body.MOTOR):
+            out["linear"] &= ~acts
+        elif m.acts_on is Body.BED:
+            out["stiffer"] *= getattr(p, m.names[0])
     return out
 
 

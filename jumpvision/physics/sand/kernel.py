@@ -1,15 +1,22 @@
 """How the jumper's equations are compiled: plain IEEE arithmetic on arrays that the caller owns.
 
 Division by zero gives inf and is not checked, and no reference is counted: a small function costs 5-10 ns instead of
-50. A kernel must therefore not make arrays.
+50. A kernel must therefore not make arrays. The laws of the mechanisms enter as sums, one a body, written from their
+records: the same code as by hand, and no kernel names a mechanism.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from numba import njit
+from numba.extending import register_jitable
+
+from jumpvision.mechanisms.record import COMPILED, Body, Mechanism, symbols
+from jumpvision.mechanisms.registry import acting
+
+from . import scalar
 
 # `_nrt` is numba's name for its reference counting, an option that its documentation does not list
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract", "arcp"}}
@@ -18,3 +25,62 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "fastmath": {"
 def kernel(f: Callable[..., Any]) -> Any:
     """The function compiled, to be called from compiled code."""
     return njit(**OPTIONS)(f)
+
+
+for _law in COMPILED:
+    register_jitable(_law)
+
+SCALED = frozenset(n for m in acting(Body.BED) for n in m.scales)
+
+
+def summed(body: Body, state: str, *, at: str = "", part: str = "law") -> Any:
+    """kernel f(total, <state>, p) -> total + the laws of all that acts on the body in the model p, one after another.
+
+    state: symbols, separated by commas. at: such as "v=1.0", symbols that are fixed. part: of the record.
+    """
+    lines = [f"def f(total, {state}, p):"]
+    for m in acting(body):
+        if getattr(m, part):
+            lines += [f"    if p.{m.name}:", f"        total += {_call(m, state, at, part)}"]
+    return _made([*lines, "    return total"], acting(body), part)
+
+
+def each(which: Iterable[Mechanism], state: str, *, at: str = "", part: str = "law") -> Any:
+    """kernel f(out, i, j, <state>, p): writes the law of each of the mechanisms to out[i, j], out[i, j + 1] and on."""
+    lines = [f"def f(out, i, j, {state}, p):"]
+    for k, m in enumerate(which):
+        lines += [f"    if p.{m.name}:", f"        out[i, j + {k}] = {_call(m, state, at, part)}"]
+    return _made([*lines, "    return"], which, part)
+
+
+def running(which: Iterable[Mechanism], state: str, *, at: str = "") -> Any:
+    """As `each`, but writes the sum up to each: differences of it are the parts of the very sum of `summed`."""
+    lines = [f"def f(out, i, j, {state}, p):", "    total = 0.0"]
+    for k, m in enumerate(which):
+        lines += [f"    if p.{m.name}:", f"        total += {_call(m, state, at, 'law')}"]
+        lines += [f"    out[i, j + {k}] = total"]
+    return _made([*lines, "    return"], which, "law")
+
+
+def chosen(body: Body, state: str) -> Any:
+    """kernel f(which, factor, <state>, p): law number `which` (from 1) of the body, its SCALED parameters by factor."""
+    which = acting(body)
+    lines = [f"def f(which, factor, {state}, p):"]
+    for k, m in enumerate(which):
+        lines += [f"    if which == {k + 1}:", f"        return {_call(m, state, '', 'law', 'factor * ')}"]
+    return _made([*lines, "    return 0.0"], which, "law")
+
+
+def _call(m: Mechanism, state: str, at: str, part: str, scale: str = "") -> str:
+    """The call of a law in terms of state, fixed symbols and the constants p."""
+    fixed = dict(pair.split("=") for pair in at.split(",") if pair)
+    own = [n.strip() for n in state.split(",")]
+    names = symbols(getattr(m, part))
+    values = [fixed.get(n) or (n if n in own else f"{scale if n in SCALED else ''}p.{n}") for n in names]
+    return f"{part}_{m.name}(xp, {', '.join(values)})"
+
+
+def _made(lines: list[str], which: Iterable[Mechanism], part: str) -> Any:
+    space: dict[str, Any] = {"xp": scalar} | {f"{part}_{m.name}": getattr(m, part) for m in which}
+    exec("\n".join(lines), space)
+    return kernel(space["f"])

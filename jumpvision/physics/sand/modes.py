@@ -74,7 +74,7 @@ def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, r
     """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
     first, second, third = 1.0, 1.0, 1.0
     last = room(t, s, mode, slip, memory, kind, row, p) if p.kp > 0.0 else 1.0
-    if p.massless == 0 and p.F_c == 0.0 and mode != STUCK:  # the forcing is not needed
+    if p.massless == 0 and p.hold == 0.0 and mode != STUCK:  # the forcing is not needed
         if mode == AIR:
             return s[XF] + memory[0], second, third, last
         return first, -s[VF], third, last
@@ -90,9 +90,9 @@ def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, r
         first = push + p.slack
         if p.static != HARD:
             second = static_force(memory[0], memory[1], memory[2], p) + p.slack - push
-    if p.F_c > 0.0:
+    if p.hold > 0.0:
         if slip == 0:
-            third = p.F_c + p.slack - abs(rail_force(t, s, mode, memory, kind, row, p))
+            third = p.hold + p.slack - abs(rail_force(t, s, mode, memory, kind, row, p))
         else:
             third = slip * v_m
     return first, second, third, last
@@ -115,7 +115,7 @@ def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> 
 @kernel
 def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any, still: float) -> int:
     """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
-    if p.F_c == 0.0:
+    if p.hold == 0.0:
         return 1
     v_m = rod(t, s, kind, row, p)[2]
     if v_m > still:
@@ -123,6 +123,6 @@ def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p:
     if v_m < -still:
         return -1
     need = rail_force(t, s, mode, memory, kind, row, p)
-    if need > p.F_c + p.slack:
+    if need > p.hold + p.slack:
         return -1
-    return 1 if need < -p.F_c - p.slack else 0
+    return 1 if need < -p.hold - p.slack else 0

@@ -5,18 +5,22 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from jumpvision.physics.sand.granular import HARD, static_force
-from jumpvision.physics.sand.kernel import kernel
+from jumpvision.mechanisms.record import Body
+
+from .granular import HARD, static_force
+from .kernel import kernel, summed
 
 DEEPEST = 1e3  # m
+springs = summed(Body.SPRING, "stretch, stretch_rate")
+slopes = summed(Body.SPRING, "stretch, stretch_rate", part="slope")
 
 
 @kernel
 def squeeze(p: Any) -> float:
-    """Compression of the spring e [m]: k e + k_3 e^3 = M g (Newton from above: convex, so it only falls)."""
+    """Compression of the spring e [m] under M g, by Newton from above: a spring that hardens only lets it fall."""
     e = p.M * p.g / p.k_s
     for _ in range(100):
-        change = (p.k_s * e + p.k_3 * e * e * e - p.M * p.g) / (p.k_s + 3.0 * p.k_3 * e * e)
+        change = (p.k_s * e + springs(0.0, -e, 0.0, p) - p.M * p.g) / (p.k_s + slopes(0.0, -e, 0.0, p))
         e -= change
         if change <= 1e-16 * e:
             break

@@ -1,6 +1,7 @@
 """The array namespace of compiled scalar code: pass this module as `xp` to a force law inside a compiled function.
 
-numpy's own `where` allocates arrays even for two numbers (370 ns against 1 ns).
+numpy's own `where` allocates arrays even for two numbers (370 ns against 1 ns). An angle is carried as its tangent,
+found once a model instead of thrice a step.
 """
 
 from __future__ import annotations
@@ -31,5 +32,5 @@ def exp(x: float) -> float:
 
 
 @njit
-def tan(x: float) -> float:
-    return math.tan(x)
+def tan(tangent: float) -> float:
+    return tangent

@@ -130,7 +130,7 @@ def oscillator(mode: int, p: Any) -> tuple[float, float]:
 @kernel
 def longest_step(mode: int, kind: int, row: Array, p: Any) -> float:
     """Step [s] to look for events with, or 0 where the closed form does not hold."""
-    if mode == INTRUDE or p.k_3 > 0.0 or p.c_v > 0.0 or p.F_c > 0.0 or p.tau > 0.0:
+    if mode == INTRUDE or p.linear == 0:
         return 0.0
     if p.r != 0.0 and p.r_on == CARRIAGE:
         return 0.0

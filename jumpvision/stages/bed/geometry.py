@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import GeometryParams
 from jumpvision.inputs.sections import Actuation, Bed, Fan, NotApplicable, Robot
-from jumpvision.mechanisms.laws import linear_penetration, two_resistance
+from jumpvision.mechanisms.ground import linear_penetration, two_resistance
 from jumpvision.physics import air
 from jumpvision.physics.air import Finding, floor, side_walls
 from jumpvision.results.values import BedHeight, Geometry

@@ -13,7 +13,7 @@ from jumpvision.estimate.two_slope import Penetration, fit_penetration, in_bins
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import IntrusionParams
 from jumpvision.inputs.sections import IntrusionLog, Robot
-from jumpvision.mechanisms.laws import rft_cone
+from jumpvision.mechanisms.cone import rft_cone
 from jumpvision.results.values import Intrusion
 from jumpvision.workflow.stage import stage
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
-from jumpvision.mechanisms.parameters import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.batch import law_rows, model_at, resolve
 from jumpvision.physics.forcing import Segments
 from jumpvision.physics.hard.analysis import SINGLE, STUTTER
@@ -102,7 +102,7 @@ def baseline(s: Sweep) -> str:
 
 def placeholder(model: Model, name: str) -> Model:
     """The force model with a stand-in for what its laws give: a Model wants a number for each of its parameters."""
-    wanted = {n for t in FORCE_MODELS[name] for n in MECHANISMS[t].parameters}
+    wanted = {n for t in FORCE_MODELS[name] for n in MECHANISMS[t].names}
     fields = ModelParameters.__dataclass_fields__
     missing = {n: 1.0 for n in fields if n in wanted and getattr(model.parameters, n) is None}
     if "alpha" in missing and "added_mass" in FORCE_MODELS[name]:

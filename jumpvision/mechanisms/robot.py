@@ -1,0 +1,175 @@
+"""What acts on the robot: friction of the rail, the spring, values other than assumed, landing and motor."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .record import Body, Mechanism, Parameter, Prior, law
+
+
+@law
+def viscous_friction(xp: Any, v_m: Any, c_v: float) -> Any:
+    """-c_v v_m, on the carriage."""
+    return -c_v * v_m
+
+
+@law
+def coulomb_friction(xp: Any, v_m: Any, F_c: float) -> Any:
+    """-F_c sign(v_m), on the carriage; at v_m = 0 the rail holds any force up to F_c (0 is returned)."""
+    return F_c * (xp.where(v_m < 0.0, 1.0, 0.0) - xp.where(v_m > 0.0, 1.0, 0.0))
+
+
+@law
+def spring_hardening(xp: Any, stretch: Any, k_3: float) -> Any:
+    """-k_3 stretch^3, on the rod."""
+    return -k_3 * stretch * stretch * stretch
+
+
+@law
+def hardening_slope(xp: Any, stretch: Any, k_3: float) -> Any:
+    """3 k_3 stretch^2 [N/m], what the hardening adds to the stiffness."""
+    return 3.0 * k_3 * stretch * stretch
+
+
+def hardening_energy(xp: Any, stretch: Any, k_3: float) -> Any:
+    """k_3 stretch^4 / 4 [J]."""
+    return 0.25 * k_3 * stretch**4
+
+
+@law
+def spring(stretch: Any, stretch_rate: Any, k_s: float, c_s: float) -> Any:
+    """-k_s stretch - c_s stretch', on the rod (always there: not a named mechanism)."""
+    return -k_s * stretch - c_s * stretch_rate
+
+
+def _impedance(m: Any) -> float:
+    """sqrt(k M) [N s/m], the size of a damping that matters."""
+    return math.sqrt(m.k_s * m.M)
+
+
+C_V = Parameter(
+    "c_v",
+    "N s/m",
+    "viscous friction of the rail",
+    lambda m: Prior(0.0, 0.0, _impedance(m), 0.02 * _impedance(m)),
+    lo=0,
+)
+F_C = Parameter(
+    "F_c", "N", "Coulomb friction of the rail", lambda m: Prior(0.0, 0.0, m.M * m.g, 0.05 * m.M * m.g), lo=0
+)
+K_3 = Parameter(
+    "k_3", "N/m^3", "cubic hardening of the spring", lambda m: Prior(0.0, 0.0, 1e4 * m.k_s, 100.0 * m.k_s), lo=0
+)
+DC = Parameter(
+    "dc", "N s/m", "extra damping of the spring", lambda m: Prior(0.0, -m.c_s, _impedance(m), 0.02 * _impedance(m))
+)
+DK = Parameter(
+    "dk", "N/m", "extra stiffness of the spring", lambda m: Prior(0.0, -0.6 * m.k_s, 1.5 * m.k_s, 0.03 * m.k_s)
+)
+DM = Parameter("dm", "kg", "extra mass on the motor body", lambda m: Prior(0.0, -0.6 * m.m_m, 1.5 * m.m_m, 0.03 * m.M))
+DM_F = Parameter("dm_f", "kg", "extra mass of the foot", lambda m: Prior(0.0, -0.95 * m.m_f, 0.5, 0.01))
+DG = Parameter("dg", "m/s^2", "extra gravity along the rail", lambda m: Prior(0.0, -0.6 * m.g, 1.5 * m.g, 0.03 * m.g))
+E = Parameter(
+    "e", "", "share of the rod's kinetic energy lost at touchdown", lambda m: Prior(0.0, 0.0, 0.99, 0.1), lo=0, hi=1
+)
+TAU = Parameter(
+    "tau", "s", "time constant of the motor's lag", lambda m: Prior(1e-7, 1e-7, 0.05, 2e-3), lo=0, open_lo=True
+)
+
+FOOT_MASS = Mechanism(
+    "foot_mass",
+    Body.ROBOT,
+    (DM_F,),
+    "foot heavier than assumed",
+    "the right mass of the foot",
+    "the constant twin of the added mass",
+    corrects="foot_mass",
+    possible=lambda m, command_drives: bool(m.m_f > 0.0),
+)
+VISCOUS_FRICTION = Mechanism(
+    "viscous_friction",
+    Body.CARRIAGE,
+    (C_V,),
+    "viscous friction of the rail on the carriage",
+    "viscous friction on the rail",
+    "docs/physics.md section 1",
+    "c_v v_m",
+    viscous_friction,
+)
+COULOMB_FRICTION = Mechanism(
+    "coulomb_friction",
+    Body.RAIL,
+    (F_C,),
+    "Coulomb friction of the rail on the carriage",
+    "dry friction on the rail",
+    "docs/physics.md section 1",
+    "F_c sign(v_m)",
+    coulomb_friction,
+)
+SPRING_HARDENING = Mechanism(
+    "spring_hardening",
+    Body.SPRING,
+    (K_3,),
+    "cubic stiffening of the spring",
+    "the stiffening of the spring",
+    "docs/physics.md section 6",
+    "k_3 stretch^3",
+    spring_hardening,
+    slope=hardening_slope,
+    energy=hardening_energy,
+)
+SPRING_DAMPING = Mechanism(
+    "spring_damping",
+    Body.ROBOT,
+    (DC,),
+    "damping of the spring other than assumed",
+    "the right damping of the spring",
+    "docs/physics.md section 6",
+    corrects="spring_damping",
+)
+SPRING_STIFFNESS = Mechanism(
+    "spring_stiffness",
+    Body.ROBOT,
+    (DK,),
+    "stiffness of the spring other than assumed",
+    "the right stiffness of the spring",
+    "docs/physics.md section 6",
+    corrects="spring_stiffness",
+)
+PAYLOAD = Mechanism(
+    "payload",
+    Body.ROBOT,
+    (DM,),
+    "extra mass on the motor body",
+    "the right mass on the motor",
+    "docs/physics.md section 6",
+    corrects="motor_mass",
+)
+TILT = Mechanism(
+    "tilt",
+    Body.ROBOT,
+    (DG,),
+    "gravity along the rail other than assumed",
+    "the right gravity along the rail (a tilt)",
+    "docs/physics.md section 6",
+    corrects="gravity",
+)
+LANDING_LOSS = Mechanism(
+    "landing_loss",
+    Body.LANDING,
+    (E,),
+    "loss at touchdown, v_r -> sqrt(1 - e) v_r",
+    "the loss at touchdown",
+    "thesis section 2.4, restitution",
+    grounds=("hard",),
+)
+MOTOR_LAG = Mechanism(
+    "motor_lag",
+    Body.MOTOR,
+    (TAU,),
+    "motor follows its command with a lag, tau X' + X = command",
+    "the lag of the motor",
+    "docs/physics.md section 6",
+    possible=lambda m, command_drives: command_drives,
+)
