@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from jumpvision.base.schema import param
 
-from . import camera, cone, ground, robot
+from . import cone, ground, robot
 from .record import Body, Mechanism, Parameter
 
 MECHANISMS: dict[str, Mechanism] = {
@@ -35,8 +35,8 @@ MECHANISMS: dict[str, Mechanism] = {
         robot.TILT,
         robot.LANDING_LOSS,
         robot.MOTOR_LAG,
-        camera.CAMERA_SCALE,
-        camera.TIME_OFFSET,
+        robot.CAMERA_SCALE,
+        robot.TIME_OFFSET,
     )
 }
 PARAMETERS: dict[str, Parameter] = {p.name: p for m in MECHANISMS.values() for p in m.parameters}

@@ -1,4 +1,4 @@
-"""What acts on the robot: friction of the rail, the spring, values other than assumed, landing and motor."""
+"""What acts on the robot, and what a film has wrong of it: rail, spring, values other than assumed, motor, camera."""
 
 from __future__ import annotations
 
@@ -76,6 +76,10 @@ E = Parameter(
 TAU = Parameter(
     "tau", "s", "time constant of the motor's lag", lambda m: Prior(1e-7, 1e-7, 0.05, 2e-3), lo=0, open_lo=True
 )
+SCALE = Parameter(
+    "scale", "", "reported height / true height", lambda m: Prior(1.0, 0.7, 1.4, 0.02), lo=0, open_lo=True
+)
+DT = Parameter("dt", "s", "a frame stamped t shows t + dt", lambda m: Prior(0.0, -0.05, 0.05, 2e-3))
 
 FOOT_MASS = Mechanism(
     "foot_mass",
@@ -172,4 +176,20 @@ MOTOR_LAG = Mechanism(
     "the lag of the motor",
     "docs/physics.md section 6",
     possible=lambda m, command_drives: command_drives,
+)
+CAMERA_SCALE = Mechanism(
+    "camera_scale",
+    Body.HEIGHT,
+    (SCALE,),
+    "reported height is not the true height",
+    "the right scale of the camera",
+    "docs/physics.md section 6",
+)
+TIME_OFFSET = Mechanism(
+    "time_offset",
+    Body.TIME,
+    (DT,),
+    "a frame stamped t shows t + dt",
+    "the right clock of the camera",
+    "docs/physics.md section 6",
 )

@@ -16,7 +16,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.mechanisms import registry
 from jumpvision.physics import forcing
 
-from . import events, granular, kernel, modes, rest, scalar, step, within
+from . import events, granular, kernel, modes, scalar, step, within
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
@@ -69,7 +69,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
     p = constants[0]
     out[:] = math.nan
-    deep = rest.depth(p)
+    deep = modes.depth(p)
     if math.isnan(deep):
         out[STATUS] = events.CANNOT_CARRY
         return
@@ -81,7 +81,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
-    height = -rest.squeeze(p) - deep
+    height = -modes.squeeze(p) - deep
     while True:
         s[:] = 0.0
         s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
@@ -128,7 +128,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
 
 
-PARTS = (events, forcing, granular, kernel, modes, rest, scalar, step, within)
+PARTS = (events, forcing, granular, kernel, modes, scalar, step, within)
 
 
 @functools.cache
@@ -193,7 +193,7 @@ def _tracks(key: str) -> Callable[..., Any]:
             heights[:driven] = 0.0
             if driven == times.size:
                 continue
-            deep = rest.depth(p)
+            deep = modes.depth(p)
             if math.isnan(deep):
                 heights[:] = math.nan
                 continue
@@ -203,7 +203,7 @@ def _tracks(key: str) -> Callable[..., Any]:
             until[n] = end
             size = granular.N_MOTION if p.kp > 0.0 else granular.V if p.tau > 0.0 else granular.X
             (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
-            height = -rest.squeeze(p) - deep
+            height = -modes.squeeze(p) - deep
             s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
             if size > granular.X:
                 s[granular.X] = a.before
@@ -257,6 +257,6 @@ def _equilibrium(key: str) -> Callable[..., Any]:
     @njit(cache=True)
     def solve(constants):  # type: ignore[no-untyped-def]
         key  # noqa: B018
-        return rest.squeeze(constants[0]), rest.depth(constants[0])
+        return modes.squeeze(constants[0]), modes.depth(constants[0])
 
     return solve
