@@ -16,12 +16,20 @@ ROOT = Path(jumpvision.__file__).parent
 DOCS = ROOT.parent / "docs"
 
 
-def package_with(place: Path, new: dict[str, str], added: dict[str, str]) -> None:
-    """`place`/jumpvision with files of this text (new), and files with this text at their end (added).
+def package_with(
+    place: Path,
+    new: dict[str, str],
+    added: dict[str, str] | None = None,
+    edited: dict[str, dict[str, str]] | None = None,
+    copied: tuple[str, ...] = (),
+) -> None:
+    """`place`/jumpvision with files of this text (new), with this at their end (added), with lines replaced (edited).
 
-    Only rooms that change are copied; the others are links, so that their compiled code is known.
+    Only rooms that change are copied, and those named (copied), which compile what changes into their own code; the
+    others are links, so that their compiled code is known.
     """
-    changed = {Path(name).parts[0] for name in (*new, *added)}
+    added, edited = added or {}, edited or {}
+    changed = {Path(name).parts[0] for name in (*new, *added, *edited)} | {*copied}
     copy = place / "jumpvision"
     copy.mkdir()
     for part in ROOT.iterdir():
@@ -35,6 +43,13 @@ def package_with(place: Path, new: dict[str, str], added: dict[str, str]) -> Non
     for name, text in added.items():
         file = copy / name
         file.write_text(file.read_text(encoding="utf-8") + text, encoding="utf-8")
+    for name, lines in edited.items():
+        file = copy / name
+        text = file.read_text(encoding="utf-8")
+        for before, after in lines.items():
+            assert text.count(before) == 1, before
+            text = text.replace(before, after)
+        file.write_text(text, encoding="utf-8")
 
 
 def run_there(place: Path, script: str, *arguments: str) -> Any:

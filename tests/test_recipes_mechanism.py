@@ -1,0 +1,154 @@
+"""The recipe "Add a mechanism" of CONTRIBUTING.md in a copy of the package: two files, and all else follows.
+
+About 40 s on an idle core: the copy's solver is compiled.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from recipe import package_with, run_there
+
+RECORDS = '''"""Mechanisms of the recipe."""
+
+from .record import Body, Mechanism, Parameter, Prior, law
+
+
+@law
+def rail_drag(xp, v_m, c_q):
+    """-c_q |v_m| v_m, on the carriage."""
+    return -c_q * xp.maximum(v_m, -v_m) * v_m
+
+
+@law
+def bed_damping(xp, v, z, c_b):
+    """-c_b z v, on the intruding foot."""
+    return -c_b * z * v
+
+
+C_Q = Parameter("c_q", "kg/m", "quadratic drag of the rail", lambda m: Prior(0.0, 0.0, 50.0, 1.0), lo=0)
+C_B = Parameter("c_b", "N s/m^2", "damping by the bed per depth", lambda m: Prior(0.0, 0.0, 1e4, 10.0), lo=0)
+RAIL_DRAG = Mechanism(
+    "rail_drag", Body.CARRIAGE, (C_Q,), "quadratic drag of the rail", "the air in the rail", "a test", "c_q |v_m| v_m",
+    rail_drag,
+)
+BED_DAMPING = Mechanism(
+    "bed_damping", Body.FOOT, (C_B,), "viscous bed", "the viscosity of the bed", "a test", "c_b z |v|", bed_damping,
+    grounds=("granular",),
+)
+'''
+SCRIPT = """
+import json, sys
+from types import SimpleNamespace as Some
+import numpy as np
+import jumpvision.mechanisms.registry as registry
+from jumpvision.campaign.document import sentence
+from jumpvision.diagnosis.jumper.vocabulary import candidates
+from jumpvision.inputs.model import model_of
+from jumpvision.physics.energy import energy_ledger
+from jumpvision.physics.forcing import sinusoid
+from jumpvision.physics.model import Model
+from jumpvision.physics.sand.jump import simulate
+from jumpvision.planning.jumper import Drive, Jumper
+
+assert registry.__file__.startswith(sys.argv[1]), registry.__file__
+robot = json.loads(sys.argv[2])
+out = {}
+spec, problems = model_of({"terms": ["rail_drag"], "c_q": 20.0}, "x [model]")
+assert not problems
+out["wrong"] = model_of({"terms": ["rail_drag"], "c_q": -1.0}, "x [model]")[1]
+model = Model("hard", spec.terms, registry.ModelParameters(**spec.parameters), **robot)
+out["printed"] = str(model)
+out["held"] = float(Jumper(model, Drive(), np).rail(-0.5))
+m = simulate(model, sinusoid(4.0, 0.001, 0.5), t=np.linspace(0.0, 0.5, 51), rtol=1e-10, atol=1e-12)
+out["rod"], out["modes"] = m.rod.tolist(), sorted(set(m.mode.tolist()))
+bed = registry.ModelParameters(k1=2100.0, k2=1500.0, delta=0.009, alpha=40.0, c_q=20.0, c_b=2000.0)
+sand = Model("granular", ("two_resistance", "inertial_drag"), bed, **robot)
+both = Model("granular", (*sand.terms, "rail_drag", "bed_damping"), bed, **robot)
+books = energy_ledger(both, sinusoid(6.0, 0.018, 0.5), end=0.6)
+out["residual"], out["turnover"], out["losses"] = books.residual, books.turnover, books.losses
+offered = candidates(sand, command_drives=True)
+out["offered"] = {n: [p.name + " " + p.unit for p in offered[n].parameters] for n in ("rail_drag", "bed_damping")}
+out["on hard ground"] = "bed_damping" in candidates(model, command_drives=True)
+heights = [Some(kind="single", simulated_m=0.02 + x, measured_m=0.01) for x in (0, 1e-3)]
+named = dict(named=("rail_drag",), indistinguishable=(), gain=None, remainder=None, unexplained=None)
+out["sentence"] = sentence(Some(adequate=False, heights=heights, **named))
+print(json.dumps(out))
+"""
+ROBOT = {
+    "motor_mass": 1.125,
+    "rod_mass": 0.175,
+    "foot_mass": 0.04,
+    "spring_stiffness": 3300.0,
+    "spring_damping": 1.2,
+    "gravity": 9.81,
+}
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    """What a copy of the package with two more mechanisms says and does."""
+    place = tmp_path_factory.mktemp("recipe")
+    lines = {
+        "from . import cone,": "from . import recipe, cone,",
+        "        robot.VISCOUS_FRICTION,\n": "        robot.VISCOUS_FRICTION,\n        recipe.RAIL_DRAG,\n",
+        "        robot.TIME_OFFSET,\n": "        robot.TIME_OFFSET,\n        recipe.BED_DAMPING,\n",
+    }
+    package_with(
+        place, {"mechanisms/recipe.py": RECORDS}, edited={"mechanisms/registry.py": lines}, copied=("physics",)
+    )
+    return run_there(place, SCRIPT, str(place), json.dumps(ROBOT))
+
+
+def test_the_model_takes_it_and_prints_it(out):
+    assert "M y'' = -M g + F_s - c_q |v_m| v_m" in out["printed"]
+    assert "rail_drag: c_q = 20 kg/m" in out["printed"]
+    assert out["wrong"] == ["x [model] c_q = -1.0: must be >= 0 kg/m (quadratic drag of the rail)"]
+
+
+def test_the_motion_is_that_of_its_law(out):
+    """The foot stays on hard ground: M a_r = -M g + F_s + F - m_m X'' by fixed steps of Runge and Kutta."""
+    m_m, M, k, c, g = ROBOT["motor_mass"], 1.3, ROBOT["spring_stiffness"], ROBOT["spring_damping"], ROBOT["gravity"]
+    w, A, phase, dt = 2 * math.pi * 4.0, 0.001, 0.5, 1e-4
+
+    def slope(t, s, drag):
+        u, a = (A * w * math.cos(w * t + phase), -A * w * w * math.sin(w * t + phase)) if t < 0.25 else (0.0, 0.0)
+        v_m = s[1] + u
+        return np.array([s[1], -g + (-k * s[0] - c * s[1] - drag * abs(v_m) * v_m - m_m * a) / M])
+
+    def rod(drag):
+        s, found = np.array([-M * g / k, -m_m / M * A * w * math.cos(phase)]), []
+        for i in range(5001):
+            t = i * dt
+            if i % 100 == 0:
+                found.append(s[0])
+            if i == 2500:
+                s = s + np.array([0.0, m_m / M * A * w * math.cos(w * 0.25 + phase)])
+            half = t + 0.5 * dt
+            k1 = slope(t, s, drag)
+            k2 = slope(half, s + 0.5 * dt * k1, drag)
+            k3 = slope(half, s + 0.5 * dt * k2, drag)
+            s = s + dt / 6 * (k1 + 2 * k2 + 2 * k3 + slope(t + dt * (1 - 1e-9), s + dt * k3, drag))
+        return np.array(found)
+
+    assert out["modes"] == [1]  # at rest on the ground
+    true, without = rod(20.0), rod(0.0)
+    assert np.abs(true - without).max() > 1e-5  # m: what the drag does
+    # both to about 1e-10 m: steps of 1e-4 s of a motion of 50 rad/s, (w dt)^4 of 1 mm, and |v| v bends at 0
+    np.testing.assert_allclose(out["rod"], true, rtol=0, atol=2e-9)
+    assert out["held"] == pytest.approx(20.0 * 0.25)  # N, by the planner's equations
+
+
+def test_its_work_stands_in_the_ledger(out):
+    """The energy balance closes only with the work of both laws in it."""
+    assert abs(out["residual"]) < 1e-7 * out["turnover"]
+    assert all(out["losses"][n] > 1e-3 * out["turnover"] for n in ("rail_drag", "bed_damping"))
+
+
+def test_a_diagnosis_offers_and_names_it(out):
+    assert out["offered"] == {"rail_drag": ["c_q kg/m"], "bed_damping": ["c_b N s/m^2"]}
+    assert not out["on hard ground"]
+    assert "because it lacks the air in the rail" in out["sentence"]
