@@ -174,7 +174,7 @@ def empty(file: Path) -> None:
 
 @pytest.mark.parametrize("damage", [flip, cut, empty, Path.unlink])
 @pytest.mark.parametrize("where", [".cache/[!h]*/*/*", ".cache/hashes/*", ".cache/*/*/receipt.json", "jump*/[!p]*"])
-@pytest.mark.filterwarnings("ignore::jumpvision.stage.StageWarning")
+@pytest.mark.filterwarnings("ignore::jumpvision.workflow.stage.StageWarning")
 def test_damaged_cache_and_result_files_are_made_again(work, calm, damage, where):
     files = [f for f in (work / "results").glob(where) if f.is_file()]
     assert files
