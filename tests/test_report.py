@@ -20,8 +20,7 @@ from jumpvision.base.storage import write_aside
 from jumpvision.cli import main
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.experiment import open_campaign
-from jumpvision.report.figures.cone_film import ConeDrawing
-from jumpvision.report.figures.overlays import STRIP, webm
+from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
 from jumpvision.report.pages.charts import heights_chart
 from jumpvision.report.pages.page import NAME, write_report
 from jumpvision.report.pages.words import experiment_words

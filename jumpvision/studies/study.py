@@ -7,8 +7,6 @@ A study is one function in a module of this package under `@study`; its figure s
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +21,7 @@ from jumpvision.base.schema import InputError, closest
 from jumpvision.physics.batch import resolve
 from jumpvision.physics.hard.jump import HardRobot
 from jumpvision.physics.model import GROUNDS
+from jumpvision.workflow.stage import import_all
 
 from .axes import EXAMPLE, Laws, option, read_axes, read_laws
 from .machine import Machine, machine
@@ -143,12 +142,6 @@ def study(
         return made
 
     return register
-
-
-def import_all(package: str) -> None:
-    """Import every module of a package, for what they register."""
-    for module in pkgutil.walk_packages(importlib.import_module(package).__path__, package + "."):
-        importlib.import_module(module.name)
 
 
 def studies(ground: str | None = None) -> dict[str, Study[Any]]:

@@ -92,14 +92,15 @@ def stage(
 
 def results_stages() -> list[Stage]:
     """All stages that make results, each after those whose records it reads; of several by module. Imports them."""
-    _import_all()
+    import_all(PACKAGE)
     ours = [s for s in STAGES.values() if s.function.__module__.startswith(PACKAGE + ".")]
     return in_order(sorted(ours, key=lambda s: s.function.__module__))
 
 
 @functools.cache
-def _import_all() -> None:
-    for module in pkgutil.walk_packages([str(FOLDER)], PACKAGE + "."):
+def import_all(package: str) -> None:
+    """Import every module below a package, for what they register."""
+    for module in pkgutil.walk_packages(importlib.import_module(package).__path__, package + "."):
         importlib.import_module(module.name)
 
 

@@ -16,7 +16,8 @@ from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNE
 from jumpvision.studies import comparison as compared
 from jumpvision.studies import motions
 from jumpvision.studies.axes import AXES
-from jumpvision.studies.study import Study, import_all
+from jumpvision.studies.study import Study
+from jumpvision.workflow.stage import import_all
 
 # name: title, factor, unit on the figure
 SHOWN = {
