@@ -111,7 +111,7 @@ def test_a_film_with_lost_frames_is_not_taken_for_what_was_shown(tmp_path):
 def test_windows_that_are_not_kept_are_read_again(monkeypatch):
     frames, *_ = two_balls(np.random.default_rng(5), crossing=False)
     kept = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
-    monkeypatch.setattr("jumpvision.vision.ball_film.MEMORY", 0)
+    monkeypatch.setattr("jumpvision.vision.ball.film.MEMORY", 0)
     read = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
     assert np.allclose(read.y, kept.y, atol=1e-9, equal_nan=True)
 

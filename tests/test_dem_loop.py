@@ -51,7 +51,7 @@ def test_momentum_of_the_grains_is_that_of_the_discs(loop):
 def test_velocities_are_those_of_the_discs(loop):
     """The coarse-grained discs on PIV's grid: windows and kernel weigh alike; 0.2 px rms below the foot."""
     d, m, found = loop
-    own = disc_field(SCENE, d, m, step=1e-3, width=1.2e-3)
+    own = disc_field(SCENE, d, m, step=1e-3, width=1.2e-3).field
     piv = found["piv"]
     apart = []
     for k in range(piv.sizes["t"]):

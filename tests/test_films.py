@@ -11,7 +11,7 @@ from jumpvision.frames import FrameError, open_frames
 from jumpvision.inputs.parameters import PivParams
 from jumpvision.inputs.sections import GrainVideo, MissingKey, RodVideo
 from jumpvision.lab import write
-from jumpvision.stages.grains import piv
+from jumpvision.stages.grains.piv import piv
 from jumpvision.stages.recordings import open_film, open_grains
 from jumpvision.workflow.stage import StageWarning
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from diagnosis_sample import diagnosis
@@ -10,14 +12,18 @@ from jumpvision.campaign.document import confirmed
 from jumpvision.campaign.films import CONTRADICT, compared
 from jumpvision.campaign.jumps import CONE, _read, _together
 from jumpvision.diagnosis.jumper.jumps import Measured
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.results.values import Fits
 
-FITS = {
-    "C": {"value": 2.7, "sigma": 0.05, "sigma_common": 0.03},
-    "mu_cone": {"value": 2.0, "sigma": 0.02, "sigma_common": 0.0},
-    "theta_cone_deg": {"value": 60.0, "sigma": 0.5, "sigma_common": 0.0},
-    "correlation_C_mu": {"value": -0.5},
-    "correlation_mu_theta": {"value": 0.4},
-}
+FITS = Fits(
+    {
+        "C": Estimate(2.7, 0.05, "", 9, 0.0, sigma_common=0.03),
+        "mu_cone": Estimate(2.0, 0.02, "", 9, 0.0),
+        "theta_cone_deg": Estimate(60.0, 0.5, "deg", 9, 0.0),
+        "correlation_C_mu": Estimate(-0.5, 0.0, "", 9, 0.0),
+        "correlation_mu_theta": Estimate(0.4, 0.0, "", 9, 0.0),
+    }
+)
 
 
 def test_a_film_is_read_with_its_correlations_and_what_it_shares():
@@ -29,7 +35,8 @@ def test_a_film_is_read_with_its_correlations_and_what_it_shares():
     assert own[0, 1] == pytest.approx(-0.5 * 0.04 * 0.02)  # sqrt(0.05^2 - 0.03^2) = 0.04
     assert own[1, 2] == pytest.approx(0.4 * 0.02 * np.radians(0.5))
     assert shared[0, 0] == pytest.approx(0.03**2) and shared[1, 1] == 0.0
-    assert _read({"C": {"value": None, "sigma": None}}, CONE, "film b") is None
+    nothing = Estimate(math.nan, math.nan, "", 0, math.nan, reason="no cone")
+    assert _read(Fits({"C": nothing}), CONE, "film b") is None
 
 
 def test_what_films_share_is_not_averaged_and_scatter_beyond_their_sigma_widens_the_mean():

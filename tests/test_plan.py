@@ -129,7 +129,7 @@ def test_the_plan_jumps_to_its_apex(name):
     x_c, v_c = plan.command(np.array([plan.command.stop - 1e-9]))
     assert abs(x_c[0]) < 1e-8 and abs(v_c[0]) < 1e-5
     if planner.model.ground == "granular":  # one intrusion, as it was planned, and no landing before the stop
-        kinds = [str(e.kind) for e in plan.motion.events if e.time < plan.command.stop]
+        kinds = [str(e["kind"]) for e in plan.motion.events if e["time"] < plan.command.stop]
         assert [kind for kind in kinds if kind != "rail_slip"] == ["intrude", "stop", "lift_off"]
 
 
@@ -248,7 +248,7 @@ def test_stop_go_is_there_with_its_term_only():
     plan = Planner(model, LOOP, LIMITS, motion="stop-go").plan(0.04)
     assert plan.status == "solved"
     assert plan.resimulated_apex == pytest.approx(0.04, abs=TOLERANCE)
-    kinds = [str(e.kind) for e in plan.motion.events if e.time < plan.command.stop]
+    kinds = [str(e["kind"]) for e in plan.motion.events if e["time"] < plan.command.stop]
     assert kinds[:5] == ["intrude", "stop", "intrude", "stop", "lift_off"]
 
 
