@@ -36,7 +36,7 @@ from jumpvision.results.diagnosis import Unexplained
 from .diagnosis import jumps_of
 from .noise import questioned
 from .rows import Row, gather, interval, share
-from .shared_world import Film, World, physical, stated, world
+from .shared_world import World, physical, shifted, stated, world
 
 LOW, HIGH, LEAST = 0.86, 0.94, 0.80  # bars: coverage of all named parameters, and of each one at least
 PLANTED, FLAGGED, FALSE = 5.0, 0.95, 0.02  # sigma of a planted contradiction; bars
@@ -72,10 +72,10 @@ class Question:
         shared = Shared() if self.case.undeclared else Shared(**stated())
         return questioned([replace(j, shared=shared) for j in self.jumps], self.fit, self.priors)
 
-    def answer(self, film: Film | None, near: Fit | None = None) -> Answer:
+    def answer(self, film: Measured | None, near: Fit | None = None) -> Answer:
         """The campaign questioned, with a film of it or without. near: where a fit with a known cause may begin."""
         learned = self.learned
-        beside = [] if film is None else [Measured(film.names, film.values, film.covariance, film.source)]
+        beside = [] if film is None else [film]
         problem = Problem(learned.system, learned.noise, learned.scatter, beside)
         rng, stops = np.random.default_rng([182, self.case.number]), [j.stop for j in self.jumps]
         if not self.case.naming:
@@ -143,12 +143,12 @@ def run(case: Case) -> Row:
     return out
 
 
-def contradiction(alone: Fit, film: Film, rng: np.random.Generator) -> tuple[str, Film] | None:
+def contradiction(alone: Fit, film: Measured, rng: np.random.Generator) -> tuple[str, Measured] | None:
     """(parameter, the film with it off by PLANTED sigma of film minus jumps); None where the jumps say none of them."""
     for name in rng.permutation([n for n in film.names if n in alone.named]).tolist():
         by = PLANTED * math.hypot(film.sigma(name), alone.sigma(name))
         for sign in rng.permutation([-1.0, 1.0]):
-            off = film.shifted(name, float(sign) * by)
+            off = shifted(film, name, float(sign) * by)
             if physical(name, float(off.values[film.names.index(name)])):
                 return name, off
     return None

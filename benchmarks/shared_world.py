@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.diagnosis.jumper.jumps import Measured
 from jumpvision.lab.blind import ROBOTS, Setting, draw
 
 Array = NDArray[np.float64]
@@ -32,24 +33,11 @@ SAND = ("viscous_friction", "coulomb_friction", "spring_hardening", "spring_damp
 HARD = ("viscous_friction", "coulomb_friction", "spring_hardening", "spring_damping", "payload", "landing_loss")
 
 
-@dataclass(frozen=True)
-class Film:
-    """What a film or a test measures of the model's parameters: values (k,) with their covariance (k, k); SI."""
-
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    source: str
-
-    def sigma(self, name: str) -> float:
-        i = self.names.index(name)
-        return math.sqrt(float(self.covariance[i, i]))
-
-    def shifted(self, name: str, by: float) -> Film:
-        """The same, one value off by `by`."""
-        moved = self.values.copy()
-        moved[self.names.index(name)] += by
-        return replace(self, values=moved)
+def shifted(film: Measured, name: str, by: float) -> Measured:
+    """The same, one value off by `by`."""
+    moved = film.values.copy()
+    moved[film.names.index(name)] += by
+    return replace(film, values=moved)
 
 
 @dataclass(frozen=True)
@@ -63,7 +51,7 @@ class World:
     setting: Setting
     true: dict[str, float]
     common: dict[str, float]
-    film: Film
+    film: Measured
 
 
 def world(number: int) -> World:
@@ -141,7 +129,7 @@ def truth(setting: Setting) -> dict[str, float]:
     return {**p.parameters, **apparatus}
 
 
-def film(kind: str, true: Mapping[str, float], rng: np.random.Generator) -> Film:
+def film(kind: str, true: Mapping[str, float], rng: np.random.Generator) -> Measured:
     """What was measured beside the jumps: the cone by a grain film, k1 and k2 by intrusions, the spring by a test."""
     if kind == "cone":
         sigma, source = FILM, "grain film"
@@ -155,7 +143,7 @@ def film(kind: str, true: Mapping[str, float], rng: np.random.Generator) -> Film
         correlation[0, 1] = correlation[1, 0] = TOGETHER
     covariance = correlation * np.multiply.outer(size, size)
     at = np.array([true[n] for n in sigma])
-    return Film(tuple(sigma), rng.multivariate_normal(at, covariance), covariance, source)
+    return Measured(tuple(sigma), rng.multivariate_normal(at, covariance), covariance, source)
 
 
 def physical(name: str, value: float) -> bool:

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 from test_report import KINDS, campaign_of, diagnosis_of, grains_into
 
+from jumpvision.campaign.folder import jumps_table, write_jumps
 from jumpvision.cli import main
 from jumpvision.report.catalogue import available
 from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, printed, save
-from jumpvision.workflow.run import jumps_table, write_jumps
 
 POINT = 25.4 / 72  # mm
 

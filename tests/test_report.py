@@ -17,6 +17,7 @@ import xarray as xr
 from diagnosis_sample import confirmation, diagnosis
 
 from jumpvision.base.storage import write_aside
+from jumpvision.campaign.folder import jumps_table
 from jumpvision.cli import main
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.experiment import open_campaign
@@ -27,7 +28,7 @@ from jumpvision.report.pages.words import experiment_words
 from jumpvision.results.diagnosis import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.results.values import Fits
-from jumpvision.workflow.run import Outcome, jumps_table
+from jumpvision.workflow.run import Outcome
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
 SENTENCE = "The simulation over-predicts stutter jumps by 14.0 ± 0.1 mm because it lacks: added mass."

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from jumpvision.base.storage import write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
-from jumpvision.workflow.run import Outcome, Plan, jumps_table, run_campaign, run_single, write_jumps
+from jumpvision.workflow.run import Outcome, Plan, run_campaign, run_single
 
 if TYPE_CHECKING:
     from jumpvision.results.diagnosis import Diagnosis
@@ -138,3 +139,61 @@ def _tables(run: Run) -> list[Path]:
 
     craters = craters_of({o.name: o.results for o in run.outcomes})
     return write_craters(craters, zero_crossing(craters), run.plan.results)
+
+
+JUMP_COLUMNS = (
+    "jump_height_m",
+    "sigma_m",
+    "sigma_common_m",
+    "simulated_height_m",
+    "flight_height_m",
+    "flight_height_m_sigma",
+    "flight_height_m_sigma_common",
+    "flight_time_s",
+    "lift_off_s",
+    "n_jumps",
+    "mu",
+    "mu_sigma",
+    "mu_sigma_common",
+    "beta_deg",
+    "beta_deg_sigma",
+    "beta_deg_sigma_common",
+    "added_mass_kg",
+    "added_mass_kg_sigma",
+    "added_mass_kg_sigma_common",
+    "sigma_volume_fraction",
+    "sigma_common_volume_fraction",
+)
+
+
+def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment, failed and excluded ones with their reason."""
+    by_name = {o.name: o for o in outcomes}
+    rows = []
+    for e in campaign.experiments:
+        a, o = e.sections.get("actuation"), by_name[e.name]
+        rows.append(
+            {
+                "experiment": e.name,
+                "group": e.header.group or None,
+                "kind": a.kind if a else None,
+                "frequency_hz": a.frequency if a else None,
+                "delay_s": a.delay if a else None,
+                "volume_fraction": o.summary.get("volume_fraction"),
+                **{c: o.summary.get(c) for c in JUMP_COLUMNS},
+                "problem": o.errors[0] if o.errors else None,
+            }
+        )
+    rows += [{"experiment": n, "problem": f"excluded: {why}"} for n, why in campaign.excluded.items()]
+    return rows
+
+
+def write_jumps(rows: list[dict[str, Any]], results: Path) -> None:
+    """jumps.csv."""
+    import io
+
+    import pandas as pd
+
+    text = io.StringIO()
+    pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
+    write_aside(results / "jumps.csv", text.getvalue())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +16,7 @@ from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Bed, Robot
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.results.diagnosis import Cause, Confirmation, Diagnosis, Parameter
-from jumpvision.workflow.run import Outcome, truth_of
+from jumpvision.workflow.run import Outcome
 
 INSIDE, OUTSIDE, ABSENT = "inside 95 %", "outside 95 %", "does not act"
 
@@ -223,3 +225,12 @@ def details(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, s
                 row["true"] = plain_number(truth[o.name].get(q.key), q.factor)
             rows.append(row)
     return rows
+
+
+def truth_of(folder: Path) -> Mapping[str, Any]:
+    """truth.json of a synthetic folder, for showing beside the results only; {} for a recorded one."""
+    file = folder / "truth.json"
+    try:
+        return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
+    except ValueError:
+        return {}

@@ -63,6 +63,19 @@ class Search(NamedTuple):
     rounds: int
 
 
+def _swept(rows: Array, robot: HardRobot, rod_share: ArrayLike, zeta: ArrayLike) -> dict[str, NDArray[Any]]:
+    """hard_sweep of the robot with this share of its mass in the rod, and this damping ratio."""
+    return hard_sweep(
+        rows,
+        motor_mass=robot.mass * (1.0 - np.asarray(rod_share)),
+        rod_mass=robot.mass * np.asarray(rod_share),
+        stiffness=robot.stiffness,
+        damping=damping_of(zeta, robot.stiffness, robot.mass),
+        gravity=robot.gravity,
+        landing_loss=robot.landing_loss,
+    )
+
+
 def best_by_alpha(
     alpha: ArrayLike,
     phase: ArrayLike,
@@ -83,15 +96,7 @@ def best_by_alpha(
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
     def jumps(at: list[Array]) -> dict[str, NDArray[Any]]:
-        return hard_sweep(
-            sine_rows(at[0] * f0, amp[..., None], ph[..., None], 1.0),
-            motor_mass=mass * (1.0 - share[..., None]),
-            rod_mass=mass * share[..., None],
-            stiffness=stiffness,
-            damping=damping_of(z[..., None], stiffness, mass),
-            gravity=gravity,
-            landing_loss=robot.landing_loss,
-        )
+        return _swept(sine_rows(at[0] * f0, amp[..., None], ph[..., None], 1.0), robot, share[..., None], z[..., None])
 
     shape = (*a.shape, 1)
     at, best = best_jump(
@@ -116,22 +121,15 @@ def best_two_frequencies(
     Returns the results with frequency_ratio and frequency2_ratio, (n,).
     """
     a = np.asarray(alpha, float)
-    mass, stiffness, gravity, rod_share = robot.mass, robot.stiffness, robot.gravity, robot.rod_share
+    mass, stiffness, gravity = robot.mass, robot.stiffness, robot.gravity
     amp, f0 = amplitude_of(a, stiffness, mass, gravity), natural_frequency(stiffness, mass)
 
     def of_second(at: list[Array]) -> dict[str, NDArray[Any]]:
         second = np.exp(at[0])
 
         def of_first(at: list[Array]) -> dict[str, NDArray[Any]]:
-            return hard_sweep(
-                half_cycle_rows(at[0] * f0, second[..., None] * f0, amp[:, None, None], STUTTER, 0.0),
-                motor_mass=mass * (1.0 - rod_share),
-                rod_mass=mass * rod_share,
-                stiffness=stiffness,
-                damping=damping_of(robot.zeta, stiffness, mass),
-                gravity=gravity,
-                landing_loss=robot.landing_loss,
-            )
+            rows = half_cycle_rows(at[0] * f0, second[..., None] * f0, amp[:, None, None], STUTTER, 0.0)
+            return _swept(rows, robot, robot.rod_share, robot.zeta)
 
         shape = (*second.shape, 1)
         first, best = best_jump(

@@ -15,25 +15,14 @@ from numba import njit, prange
 from jumpvision.base.arrays import Array
 from jumpvision.mechanisms import registry
 from jumpvision.physics import forcing
+from jumpvision.physics.hard.jump import RESULTS as HARD_RESULTS
 
 from . import events, granular, kernel, modes, scalar, step, within
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
 LOG = 500  # events of a jump in a batch
-RESULTS = (
-    "com_height_m",
-    "flight_height_m",
-    "jump_height_m",
-    "n_jumps",
-    "lift_off_s",
-    "peak_power_W",
-    "peak_force_N",
-    "peak_motor_speed",
-    "driven_height_m",
-    "max_depth_m",
-    "status",
-)
+RESULTS = (*HARD_RESULTS, "driven_height_m", "max_depth_m", "status")
 COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, SPEED, DRIVEN, DEPTH, STATUS = range(len(RESULTS))
 
 

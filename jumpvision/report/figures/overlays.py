@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
-from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,7 +14,6 @@ from numpy.typing import NDArray
 
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.sections import Calibration, GrainVideo, NotApplicable
-from jumpvision.results import Record
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
@@ -34,19 +31,10 @@ STRIP = 22  # px below the picture, for time and scale
 BITS = 1_500_000  # a second of film
 
 
-@dataclass(frozen=True)
-class PivOverlay(Record):
+class PivOverlay(Picture):
     """A film of the velocity vectors over the grains."""
 
     file = "piv.webm"
-    webm: bytes
-
-    def save(self, folder: Path) -> None:
-        (folder / self.file).write_bytes(self.webm)
-
-    @classmethod
-    def load(cls, folder: Path) -> Self:
-        return cls((folder / cls.file).read_bytes())
 
 
 @stage(version=1, picture=True)

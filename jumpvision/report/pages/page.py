@@ -20,7 +20,15 @@ from jumpvision.base.storage import write_aside
 from jumpvision.campaign.actuator import actuator_bandwidth, driven
 from jumpvision.campaign.craters import craters_of, zero_crossing
 from jumpvision.campaign.intrusions import intrusion_laws, slow_intrusions
-from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, details, overview, true_parameters
+from jumpvision.campaign.truth import (
+    Truth,
+    confirmation_rows,
+    coverage_words,
+    details,
+    overview,
+    true_parameters,
+    truth_of,
+)
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Actuation
@@ -30,7 +38,7 @@ from jumpvision.report.figures.pictures import drawn
 from jumpvision.results import plain
 from jumpvision.results.diagnosis import Cause, Diagnosis
 from jumpvision.results.values import Fits, Intrusion
-from jumpvision.workflow.run import Outcome, truth_of
+from jumpvision.workflow.run import Outcome
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
 from .experiment_charts import experiment_charts
