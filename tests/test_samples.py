@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,12 @@ RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.e
 
 def run(path: Path, results: Path, *options: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*RUN, str(path), "--results", str(results), *options], capture_output=True, text=True)
+
+
+def processor_time() -> float:
+    """Of all processes that ended under this one [s]."""
+    t = os.times()
+    return t.children_user + t.children_system
 
 
 @pytest.fixture(scope="session")
@@ -209,15 +214,22 @@ def test_results_are_complete_and_clean(results):
         assert hashlib.sha256((results / FILM / name).read_bytes()).hexdigest() == digest
 
 
+LIBRARIES = "import numpy, pandas, xarray, numba, cv2, scipy.linalg, scipy.optimize, scipy.special"
+
+
 def test_the_second_run_recomputes_nothing_and_says_so(results):
-    began = time.perf_counter()
+    """In processor time, which tests beside this one hardly lengthen: at most four times what loading its libraries
+    takes (2.5 on an idle machine, where that is 4.7 s of 5 asked; above 50 when the diagnosis is done again)."""
+    before = processor_time()
+    subprocess.run([sys.executable, "-c", LIBRARIES], check=True)
+    between = processor_time()
     done = run(SAMPLES / "loose_sand", results / "loose_sand", "--json")
-    seconds = time.perf_counter() - began
+    again, libraries = processor_time() - between, between - before
     assert done.returncode == 0
     assert "nothing recomputed" in done.stderr
     states = {s["state"] for e in json.loads(done.stdout)["experiments"] for s in e["stages"]}
     assert states == {"cached"}
-    assert seconds < 10, "2 s on an idle machine (docs/benchmarks.md), under 5 s asked; other tests run beside this one"
+    assert again < 4.0 * libraries
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")

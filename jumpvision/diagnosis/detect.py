@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from jumpvision.base.arrays import Array
 
@@ -142,7 +142,7 @@ def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.rando
     noise = problem.noise  # which is an estimate too
     doubt = noise.log_power**2 or (2.0 / noise.n if noise.n else 0.0)
     spread = math.sqrt((noise.kurtosis - 1.0) / dof + doubt)
-    p_chi2 = float(stats.norm.sf(math.log(chi2 / dof) / spread + 0.5 * spread)) if chi2 > 0 else 1.0
+    p_chi2 = float(scipy.stats.norm.sf(math.log(chi2 / dof) / spread + 0.5 * spread)) if chi2 > 0 else 1.0
     score, tau = np.array([d.vector @ residual for d in found]), noise.log_sigma
     p_score = 1.0
     if found:
@@ -156,7 +156,7 @@ def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.rando
         p_score = (beyond + 1) / (DRAWS + 1)
         if beyond < 20:  # beyond the draws: the sum over directions bounds it, with the same doubt about the noise
             grid, weight = np.polynomial.hermite_e.hermegauss(31)
-            tails = 2.0 * stats.norm.sf(top / np.exp(0.5 * tau * grid))
+            tails = 2.0 * scipy.stats.norm.sf(top / np.exp(0.5 * tau * grid))
             p_score = min(p_score, float(len(found) * (weight @ tails) / weight.sum()))
     p = min(1.0, 2.0 * min(p_chi2, p_score))
     return Detection(p, p_chi2, p_score, chi2 / dof, tuple(found), score)

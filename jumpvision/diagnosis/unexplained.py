@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from scipy import special
+import scipy
 
 from jumpvision.base.arrays import Array
 
@@ -87,7 +87,7 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
     terms, values, sigmas, left = [first], [best.named["r"]], [best.sigma("r")], best.chi2
     span = Span(best)
     others = _seconds(span, span.off(span.residual), seen.get(before.mechanisms, []), first)
-    if others and len(others) * float(special.erfc(abs(others[0][1]) / math.sqrt(2.0))) < LEVEL:
+    if others and len(others) * float(scipy.special.erfc(abs(others[0][1]) / math.sqrt(2.0))) < LEVEL:
         d, z, share = others[0]
         terms.append(d.mechanism)
         values.append(d.strength * z / share)

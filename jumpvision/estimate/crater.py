@@ -7,10 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.optimize import brentq, minimize_scalar
-from scipy.special import stdtrit
 
 from jumpvision.base.arrays import FROM_MAD, Array
 
@@ -69,7 +67,7 @@ NAN = float("nan")
 DISTURBED = 4.5  # noise widths by which the smoothed surface must leave its plane to belong to the crater
 BEYOND = 1.15  # the crater's radius over the farthest place seen to be disturbed
 # half width of 68.3 % for the mean of two values known only from their difference: Student's t, one degree of freedom
-TWO_HALVES = float(stdtrit(1, 0.841345))
+TWO_HALVES = float(scipy.special.stdtrit(1, 0.841345))
 
 
 @dataclass(frozen=True)
@@ -156,7 +154,7 @@ def line_crater(
     inside = np.abs(x - centre) <= reach
     noise_sigma = math.hypot(sum_sigma(weights(reach), rest(reach)), cut)
     excess = max(half**2 - sum_sigma(weights(reach, side), rest(reach)) ** 2, 0.0)
-    smooth = uniform_filter1d(level, _window(x.size))[inside]
+    smooth = scipy.ndimage.uniform_filter1d(level, _window(x.size))[inside]
     return Crater(
         volume,
         math.sqrt(noise_sigma**2 + TWO_HALVES**2 * excess),
@@ -203,7 +201,7 @@ def _extent(
         outside = good & (np.abs(x - centre) > reach)
         if outside.sum() < 12:
             return "fewer than 12 undisturbed columns beside the crater: give the axis and the radius"
-        level = uniform_filter1d(_levelled(x, h, good, centre, reach)[0], _window(x.size))
+        level = scipy.ndimage.uniform_filter1d(_levelled(x, h, good, centre, reach)[0], _window(x.size))
         noise = FROM_MAD * float(np.median(np.abs(level[outside])))
         away = np.abs(level) > DISTURBED * noise
         away &= np.abs(x - 0.5 * (x[0] + x[-1])) < 0.5 * span - 2 * _window(x.size) * (x[1] - x[0])
@@ -222,7 +220,7 @@ def _extent(
 def _symmetry_axis(x: Array, level: Array, guess: float, reach: float) -> float:
     """x0 where the two halves agree best: least sum over s of [h(x0 + s) - h(x0 - s)]^2."""
     step = x[1] - x[0]
-    smooth = uniform_filter1d(level, _window(x.size))
+    smooth = scipy.ndimage.uniform_filter1d(level, _window(x.size))
     s = np.arange(0.5 * step, reach, step)
 
     def differ(x0: float) -> Array:
@@ -305,7 +303,7 @@ def critical_fraction(phi: ArrayLike, phi_sigma: ArrayLike, volume: ArrayLike, v
 
     tries = np.linspace(phi.min() - 0.5 * span, phi.max() + 0.5 * span, 61)
     k = int(np.argmin([profile(z)[0] for z in tries]))
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda z: profile(z)[0],
         bounds=(tries[max(k - 1, 0)], tries[min(k + 1, 60)]),
         method="bounded",
@@ -323,7 +321,7 @@ def critical_fraction(phi: ArrayLike, phi_sigma: ArrayLike, volume: ArrayLike, v
             inner, outer = outer, 1.7 * outer
             if outer > 20.0 * span:
                 return way * math.inf
-        return value + way * float(brentq(over, inner, outer, xtol=1e-5 * span))
+        return value + way * float(scipy.optimize.brentq(over, inner, outer, xtol=1e-5 * span))
 
     sigma = 0.5 * (end(1.0, 1) - end(1.0, -1))
     return ZeroCrossing(value, sigma, end(TWO_SIDED_95, -1), end(TWO_SIDED_95, 1), profile(value)[1], n, least)

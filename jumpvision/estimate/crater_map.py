@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter, label, median_filter
 
 from jumpvision.base.arrays import FROM_MAD, Array
 
@@ -81,7 +81,7 @@ def map_crater(
     mean = np.bincount(which[keep], level[keep]) / np.maximum(count, 1)
     scatter = np.sqrt(np.bincount(which[keep], (level[keep] - mean[which[keep]]) ** 2) / np.maximum(count - 1, 1))
     inside = r <= reach
-    smooth = gaussian_filter(level, SMOOTH)[inside]
+    smooth = scipy.ndimage.gaussian_filter(level, SMOOTH)[inside]
     return Crater(
         float(np.sum(weights(reach) * z)),
         sigma,
@@ -101,7 +101,7 @@ def _without_spikes(z: Array) -> Array:
     """The map with pixels that are unknown or far off the median of their neighbours replaced by it."""
     known = np.isfinite(z)
     filled = np.where(known, z, np.median(z[known])) if known.any() else z
-    smooth = median_filter(filled, 5)
+    smooth = scipy.ndimage.median_filter(filled, 5)
     off = filled - smooth
     noise = FROM_MAD * float(np.median(np.abs(off)))
     return np.where(known & (np.abs(off) <= SPIKE * max(noise, 1e-300)), filled, smooth)
@@ -121,9 +121,9 @@ def _extent(
         rest = z.ravel() - design @ np.linalg.lstsq(design[use], z.ravel()[use], rcond=None)[0]
         noise = FROM_MAD * float(np.median(np.abs(rest[use] - np.median(rest[use]))))
         use = np.abs(rest) < 3.0 * max(noise, 1e-300)
-    level = gaussian_filter(rest.reshape(z.shape), SMOOTH)
+    level = scipy.ndimage.gaussian_filter(rest.reshape(z.shape), SMOOTH)
     noise = FROM_MAD * float(np.median(np.abs(level - np.median(level))))
-    parts, count = label(np.abs(level) > DISTURBED * noise)
+    parts, count = scipy.ndimage.label(np.abs(level) > DISTURBED * noise)
     edge = set(np.unique(np.r_[parts[:2].ravel(), parts[-2:].ravel(), parts[:, :2].ravel(), parts[:, -2:].ravel()]))
     size = np.bincount(parts.ravel())
     inner = [k for k in range(1, count + 1) if k not in edge and size[k] >= SMALLEST]

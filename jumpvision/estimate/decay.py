@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numba import njit
 from numpy.typing import ArrayLike
-from scipy.optimize import least_squares
-from scipy.special import fdtrc, ndtr, ndtri
 
 from jumpvision.base.arrays import Array
 
@@ -65,7 +64,7 @@ def decay_law(t: ArrayLike, x: ArrayLike, sigma: ArrayLike, *, rng: np.random.Ge
     independent = x.size / tau
     dof = max(independent - q.size, 1.0)
     noise = max(rss / dof, 1.0)  # variance of an independent residual; the stated errors are not shrunk
-    p_alone = {law: float(fdtrc(2, dof, max(fits[(law,)][1] - rss, 0.0) / noise / 2.0)) for law in LAWS}
+    p_alone = {law: float(scipy.special.fdtrc(2, dof, max(fits[(law,)][1] - rss, 0.0) / noise / 2.0)) for law in LAWS}
     passed = [law for law in LAWS if p_alone[law] >= REFUSED]
     log = np.array([-0.5 * (f[1] - rss) / noise - 0.5 * len(laws) * math.log(independent) for laws, f in fits.items()])
     weight = np.exp(log - log.max()) / np.exp(log - log.max()).sum()
@@ -126,7 +125,7 @@ def _fit(t: Array, x: Array, sigma: Array, ring: RingDown, size: float, laws: tu
 
     low = np.r_[np.full(5, -np.inf), np.zeros(3)][free]
     narrow = np.r_[0.1, 0.1, 0.1, 1e-3, 1e-2, 0.3, 0.3, 0.3][free]
-    fit = least_squares(residual, start[free], bounds=(low, np.inf), x_scale=narrow)
+    fit = scipy.optimize.least_squares(residual, start[free], bounds=(low, np.inf), x_scale=narrow)
     q = np.zeros(8)
     q[free] = fit.x
     jac = np.zeros((x.size, 8))
@@ -154,8 +153,8 @@ def _draws(fit: Fit, laws: tuple[str, ...], noise: float, count: int, rng: np.ra
         for i in range(at.size):
             width = inner[i, i] ** -0.5
             mean = centre[i] - (inner[i] @ (x - centre) - inner[i, i] * (x[i] - centre[i])) / inner[i, i]
-            above = ndtr(mean / width)  # the upper tail, accurate where the mean is far below 0
-            x[i] = max(mean - width * ndtri(u[i] * above), 0.0) if above > 1e-290 else 0.0
+            above = scipy.special.ndtr(mean / width)  # the upper tail, accurate where the mean is far below 0
+            x[i] = max(mean - width * scipy.special.ndtri(u[i] * above), 0.0) if above > 1e-290 else 0.0
         if k >= BURN:
             out[k - BURN, at - 5] = x
     return out

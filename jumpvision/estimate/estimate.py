@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
-from scipy.special import chdtri
 
 from jumpvision.base.arrays import Array
 
@@ -114,7 +113,7 @@ def least_squares_fit(
     """
     start = np.asarray(start, dtype=float)
     try:
-        fit = least_squares(
+        fit = scipy.optimize.least_squares(
             residual,
             start,
             jacobian or "2-point",
@@ -222,7 +221,7 @@ LEVEL = 0.999  # of chi2's distribution: beyond it the stated sigmas do not desc
 def line_or_alike(x: Array, y: Array, sigma: Array) -> Line:
     """`fit_line`; (n,) each. Where chi2 is beyond LEVEL, all points have one sigma, their scatter about it."""
     line = fit_line(x, y, sigma)
-    if line.n < 3 or line.chi2 <= chdtri(line.n - 2, 1.0 - LEVEL):
+    if line.n < 3 or line.chi2 <= scipy.special.chdtri(line.n - 2, 1.0 - LEVEL):
         return line
     equal = fit_line(x, np.where(line.used, y, math.nan), np.ones(x.size))
     return fit_line(x, np.where(line.used, y, math.nan), np.full(x.size, math.sqrt(equal.chi2 / (line.n - 2))))

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtri
 
 from jumpvision.base.arrays import Array
 
@@ -142,7 +142,9 @@ def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple
     if width is None:
         return []
     y = h + 0.5 * gravity * (t - t[0]) ** 2
-    passes = _straight(*(sliding_window_view(a, width) for a in (t, y, sigma))) <= chdtri(width - 2, ALLOWED)
+    passes = _straight(*(sliding_window_view(a, width) for a in (t, y, sigma))) <= scipy.special.chdtri(
+        width - 2, ALLOWED
+    )
     flying = np.zeros(t.size, dtype=bool)
     for i in np.flatnonzero(passes):
         flying[i : i + width] = True
@@ -236,7 +238,7 @@ def _edge(t: Array, h: Array, sigma: Array, i: int, j: int, gravity: float) -> t
         return crude
     p, cov, chi2 = fit
     spread = scatter_factor(chi2, dof) * math.sqrt(float(cov[2, 2]))
-    if chi2 > chdtri(dof, ALLOWED) or spread > 3.0 * dt:
+    if chi2 > scipy.special.chdtri(dof, ALLOWED) or spread > 3.0 * dt:
         return float(t[i] + p[2]), max(spread, dt)  # no spring-like landing: good to a frame at best
     return float(t[i] + p[2]), spread
 

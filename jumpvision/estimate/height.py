@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.special import chdtri
 
 from jumpvision.base.arrays import Array
 
@@ -140,7 +140,7 @@ def _on_parabola(t: Array, h: Array, sigma: Array, lo: int, hi: int, side: int) 
     """Whether samples lo..hi lie on one parabola, and the three outermost of one side on that of the others."""
     design = _design(t[lo:hi], t[lo], t[hi - 1] - t[lo], None)
     p, _, chi2 = _solve(design, h[lo:hi], sigma[lo:hi])
-    if chi2 > chdtri(hi - lo - 3, ALLOWED) or p[2] >= 0.0:
+    if chi2 > scipy.special.chdtri(hi - lo - 3, ALLOWED) or p[2] >= 0.0:
         return False
     if hi - lo < SMALLEST + 3:
         return True

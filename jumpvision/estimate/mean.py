@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, stats
 
 from jumpvision.base.arrays import FROM_MAD, MAD, Array
 
@@ -163,12 +163,12 @@ def agreement(
     cov = np.diag(u**2) + all_steps @ all_steps.T
     total = np.sqrt(np.diag(cov))
     ratio, welch = off / total, dof * (total / u) ** 4
-    p = 2.0 * stats.t.sf(np.abs(ratio), welch)
-    z = np.where(np.isinf(welch), ratio, np.sign(ratio) * stats.norm.isf(0.5 * np.maximum(p, LEAST_P)))
+    p = 2.0 * scipy.stats.t.sf(np.abs(ratio), welch)
+    z = np.where(np.isinf(welch), ratio, np.sign(ratio) * scipy.stats.norm.isf(0.5 * np.maximum(p, LEAST_P)))
     inverse = np.linalg.inv(cov)
     chi2 = float(off @ inverse @ off)
     if np.isinf(dof).all():
-        p_value = float(stats.chi2.sf(chi2, count.size))
+        p_value = float(scipy.stats.chi2.sf(chi2, count.size))
     else:
         known = np.where(np.isinf(dof), 1.0, dof)
         spread = rng.chisquare(known, (DRAWS, count.size)) / known
@@ -207,7 +207,7 @@ def excess_scatter(d: Array, s: Array, at: NDArray[np.int64]) -> tuple[float, fl
         return 0.0, math.inf
     if missing(0.0) <= 0.0:
         return 0.0, float(dof)
-    return float(optimize.brentq(missing, 0.0, 2.0 * float(np.ptp(d)) * math.sqrt(d.size))), float(dof)
+    return float(scipy.optimize.brentq(missing, 0.0, 2.0 * float(np.ptp(d)) * math.sqrt(d.size))), float(dof)
 
 
 def holm(p: ArrayLike) -> Array:

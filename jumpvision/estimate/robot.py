@@ -12,9 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import savgol_coeffs, savgol_filter
-from scipy.special import fdtrc
 
 from jumpvision.base.arrays import Array
 
@@ -252,7 +251,8 @@ def bandwidth(f: Array, ratio: Array, ratio_sigma: Array, lag: Array, *, rng: np
     tau = Estimate(float(first[0][1]), widen * math.sqrt(first[1][1, 1]), "s", f.size, first[2])
     second = fit([*first[0], 0.5 * abs(float(first[0][1])) + 1e-5]) if np.unique(f).size >= 4 else None
     better = (
-        second is not None and fdtrc(1, 2 * f.size - 3, (first[2] - second[2]) / (second[2] / (2 * f.size - 3))) < 0.01
+        second is not None
+        and scipy.special.fdtrc(1, 2 * f.size - 3, (first[2] - second[2]) / (second[2] / (2 * f.size - 3))) < 0.01
     )
     q, cov, chi2 = second if second is not None and better else first
     cov = cov * scatter_factor(chi2, 2 * f.size - q.size) ** 2
@@ -301,11 +301,11 @@ def motor_power(
     if width > t.size or central.sum() < 2:
         reason = "the log is too coarse or too short for this period"
         return {"peak_power_W": Estimate(math.nan, math.nan, "W", int(inside.sum()), math.nan, reason)}
-    v = savgol_filter(position, width, ORDER, deriv=1, delta=step)
-    smooth = savgol_filter(force, width, ORDER)
-    v_sigma = position_noise * float(np.linalg.norm(savgol_coeffs(width, ORDER, deriv=1, delta=step)))
+    v = scipy.signal.savgol_filter(position, width, ORDER, deriv=1, delta=step)
+    smooth = scipy.signal.savgol_filter(force, width, ORDER)
+    v_sigma = position_noise * float(np.linalg.norm(scipy.signal.savgol_coeffs(width, ORDER, deriv=1, delta=step)))
     f_noise = difference_noise(force[inside])
-    f_sigma = f_noise * float(np.linalg.norm(savgol_coeffs(width, ORDER)))
+    f_sigma = f_noise * float(np.linalg.norm(scipy.signal.savgol_coeffs(width, ORDER)))
     at = np.flatnonzero(central)
 
     def peak(values: Array, sigma: Array, unit: str) -> Estimate:

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
-from scipy.optimize import minimize
 
 from jumpvision.base.arrays import Array
 
@@ -221,9 +220,9 @@ def roughness(residual: Array, jacobian: Array, z: Array, inside: Array, *, widt
     def cost(q: Array) -> float:
         if not (-7.0 < q[0] < 7.0 and math.log(0.2 * step) < q[1] < math.log(0.3 * n * step)):
             return 1e12
-        factor = cho_factor(covariance(q), lower=True)
-        inner = jacobian.T @ cho_solve(factor, jacobian)
-        weighted = cho_solve(factor, residual)
+        factor = scipy.linalg.cho_factor(covariance(q), lower=True)
+        inner = jacobian.T @ scipy.linalg.cho_solve(factor, jacobian)
+        weighted = scipy.linalg.cho_solve(factor, residual)
         best = np.linalg.solve(inner, jacobian.T @ weighted)
         rss = float(residual @ weighted - best @ (jacobian.T @ weighted))
         return float(
@@ -231,14 +230,14 @@ def roughness(residual: Array, jacobian: Array, z: Array, inside: Array, *, widt
         )
 
     simplex = np.array([[0.0, math.log(3.0 * step)], [2.0, math.log(3.0 * step)], [0.0, math.log(12.0 * step)]])
-    q = minimize(
+    q = scipy.optimize.minimize(
         cost,
         simplex[0],
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "maxiter": 80, "xatol": 0.05, "fatol": 0.02},
     ).x
     factor = np.linalg.cholesky(covariance(q))
-    whiten = solve_triangular(factor, np.eye(n), lower=True)
+    whiten = scipy.linalg.solve_triangular(factor, np.eye(n), lower=True)
     j, r = whiten @ jacobian, whiten @ residual
     left = r - j @ np.linalg.lstsq(j, r, rcond=None)[0]
     scale = math.sqrt(float(left @ left) / (n - p))

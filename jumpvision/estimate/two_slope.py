@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from jumpvision.base.arrays import Array
 
@@ -175,7 +175,9 @@ def _solve(b: Bins, shape: _Shape, whiten: Array) -> _Solution:
         for k in order:
             i = names.index(k)
             q[i] = min(grids[k], key=lambda g: _at(b, shape, np.r_[q[:i], g, q[i + 1 :]], whiten).rss)
-        fit = least_squares(lambda v: _at(b, shape, v, whiten).residual, q, bounds=bounds, x_scale=0.02 * span)
+        fit = scipy.optimize.least_squares(
+            lambda v: _at(b, shape, v, whiten).residual, q, bounds=bounds, x_scale=0.02 * span
+        )
         return _at(b, shape, fit.x, whiten)
 
     best = search(first, 2 * names)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import convolve1d
 
 from jumpvision.base.arrays import Array
 
@@ -28,7 +28,9 @@ def correlated_variance(a: Array, correlation_length: float) -> float:
     """sum_kl a_k a_l rho_kl, a of shape (ny, nx): the variance of a sum whose k-th term has the signed sigma a_k."""
     reach = int(np.ceil(max(1.0, correlation_length))) - 1
     kernel = overlap(np.arange(-reach, reach + 1, dtype=float), correlation_length)
-    spread = convolve1d(convolve1d(a, kernel, axis=0, mode="constant"), kernel, axis=1, mode="constant")
+    spread = scipy.ndimage.convolve1d(
+        scipy.ndimage.convolve1d(a, kernel, axis=0, mode="constant"), kernel, axis=1, mode="constant"
+    )
     return float(np.sum(a * spread))
 
 

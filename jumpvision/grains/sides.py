@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares
-from scipy.special import ndtr
 
 from jumpvision.base.arrays import FROM_MAD, Array
 
@@ -105,7 +104,7 @@ def _lines(places: Array, depth: Array, step: float, correlation_length: float) 
     design = np.stack([np.ones(at.size), -d, sign], axis=1)  # radius, 1/tan theta, offset
     start = np.linalg.lstsq(design, at, rcond=None)[0]
     noise = max(FROM_MAD * float(np.median(np.abs(at - design @ start))), 1e-3 * step)
-    fit = least_squares(lambda p: (at - design @ p) / (SOFT * noise), start, loss="soft_l1")
+    fit = scipy.optimize.least_squares(lambda p: (at - design @ p) / (SOFT * noise), start, loss="soft_l1")
     left = at - design @ fit.x
     weight = 1.0 / np.sqrt(1.0 + (left / (SOFT * noise)) ** 2)
     scatter = float(np.sum(weight * left**2)) / max(weight.sum() - 3.0, 1.0)
@@ -213,13 +212,15 @@ def cone_side(
         def residual(q: Array) -> Array:
             width = math.exp(q[10]) if spread is None else spread
             out, t = _outwards(q, d[near], r[near]), (d[near] - middle) / half
-            beyond = ndtr(out / width)
+            beyond = scipy.special.ndtr(out / width)
             n = (out * beyond + width * np.exp(-0.5 * (out / width) ** 2) / math.sqrt(2.0 * math.pi)) / window
             lag = (q[4] + q[5] * t + q[6] * t * t) * beyond + (q[7] + q[8] * t) * n + q[9] * n * n
             return np.asarray((-v[near] - q[3] * np.exp(-lag)) / sigma[near])
 
         scale = np.array([0.05, 1e-3, 1e-3, 0.01 * speed, *(0.1 for _ in q[4:])])
-        found = least_squares(residual, q, x_scale=scale, loss="soft_l1", f_scale=2.0, ftol=1e-6, max_nfev=60)
+        found = scipy.optimize.least_squares(
+            residual, q, x_scale=scale, loss="soft_l1", f_scale=2.0, ftol=1e-6, max_nfev=60
+        )
         return found.x, found.jac, 2.0 * float(found.cost)
 
     for _ in range(ROUNDS):

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
 
 from jumpvision.base.arrays import Array
 
@@ -88,7 +88,7 @@ def operating_point(
     onset = drop.speed(weight)
     if k.size == 0:
         return math.nan, math.nan, bool(left.min() >= 0.0 and v[-1] >= onset)
-    at = float(brentq(spare, v[k[-1]], v[k[-1] + 1]))
+    at = float(scipy.optimize.brentq(spare, v[k[-1]], v[k[-1] + 1]))
     return at, float(np.interp(at, v, p)), at >= onset
 
 

@@ -9,9 +9,8 @@ from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
-from scipy.optimize import minimize_scalar
 
 from jumpvision.base.schema import REQUIRED, InputError, check_value, closest, param, type_of
 from jumpvision.mechanisms.record import STATE, Body, Mechanism
@@ -278,14 +277,14 @@ def fitted_drag(alpha: ArrayLike, heights: ArrayLike, measured: ArrayLike) -> tu
     use = np.isfinite(m) & np.isfinite(h).all(axis=0)
     if not use.any():
         raise ValueError("fitted_drag heights, measured: no jump is finite in both; give others")
-    at = PchipInterpolator(a, h[:, use], axis=0)
+    at = scipy.interpolate.PchipInterpolator(a, h[:, use], axis=0)
 
     def rms(x: float) -> float:
         return float(np.sqrt(np.mean((at(x) - m[use]) ** 2)))
 
     i = int(np.argmin([rms(x) for x in a]))
     ends = (a[max(i - 1, 0)], a[min(i + 1, a.size - 1)])
-    best = minimize_scalar(rms, bounds=ends, method="bounded", options={"xatol": 1e-4})
+    best = scipy.optimize.minimize_scalar(rms, bounds=ends, method="bounded", options={"xatol": 1e-4})
     return (float(best.x), float(best.fun)) if best.fun < rms(a[i]) else (float(a[i]), rms(a[i]))
 
 
@@ -300,10 +299,12 @@ def fitted_parameter(
     """
     x, h, m, s = (np.asarray(v, float) for v in (tried, heights, measured, sigma))
     use = np.isfinite(m) & np.isfinite(h).all(axis=0)
-    at = PchipInterpolator(x, (h[:, use] - m[use]) / s[use], axis=0)
+    at = scipy.interpolate.PchipInterpolator(x, (h[:, use] - m[use]) / s[use], axis=0)
     i = int(np.argmin(np.sum(at(x) ** 2, axis=1)))
     if not use.any() or i in (0, x.size - 1):
         return np.nan, np.nan, np.nan
-    best = minimize_scalar(lambda v: float(np.sum(at(v) ** 2)), bounds=(x[i - 1], x[i + 1]), method="bounded")
+    best = scipy.optimize.minimize_scalar(
+        lambda v: float(np.sum(at(v) ** 2)), bounds=(x[i - 1], x[i + 1]), method="bounded"
+    )
     wide = max(1.0, best.fun / max(int(use.sum()) - 1, 1))
     return float(best.x), float(np.sqrt(wide / np.sum(at(best.x, 1) ** 2))), float(best.fun)

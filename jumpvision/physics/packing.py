@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import check_value, closest, type_of
@@ -105,7 +105,9 @@ def fit_packing_law(
     ratio = drop.max(axis=0) / np.maximum(straight - drop.max(axis=0), 1e-12 * straight)
     i = int(np.argmin(profile))
     lo, hi = trial[max(i - 1, 0)], trial[min(i + 1, GRID - 1)]
-    fine = minimize_scalar(lambda c: _linear(c, x, y, w)[1], bounds=(lo, hi), method="bounded", options={"xatol": 1e-9})
+    fine = scipy.optimize.minimize_scalar(
+        lambda c: _linear(c, x, y, w)[1], bounds=(lo, hi), method="bounded", options={"xatol": 1e-9}
+    )
     at = float(fine.x) if fine.fun < profile[i] else float(trial[i])
     (value_c, below, above), chi2 = _linear(at, x, y, w)
     scatter = max(1.0, chi2 / max(x.size - 4, 1))

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import fdtrc
 
 from jumpvision.base.arrays import Array
 
@@ -118,7 +118,7 @@ def camera(
         if spare == 0:
             return tilted
         gain = (float(np.sum(off**2)) - rest) / 4.0 / max(rest / spare, 1e-300)
-        if fdtrc(4, spare, gain) >= SURE:
+        if scipy.special.fdtrc(4, spare, gain) >= SURE:
             return flat
         left = math.sqrt(rest / spare)
         return replace(tilted, residual_px=left, scale_sigma=abs(a) * marks_share(column - 1j * row, left))

@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage, special
 
 from jumpvision.base.arrays import FROM_MAD, Array
 
@@ -80,10 +80,12 @@ class Body:
         clean = math.floor(self.row - (cut or max(2.5 * self.blur, 1.0)))
         self.rows = np.arange(self.top, math.ceil(self.row) + 40)
         t = image[np.minimum(self.rows, clean)]
-        self.spline = ndimage.spline_filter1d(ndimage.gaussian_filter(t, SMOOTH), order=3, axis=0, mode="nearest")
+        self.spline = scipy.ndimage.spline_filter1d(
+            scipy.ndimage.gaussian_filter(t, SMOOTH), order=3, axis=0, mode="nearest"
+        )
         inside = t[: clean - self.top + 1]
         keep = slice(0, max(len(inside) - SPARED, 0))
-        self.first, self.texture = self.top, ndimage.gaussian_filter(inside, SMOOTH)[keep]
+        self.first, self.texture = self.top, scipy.ndimage.gaussian_filter(inside, SMOOTH)[keep]
         # noise from second differences along the columns, robust against the texture of the body
         self.noise = max(FROM_MAD * float(np.median(np.abs(np.diff(inside, 2, axis=0)))) / math.sqrt(6), 0.5)
 
@@ -92,14 +94,14 @@ class Body:
         j = np.clip(y - (f - self.row) - self.top, 0, len(self.rows) - 1)
         grid = np.broadcast_to(j[:, None], (len(y), self.spline.shape[1]))
         i = np.broadcast_to(np.arange(self.spline.shape[1]), grid.shape)
-        return ndimage.map_coordinates(self.spline, [grid, i], order=3, prefilter=False, mode="nearest")
+        return scipy.ndimage.map_coordinates(self.spline, [grid, i], order=3, prefilter=False, mode="nearest")
 
     def find(self, image: NDArray[np.generic], guess: float, reach: float) -> Found:
         """Face in another frame, within `reach` of `guess` [px]."""
         strip = np.asarray(image[:, self.columns], np.float64)
         if not np.isfinite(strip).all():
             return Found(math.nan, math.nan, "pixels without value on the foot", False)
-        smooth = ndimage.gaussian_filter(strip, SMOOTH)
+        smooth = scipy.ndimage.gaussian_filter(strip, SMOOTH)
         f, sigma = self._texture(smooth, self._matched(smooth, guess, reach))
         if sigma < MAX_SIGMA:
             return Found(f, sigma, "", True)
@@ -216,7 +218,7 @@ class Body:
         if len(y) < LEAST_ROWS:
             return np.zeros(strip.shape[1])
         more = np.median(strip[y] - self.template(y.astype(np.float64), f), axis=0)
-        return np.asarray(ndimage.gaussian_filter1d(more, 0.5 * BLOCK))
+        return np.asarray(scipy.ndimage.gaussian_filter1d(more, 0.5 * BLOCK))
 
     def _edge(self, strip: Array, f: float) -> tuple[float, float, float]:
         """Gauss-Newton for the face with the grey of the grains eliminated in each column.
@@ -232,7 +234,7 @@ class Body:
             if y[0] < 0 or y[-1] < f + 1:
                 return math.nan, math.inf, math.inf
             z = ((y - f) / self.blur)[:, None]
-            phi = special.ndtr(z)
+            phi = scipy.special.ndtr(z)
             t = self.template(y.astype(np.float64), f) + self._glare(strip, f)
             rest = strip[y] - t * (1 - phi)
             grey = (rest * phi).sum(0) / (phi * phi).sum(0)

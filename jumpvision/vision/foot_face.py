@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from jumpvision.base.arrays import Array
 
@@ -94,7 +94,7 @@ class Stack:
         if first < 0 or first + ABOVE + BELOW + 8 > len(strip):
             return
         part = np.asarray(strip[first : first + ABOVE + BELOW + 8], np.float64)
-        at = np.asarray(ndimage.shift(part, (first + ABOVE - face, 0.0), order=1, mode="nearest"))[: len(self.u)]
+        at = np.asarray(scipy.ndimage.shift(part, (first + ABOVE - face, 0.0), order=1, mode="nearest"))[: len(self.u)]
         self.sum, self.squares, self.n = self.sum + at, self.squares + at * at, self.n + 1
 
     def face(self) -> tuple[float, float]:

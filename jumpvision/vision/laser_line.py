@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numba as nb
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter1d
-from scipy.optimize import nnls
 
 from jumpvision.base.arrays import FROM_MAD, Array
 
@@ -50,7 +49,9 @@ def laser_line(image: ArrayLike, *, saturation: float | None = None) -> LaserLin
     column = np.arange(nx, dtype=float)
     whole = np.isfinite(grey)
     grey = np.where(whole, grey, np.nanmedian(grey))
-    strength = gaussian_filter1d(grey, NARROW, axis=0) - gaussian_filter1d(grey, WIDE, axis=0)
+    strength = scipy.ndimage.gaussian_filter1d(grey, NARROW, axis=0) - scipy.ndimage.gaussian_filter1d(
+        grey, WIDE, axis=0
+    )
     typical = float(np.median(strength.max(axis=0)))
     noise = FROM_MAD * float(np.median(np.abs(np.diff(grey, axis=0)))) / np.sqrt(2.0)
     if not typical > max(3.0 * noise, 1e-9 * float(np.abs(grey).max())):
@@ -188,7 +189,7 @@ def _inverse_noise(
     right = np.array([float(np.sum(a * target)) for a in seen])
     size = np.sqrt(np.diag(matrix)) + 1e-300
     root = np.linalg.cholesky(matrix / size[:, None] / size + 1e-12 * np.eye(len(size)))
-    share = nnls(root.T, np.linalg.solve(root, right / size))[0] / size
+    share = scipy.optimize.nnls(root.T, np.linalg.solve(root, right / size))[0] / size
     every = np.arange(len(y))
     noise = sum((c * t for c, t in zip(share, parts(every))), np.zeros((len(y), rows, rows)))
     floor = 1e-4 * float(np.mean(r**2)) + 1e-12 * float(np.max(light)) ** 2  # keeps the sum positive definite

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
-from scipy.special import ndtr
 
 from jumpvision.base.arrays import Array
 
@@ -48,8 +47,8 @@ def clipped_shift(grey: Array, row: Array, saturation: float) -> tuple[float, fl
     if deep.sum() < 4 or edge.sum() < 6:
         return NAN, NAN
     dark, t, mean, weight = float(np.average(mean[deep], weights=weight[deep] ** 2)), t[edge], mean[edge], weight[edge]
-    fit = least_squares(
-        lambda p: weight * (dark + (p[0] - dark) * ndtr(-(t - p[1]) / p[2]) - mean),
+    fit = scipy.optimize.least_squares(
+        lambda p: weight * (dark + (p[0] - dark) * scipy.special.ndtr(-(t - p[1]) / p[2]) - mean),
         [1.2, -0.3, 1.2],
         bounds=([0.8, -3.0, 0.3], [4.0, 1.0, 4.0]),
     )
@@ -86,17 +85,17 @@ def glow_shift(grey: Array, row: Array) -> tuple[float, float]:
     def model(p: Array) -> Array:
         shift, s, glow, depth, top, bottom = p
         u = t - shift
-        tail = np.exp(np.clip(0.5 * (s / depth) ** 2 - u / depth, -50.0, 50.0)) * ndtr(u / s - s / depth)
-        return np.asarray(bottom + (top - bottom) * ndtr(-u / s) + glow * tail)
+        tail = np.exp(np.clip(0.5 * (s / depth) ** 2 - u / depth, -50.0, 50.0)) * scipy.special.ndtr(u / s - s / depth)
+        return np.asarray(bottom + (top - bottom) * scipy.special.ndtr(-u / s) + glow * tail)
 
     start, low_p, high_p = (
         [0.0, 1.0, 0.05, 2.0, 1.0, 0.0],
         [-2.0, 0.3, 0.0, 0.5, 0.5, -0.5],
         [2.0, 4.0, 0.4, 6.0, 1.5, 0.5],
     )
-    fit = least_squares(lambda p: weight * (model(p) - mean), start, bounds=(low_p, high_p))
+    fit = scipy.optimize.least_squares(lambda p: weight * (model(p) - mean), start, bounds=(low_p, high_p))
     without = [True, True, False, False, True, True]  # the same without a glow
-    plain = least_squares(
+    plain = scipy.optimize.least_squares(
         lambda q: weight * (model(np.concatenate([q[:2], [0.0, 1.0], q[2:]])) - mean),
         np.compress(without, start),
         bounds=(np.compress(without, low_p), np.compress(without, high_p)),

@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import binary_closing, binary_opening, label
-from scipy.special import ndtr, stdtrit
 
 from jumpvision.base.arrays import Array
 
@@ -175,7 +174,7 @@ def _edge_fit(grey: Array, start: Array) -> tuple[Array, Array, NDArray[np.bool_
     def model(p: Array) -> tuple[Array, Array]:
         width = np.exp(p[:, 3])[:, None]
         z = (r - p[:, 2:3]) / width
-        step, bell = ndtr(z), np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        step, bell = scipy.special.ndtr(z), np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
         drop = (p[:, 1] - p[:, 0])[:, None]
         return p[:, :1] + drop * step, np.stack([1.0 - step, step, -drop * bell / width, -drop * bell * z], axis=2)
 
@@ -213,10 +212,10 @@ def _threshold(grey: Array) -> Surface:
         return Surface(column, np.full(nx, NAN), np.full(nx, NAN), np.full(nx, "no bright-above-dark edge"))
     margin = ITERATIONS + 1  # the picture's border is no edge of the bed
     dark = np.pad(np.asarray(grey < threshold_otsu(grey)), margin, mode="edge")
-    dark = binary_closing(binary_opening(dark, iterations=ITERATIONS), iterations=ITERATIONS)[
-        margin:-margin, margin:-margin
-    ]
-    parts, count = label(dark)
+    dark = scipy.ndimage.binary_closing(
+        scipy.ndimage.binary_opening(dark, iterations=ITERATIONS), iterations=ITERATIONS
+    )[margin:-margin, margin:-margin]
+    parts, count = scipy.ndimage.label(dark)
     bed = parts == (1 + int(np.argmax(np.bincount(parts.ravel())[1:]))) if count else dark
     has = bed.any(axis=0)
     row = np.where(has, np.argmax(bed, axis=0) - 0.5, NAN)  # the boundary above the first dark row
@@ -241,7 +240,7 @@ def _blocked_sigma(residual: Array, n: int) -> tuple[int, float]:
     # the difference is noisy: never below half
     sigma = math.sqrt(max(2.0 * sigma**2 - before**2, 0.5 * sigma**2))
     dof = max(residual.size // block - 2, 1)
-    return block, sigma * float(stdtrit(dof, 1.0 - 0.158655))
+    return block, sigma * float(scipy.special.stdtrit(dof, 1.0 - 0.158655))
 
 
 def _sigma_of_mean(residual: Array, block: int) -> float:

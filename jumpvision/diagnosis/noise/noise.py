@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
 
 from jumpvision.base.arrays import Array
 
@@ -96,7 +96,7 @@ def estimate(stretches: Sequence[Stretch], frame: float, floor: float = 0.0) -> 
     score = [_profile(usable, float(rho), frame, free)[0] for rho in grid]
     best = int(np.argmin(score))
     ends = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)])
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda rho: _profile(usable, rho, frame, free)[0], bounds=ends, method="bounded", options={"xatol": 3e-3}
     )
     rho = float(found.x) if found.fun < score[best] else float(grid[best])
@@ -185,7 +185,7 @@ def of_rounded(s: float, step: float) -> float:
     uniform = step**2 / 12.0
     if s**2 <= uniform - shared(0.0):
         return math.sqrt(uniform)
-    sigma = float(brentq(lambda x: x * x + uniform - shared(x) - s * s, 0.0, s))
+    sigma = float(scipy.optimize.brentq(lambda x: x * x + uniform - shared(x) - s * s, 0.0, s))
     return math.sqrt(sigma**2 + uniform)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import special
+import scipy
 
 from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.jumper.jumper import Jumper
@@ -95,7 +95,7 @@ def _course(jump: Jump, t: Array, y: Array, factor: Array, ring: float) -> Stret
         if free < 4:
             return None
         left, less = _squares(x), _squares(higher)
-        if special.fdtrc(2, free, (left - less) / 2.0 / max(less / free, 1e-300)) > ALLOWED:
+        if scipy.special.fdtrc(2, free, (left - less) / 2.0 / max(less / free, 1e-300)) > ALLOWED:
             return x
         t, y, factor = t[1:-1], y[1:-1], factor[1:-1]
     return None

@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
-from scipy.ndimage import median_filter
+import scipy
 
 from jumpvision.base.arrays import MAD, Array
 
@@ -41,11 +40,11 @@ def factors(r: Array, least: float) -> tuple[Array, Array]:
     sigma = max(float(np.median(np.abs(deviation(r)[2:-2]))) / MAD if r.size > 8 else 0.0, OWN * least)
     if not sigma > 0.0:
         return np.ones_like(r), np.zeros_like(r)
-    bulk = max(float(np.median(np.abs(r - median_filter(r, NEAR)))) / MAD, least)
+    bulk = max(float(np.median(np.abs(r - scipy.ndimage.median_filter(r, NEAR)))) / MAD, least)
     for _ in range(ROUNDS):
         off = deviation(calm)
         # a reading between two that stand off deviates from the cubic, but not from the median about it
-        size = np.where(np.abs(calm - median_filter(calm, NEAR)) > BULK * bulk, np.abs(off), 0.0)
+        size = np.where(np.abs(calm - scipy.ndimage.median_filter(calm, NEAR)) > BULK * bulk, np.abs(off), 0.0)
         peak = (size > BULK * sigma) & (size >= np.maximum(np.roll(size, 1), np.roll(size, -1)))
         if not peak.any():
             break
@@ -85,12 +84,12 @@ def half_width(stretches: Sequence[Stretch], noise: Noise) -> tuple[float, float
     if not z:
         return noise.s, math.inf
     every = np.concatenate(z)
-    normal = float(np.sum(stats.norm.logpdf(every, scale=np.sqrt(np.mean(every**2)))))
+    normal = float(np.sum(scipy.stats.norm.logpdf(every, scale=np.sqrt(np.mean(every**2)))))
     best = (normal + NORMAL, math.inf, 1.0)
     for nu in DEGREES:
         scale = _scale_of(every, float(nu))
-        score = float(np.sum(stats.t.logpdf(every / scale, nu))) - every.size * math.log(scale)
-        best = max(best, (score, float(nu), scale * float(stats.t.ppf(0.841345, nu))))
+        score = float(np.sum(scipy.stats.t.logpdf(every / scale, nu))) - every.size * math.log(scale)
+        best = max(best, (score, float(nu), scale * float(scipy.stats.t.ppf(0.841345, nu))))
     return noise.s * best[2], best[1]
 
 

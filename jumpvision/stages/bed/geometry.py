@@ -8,7 +8,7 @@ import warnings
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import GeometryParams
@@ -109,7 +109,7 @@ def reach(robot: Robot, law: Actuation | None, resistance: Any) -> float | None:
         load += robot.motor_mass * law.amplitude * (2.0 * math.pi * law.frequency) ** 2
     if resistance(DEEPEST) <= load:
         return None
-    return float(brentq(lambda z: resistance(z) - load, 0.0, DEEPEST))
+    return float(scipy.optimize.brentq(lambda z: resistance(z) - load, 0.0, DEEPEST))
 
 
 def fluidised(

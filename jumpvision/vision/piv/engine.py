@@ -8,8 +8,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from jumpvision.base.arrays import Array
 
@@ -182,7 +182,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     edge = np.zeros(again.shape, bool)
     if again.sum() > TOO_MANY * np.isin(reason, code.MATCHED).sum():
         m, reason, edge = _second_try(pairs, grid, m, reason, s)
-    first, matched = reason, ~ndimage.binary_dilation(again, np.ones((3, 3)))
+    first, matched = reason, ~scipy.ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
         start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
         m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), k == times - 1)
@@ -293,6 +293,6 @@ def _whole(p: Array, step: int) -> Array:
         if holes.all():
             return np.zeros(out.shape)
         if holes.any():
-            nearest = ndimage.distance_transform_edt(holes, return_distances=False, return_indices=True)
+            nearest = scipy.ndimage.distance_transform_edt(holes, return_distances=False, return_indices=True)
             out = out[:, nearest[0], nearest[1]]
     return out

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from jumpvision.base.arrays import Float32
 
@@ -47,7 +46,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
     if mask is not None:
         usable = usable & mask
-    keep = usable if usable.all() else ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
+    keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
     if not fine:
         k = _taps(smooth)
         c = cv2.sepFilter2D(grey, -1, k, k, borderType=cv2.BORDER_REFLECT)

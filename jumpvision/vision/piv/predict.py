@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from jumpvision.base.arrays import Array, Float32
 
@@ -167,7 +166,7 @@ def at(coarse: Coarse, f: Array, x: Array, y: Array) -> Array:
     """A field of the coarse grid, linearly interpolated at the columns x (nx,) and rows y (ny,)."""
     i = np.interp(x, coarse.x, np.arange(len(coarse.x)))
     j = np.interp(y, coarse.y, np.arange(len(coarse.y)))
-    return ndimage.map_coordinates(f, np.meshgrid(j, i, indexing="ij"), order=1, mode="nearest")
+    return scipy.ndimage.map_coordinates(f, np.meshgrid(j, i, indexing="ij"), order=1, mode="nearest")
 
 
 def flow(a: Float32, b: Float32, x: Array, y: Array, step: int) -> tuple[Array, Array]:
