@@ -21,6 +21,7 @@ from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.results.values import Intrusion
+from jumpvision.studies.compute import setting
 from jumpvision.studies.study import studies
 
 from .figures import grains as films
@@ -69,8 +70,8 @@ def available(source: Path) -> dict[str, tuple[str, Draw]]:
 def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
     """The figure of a sweep or a comparison."""
     data = read_sweep(file)
-    name = data.attrs["analysis"]
-    return f"sweep-{name}", (f"{data.attrs.get('ground', '')} ground: {name}".strip(), lambda F: sweep_figure(data, F))
+    told = setting(data)
+    return f"sweep-{told.analysis}", (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
 
 
 def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:

@@ -25,18 +25,23 @@ if TYPE_CHECKING:
 G = TypeVar("G")
 
 
-def _geometry(kind: type[G], data: xr.Dataset) -> G:
-    """What the attributes of a data set say, as this kind of record."""
+def attributes_of(kind: type[G], data: xr.Dataset) -> G:
+    """What the attributes of a data set say, as this kind of dataclass. RecordError where one is missing."""
     known = {f.name: data.attrs[f.name] for f in fields(kind) if f.name in data.attrs}  # type: ignore[arg-type]
     try:
         return kind(**known)
     except TypeError as e:
-        raise RecordError(f"attributes of the field: {e}") from None
+        raise RecordError(f"attributes of the data set: {e}") from None
 
 
-def _attributes(geometry: object) -> dict[str, object]:
-    """The record as attributes, in its own order; without what is not known."""
-    return {k: v for k, v in vars(geometry).items() if v is not None}
+def as_attributes(known: object) -> dict[str, object]:
+    """A dataclass as attributes, in its own order; without what is not known. The inverse of attributes_of."""
+    return {k: v for k, v in vars(known).items() if v is not None}
+
+
+def unit_of(values: xr.DataArray) -> str:
+    """The unit that a file states for one of its variables."""
+    return str(values.attrs["units"])
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ class Piv(Field):
     @property
     def geometry(self) -> VectorGrid:
         """Where the vectors lie."""
-        return _geometry(VectorGrid, self.field)
+        return attributes_of(VectorGrid, self.field)
 
     @property
     def face_sigma(self) -> float:
@@ -85,7 +90,7 @@ class Piv(Field):
 
         more: files, where, and the settings of who computed it, by the names in ORDER.
         """
-        known = {"pivpy_schema_version": "1", **_attributes(grid), **more}
+        known = {"pivpy_schema_version": "1", **as_attributes(grid), **more}
         return data.assign_attrs({k: known[k] for k in ORDER[matched] if k in known})
 
     @classmethod
@@ -187,12 +192,12 @@ class Flow(Field):
     @classmethod
     def of(cls, data: xr.Dataset, geometry: FlowGeometry) -> Self:
         """The record of a data set with its geometry."""
-        return cls(data.assign_attrs(_attributes(geometry)))
+        return cls(data.assign_attrs(as_attributes(geometry)))
 
     @property
     def geometry(self) -> FlowGeometry:
         """What the values over t rest on."""
-        return _geometry(FlowGeometry, self.field)
+        return attributes_of(FlowGeometry, self.field)
 
     def share(self, name: str) -> float:
         """Relative standard uncertainty that foot_speed, momentum or added_mass shares with other films."""
@@ -226,9 +231,9 @@ class Column(Field):
     @classmethod
     def of(cls, data: xr.Dataset, geometry: ColumnGeometry) -> Self:
         """The record of a data set with its geometry."""
-        return cls(data.assign_attrs(_attributes(geometry)))
+        return cls(data.assign_attrs(as_attributes(geometry)))
 
     @property
     def geometry(self) -> ColumnGeometry:
         """The lengths that it was read with."""
-        return _geometry(ColumnGeometry, self.field)
+        return attributes_of(ColumnGeometry, self.field)

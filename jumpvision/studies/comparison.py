@@ -10,6 +10,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -27,6 +28,7 @@ from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog, Robot
 from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.batch import hard_points, resolve
+from jumpvision.results.fields import as_attributes, attributes_of
 from jumpvision.results.tables import RodMotion
 from jumpvision.stages.recordings import shared_of
 from jumpvision.stages.simulate import simulate
@@ -36,7 +38,7 @@ from jumpvision.workflow.stage import StageWarning
 from jumpvision.workflow.workspace import Workspace
 
 from .axes import AXES
-from .compute import provenance
+from .compute import Setting
 from .machine import Machine, machine
 from .study import Found, Measured, Row, study
 
@@ -46,7 +48,7 @@ DRAWN = 80  # points an axis of the simulated map behind the measured points
 MARGIN = 0.08  # of the range of the points, around that map
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Jump:
     """One measured jump: height with its sigma and the model's [m]; steps: of the model per sigma of a parameter.
 
@@ -81,6 +83,17 @@ def law_of(e: Experiment) -> dict[str, float]:
         "cycles": a.cycles,
         "delay": a.delay,
     }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The campaign as a whole: chi2 of its conditions, its probability, and the least of any one (Holm)."""
+
+    campaign: str
+    chi2: float
+    conditions: int
+    p_value: float
+    p_largest: float
 
 
 @study("comparison", "hard", model_file=False)
@@ -246,19 +259,18 @@ def _dataset(
         "experiment": xr.Variable(("trial",), [j.experiment.name for j in jumps]),
         "parameter": xr.Variable(("parameter",), names),
     }
+    whole = Comparison(
+        campaign.path.resolve().name,
+        chi2=found.chi2,
+        conditions=found.trials.size,
+        p_value=found.p_value,
+        p_largest=float(found.p_holm.min()),
+    )
     behind, more = simulated_map(robot, jumps)
     return xr.Dataset(
         variables | behind,
         coords | more,
-        {
-            **provenance(robot),
-            "analysis": compare.name,
-            "campaign": campaign.path.resolve().name,
-            "chi2": found.chi2,
-            "conditions": found.trials.size,
-            "p_value": found.p_value,
-            "p_largest": float(found.p_holm.min()),
-        },
+        as_attributes(Setting.of(robot, compare.name)) | as_attributes(whole),
     )
 
 
@@ -306,6 +318,7 @@ def rows(data: xr.Dataset) -> list[Row]:
         numbers = {n: float(f"{float(v[c]):.{2 if n == 'p_corrected' else 5}g}") for n, v in columns.items()}
         numbers["trials"] = int(data.trials[c])
         out.append({"group": str(data.group.values[c]), **numbers, "note": "stands out" if odd else ""})
-    chi2, p = data.attrs["chi2"], float(f"{data.attrs['p_value']:.2g}")
+    whole = attributes_of(Comparison, data)
+    p = float(f"{whole.p_value:.2g}")
     known = {"group": "all", "trials": int(data.trials.sum()), "p_corrected": p}
-    return [*out, dict.fromkeys(out[0]) | known | {"note": f"chi2 {chi2:.4g} of {len(out)} conditions"}]
+    return [*out, dict.fromkeys(out[0]) | known | {"note": f"chi2 {whole.chi2:.4g} of {len(out)} conditions"}]

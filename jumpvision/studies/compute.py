@@ -8,7 +8,8 @@ import os
 import platform
 import time
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from jumpvision.mechanisms.registry import MECHANISMS
 from jumpvision.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.physics.hard.jump import RESULTS as COMPUTED
 from jumpvision.results import plain
+from jumpvision.results.fields import as_attributes, attributes_of
 
 from .axes import AXES, option
 from .machine import Machine
@@ -113,7 +115,6 @@ RESULTS = {  # name: unit, meaning (docs/physics.md section 1)
 }
 CLASSES = ("none", "single", "stutter", "multi_jump")
 
-Attribute = str | float | Sequence[float]
 Variable = tuple[tuple[str, ...], NDArray[Any], str, str]  # dims, values, unit, meaning
 
 
@@ -129,9 +130,14 @@ def dataset(
     results: Mapping[str, NDArray[Any]],
     extra: Mapping[str, Variable] | None = None,
     *,
-    attrs: Mapping[str, Attribute] | None = None,
+    f0_Hz: float | None = None,
+    facts: object | None = None,
 ) -> xr.Dataset:
-    """`results` of jumps over `dims` with `extra` variables. coords: by name, values or (dim, values)."""
+    """`results` of jumps over `dims` with `extra` variables. coords: by name, values or (dim, values).
+
+    f0_Hz: natural frequency, for a study whose figure shows it. facts: the study's own dataclass of what else it was
+    made with; `results.fields.attributes_of` gives it back.
+    """
     variables: dict[str, xr.Variable] = {}
     for name, (unit, meaning) in RESULTS.items():
         values = np.asarray(results[name])
@@ -148,22 +154,55 @@ def dataset(
         axis = AXES.get(name)
         meta = {"units": axis.unit or "1", "long_name": axis.meaning} if axis else {}
         places[name] = xr.Variable(over, values, meta)
-    return xr.Dataset(
-        variables, coords=places, attrs={**provenance(s.machine), "analysis": s.study.name, **(attrs or {})}
-    )
+    told = as_attributes(Setting.of(s.machine, s.study.name, f0_Hz)) | (as_attributes(facts) if facts else {})
+    return xr.Dataset(variables, coords=places, attrs=told)
 
 
-def provenance(machine: Machine) -> dict[str, str]:
-    """Attributes of a file: the robot, its constants and model, and the versions."""
-    packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
-    return {
-        "ground": machine.model.ground,
-        "robot": machine.name,
-        "constants": json.dumps(plain(dict(machine.values))),  # SI; an axis replaces its constant
-        "model": str(machine.model),
-        **({"laws": json.dumps(machine.laws.plain()), "laws_source": machine.laws.source} if machine.laws else {}),
-        "versions": json.dumps({"jumpvision": __version__, "python": platform.python_version(), **packages}),
-    }
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What every sweep was made with, under the names of the attributes of its file.
+
+    ground, robot, model, analysis, laws_source: in words. constants, laws, versions: JSON objects; the constants of
+    robot and motor law are in SI, and an axis replaces its own. f0_Hz: natural frequency, None where not told.
+    """
+
+    ground: str
+    robot: str
+    constants: str
+    model: str
+    laws: str | None = None
+    laws_source: str | None = None
+    versions: str
+    analysis: str
+    f0_Hz: float | None = None
+
+    @classmethod
+    def of(cls, machine: Machine, analysis: str, f0_Hz: float | None = None) -> Setting:
+        """The setting of an analysis with a robot, by the versions at hand."""
+        packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
+        laws = machine.laws
+        return cls(
+            ground=machine.model.ground,
+            robot=machine.name,
+            constants=json.dumps(plain(dict(machine.values))),
+            model=str(machine.model),
+            laws=json.dumps(laws.plain()) if laws else None,
+            laws_source=laws.source if laws else None,
+            versions=json.dumps({"jumpvision": __version__, "python": platform.python_version(), **packages}),
+            analysis=analysis,
+            f0_Hz=f0_Hz,
+        )
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The constants by name [SI]."""
+        found: dict[str, float] = json.loads(self.constants)
+        return found
+
+
+def setting(data: xr.Dataset) -> Setting:
+    """What a sweep was made with. RecordError where its attributes do not say."""
+    return attributes_of(Setting, data)
 
 
 def write(data: xr.Dataset, folder: Path, file: str = FILE) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def grid(s: Sweep) -> Found:
         given,
         tuple(s.ranges),
         results,
-        attrs={"f0_Hz": s.robot.f0},
+        f0_Hz=s.robot.f0,
     )
     failed = int(np.isnan(results["com_height_m"]).sum())
     if failed:
@@ -127,6 +128,14 @@ def best_jumps(s: Sweep) -> list[Row]:
     ]
 
 
+@dataclass(frozen=True)
+class Scatter:
+    """What differs between trials: rms of the spring's ringing at the start [m]; how many trials a point."""
+
+    ringing_m: float
+    trials: int
+
+
 @study(
     "scatter",
     "hard",
@@ -158,7 +167,8 @@ def scatter(s: Sweep) -> Found:
         ("frequency", "phase"),
         clean,
         extra,
-        attrs={"f0_Hz": s.robot.f0, "ringing_m": RINGING, "trials": TRIALS},
+        f0_Hz=s.robot.f0,
+        facts=Scatter(RINGING, TRIALS),
     )
     std, height = spread["flight_height_m"], clean["flight_height_m"]
     rows = []
@@ -172,6 +182,15 @@ def scatter(s: Sweep) -> Found:
             ours = f"median {np.median(std[where]) * 1e3:.3f} mm{share}; largest {std[where].max() * 1e3:.2f} mm"
             rows.append(s.number(f"std of flight height {name} 4 Hz, ringing {RINGING * 1e6:g} um", ours, thesis))
     return data, rows
+
+
+@dataclass(frozen=True)
+class Bifurcation:
+    """Amplitude of the drive [m], loss of momentum at landing, and which jump the results are of."""
+
+    amplitude_m: float
+    landing_loss: float
+    results: str
 
 
 @study(
@@ -218,12 +237,8 @@ def bifurcation(s: Sweep) -> Found:
         ("frequency",),
         jumps,
         extra,
-        attrs={
-            "f0_Hz": s.robot.f0,
-            "amplitude_m": amp,
-            "landing_loss": robot.landing_loss,
-            "results": "of the jump from rest",
-        },
+        f0_Hz=s.robot.f0,
+        facts=Bifurcation(amp, landing_loss=robot.landing_loss, results="of the jump from rest"),
     )
     n = data.distinct_apexes.values
     hops = np.nan_to_num(np.nanmax(np.nan_to_num(apex, nan=-1.0), axis=2), nan=-1.0) > 0.0
@@ -253,6 +268,13 @@ def _both_ways(f: np.ndarray, amp: float, cycles: dict[str, int], robot: HardRob
 def best_ratios(s: Sweep) -> list[float]:
     """f/f_0 of the best stutter and the best single jump, rounded as in the table of the map."""
     return [float(str(row["ours"]).split()[0].rstrip(",")) for row in best_jumps(s)[:2]]
+
+
+@dataclass(frozen=True)
+class Traces:
+    """Amplitude of the laws [m]."""
+
+    amplitude_m: float
 
 
 @study(
@@ -314,7 +336,8 @@ def traces(s: Sweep) -> Found:
         ("case",),
         results,
         extra,
-        attrs={"f0_Hz": f0, "amplitude_m": amp},
+        f0_Hz=f0,
+        facts=Traces(amp),
     )
     rows = [
         s.number(

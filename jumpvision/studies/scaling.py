@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,13 @@ def _scaled(best: dict[str, NDArray[Any]], dims: tuple[str, ...]) -> dict[str, V
     }
 
 
+@dataclass(frozen=True)
+class Alpha:
+    """M g / (k A) of the robot with its own amplitude."""
+
+    alpha_of_robot: float
+
+
 @study("alpha", "hard", source="Fig 32", ranges={"alpha": ALPHAS}, values=("amplitude",))
 def alpha(s: Sweep) -> Found:
     """Best height, frequency and power of both types; the ideal region of the stutter jump; the best phases."""
@@ -114,10 +122,8 @@ def alpha(s: Sweep) -> Found:
         ("jump", "alpha"),
         best,
         extra,
-        attrs={
-            "f0_Hz": s.robot.f0,
-            "alpha_of_robot": s.robot.mass * s.robot.gravity / (s.robot.stiffness * s.machine.values["amplitude"]),
-        },
+        f0_Hz=s.robot.f0,
+        facts=Alpha(s.robot.mass * s.robot.gravity / (s.robot.stiffness * s.machine.values["amplitude"])),
     )
     up, of_flight = crossing(a, h[0] / h[1], rising=True), flight["flight_height_m"]
     flights = crossing(a, of_flight[0] / of_flight[1], rising=True)
@@ -208,7 +214,7 @@ def estimates(s: Sweep) -> Found:
         ("kind", "alpha"),
         best,
         extra,
-        attrs={"f0_Hz": s.robot.f0},
+        f0_Hz=s.robot.f0,
     )
     sim, low = best["frequency_ratio"][0], a < 0.9
     rows = [
@@ -229,6 +235,15 @@ def estimates(s: Sweep) -> Found:
             )
         )
     return data, rows
+
+
+@dataclass(frozen=True)
+class Animals:
+    """The human's numbers in words, its damping ratio and the share of its mass that stays on the rod."""
+
+    human: str
+    zeta: float
+    rod_share: float
 
 
 @study("animals", "hard", source="Fig 35")
@@ -268,7 +283,7 @@ def animals(s: Sweep) -> Found:
         ("jump", "length"),
         own,
         extra,
-        attrs={"human": str(HUMAN), "zeta": zeta, "rod_share": share},
+        facts=Animals(str(HUMAN), zeta=zeta, rod_share=share),
     )
     rows = [
         s.number("human alpha, zeta", f"{a[-1]:.3f}, {zeta:.2f}", "about 0.05, 0.32"),
@@ -304,7 +319,7 @@ def two_frequency(s: Sweep) -> Found:
         ("jump", "alpha"),
         results,
         extra,
-        attrs={"f0_Hz": s.robot.f0},
+        f0_Hz=s.robot.f0,
     )
     h, p = results["com_height_m"], results["peak_power_W"]
     always = bool(np.all(h[0] >= h[1:].max(axis=0) * (1 - 1e-6)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from jumpvision.base.progress import watch
@@ -22,6 +24,14 @@ DAMPINGS = np.array([0.0083, 0.03, 0.06, 0.1, 0.15, 0.2])
 
 
 PHASES = [0.0, 0.5 * np.pi, 0.75 * np.pi, np.pi]
+
+
+@dataclass(frozen=True)
+class LeastAmplitude:
+    """Step of the amplitudes tried [m], and which jump the results are of."""
+
+    resolution_m: float
+    results: str
 
 
 @study(
@@ -65,11 +75,8 @@ def least_amplitude(s: Sweep) -> Found:
             ),
             "frequency_ratio": (("frequency",), f / s.robot.f0, "1", "frequency / f_0"),
         },
-        attrs={
-            "f0_Hz": s.robot.f0,
-            "resolution_m": ENCODER_STEP,
-            "results": "of the jump one encoder step above the least amplitude",
-        },
+        f0_Hz=s.robot.f0,
+        facts=LeastAmplitude(ENCODER_STEP, results="of the jump one encoder step above the least amplitude"),
     )
     rows = []
     for n in cycles:
@@ -89,6 +96,13 @@ def _fine_best(s: Sweep, cycles: float, phase: float, f: np.ndarray, wait: float
         :, 0
     ]
     return float(fine[np.nanargmin(least)] / s.robot.f0) if np.isfinite(least).any() else np.nan
+
+
+@dataclass(frozen=True)
+class LiftOffTime:
+    """Greatest number of forcing cycles waited for."""
+
+    cycles: float
 
 
 @study(
@@ -151,7 +165,8 @@ def lift_off_time(s: Sweep) -> Found:
         ("phase", "frequency", "amplitude"),
         results,
         extra,
-        attrs={"f0_Hz": s.robot.f0, "cycles": most},
+        f0_Hz=s.robot.f0,
+        facts=LiftOffTime(most),
     )
     rows: list[Row] = []
     for n in (1.0, 2.0, 5.0, 100.0):

@@ -13,6 +13,7 @@ from jumpvision.base.storage import write_aside
 from jumpvision.report.studies.sweeps import SHOWN, picture, read_sweep
 from jumpvision.studies.axes import AXES
 from jumpvision.studies.comparison import compare
+from jumpvision.studies.compute import setting
 from jumpvision.studies.motions import grid
 
 from .charts import Axis, AxisLook, Chart, Panel, Series, axis, chart, numbers, panel, series
@@ -29,7 +30,7 @@ def write_sweep(file: Path) -> Path:
     text = template("sweep.html.j2").render(
         style=static("page.css"),
         script=static("plot.js") + static("page.js"),
-        title=f"{file.stem}: {data.attrs['analysis']}",
+        title=f"{file.stem}: {setting(data).analysis}",
         version=__version__,
         sentence=sentence,
         facts=facts,
@@ -43,12 +44,13 @@ def write_sweep(file: Path) -> Path:
 
 def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
     """(sentence, numbers): where the highest jump of a map lies; else what the analysis is."""
-    if data.attrs["analysis"] != grid.name or not np.isfinite(data.com_height_m).any():
-        return f"{data.attrs['ground']} ground: {data.attrs['analysis'].replace('-', ' ')}".capitalize() + ".", []
+    told = setting(data)
+    if told.analysis != grid.name or not np.isfinite(data.com_height_m).any():
+        return f"{told.ground} ground: {told.analysis.replace('-', ' ')}".capitalize() + ".", []
     best = data.isel(data.com_height_m.argmax(...)) if data.com_height_m.dims else data
     at = ", ".join(said(str(d), float(best[d])) for d in data.com_height_m.dims)
     height = f"{1e3 * float(best.com_height_m):.4g}"
-    text = f"{data.attrs['robot'].capitalize()}: the highest of "
+    text = f"{told.robot.capitalize()}: the highest of "
     text += f"{data.com_height_m.size} jumps raises the centre of mass {height} mm" + (f", at {at}." if at else ".")
     facts = [(height, "mm", "highest centre of mass")]
     facts += [
@@ -65,9 +67,10 @@ def said(name: str, value: float) -> str:
 
 def charts_of(data: xr.Dataset) -> list[Chart]:
     """Maps over two axes, lines over one; none for other analyses, which have their figure."""
-    if data.attrs["analysis"] == compare.name:
+    analysis = setting(data).analysis
+    if analysis == compare.name:
         return [comparison(data)]
-    if data.attrs["analysis"] != grid.name:
+    if analysis != grid.name:
         return []
     dims = [str(d) for d in data.com_height_m.dims]
     if len(dims) == 1:

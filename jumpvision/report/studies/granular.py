@@ -9,6 +9,7 @@ import xarray as xr
 
 from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.results.fields import attributes_of, unit_of
 from jumpvision.studies.sand import beds, models
 from jumpvision.studies.sand import drag_fit as measured
 
@@ -56,7 +57,11 @@ def jump_types(data: xr.Dataset, Figure: Any) -> Any:
         left.plot(data.phi, one.jump_height_m * 1e3, mark + "-", ms=4, color=color, label=f"{kind}, {f:.3g} Hz")
         left.plot(data.phi, one.baseline_height_m * 1e3, "--", color=color, lw=1)
         left.axhline(float(one.hard_ground_height_m) * 1e3, color=color, lw=0.7, ls=":")
-    left.set(title=f"cone; dashed: {data.attrs['baseline']};\ndotted: hard ground", xlabel=PHI, ylabel=HEIGHT)
+    left.set(
+        title=f"cone; dashed: {attributes_of(beds.JumpTypes, data).baseline};\ndotted: hard ground",
+        xlabel=PHI,
+        ylabel=HEIGHT,
+    )
     left.legend(fontsize=7)
     delayed, single = data.jump_height_m.sel(jump="delayed stutter"), data.jump_height_m.sel(jump="single")
     middle.plot(data.phi, single * 1e3, "o-", ms=3, color=MEASURED, label="single")
@@ -74,12 +79,12 @@ def delay(data: xr.Dataset, Figure: Any) -> Any:
     """Heights against delay."""
     figure = Figure(figsize=(8.4, 3.6), layout="constrained")
     axis = figure.subplots()
-    wait = data.delay * 1e3
+    told, wait = attributes_of(beds.Delay, data), data.delay * 1e3
     axis.plot(wait, data.jump_height_m * 1e3, color=MODEL, label="cone")
-    axis.plot(wait, data.baseline_height_m * 1e3, "--", color="black", lw=1, label=data.attrs["baseline"])
+    axis.plot(wait, data.baseline_height_m * 1e3, "--", color="black", lw=1, label=told.baseline)
     axis.axhline(float(data.single_height_m) * 1e3, color=MEASURED, lw=1, ls=":", label="best single")
     axis.axhline(float(data.settled_height_m) * 1e3, color=GREEN, lw=1, ls="-.", label="spring rung out")
-    axis.axvline(data.attrs["loaded_half_period_s"] * 1e3, color=QUIET, lw=0.8)
+    axis.axvline(told.loaded_half_period_s * 1e3, color=QUIET, lw=0.8)
     title = f"delayed stutter at {float(data.frequency):.3g} Hz (grey: half a loaded period)"
     axis.set(title=title, xlabel="delay [ms]", ylabel=HEIGHT)
     axis.legend(fontsize=7, ncols=2)
@@ -93,17 +98,16 @@ def alpha_fit(data: xr.Dataset, Figure: Any) -> Any:
 
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.4, 1))
+    told = attributes_of(models.AlphaFit, data)
     norm, colors = mpl.colors.SymLogNorm(10.0, vmin=0.0, vmax=float(data.drag[-1])), mpl.colormaps["viridis"]
     for drag in data.drag.values:
         left.plot(data.frequency, data.tried_height_m.sel(drag=drag) * 1e3, lw=0.8, color=colors(norm(drag)))
-    left.plot(
-        data.frequency, data.jump_height_m * 1e3, "--", color="black", label=f"fitted, {data.attrs['alpha']:.0f} kg/m"
-    )
+    left.plot(data.frequency, data.jump_height_m * 1e3, "--", color="black", label=f"fitted, {told.alpha:.0f} kg/m")
     left.plot(data.frequency, data.cone_height_m * 1e3, "s", ms=3.5, color=MODEL, label="cone, taken as measured")
     bar = figure.colorbar(mpl.cm.ScalarMappable(norm, colors), ax=left)
     bar.ax.set_ylabel("α [kg/m]")
     bar.set_ticks([0, 10, 100, 1000], labels=["0", "10", "100", "1000"])
-    left.set(title=f"single jumps at φ = {data.attrs['phi']:.3g}", xlabel="frequency [Hz]", ylabel=HEIGHT)
+    left.set(title=f"single jumps at φ = {told.phi:.3g}", xlabel="frequency [Hz]", ylabel=HEIGHT)
     left.legend(fontsize=7)
     right.plot(data.packing, data.alpha_kg_per_m, "o-", ms=3, color="black")
     right.set(title="α of the singles", xlabel=PHI, ylabel="α [kg/m]", ylim=(0, None))
@@ -116,7 +120,8 @@ def force_models(data: xr.Dataset, Figure: Any) -> Any:
     figure = Figure(figsize=(10.6, 6.2), layout="constrained")
     (motion, push), (feet, bars) = figure.subplots(2, 2)
     ms = data.time * 1e3
-    up = [x * 1e3 for x in data.attrs["upswing_s"]]
+    told = attributes_of(models.ForceModels, data)
+    up = [x * 1e3 for x in told.upswing_s]
     cone = data.sel(model="cone")
     for name, color in (("motor", QUIET), ("rod", MEASURED), ("foot", MODEL)):
         motion.plot(ms, (cone[name] - cone[name][0]) * 1e3, color=color, label=name)
@@ -124,7 +129,7 @@ def force_models(data: xr.Dataset, Figure: Any) -> Any:
     mass.fill_between(ms, 0, cone.added_mass * 1e3, color="#E69F00", alpha=0.35, lw=0)
     mass.set(ylabel="added mass [g] (orange)", ylim=(0, 4e3 * float(cone.added_mass.max())))
     mass.grid(False)
-    motion.set(title=f"cone, {data.attrs['frequency']:.3g} Hz, φ = {data.attrs['phi']:.3g}", ylabel="position [mm]")
+    motion.set(title=f"cone, {told.frequency:.3g} Hz, φ = {told.phi:.3g}", ylabel="position [mm]")
     motion.legend(fontsize=7)
     for name, (color, line) in FORCE.items():
         one = data.sel(model=name)
@@ -193,7 +198,7 @@ def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
     """The drag fitted to the measured jumps of every packing, and those jumps."""
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    name, unit = data.attrs["parameter"], data.value.attrs["units"]
+    name, unit = attributes_of(measured.DragFit, data).parameter, unit_of(data.value)
     left.errorbar(data.packing, data.value, 2.0 * data.value_sigma, fmt="o", ms=4, color=MEASURED)
     left.set(
         title=f"{name} of the measured jumps, ±2σ", xlabel=PHI, ylabel=name + (f" [{unit}]" if unit != "1" else "")

@@ -9,7 +9,9 @@ import xarray as xr
 
 from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.results.fields import attributes_of
 from jumpvision.studies import motions, thresholds
+from jumpvision.studies.compute import setting
 
 SHOWN = 130.0  # ms of flight shown after the motor stops
 
@@ -21,6 +23,7 @@ def scatter(data: xr.Dataset, Figure: Any) -> Any:
 
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
     axes = figure.subplots(1, 3, sharey=True)
+    told = attributes_of(motions.Scatter, data)
     x, y = data.phase / np.pi, data.frequency
     std, height = data.flight_height_std_m, data.flight_height_m
     share = (std / height.where(height > 1e-4)) * 100
@@ -37,7 +40,7 @@ def scatter(data: xr.Dataset, Figure: Any) -> Any:
         axis.grid(False)
     axes[0].set_ylabel("frequency [Hz] (dotted: 4 Hz)")
     figure.suptitle(
-        f"{data.attrs['trials']} trials a point; the spring still rings with {data.attrs['ringing_m'] * 1e6:g} µm rms",
+        f"{told.trials} trials a point; the spring still rings with {told.ringing_m * 1e6:g} µm rms",
         fontsize=8,
         color=QUIET,
         x=0.01,
@@ -59,7 +62,8 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
         f = np.broadcast_to(data.frequency_ratio.values[:, None], heights.shape)
         axis.plot(f.ravel(), heights.values.ravel() * 1e3, mark, ms=1.2, color=color, alpha=0.5, ls="", rasterized=True)
         axis.plot([], [], mark, color=color, ls="", label=f"frequency going {data.direction.values[i]}")
-    amp, loss = data.attrs["amplitude_m"] * 1e3, data.attrs["landing_loss"]
+    told = attributes_of(motions.Bifurcation, data)
+    amp, loss = told.amplitude_m * 1e3, told.landing_loss
     axis.set(
         title=f"apexes of the driven hopper, A = {amp:g} mm, landing loss {loss:g}",
         xlabel="f / f₀",
@@ -69,7 +73,7 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
     low = np.nanpercentile(data.apex_height_m, 1) * 1e3 if np.isfinite(data.apex_height_m).any() else 0.1
     axis.set_ylim(bottom=max(low * 0.7, 1e-2))
     axis.legend()
-    x, y = data.map_frequency / data.attrs["f0_Hz"], data.map_amplitude * 1e3
+    x, y = data.map_frequency / setting(data).f0_Hz, data.map_amplitude * 1e3
     edges = [-0.5, 0.5, 1.5, 2.5, 4.5, 8.5, 99]
     colors = mpl.colormaps["viridis"](np.linspace(0.1, 1.0, 5))
     kinds = mpl.colors.ListedColormap(["#dddddd", *colors])
@@ -195,7 +199,7 @@ def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
     phases = min(data.sizes["phase"], 2)
     figure = Figure(figsize=(9.6, 6.6), layout="constrained")
     axes = figure.subplots(2, 2)
-    most = float(data.attrs["cycles"])
+    most = attributes_of(thresholds.LiftOffTime, data).cycles
     for i in range(phases):
         axis = axes[0, i]
         seen = axis.pcolormesh(

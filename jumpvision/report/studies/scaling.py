@@ -9,6 +9,7 @@ import xarray as xr
 
 from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.results.fields import attributes_of
 from jumpvision.studies import scaling
 
 LOOK = {"stutter": (MODEL, "-"), "single": (MEASURED, "--"), "two frequencies": (GREEN, "-.")}
@@ -38,7 +39,7 @@ def alpha(data: xr.Dataset, Figure: Any) -> Any:
         height.plot(data.alpha, one.height_ratio, style, color=color, label=name)
         power.plot(data.alpha, one.power_scaled, style, color=color, label=name)
         freq.plot(data.alpha, one.frequency_ratio, style, color=color, label=name)
-    at = float(data.attrs["alpha_of_robot"])
+    at = attributes_of(scaling.Alpha, data).alpha_of_robot
     ratio = data.sel(jump="stutter") / data.sel(jump="single")
     ideal = ((ratio.com_height_m > 1) & (ratio.peak_power_W < 1)).values
     for axis in (height, power):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,12 @@ import xarray as xr
 from jumpvision.base.schema import InputError
 from jumpvision.report.figures.pictures import drawn
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED
+from jumpvision.results import RecordError
+from jumpvision.results.fields import attributes_of
 from jumpvision.studies import comparison as compared
 from jumpvision.studies import motions
 from jumpvision.studies.axes import AXES
+from jumpvision.studies.compute import setting
 from jumpvision.studies.study import Study
 from jumpvision.workflow.stage import import_all
 
@@ -54,8 +56,10 @@ def read_sweep(file: Path) -> xr.Dataset:
             data = data.load()
     except (OSError, ValueError) as e:
         raise InputError([f"{file}: not a NetCDF file that can be read ({e})"]) from None
-    if "analysis" not in data.attrs:
-        raise InputError([f"{file}: no attribute `analysis`; give the sweep.nc or comparison.nc of `jumpvision sweep`"])
+    try:
+        setting(data)
+    except RecordError as e:
+        raise InputError([f"{file}: {e}; give the sweep.nc or comparison.nc of `jumpvision sweep`"]) from None
     return data
 
 
@@ -70,7 +74,7 @@ def sweep_figure(data: xr.Dataset, Figure: Any) -> Any:
         steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
         data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
     import_all("jumpvision.report.studies")
-    return FIGURES.get(data.attrs["analysis"], grid)(data, Figure)
+    return FIGURES.get(setting(data).analysis, grid)(data, Figure)
 
 
 @figure_of(motions.grid)
@@ -99,14 +103,15 @@ def grid(data: xr.Dataset, Figure: Any) -> Any:
 
 def _what(data: xr.Dataset, dims: Any) -> str:
     """The robot and the values that all jumps share."""
-    constants = json.loads(data.attrs["constants"])
+    told = setting(data)
+    constants = told.values
     law = [n for n in ("frequency", "phase", "amplitude", "cycles", "delay") if n not in dims]
     if "alpha" in data.coords and "amplitude" in law and "amplitude" not in data.coords:
         law.remove("amplitude")
     said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
     said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
     words = [AXES[n].said(v, 4) for n, v in said if v or n != "delay"]
-    return f"{data.attrs['robot']}: {', '.join(words)}"
+    return f"{told.robot}: {', '.join(words)}"
 
 
 def label(name: str) -> str:
@@ -137,9 +142,9 @@ def one_map(figure: Any, axis: Any, values: xr.DataArray, data: xr.Dataset) -> N
     if values.name == "n_jumps":
         ticks = np.arange(0, top + 1)
         bar.set_ticks(ticks, labels=[f"{t:d}" if t < COUNTED else f"≥ {t:d}" for t in ticks])
-    for name, line in (("frequency", axis.axhline if up == "frequency" else axis.axvline),):
-        if name in values.dims and "f0_Hz" in data.attrs and data.attrs["ground"] == "hard":
-            line(data.attrs["f0_Hz"], color="white", lw=0.8, ls=":")
+    told = setting(data)
+    if "frequency" in values.dims and told.f0_Hz is not None and told.ground == "hard":
+        (axis.axhline if up == "frequency" else axis.axvline)(told.f0_Hz, color="white", lw=0.8, ls=":")
     axis.set(title=title, xlabel=label(right), ylabel=label(up))
     axis.grid(False)
 
@@ -212,11 +217,11 @@ def comparison(data: xr.Dataset, Figure: Any) -> Any:
 
 def heading(data: xr.Dataset) -> str:
     """What the numbers say as a whole."""
-    a = data.attrs
-    p = f"p = {a['p_value']:.2g}" if a["p_value"] > 1e-4 else "p < 0.0001"
+    whole = attributes_of(compared.Comparison, data)
+    p = f"p = {whole.p_value:.2g}" if whole.p_value > 1e-4 else "p < 0.0001"
     out = int(data.stands_out.sum())
     return (
-        f"{a['campaign']}: χ² = {a['chi2']:.4g} of {a['conditions']} conditions, {p}; "
+        f"{whole.campaign}: χ² = {whole.chi2:.4g} of {whole.conditions} conditions, {p}; "
         f"{out or 'no'} condition{'s stand' if out != 1 else ' stands'} out"
     )
 

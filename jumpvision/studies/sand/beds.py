@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.cone import cone_mass, cone_mass_slope
 from jumpvision.physics.batch import model_at, resolve
 from jumpvision.physics.packing import PackingFit, fit_packing_law
+from jumpvision.results.fields import attributes_of
 from jumpvision.studies.compute import Variable, dataset
 from jumpvision.studies.study import Found, Row, Sweep, study
 
@@ -91,6 +93,13 @@ def height_phi(s: Sweep) -> Found:
     return data, rows
 
 
+@dataclass(frozen=True)
+class JumpTypes:
+    """The older force model that the cone is compared with."""
+
+    baseline: str
+
+
 @study(
     "jump-types",
     "granular",
@@ -141,7 +150,7 @@ def jump_types(s: Sweep) -> Found:
         over,
         results,
         extra,
-        attrs={"baseline": older},
+        facts=JumpTypes(older),
     )
     return data, _rows_of_types(s, data)
 
@@ -180,7 +189,7 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
         ),
         *(
             s.number(
-                f"{kind}, '{data.attrs['baseline']}' with alpha of the singles",
+                f"{kind}, '{attributes_of(JumpTypes, data).baseline}' with alpha of the singles",
                 ends(old.sel(jump=kind)),
                 {"stutter": "over-estimated at low phi, right at high phi"}.get(kind, ""),
             )
@@ -202,6 +211,15 @@ def _rows_of_types(s: Sweep, data: xr.Dataset) -> list[Row]:
             s.number("kink of the single's height against phi", kink(fit, 10.0, "mm per 0.01"), "phi_c about 0.605")
         )
     return rows
+
+
+@dataclass(frozen=True)
+class Delay:
+    """The older force model with its drag [kg/m], and half a period of the robot hanging in its spring [s]."""
+
+    alpha: float
+    loaded_half_period_s: float
+    baseline: str
 
 
 @study(
@@ -243,7 +261,7 @@ def delay(s: Sweep) -> Found:
         ("delay",),
         found,
         extra,
-        attrs={"alpha": alpha[0], "loaded_half_period_s": half, "baseline": older},
+        facts=Delay(alpha[0], half, older),
     )
     first = np.argmax(h[: swing.size])
     below = wait < wait[first]

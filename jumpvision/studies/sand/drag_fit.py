@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -50,6 +51,13 @@ def measured(given: Measured) -> tuple[list[Experiment], dict[str, Array], Array
     at = {n: np.array([r[n] for r in rows], float) for n in rows[0]}
     phi, height, sigma, common = (at.pop(n) for n in SEEN)
     return used, at, phi, height, sigma, common
+
+
+@dataclass(frozen=True)
+class DragFit:
+    """The parameter of the bed that is fitted."""
+
+    parameter: str
 
 
 @study("drag-fit", "granular", source="section 3.4")
@@ -107,7 +115,7 @@ def drag_fit(given: Measured) -> Found:
             "measured_height_m": (("jump",), height, "m", "measured jump height"),
             "sigma_height_m": (("jump",), sigma, "m", "its standard uncertainty"),
         },
-        attrs={"parameter": name},
+        facts=DragFit(name),
     )
     numbers = [
         s.number(f"{name} at phi {x:.4f}, {g.size} jumps", f"{value:.3g} ± {sd:.2g}{per}, chi2 {c:.3g}")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +25,15 @@ COMPARED = ("static", "constant drag", "depth drag", "drag and added mass", "con
 SAMPLES = 2001
 ALPHA_SIGMA = 0.05  # share of alpha taken as its uncertainty when its kink is looked for
 SCALES = np.array([0.5, 1.0, 2.0])  # of b
+
+
+@dataclass(frozen=True)
+class AlphaFit:
+    """The bed's volume fraction, the constant drag fitted there [kg/m] and the rms difference of heights [m]."""
+
+    phi: float
+    alpha: float
+    rms_m: float
 
 
 @study(
@@ -62,7 +73,7 @@ def alpha_fit(s: Sweep) -> Found:
         ("frequency",),
         found,
         extra,
-        attrs={"phi": here[0], "alpha": alpha[0], "rms_m": rms[0]},
+        facts=AlphaFit(phi=here[0], alpha=alpha[0], rms_m=rms[0]),
     )
     rows = [
         s.number(
@@ -93,6 +104,18 @@ def alpha_fit(s: Sweep) -> Found:
         fit = fit_packing_law(phi, all_alpha, ALPHA_SIGMA * all_alpha)
         rows.append(s.number("kink of alpha against phi", kink(fit, 0.01, "kg/m per 0.01"), "higher slope above phi_c"))
     return data, rows
+
+
+@dataclass(frozen=True)
+class ForceModels:
+    """Constant drag [kg/m], start and end of the motor's upswing [s], and the law (Hz, rad, s) on its bed."""
+
+    alpha: float
+    upswing_s: Sequence[float]
+    frequency: float
+    phase: float
+    delay: float
+    phi: float
 
 
 @study("force-models", "granular", source="Figs 60, 61", values=("frequency", "phi", "amplitude"))
@@ -169,7 +192,7 @@ def force_models(s: Sweep) -> Found:
         ("model",),
         stacked,
         extra,
-        attrs={"alpha": alpha, "upswing_s": [numbers["start_s"][0], stop], **law_of},
+        facts=ForceModels(alpha, upswing_s=[numbers["start_s"][0], stop], **law_of),
     )
     rows = [
         s.number(
