@@ -15,7 +15,7 @@ import xarray as xr
 
 from jumpvision.cli import main
 from jumpvision.dem.discs import Discs
-from jumpvision.dem.motion import Motion, discs_under_foot
+from jumpvision.dem.motion import Friction, Motion, discs_under_foot
 from jumpvision.lab import write
 from jumpvision.lab.films.discs import DiscCamera, disc_momentum
 from jumpvision.lab.films.grains import View
@@ -83,7 +83,7 @@ def run_discs(scene: Scene, t: np.ndarray, foot_y: np.ndarray, n: int, seed: int
     times = np.concatenate([[0.0], frame_times(n).ravel()])
     return discs_under_foot(
         t, foot_y, times, half_width=scene.foot, bed=scene.bed, diameter=scene.grain, fraction=scene.fraction,
-        coulomb=scene.coulomb, friction=scene.friction, rng=np.random.default_rng(seed), deepest=deepest,
+        friction=Friction(scene.coulomb, scene.friction), rng=np.random.default_rng(seed), deepest=deepest,
     )  # fmt: skip
 
 

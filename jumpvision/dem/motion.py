@@ -184,6 +184,14 @@ ENTRY = 0.08  # m/s, mean; discs thrown ahead of the foot slide on by v^2/(2 cou
 REST = 0.01  # s, between the entry and the path
 
 
+@dataclass(frozen=True)
+class Friction:
+    """What rubs: the carpet on every sliding disc [m/s^2], and grains on each other, foot and walls (coefficient)."""
+
+    carpet: float = 10.0
+    grains: float = 0.0
+
+
 def discs_under_foot(
     t: Array,
     foot_y: Array,
@@ -194,21 +202,20 @@ def discs_under_foot(
     diameter: float,
     fraction: float,
     rng: np.random.Generator,
-    coulomb: float = 10.0,
-    friction: float = 0.0,
+    friction: Friction = Friction(),
     deepest: float | None = None,
 ) -> tuple[Discs, Motion]:
     """Discs of two sizes "on a carpet" at the times (T,) [s], the first the start, under a foot that goes t, foot_y.
 
     half_width [m] of the foot, whose face is at foot_y [m] (up, 0 at the surface); bed: half width and depth [m];
-    diameter [m]: mean; fraction: of the area; coulomb [m/s^2]: sliding friction on the carpet;
-    friction: coefficient between grains, also with foot and walls. The foot enters slowly to the height
-    `deepest` [m] (default foot_y[0]), goes back to foot_y[0] and leaves a hole. ValueError where the discs do not fit.
+    diameter [m]: mean; fraction: of the area. The foot enters slowly to the height `deepest` [m] (default foot_y[0]),
+    goes back to foot_y[0] and leaves a hole. ValueError where the discs do not fit.
     """
     half, depth = bed
     box = Box(-half, half, -depth, 0.0)
     d = pack(box, fraction, diameter=diameter, density=1.0, rng=rng)
-    law = Law.bouncing(0.5, 1e-4, 0.5 * float(d.mass.min()), coulomb=coulomb, friction=friction)
+    rubs = {"coulomb": friction.carpet, "friction": friction.grains}
+    law = Law.bouncing(0.5, 1e-4, 0.5 * float(d.mass.min()), **rubs)
     box, plate, h = Box(-half, half, -depth), Plate(half_width, 0.02), time_step(d, law)
     first = float(foot_y[0])
     lowest = first if deepest is None else min(deepest, first)

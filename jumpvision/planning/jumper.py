@@ -7,6 +7,7 @@ the foot where it moves by itself. Modes: STUCK (foot at rest on the ground), IN
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -35,6 +36,28 @@ class Memory:
     pause: Any = 0.0
     moved: bool = False  # the foot has intruded before
     landed: bool = False  # the foot has left the ground before
+
+
+class State(NamedTuple):
+    """One state by the names of the equations, SI; CasADi's symbols or numbers, None what a mode does not have.
+
+    y, w: the centre of mass of motor and rod and its rate; X, V: the motor on the rod; x_f, v_f: the foot.
+    """
+
+    y: Any
+    w: Any
+    X: Any = None
+    V: Any = None
+    x_f: Any = None
+    v_f: Any = None
+
+    def of(self, names: Iterable[str]) -> list[Any]:
+        """The states of these names, in their order."""
+        return [getattr(self, n) for n in names]
+
+    def then(self, later: State) -> State:
+        """The later state, and of this what that does not have."""
+        return State(*(a if b is None else b for a, b in zip(self, later)))
 
 
 class Dynamics(NamedTuple):
@@ -101,22 +124,22 @@ class Jumper:
         """m_f + m_a(z) [kg]."""
         return self.model.m_f - self.sum_of(Body.INERTIA, z=z, a=1.0)
 
-    def equations(self, mode: str, s: dict[str, Any], command: tuple[Any, Any, Any], memory: Memory) -> Dynamics:
+    def equations(self, mode: str, s: State, command: tuple[Any, Any, Any], memory: Memory) -> Dynamics:
         """Rates of the states, positions, motor force and push; command: X_c [m], X_c' [m/s], X_c'' [m/s^2]."""
         m, d = self.model, self.drive
         x_c, v_c, a_c = command
         if d.kp > 0:
-            X, V = s["X"], s["V"]
+            X, V = s.X, s.V
         elif "motor_lag" in m:
-            X, V = s["X"], (x_c - s["X"]) / m.parameters.tau
+            X, V = s.X, (x_c - s.X) / m.parameters.tau
         else:
             X, V = x_c, v_c
         ratio = m.m_m / m.M
-        x_r, v_r = s["y"] - ratio * X, s["w"] - ratio * V
+        x_r, v_r = s.y - ratio * X, s.w - ratio * V
         v_m = v_r + V
         free = mode == AIR and self.massless
-        x_f = x_r if free else s.get("x_f", -memory.floor)
-        v_f = v_r if free else s.get("v_f", 0.0)
+        x_f = x_r if free else -memory.floor if s.x_f is None else s.x_f
+        v_f = v_r if free else 0.0 if s.v_f is None else s.v_f
         stretch = x_r - x_f
         force = (
             0.0
@@ -132,18 +155,18 @@ class Jumper:
         else:
             a = (v_c - V) / m.parameters.tau if "motor_lag" in m else a_c
             effort = m.m_m * (w_rate + m.rod_mass / m.M * a + m.g) - rail
-        rates = {"y": s["w"], "w": w_rate, "X": V, "V": a, "x_f": v_f, "v_f": 0.0}
+        rates = State(y=s.w, w=w_rate, X=V, V=a, x_f=v_f, v_f=0.0)
         push = force + m.m_f * m.g
         if mode == AIR and not free:
-            rates["v_f"] = -push / m.m_f
+            rates = rates._replace(v_f=-push / m.m_f)
         elif mode == INTRUDE:
             z = -x_f
             resist = self.static_force(z, memory)
             for law in m.acting(Body.DRAG, Body.FOOT):
                 resist += m.force(law, xp=self.xp, z=z, v=v_f, z_g=memory.hole, z_stop=memory.pause)
-            rates["v_f"] = (resist - push) / self.foot_inertia(z)
+            rates = rates._replace(v_f=(resist - push) / self.foot_inertia(z))
         return Dynamics(
-            rates=[rates[n] for n in self.states(mode)],
+            rates=rates.of(self.states(mode)),
             rod=x_r,
             rod_rate=v_r,
             foot=x_f,

@@ -19,9 +19,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .jumper import AIR, INTRUDE, STUCK, Dynamics, Jumper, Memory
-
-State = dict[str, Any]  # by name: casadi expressions, and numbers at the start (its stubs know no sum of both)
+from .jumper import AIR, INTRUDE, STUCK, Dynamics, Jumper, Memory, State
 
 # the array namespace that the force laws ask for, over CasADi's symbols
 SYMBOLS = SimpleNamespace(exp=ca.exp, tan=ca.tan, maximum=ca.fmax, minimum=ca.fmin, where=ca.if_else)
@@ -143,13 +141,12 @@ class Programme:
         self.peak = self.unknown("peak", 0, 0.0) if self.objective == "power" else 0.0
         self.command, self.totals = (0.0, 0.0), dict.fromkeys(("heat", "smooth", "work"), 0.0)
         memory = Memory(floor=-self.rest[1])
-        state: State = dict.fromkeys(("w", "X", "V", "v_f"), 0.0)
-        state |= {"y": self.rest[0], "x_f": self.rest[1]}
+        state = State(y=self.rest[0], w=0.0, X=0.0, V=0.0, x_f=self.rest[1], v_f=0.0)
         time, apex = 0.0, None
         for i, (mode, following) in enumerate(zip(self.sequence, (*self.sequence[1:], None))):
             duration, end = self._phase(i, mode, state, memory)
             time = time + duration
-            state = state | end
+            state = state.then(end)
             e = j.equations(mode, end, (*self.command, 0.0), memory)
             if mode == AIR and following == AIR:
                 self.row(e.rod_rate, 0.0, 0.0, SCALE["w"])
@@ -175,7 +172,7 @@ class Programme:
         names, n = self.jumper.states(mode), self.intervals(mode)
         duration = self.unknown("T", i, 0.0)
         h = duration / n
-        at = ca.vertcat(*(state[s] for s in names))
+        at = ca.vertcat(*state.of(names))
         for k in range(n):
             (x_c, v_c), a_c = self.command, self.unknown("a_c", i, (k + 0.5) / n)
             points = [ca.vertcat(*(self.unknown(s, i, (k + c) / n) for s in names)) for c in tau]
@@ -183,7 +180,7 @@ class Programme:
             for c, b, point in zip(tau, B.ravel(), points):
                 u, place = c * h, (k + c) / n
                 command = (x_c + u * v_c + 0.5 * u * u * a_c, v_c + u * a_c, a_c)
-                e = self.jumper.equations(mode, dict(zip(names, ca.vertsplit(point))), command, memory)
+                e = self.jumper.equations(mode, State(**dict(zip(names, ca.vertsplit(point)))), command, memory)
                 rates.append(ca.vertcat(*e.rates))
                 self._hold(mode, e, memory, place, k == n - 1)
                 self._limit(e)
@@ -197,7 +194,7 @@ class Programme:
             self.command = self.unknown("x_c", i, (k + 1) / n), self.unknown("v_c", i, (k + 1) / n)
             self.row(self.command[0] - x_c - h * v_c - 0.5 * h * h * a_c, 0.0, 0.0, SCALE["x_c"])
             self.row(self.command[1] - v_c - h * a_c, 0.0, 0.0, SCALE["v_c"])
-        return duration, dict(zip(names, ca.vertsplit(at)))
+        return duration, State(**dict(zip(names, ca.vertsplit(at))))
 
     def _spend(self, e: Dynamics, dt: Any, phase: int, place: float) -> None:
         """Adds a point of weight dt [s] to the integrals of the objectives."""
@@ -257,23 +254,22 @@ class Programme:
         m = j.model
         if mode == STUCK and following == INTRUDE:
             self.row(e.push - j.static_force(memory.floor, memory), 0.0, 0.0, self.weight)
-            return state | {"x_f": -memory.floor, "v_f": 0.0}, memory
+            return state._replace(x_f=-memory.floor, v_f=0.0), memory
         if mode == INTRUDE and following == STUCK:
-            self.row(state["v_f"], 0.0, 0.0, 0.5)
-            floor = -state["x_f"]
+            self.row(state.v_f, 0.0, 0.0, 0.5)
+            floor = -state.x_f
             return state, Memory(floor, memory.hole, floor, True, memory.landed)
         if mode == STUCK and following == AIR:
             self.row(e.rod, 0.0, 0.0, 0.01) if j.massless else self.row(e.push, 0.0, 0.0, self.weight)
-            return state | {"x_f": -memory.floor, "v_f": 0.0}, Memory(
-                memory.floor, memory.floor, 0.0, memory.moved, True
-            )
+            left = Memory(memory.floor, memory.floor, 0.0, memory.moved, True)
+            return state._replace(x_f=-memory.floor, v_f=0.0), left
         if mode == AIR and following == INTRUDE:
-            self.row(state["x_f"] + memory.floor, 0.0, 0.0, 0.01)
-            return state | {"v_f": state["v_f"] * m.m_f / j.foot_inertia(memory.floor)}, memory
+            self.row(state.x_f + memory.floor, 0.0, 0.0, 0.01)
+            return state._replace(v_f=state.v_f * m.m_f / j.foot_inertia(memory.floor)), memory
         if mode == AIR and following == STUCK and m.ground == "hard":
             self.row(e.foot if not j.massless else e.rod, 0.0, 0.0, 0.01)
             loss = m.parameters.e or 0.0 if "landing_loss" in m else 0.0
-            return state | {"w": state["w"] + (math.sqrt(1.0 - loss) - 1.0) * e.rod_rate}, memory
+            return state._replace(w=state.w + (math.sqrt(1.0 - loss) - 1.0) * e.rod_rate), memory
         raise ValueError(f"phases: {mode} cannot be followed by {following} on {m.ground} ground")
 
     def _stop(self, e: Dynamics) -> None:
@@ -290,9 +286,9 @@ class Programme:
         """Apex of the rod over rest [m] and its time: free flight of the mass centre, spring and motor settled."""
         m = self.jumper.model
         total = m.M + m.m_f
-        y, w = state["y"], state["w"]
+        y, w = state.y, state.w
         if not self.jumper.massless:
-            y, w = (m.M * y + m.m_f * state["x_f"]) / total, (m.M * w + m.m_f * state["v_f"]) / total
+            y, w = (m.M * y + m.m_f * state.x_f) / total, (m.M * w + m.m_f * state.v_f) / total
         self.row(w, 0.0, math.inf, 0.5)
         drag = m.parameters.c_v / total if "viscous_friction" in m and m.parameters.c_v else 0.0
         g = m.g + m.hold / total

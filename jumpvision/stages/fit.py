@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from jumpvision.results.tables import RodMotion
 from jumpvision.results.values import BedHeight, Fits, Intrusion, SpringTest
 from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.stages.grains.cone import cone_fits, grown_cone, mass_fits
-from jumpvision.workflow.stage import stage
+from jumpvision.workflow.stage import Inputs, stage
 
 from .recordings import scaled, timed
 from .ring import actuator_fits, ring_fits
@@ -30,24 +31,26 @@ from .rod import hanging_foot, position_at, total_mass
 NAN = math.nan
 
 
+@dataclass(frozen=True)
+class Recordings(Inputs):
+    """What a fit can be made on, None where it is not there: tracks, fields, tests; the apparatus and its law."""
+
+    rod: RodMotion | None
+    contact: ContactLog | None
+    flow: Flow | None
+    column: Column | None
+    intrusion: Intrusion | None
+    spring: SpringTest | None
+    robot: Robot | None
+    law: Actuation | None
+    log: MotorLog | None
+    section: Bed | None
+    bed: BedHeight | None
+    clock: Clock | None
+
+
 @stage(version=12, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
-def fit(
-    experiment: Experiment,
-    rod: RodMotion | None,
-    contact: ContactLog | None,
-    flow: Flow | None,
-    column: Column | None,
-    intrusion: Intrusion | None,
-    spring: SpringTest | None,
-    robot: Robot | None,
-    law: Actuation | None,
-    log: MotorLog | None,
-    section: Bed | None,
-    bed: BedHeight | None,
-    clock: Clock | None = None,
-    *,
-    p: FitParams,
-) -> Fits:
+def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
     {name: {value, sigma, sigma_common, unit, n, chi2}}; a fit that the data do not allow has null and its `reason`.
@@ -55,6 +58,8 @@ def fit(
     Fits weight by the noise; what scale, lens, clock and gravity add alike to all experiments is added to their sigma.
     """
     out: dict[str, Estimate] = {}
+    rod, contact, robot, law, log = given.rod, given.contact, given.robot, given.law, given.log
+    column, flow, clock = given.column, given.flow, given.clock
     flights = find_flights(rod, contact, robot, law, log, p)
     if flights is not None:
         jumps = longer_than(flights, p.shortest_flight)
@@ -72,15 +77,15 @@ def fit(
         out |= cone_fits(column)
     if flow is not None:
         out |= mass_fits(flow)
-    phi = packing(section, bed)[0]
+    phi = packing(given.section, given.bed)[0]
     if column is not None and flow is not None:
-        radius, phi_share = robot.foot_radius if robot else None, packing_common(section, bed)
-        out |= grown_cone(column, flow, out, radius, phi, section, phi_share)
+        radius, phi_share = robot.foot_radius if robot else None, packing_common(given.section, given.bed)
+        out |= grown_cone(column, flow, out, radius, phi, given.section, phi_share)
     if column is not None and phi is not None:
         out |= theory(phi, p)
-    if not (out or rod or contact or column or flow or intrusion or spring):
+    if not (out or rod or contact or column or flow or given.intrusion or given.spring):
         raise NotApplicable(["fit needs [actuation] beside [motor_log], or another recording"])
-    for made in (intrusion, spring):
+    for made in (given.intrusion, given.spring):
         out |= made.fits.estimates if made else {}
     return Fits(out)
 

@@ -12,8 +12,8 @@ import importlib
 import inspect
 import pkgutil
 import types
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
@@ -34,6 +34,10 @@ class Input:
     optional: bool
 
 
+class Inputs:
+    """Base of a dataclass whose fields are inputs of a stage that takes many; each is declared as an argument is."""
+
+
 @dataclass(frozen=True)
 class Stage:
     """A registered stage; calling it calls the function."""
@@ -46,9 +50,18 @@ class Stage:
     params: type | None
     any_of: tuple[str, ...]
     picture: bool = False  # a figure drawn from records, not a result that others need
+    gathered: Mapping[str, type[Inputs]] = field(default_factory=dict, hash=False)  # arguments of several inputs each
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
+
+    def made_of(self, values: Mapping[str, Any]) -> Any:
+        """What the function makes of its inputs and `p`, given one by one by their names."""
+        left = dict(values)
+        together = {
+            name: kind(**{n: left.pop(n) for n in get_type_hints(kind)}) for name, kind in self.gathered.items()
+        }
+        return self.function(**left, **together)
 
     @property
     def help(self) -> str:
@@ -62,23 +75,29 @@ STAGES: dict[type, Stage] = {}  # by output type
 def stage(
     *, version: int, any_of: tuple[str, ...] = (), picture: bool = False
 ) -> Callable[[Callable[..., Any]], Stage]:
-    """Register a function as a stage. any_of: argument names of which at least one must be there.
+    """Register a function as a stage. any_of: names of inputs of which at least one must be there.
 
     The first paragraph of its docstring is its help, for the command line, notebooks and the docs.
     """
 
     def register(function: Callable[..., Any]) -> Stage:
         hints = get_type_hints(function)
+        arguments = {n: hints[n] for n in inspect.signature(function).parameters if n != "p"}
+        gathered = {n: h for n, h in arguments.items() if isinstance(h, type) and issubclass(h, Inputs)}
         inputs = []
-        for name in inspect.signature(function).parameters:
-            if name == "p":
-                continue
-            hint = hints[name]
-            optional = get_origin(hint) in (Union, types.UnionType)
-            plain = next(t for t in get_args(hint) if t is not type(None)) if optional else hint
-            inputs.append(Input(name, plain, optional))
+        for name, hint in arguments.items():
+            each = get_type_hints(hint) if name in gathered else {name: hint}
+            inputs += [_input(n, h) for n, h in each.items()]
         made = Stage(
-            function.__name__, function, version, tuple(inputs), hints["return"], hints.get("p"), any_of, picture
+            function.__name__,
+            function,
+            version,
+            tuple(inputs),
+            hints["return"],
+            hints.get("p"),
+            any_of,
+            picture,
+            gathered,
         )
         if made.output in STAGES and STAGES[made.output].name != made.name:
             raise TypeError(f"stages {STAGES[made.output].name} and {made.name} both make {made.output.__name__}")
@@ -88,6 +107,11 @@ def stage(
         return made
 
     return register
+
+
+def _input(name: str, hint: Any) -> Input:
+    optional = get_origin(hint) in (Union, types.UnionType)
+    return Input(name, next(t for t in get_args(hint) if t is not type(None)) if optional else hint, optional)
 
 
 def results_stages() -> list[Stage]:

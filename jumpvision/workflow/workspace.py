@@ -196,7 +196,7 @@ class Workspace:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
             try:
-                record = made.function(**arguments)
+                record = made.made_of(arguments)
             except NotApplicable as e:
                 nothing_to_do = e.problems
             except MissingKey as e:
