@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.numbers import Z90
+from jumpvision.base.arrays import Z90
 from jumpvision.campaign import films
 from jumpvision.campaign.document import document
 from jumpvision.diagnosis.diagnose import Findings, diagnose, fit_baseline

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from jumpvision.base.numbers import Z90
+from jumpvision.base.arrays import Z90
 from jumpvision.results.diagnosis import Baseline, Cause, Confirmation, Diagnosis, Model, Noise, Parameter
 
 

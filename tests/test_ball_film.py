@@ -13,7 +13,7 @@ import jumpvision.stages  # noqa: F401  registers them
 from jumpvision.frames import open_frames
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.sections import NotApplicable
-from jumpvision.report.figures.overlay import TrackFilm
+from jumpvision.report.figures.overlays import TrackFilm
 from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
 from jumpvision.vision.ball.track import BallSettings

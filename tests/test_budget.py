@@ -45,10 +45,9 @@ from jumpvision.results.fields import Column, ColumnGeometry, Flow, FlowGeometry
 from jumpvision.results.tables import RodMotion, Track
 from jumpvision.results.values import BedHeight, Fits
 from jumpvision.stages.bed.height import bed, packing_common
-from jumpvision.stages.fit import flight_fits, height_fits
+from jumpvision.stages.fit import flight_fits, height_fits, ring_fits
 from jumpvision.stages.grains.cone import grown_cone
 from jumpvision.stages.recordings import foreshortening, height_share, other_lens, shared_of, view_of, with_common
-from jumpvision.stages.ring import ring_fits
 from jumpvision.stages.rod import rod
 from jumpvision.stages.summary import summary
 from jumpvision.stages.track import ball_motion, through, with_rest_zero

@@ -11,10 +11,9 @@ import weakref
 import numpy as np
 import pytest
 
-from jumpvision.vision.piv.backend import Backend
 from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, piv_pair
 from jumpvision.vision.piv.frame import LIGHT, STRONG, sharp
-from jumpvision.vision.piv.pair import INTERPOLATED, MASKED, NO_TEXTURE, REASONS, VALID
+from jumpvision.vision.piv.pair import INTERPOLATED, MASKED, NO_TEXTURE, REASONS, VALID, Backend
 from jumpvision.vision.piv.predict import correlate, peaks
 from jumpvision.vision.piv.validate import normalised_median
 

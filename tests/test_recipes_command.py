@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from .app import DONE, OPTIONS, Options, app
-from .work import open_folder
+from .folders import open_folder
 
 
 @app.command

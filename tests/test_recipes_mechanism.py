@@ -46,7 +46,7 @@ from types import SimpleNamespace as Some
 import numpy as np
 import jumpvision.mechanisms.registry as registry
 from jumpvision.campaign.document import sentence
-from jumpvision.diagnosis.jumper.vocabulary import candidates
+from jumpvision.diagnosis.jumper.jumper import candidates
 from jumpvision.inputs.model import model_of
 from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.forcing import sinusoid

@@ -12,7 +12,7 @@ import pytest
 from conftest import SAMPLES
 from diagnosis_sample import causes, confirmation, diagnosis, parameter
 
-from jumpvision.base.numbers import measured
+from jumpvision.base.arrays import measured
 from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, parameter_rows, true_mass
 from jumpvision.cli import terminal as show
 from jumpvision.inputs.experiment import open_campaign

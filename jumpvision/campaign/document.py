@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.numbers import Z90
+from jumpvision.base.arrays import Z90
 from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.fitting import Fit
 from jumpvision.diagnosis.jumper.jumper import Jumper

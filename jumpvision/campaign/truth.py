@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jumpvision.base.numbers import Z95, measured, plain_number, with_digits_of
+from jumpvision.base.arrays import Z95, measured, plain_number, with_digits_of
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Bed, Robot
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.base.numbers import Z90
+from jumpvision.base.arrays import Z90
 
 from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem

@@ -10,7 +10,7 @@ import glob
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from jumpvision.base.schema import InputError, closest, read
 
 from .model import model_of, model_tables, read_toml
 from .parameters import PARAMS
-from .sections import SECTIONS, Header, Section
+from .sections import SECTIONS, Calibration, Header, Section
 
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
 
@@ -317,3 +317,24 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"v = {text}")["v"]
     except tomllib.TOMLDecodeError:
         return float(text) if re.fullmatch(r"\s*[-+]?(\d+\.|\.\d+)(e[-+]?\d+)?\s*", text, re.IGNORECASE) else text
+
+
+UNMARKED = "rod_track", "crater_depth", "piv_field"  # of which no picture is read that marks could stand in
+
+
+def exact_scales(experiments: Iterable[Experiment]) -> str:
+    """One note on all sections whose scale is taken as exact, "" where none is; marks bring their own uncertainty."""
+    bare: dict[str, None] = {}
+    for e in experiments:
+        calibration = e.section(Calibration)
+        for name, section in e.sections.items():
+            marked = calibration is not None and calibration.marks and name not in UNMARKED
+            scaled = name == "rod_track" or getattr(section, "scale", None)
+            if scaled and not section.scale_sigma and not marked:
+                bare[f"[{name}]"] = None
+    if not bare:
+        return ""
+    return (
+        f"the scale of {', '.join(bare)} is taken as exact, so no sigma holds its error, which all experiments share: "
+        "give scale_sigma (its standard uncertainty, m/px; of [rod_track] a share), or marks in [calibration]"
+    )

@@ -6,11 +6,12 @@ SI units throughout. Sections that name a recording carry `file`.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 from jumpvision.base.schema import FileSection, MissingKey, NotApplicable, Section, need, param
 
-from .apparatus import PHASES, Actuation, Bed, Fan, Motor, Robot, RobotSigma
 from .recordings import (
     LENGTHS,
     SPEEDS,
@@ -28,6 +29,119 @@ from .recordings import (
     RodVideo,
     SpringLog,
 )
+
+
+@dataclass(frozen=True)
+class RobotSigma(Section):
+    """Standard uncertainties of the robot's values; 0 takes the value as exact."""
+
+    name: ClassVar[str] = "robot.sigma"
+    motor_mass: float = param(0.0, "kg", "standard uncertainty", lo=0)
+    rod_mass: float = param(0.0, "kg", "standard uncertainty", lo=0)
+    foot_mass: float = param(0.0, "kg", "standard uncertainty", lo=0)
+    spring_stiffness: float = param(0.0, "N/m", "standard uncertainty", lo=0)
+    spring_damping: float = param(0.0, "N s/m", "standard uncertainty", lo=0)
+    foot_radius: float = param(0.0, "m", "standard uncertainty", lo=0)
+    gravity: float = param(0.0, "m/s^2", "standard uncertainty", lo=0)
+
+
+@dataclass(frozen=True)
+class Robot(Section):
+    """Masses, spring and foot."""
+
+    name: ClassVar[str] = "robot"
+    motor_mass: float | None = param(None, "kg", "actuator and carriage", lo=0, hi=1e4, open_lo=True)
+    rod_mass: float | None = param(None, "kg", "thrust rod", lo=0, hi=1e4, open_lo=True)
+    foot_mass: float = param(0.0, "kg", "foot", lo=0, hi=1e3)
+    spring_stiffness: float | None = param(None, "N/m", "spring between rod and foot", lo=0, hi=1e8, open_lo=True)
+    spring_damping: float = param(0.0, "N s/m", "viscous damping of the spring", lo=0, hi=1e6)
+    foot_radius: float | None = param(None, "m", "radius of the flat disc foot", lo=0, hi=1.0, open_lo=True)
+    gravity: float = param(9.81, "m/s^2", "along the rail", lo=0, hi=30.0, open_lo=True)
+    sigma: RobotSigma = param(RobotSigma(), "", "standard uncertainties of the values above")
+
+
+@dataclass(frozen=True)
+class Motor(Section):
+    """Feedback loop and limits of the motor."""
+
+    name: ClassVar[str] = "motor"
+    kp: float | None = param(None, "N/m", "position gain", lo=0)
+    kd: float | None = param(None, "N s/m", "velocity gain", lo=0)
+    max_force: float | None = param(None, "N", "force limit", lo=0, open_lo=True)
+    max_speed: float | None = param(None, "m/s", "speed limit", lo=0, open_lo=True)
+    stroke: float | None = param(None, "m", "travel", lo=0, hi=10.0, open_lo=True)
+
+
+PHASES = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi, "delayed_stutter": 0.5 * math.pi, "sine": 0.0}
+
+
+@dataclass(frozen=True)
+class Actuation(Section):
+    """X_m(t) = A [sin(2 pi f t + phase) - sin(phase)], t from `start`."""
+
+    name: ClassVar[str] = "actuation"
+    kind: str = param(
+        "sine", "", "jump type", choices=("single", "stutter", "delayed_stutter", "sine", "custom", "none")
+    )
+    frequency: float | None = param(None, "Hz", "forcing frequency", lo=0, hi=1000.0, open_lo=True)
+    amplitude: float | None = param(None, "m", "forcing amplitude A", lo=0, hi=1.0, open_lo=True)
+    phase: float | None = param(None, "rad", "start phase; default by kind", lo=-10.0, hi=10.0)
+    cycles: float = param(1.0, "", "number of cycles", lo=0, hi=1e5, open_lo=True)
+    delay: float = param(0.0, "s", "pause between the two half cycles", lo=0, hi=100.0)
+    dwell_gain: float = param(1.0, "", "position gain during the delay / normal gain", lo=0, hi=1.0)
+    start: float = param(0.0, "s", "start of the motion on the common clock", lo=-1e6, hi=1e9)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the law is a known motion."""
+        return self.kind not in ("none", "custom")
+
+    @property
+    def start_phase(self) -> float:
+        return PHASES.get(self.kind, 0.0) if self.phase is None else self.phase
+
+    @property
+    def stop(self) -> float:
+        """End of the motor's motion on the common clock [s]; `start` where the law is not known."""
+        return self.start + (self.cycles / need(self, "frequency")[0] + self.delay if self.moves else 0.0)
+
+    def check(self) -> list[str]:
+        """A pause needs the one cycle that it divides."""
+        if self.delay and self.cycles != 1:
+            return [f"delay = {self.delay}: needs cycles = 1 (the pause divides one cycle); cycles = {self.cycles}"]
+        return []
+
+
+@dataclass(frozen=True)
+class Bed(Section):
+    """The granular bed."""
+
+    name: ClassVar[str] = "bed"
+    volume_fraction: float | None = param(None, "", "solid volume / bulk volume", lo=0.3, hi=0.8)
+    solid_volume: float | None = param(None, "m^3", "total volume of the grains", lo=0, hi=100.0, open_lo=True)
+    length: float | None = param(None, "m", "bed length", lo=0, hi=100.0, open_lo=True)
+    width: float | None = param(None, "m", "bed width", lo=0, hi=100.0, open_lo=True)
+    grain_density: float = param(1000.0, "kg/m^3", "density of a grain", lo=1.0, hi=3e4)
+    grain_diameter: float | None = param(None, "m", "grain diameter", lo=0, hi=0.1, open_lo=True)
+
+
+@dataclass(frozen=True)
+class Fan(Section):
+    """The fan that blows air through the bed: its curve, for the check of fluidisation."""
+
+    name: ClassVar[str] = "fan"
+    speed: tuple[float, ...] = param((), "m/s", "air speeds through the bed's area, increasing", lo=0, hi=100)
+    pressure: tuple[float, ...] = param((), "Pa", "static pressure of the fan at these speeds", lo=0, hi=1e6)
+    loss: float = param(0.0, "Pa s^2/m^2", "pressure lost in duct and distributor, per speed squared", lo=0)
+
+    def check(self) -> list[str]:
+        """Two points or more, speeds increasing."""
+        if len(self.speed) != len(self.pressure) or len(self.speed) == 1:
+            return [f"speed, pressure: {len(self.speed)} and {len(self.pressure)} values; must be two or more, as many"]
+        if any(b <= a for a, b in zip(self.speed, self.speed[1:])):
+            return [f"speed = {list(self.speed)}: must increase"]
+        return []
+
 
 __all__ = [
     "LENGTHS",

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Self, get_args, get_origin, get_type_hints
 
-from jumpvision.base.numbers import Z90
+from jumpvision.base.arrays import Z90
 
 from . import Record, RecordError, plain
 

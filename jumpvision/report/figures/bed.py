@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.numbers import measured
+from jumpvision.base.arrays import measured
 from jumpvision.campaign.craters import Crater
 from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.numbers import Z95
+from jumpvision.base.arrays import Z95
 from jumpvision.diagnosis.detect import LEVEL
 from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.jumper.jumper import Jumper

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.numbers import measured
+from jumpvision.base.arrays import measured
 from jumpvision.campaign.actuator import Driven
 from jumpvision.campaign.intrusions import IntrusionLaws, SlowIntrusion
 from jumpvision.estimate.estimate import Estimate, finite

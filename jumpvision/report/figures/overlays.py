@@ -5,17 +5,21 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable
 from fractions import Fraction
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from jumpvision.base.progress import watch
 from jumpvision.grains.grid import VectorGrid
-from jumpvision.inputs.sections import Calibration, GrainVideo, NotApplicable
+from jumpvision.inputs.parameters import OverlayParams
+from jumpvision.inputs.sections import Calibration, GrainVideo, NotApplicable, RodVideo
 from jumpvision.results.fields import Column, Flow, Piv
-from jumpvision.stages.recordings import open_grains
+from jumpvision.results.tables import Track
+from jumpvision.stages.recordings import open_film, open_grains
 from jumpvision.workflow.stage import stage
 
 from .pictures import Picture
@@ -28,7 +32,101 @@ SHORTEST = 4.0  # s
 WIDTH = 720  # px; smaller films are enlarged by a whole number, larger ones shrunk
 ARROWS = 32  # along a row at most
 STRIP = 22  # px below the picture, for time and scale
-BITS = 1_500_000  # a second of film
+SHIFT = 4  # bits of sub-pixel drawing
+
+
+class Quality(NamedTuple):
+    """How a film is coded: bits a second, and options of libvpx."""
+
+    bits: int
+    options: dict[str, str]
+
+
+LINES = Quality(2_000_000, {"deadline": "realtime", "cpu-used": "8", "crf": "18"})
+FIELDS = Quality(1_500_000, {"deadline": "good", "cpu-used": "4", "crf": "20"})
+
+
+def webm(pictures: Iterable[Bgr], rate: float, quality: Quality = FIELDS) -> bytes:
+    """VP8 film of pictures (H, W, 3) BGR, H and W even; without a date: the same pictures give the same bytes."""
+    import av
+
+    out = io.BytesIO()
+    with av.open(out, "w", format="webm", options={"fflags": "+bitexact"}) as film:
+        stream: Any = None
+        for picture in pictures:
+            if stream is None:
+                stream = film.add_stream("libvpx", rate=Fraction(rate).limit_denominator(1000))
+                stream.height, stream.width = picture.shape[:2]
+                stream.pix_fmt, stream.bit_rate = "yuv420p", quality.bits
+                stream.options = dict(quality.options)
+            film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        if stream is not None:
+            film.mux(stream.encode())
+    return out.getvalue()
+
+
+# -- the ball ----------------------------------------------------------------------------------------------------------
+
+SHORT_SIDE = 360  # px at least, by whole factors: small films are enlarged
+TAIL = 100  # frames of path behind the ball
+COLOURS = ((60, 220, 60), (60, 160, 255), (255, 120, 200))  # of the balls in turn; BGR
+LOST = (60, 60, 255)
+
+
+class TrackFilm(Picture):
+    """The film of the ball with its track drawn in, to check by eye."""
+
+    file = "track.webm"
+
+
+@stage(version=2, picture=True)
+def overlay(track: Track, film: RodVideo, *, p: OverlayParams) -> TrackFilm:
+    """Every p.every-th frame, or MOST evenly, with a cross and path for each ball, or the reason why it was lost."""
+    if p.every == 0:
+        raise NotApplicable(["overlay.every = 0: no film of the track is asked for"])
+    with open_film(film) as frames:
+        shown = range(0, len(frames), p.every or -(-len(frames) // MOST))
+        white = brightness(frames[len(frames) // 2])
+        factor = max(1, round(SHORT_SIDE / min(frames.shape)))
+        pictures = (drawn(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
+        return TrackFilm(webm(watch(pictures, "frames drawn", len(shown)), RATE, LINES))
+
+
+def brightness(image: NDArray[Any]) -> float:
+    """Grey that is shown white."""
+    return max(1.0, float(np.percentile(image, 99.9)))
+
+
+def drawn(image: NDArray[Any], tables: Any, i: int, white: float, factor: int) -> NDArray[np.uint8]:
+    """Frame i (row, column, BGR), enlarged, with the balls' positions; even sides, as the codec needs."""
+    grey = np.clip(np.nan_to_num(image) * (255.0 / white), 0, 255).astype(np.uint8)
+    big = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
+    out = cv2.cvtColor(big[: big.shape[0] // 2 * 2, : big.shape[1] // 2 * 2], cv2.COLOR_GRAY2BGR)
+    for k, table in enumerate(tables):
+        colour = COLOURS[k % len(COLOURS)]
+        # pixel centres at integers: the centre of pixel 0 lies at (factor - 1)/2 in the enlarged picture
+        path = (table[["x_px", "y_px"]].to_numpy(float)[max(0, i - TAIL) : i + 1] + 0.5) * factor - 0.5
+        fixed = np.rint(path * 2**SHIFT)
+        for a, b in pairwise(fixed):
+            if np.isfinite(a).all() and np.isfinite(b).all():
+                cv2.line(out, point(a), point(b), colour, 1, cv2.LINE_AA, SHIFT)
+        if np.isfinite(fixed[-1]).all():
+            for d in ((7, 0), (0, 7)):
+                arm = np.array(d) * 2**SHIFT
+                cv2.line(out, point(fixed[-1] - arm), point(fixed[-1] + arm), colour, 1, cv2.LINE_AA, SHIFT)
+        else:
+            text = str(table.flag.iloc[i])
+            cv2.putText(out, text, (6, 32 + 14 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.4, LOST, 1, cv2.LINE_AA)
+    cv2.putText(out, f"frame {i}", (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.asarray(out, dtype=np.uint8)
+
+
+def point(v: NDArray[np.float64]) -> tuple[int, int]:
+    """As OpenCV wants it."""
+    return int(v[0]), int(v[1])
+
+
+# -- the grains --------------------------------------------------------------------------------------------------------
 
 
 class PivOverlay(Picture):
@@ -157,30 +255,10 @@ def arrow(picture: Any, x: float, y: float, dx: float, dy: float, colour: tuple[
         cv2.arrowedLine(picture, start, end, colour, 1, cv2.LINE_AA, 4, min(0.4, 5 / length))
 
 
-def webm(pictures: Iterable[Bgr], rate: float) -> bytes:
-    """VP8 film of pictures (H, W, 3) BGR, H and W even; without a date: the same pictures give the same bytes."""
-    import av
-
-    out = io.BytesIO()
-    with av.open(out, "w", format="webm", options={"fflags": "+bitexact"}) as film:
-        stream: Any = None
-        for picture in pictures:
-            if stream is None:
-                stream = film.add_stream("libvpx", rate=Fraction(rate).limit_denominator(1000))
-                stream.height, stream.width = picture.shape[:2]
-                stream.pix_fmt, stream.bit_rate = "yuv420p", BITS
-                stream.options = {"deadline": "good", "cpu-used": "4", "crf": "20"}
-            film.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
-        if stream is not None:
-            film.mux(stream.encode())
-    return out.getvalue()
-
-
 # -- the growing cone --------------------------------------------------------------------------------------------------
 
 GREEN, WHITE, PINK = (115, 158, 0), (255, 255, 255), (167, 121, 204)  # BGR
 QUIET = 0.06  # share of the scale below which grains show through as they are
-SHIFT = 4  # bits of sub-pixel drawing
 
 
 class ConeOverlay(Picture):

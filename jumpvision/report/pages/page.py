@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision import __version__
-from jumpvision.base.numbers import measured
+from jumpvision.base.arrays import measured
 from jumpvision.base.storage import write_aside
 from jumpvision.campaign.actuator import actuator_bandwidth, driven
 from jumpvision.campaign.craters import craters_of, zero_crossing

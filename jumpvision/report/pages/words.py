@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.numbers import measured
+from jumpvision.base.arrays import measured
 from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.results.diagnosis import Diagnosis, Noise
 from jumpvision.results.values import Fits

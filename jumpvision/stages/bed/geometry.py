@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from jumpvision.base.schema import read
+from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import GeometryParams
 from jumpvision.inputs.sections import Actuation, Bed, Fan, NotApplicable, Robot
@@ -147,3 +149,18 @@ def fluidised(
         f"the fan works at {where}; the bed fluidises from {onset:.3f} m/s on",
     )
     return out, [finding]
+
+
+def check_geometry(experiment: Experiment) -> tuple[dict[str, Any] | None, list[str]]:
+    """(values of geometry.json, warnings) from the folder's numbers alone; None where they do not suffice."""
+    if experiment.section(Bed) is None:
+        return None, []
+    bed, robot, fan, law, model = (experiment.section(s) for s in (Bed, Robot, Fan, Actuation, ModelSpec))
+    parameters, _ = read(GeometryParams, experiment.params.get("geometry", {}), "[params.geometry]")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", StageWarning)
+        try:
+            found = geometry(bed, robot, fan, law, model, None, p=parameters)
+        except NotApplicable:
+            return None, []
+    return found.values, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]

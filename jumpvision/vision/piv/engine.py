@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import Array
 
 from . import pair as code
-from .backend import backend
 from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
-from .pair import TIMES, Settings, VectorField, combined
+from .pair import TIMES, Settings, VectorField, backend, combined
 from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .solve import COVERED, FLAT, STEPPED

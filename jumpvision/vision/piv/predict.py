@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
 
-from .backend import NUMPY, Backend
 from .frame import Frame
+from .pair import NUMPY, Backend
 from .validate import local_median, normalised_median
 
 CHUNK = 512  # windows per batch of FFTs; larger batches leave the CPU cache
