@@ -8,7 +8,7 @@ import os
 import shutil
 import socket
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,20 +34,20 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(f, "sha256").hexdigest()
 
 
-def sealed(content: dict[str, Any]) -> str:
+def sealed(content: Mapping[str, object]) -> str:
     """JSON text that carries its own checksum, for `unsealed`."""
     return json.dumps({**content, "seal": _seal(content)}, indent=1)
 
 
-def unsealed(text: str) -> dict[str, Any]:
-    """The content of a sealed text; ValueError where a bit of it has changed."""
+def unsealed(text: str) -> Any:
+    """The JSON object of a sealed text; ValueError where a bit of it has changed."""
     content = json.loads(text)
     if not isinstance(content, dict) or content.pop("seal", None) != _seal(content):
         raise ValueError("its checksum is wrong")
     return content
 
 
-def _seal(content: dict[str, Any]) -> str:
+def _seal(content: Mapping[str, object]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 

@@ -7,12 +7,13 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from jumpvision.campaign.truth import confirmation_rows, coverage_words, details, overview, parameter_rows
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.results import plain
 from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.values import GeometryValues
 from jumpvision.workflow.run import Outcome
 
 if TYPE_CHECKING:
@@ -216,27 +217,41 @@ def outcome(
     line(f"results in {results}" + "".join(f"; open {m}" for m in made))
 
 
-def geometry(found: dict[str, Any]) -> None:
+class _Check(NamedTuple):
+    """One experiment's value of a check; nearness: less is nearer to the limit. None where nothing is asked of it."""
+
+    nearness: float
+    experiment: str
+    value: float
+    limit: float | None
+    unit: str
+    ok: bool | None
+
+
+def geometry(found: Mapping[str, GeometryValues]) -> None:
     """The checks of walls, floor and air as a table: of each the experiment that is nearest to its limit."""
-    checks: dict[str, list[tuple[float, str, dict[str, Any]]]] = {}
+    checks: dict[str, list[_Check]] = {}
     for name, values in found.items():
         for f in values["findings"]:
-            checks.setdefault(f["check"], []).append((f["value"] / f["limit"], name, f))
-        for law in ("ergun", "wu") if values["fluidisation"] else ():
-            onset = values["fluidisation"][f"onset_{law}_m_s"]
-            entry = {"value": onset, "limit": None, "unit": "m/s", "ok": None}
-            checks.setdefault(f"onset of fluidisation ({law.title()})", []).append((-onset, name, entry))
+            entry = _Check(f["value"] / f["limit"], name, f["value"], f["limit"], f["unit"], f["ok"])
+            checks.setdefault(f["check"], []).append(entry)
+        if air := values["fluidisation"]:
+            for law, onset in (("Ergun", air["onset_ergun_m_s"]), ("Wu", air["onset_wu_m_s"])):
+                entry = _Check(-onset, name, onset, None, "m/s", None)
+                checks.setdefault(f"onset of fluidisation ({law})", []).append(entry)
     rows = []
     for check, entries in checks.items():
-        _, name, f = min(entries, key=lambda e: e[0])
+        worst = min(entries, key=lambda e: e.nearness)
         rows.append(
             {
                 "check": check,
-                "value": f"{f['value']:.3g}",
-                "needs more than": f["limit"] and f"{f['limit']:.3g}",
-                "unit": f["unit"],
-                "ok": {True: "yes", False: "NO", None: ""}[f["ok"]],
-                "experiment": name if len(entries) == 1 else f"{name}, the worst of {len(entries)}",
+                "value": f"{worst.value:.3g}",
+                "needs more than": worst.limit and f"{worst.limit:.3g}",
+                "unit": worst.unit,
+                "ok": {True: "yes", False: "NO", None: ""}[worst.ok],
+                "experiment": worst.experiment
+                if len(entries) == 1
+                else f"{worst.experiment}, the worst of {len(entries)}",
             }
         )
     if rows:

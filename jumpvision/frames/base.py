@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Required, Self, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,21 @@ class Clock(NamedTuple):
     warnings: list[str]
 
 
+class Known(TypedDict, total=False):
+    """What a film's file says of itself; bit_depth of a grey value, exposure_s [s], recorded_rate_hz [Hz]."""
+
+    format: Required[str]
+    bit_depth: Required[int]
+    exposure_s: float
+    recorded_rate_hz: float
+    camera: str
+    codec: str
+    pixels: str
+    data_set: str
+    first_frame: int
+    skip_frames: float
+
+
 class Film(ABC):
     """Frames of one film, read one at a time (use as a context manager).
 
@@ -53,7 +68,7 @@ class Film(ABC):
         dtype: np.dtype[Any],
         clock: Clock,
         warnings: list[str],
-        meta: dict[str, Any],
+        meta: Known,
     ) -> None:
         self.path = path
         self.shape = shape

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Film, FrameError, Image, check_image, clock, differs, lost
+from .base import Film, FrameError, Image, Known, check_image, clock, differs, lost
 from .packed import frame_bytes, pixel_type, read_pixels
 
 # Places in the setup block [bytes].
@@ -112,7 +112,7 @@ class CineFilm(Film):
             stamps = whole / rate
             warnings.append(f"{path}: no time stamps for the frames; the header's {rate:g} Hz is used")
         depth = {8: 8, 10: 12, 12: 12}.get(self._bits, entry(setup, REAL_BPP))
-        meta: dict[str, Any] = {"format": "cine", "bit_depth": depth if 0 < depth <= 16 else 16, "first_frame": first}
+        meta: Known = {"format": "cine", "bit_depth": depth if 0 < depth <= 16 else 16, "first_frame": first}
         if rate > 0:
             meta["recorded_rate_hz"] = rate
         exposure = entry(setup, SHUTTER_NS) * 1e-9 or entry(setup, SHUTTER_US) * 1e-6

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Film, FrameError, Image, check_image, clock, lost
+from .base import Film, FrameError, Image, Known, check_image, clock, lost
 from .packed import frame_bytes, pixel_type, read_pixels
 
 # What is needed, by its name in the text header and its place in the XML header.
@@ -72,7 +72,7 @@ class MrawFilm(Film):
                 f"{raw}: only every {skip:g}th frame was saved: {rate:g} Hz recorded, {rate / skip:g} Hz in the file"
             )
         stamps = np.arange(n, dtype=np.float64) * (skip / rate) if rate > 0 else None
-        meta = {"format": "mraw", "bit_depth": min(depth, bits), "camera": h["camera"]}
+        meta: Known = {"format": "mraw", "bit_depth": min(depth, bits), "camera": h["camera"]}
         if rate > 0:
             meta |= {"recorded_rate_hz": rate, "skip_frames": skip}
         exposure = shutter(header, h)

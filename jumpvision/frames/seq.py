@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Film, FrameError, Image, check_image, clock, lost
+from .base import Film, FrameError, Image, Known, check_image, clock, lost
 from .packed import frame_bytes, pixel_type, read_pixels
 
 STAMP = np.dtype([("s", "<u4"), ("ms", "<u2"), ("us", "<u2")])
@@ -66,7 +66,7 @@ class SeqFilm(Film):
                 stamps[i] = np.frombuffer(file.read(STAMP.itemsize), STAMP)[0]
         us = np.where(stamps["us"] < 1000, stamps["us"], 0)  # older versions have only milliseconds, then padding
         ticks = stamps["s"].astype(np.int64) * 1_000_000 + stamps["ms"].astype(np.int64) * 1000 + us
-        meta = {"format": "seq", "bit_depth": int(depth) if 0 < depth <= bits else bits}
+        meta: Known = {"format": "seq", "bit_depth": int(depth) if 0 < depth <= bits else bits}
         if 0 < rate < 1e9:
             meta["recorded_rate_hz"] = rate
         super().__init__(

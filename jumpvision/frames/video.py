@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .base import Film, FrameError, Image, Truncated, clock
+from .base import Film, FrameError, Image, Known, Truncated, clock
 from .decoding import Step, decode_steps, grey, grey_type, open_video
 from .scan import scan_film, shortfall, timeline
 
@@ -62,7 +62,7 @@ class VideoFilm(Film):
         import av
 
         dtype, depth = grey_type(av.VideoFormat(name))
-        meta: dict[str, Any] = {"format": scan.format, "codec": scan.codec, "pixels": name, "bit_depth": depth}
+        meta: Known = {"format": scan.format, "codec": scan.codec, "pixels": name, "bit_depth": depth}
         if scan.rate > 0:
             meta["recorded_rate_hz"] = scan.rate
         super().__init__(

@@ -9,27 +9,6 @@ from typing import Any, ClassVar
 
 from jumpvision.base.schema import FileSection, Section, param
 
-SCALE: dict[str, Any] = {"lo": 0.0, "hi": 0.01, "open_lo": True}
-SCALE_SIGMA: dict[str, Any] = {
-    "default": 0.0,
-    "unit": "m/px",
-    "lo": 0.0,
-    "meaning": "standard uncertainty of the scale, one and the same for all that name it; 0 takes it as exact",
-}
-RATE: dict[str, Any] = {"lo": 0.0, "hi": 1e7, "open_lo": True}
-CLOCK: dict[str, Any] = {
-    "default": "file",
-    "unit": "",
-    "choices": ("file", "declared"),
-    "meaning": "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)",
-}
-TRUNCATED: dict[str, Any] = {
-    "default": "refuse",
-    "unit": "",
-    "choices": ("refuse", "accept"),
-    "meaning": "a film that was cut off: refuse it, or accept its whole frames",
-}
-
 LENGTHS = ("px", "m", "cm", "mm", "um")  # of a vector file
 SPEEDS = ("px/frame", "px/s", "m/s", "cm/s", "mm/s", "um/s")
 
@@ -56,19 +35,42 @@ def scale_problems(section: Any) -> list[str]:
     ]
 
 
+def _scale(meaning: str = "metres per pixel") -> Any:
+    return param(None, "m/px", meaning, lo=0.0, hi=0.01, open_lo=True)
+
+
+def _scale_sigma() -> Any:
+    meaning = "standard uncertainty of the scale, one and the same for all that name it; 0 takes it as exact"
+    return param(0.0, "m/px", meaning, lo=0.0)
+
+
+def _rate(meaning: str = "used when the file has no time stamps") -> Any:
+    return param(None, "1/s", meaning, lo=0.0, hi=1e7, open_lo=True)
+
+
+def _clock() -> Any:
+    meaning = "time frames by the file's own stamps, or by frame_rate (a film saved at playback rate)"
+    return param("file", "", meaning, choices=("file", "declared"))
+
+
+def _truncated() -> Any:
+    meaning = "a film that was cut off: refuse it, or accept its whole frames"
+    return param("refuse", "", meaning, choices=("refuse", "accept"))
+
+
 @dataclass(frozen=True)
 class RodVideo(FileSection):
     """Film of a ball on the rod."""
 
     name: ClassVar[str] = "rod_video"
-    frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
-    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
-    scale_sigma: float = param(**SCALE_SIGMA)
+    frame_rate: float | None = _rate()
+    scale: float | None = _scale()
+    scale_sigma: float = _scale_sigma()
     ball_diameter: float | None = param(None, "m", "diameter of the ball", lo=0, hi=0.5, open_lo=True)
     exposure: float = param(0.0, "s", "exposure time of a frame", lo=0, hi=10.0)
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
-    clock: str = param(**CLOCK)
-    truncated: str = param(**TRUNCATED)
+    clock: str = _clock()
+    truncated: str = _truncated()
     up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
     exclude_frames: tuple[str, ...] = param((), "", "frames to leave out: 'first:last reason', both included")
 
@@ -122,8 +124,8 @@ class BedImage(FileSection):
     """Back-lit side view of the bed: one picture, or a series (folder, pattern, stack, film) of one bed."""
 
     name: ClassVar[str] = "bed_image"
-    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
-    scale_sigma: float = param(**SCALE_SIGMA)
+    scale: float | None = _scale()
+    scale_sigma: float = _scale_sigma()
     floor_row: float | None = param(None, "px", "pixel row of the bed floor", lo=0, hi=1e5)
     use: str = param(
         "last", "", "picture of a series that gives the experiment's volume fraction", choices=("first", "last")
@@ -138,9 +140,7 @@ class BedImage(FileSection):
     saturation: float | None = param(
         None, "grey", "level from which pixels are clipped; default: the type's largest", lo=0, hi=65536, open_lo=True
     )
-    frame_rate: float | None = param(
-        None, "1/s", "of a series without time stamps; default one picture a second", **RATE
-    )
+    frame_rate: float | None = _rate("of a series without time stamps; default one picture a second")
 
     def check(self) -> list[str]:
         """The scale is known to better than itself."""
@@ -152,9 +152,9 @@ class GrainVideo(FileSection):
     """Side-wall film of the grains under the foot."""
 
     name: ClassVar[str] = "grain_video"
-    frame_rate: float | None = param(None, "1/s", "used when the file has no time stamps", **RATE)
-    scale: float | None = param(None, "m/px", "metres per pixel; without it the field is in px", **SCALE)
-    scale_sigma: float = param(**SCALE_SIGMA)
+    frame_rate: float | None = _rate()
+    scale: float | None = _scale("metres per pixel; without it the field is in px")
+    scale_sigma: float = _scale_sigma()
     foot_row: float | None = param(None, "px", "row of the foot's lower face in the first frame", lo=-1e4, hi=1e5)
     axis_column: float | None = param(None, "px", "column of the foot's axis", lo=-1e4, hi=1e5)
     roi: tuple[float, ...] = param(
@@ -164,8 +164,8 @@ class GrainVideo(FileSection):
         lo=0,
         hi=1e5,
     )
-    clock: str = param(**CLOCK)
-    truncated: str = param(**TRUNCATED)
+    clock: str = _clock()
+    truncated: str = _truncated()
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
 
@@ -231,7 +231,7 @@ class CraterDepth(FileSection):
 
     name: ClassVar[str] = "crater_depth"
     scale: float | None = param(None, "m/px", "metres per pixel", lo=0, hi=0.1, open_lo=True)
-    scale_sigma: float = param(**SCALE_SIGMA)
+    scale_sigma: float = _scale_sigma()
     height_scale: float = param(
         1.0,
         "m",
@@ -265,9 +265,9 @@ class PivField(FileSection):
         "which way y and v count up in the file; default: what the file says, PIVlab text: -y",
         choices=("file", "+y", "-y"),
     )
-    scale: float | None = param(None, "m/px", "metres per pixel, for a file in pixels", **SCALE)
-    scale_sigma: float = param(**SCALE_SIGMA)
-    frame_rate: float | None = param(None, "1/s", "of the film that was matched, where the file counts frames", **RATE)
+    scale: float | None = _scale("metres per pixel, for a file in pixels")
+    scale_sigma: float = _scale_sigma()
+    frame_rate: float | None = _rate("of the film that was matched, where the file counts frames")
     gap: int = param(1, "frames", "between the two images of a pair", lo=1, hi=1000)
     stride: int = param(1, "frames", "from a pair to the next: 1 for 1-2, 2-3, ...; 2 for 1-2, 3-4, ...", lo=1, hi=1000)
     start: float = param(
@@ -300,8 +300,8 @@ class CraterImage(FileSection):
     """Laser line over a crater."""
 
     name: ClassVar[str] = "crater_image"
-    scale: float | None = param(None, "m/px", "metres per pixel", **SCALE)
-    scale_sigma: float = param(**SCALE_SIGMA)
+    scale: float | None = _scale()
+    scale_sigma: float = _scale_sigma()
     laser_angle: float = param(
         0.5 * math.pi,
         "rad",

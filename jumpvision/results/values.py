@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Required, Self, TypedDict, cast
 
 from . import Record, plain
 
@@ -36,16 +36,96 @@ class BedHeight(Values):
     file = "bed.json"
 
 
+class LaserLine(TypedDict):
+    """Where the laser line was seen [px], of every column."""
+
+    column_px: list[float]
+    row_px: list[float | None]
+    sigma_px: list[float | None]
+
+
+class CraterProfile(TypedDict):
+    """Height [m] against distance from the axis [m], below zero on the left of it; None where nothing was seen."""
+
+    r_m: list[float]
+    height_m: list[float | None]
+    sigma_m: list[float | None]
+
+
+class CraterValues(TypedDict, total=False):
+    """crater.json; the bed's volume fraction None where it is not known, the line only where there was one."""
+
+    volume_m3: Required[float]
+    sigma_m3: Required[float]
+    depth_m: Required[float]
+    rim_height_m: Required[float]
+    radius_m: Required[float]
+    axis_m: Required[list[float]]
+    profile: Required[CraterProfile]
+    line: LaserLine
+
+
 class CraterShape(Values):
     """Volume change of a crater [m^3] (negative: compacted), its depth and profile, and the bed's volume fraction."""
 
     file = "crater.json"
+
+    @property
+    def shape(self) -> CraterValues:
+        """What pictures show of what the file holds, as its type."""
+        return cast(CraterValues, self.values)
+
+
+class Checked(TypedDict):
+    """A check of the bed: a value against its limit (both in `unit`), and what it means in words."""
+
+    check: str
+    value: float
+    limit: float
+    unit: str
+    ok: bool
+    text: str
+
+
+class DropTerms(TypedDict):
+    """Terms of a law of the pressure drop a metre of bed: of the speed [Pa s/m^2] and of its square [Pa s^2/m^3]."""
+
+    viscous: float
+    inertial: float
+
+
+class Fluidisation(TypedDict, total=False):
+    """Air through the bed after Ergun and after Wu; of the fan what its curve and the bed's height allow."""
+
+    onset_ergun_m_s: Required[float]
+    onset_wu_m_s: Required[float]
+    bed_weight_Pa_m: Required[float]
+    bed_weight_Pa: Required[float | None]
+    tortuosity: Required[float]
+    laws: Required[dict[str, DropTerms]]
+    fan_speed_m_s: float | None  # None beyond the end of the curve
+    fan_pressure_Pa: float
+    fluidised: bool
+
+
+class GeometryValues(TypedDict):
+    """geometry.json; None where the folder does not say."""
+
+    findings: list[Checked]
+    bed_height_m: float | None
+    volume_fraction: float | None
+    fluidisation: Fluidisation | None
 
 
 class Geometry(Values):
     """Walls, floor and fluidisation of the bed: findings with value, limit and meaning; speeds, pressures."""
 
     file = "geometry.json"
+
+    @property
+    def checked(self) -> GeometryValues:
+        """What the file holds, as its type."""
+        return cast(GeometryValues, self.values)
 
 
 @dataclass(frozen=True)

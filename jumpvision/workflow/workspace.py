@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from jumpvision.base.schema import read
 from jumpvision.base.storage import (
@@ -36,6 +36,18 @@ from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.sections import MissingKey, NotApplicable, Section
 
 from .stage import STAGES, Input, Stage, StageWarning
+
+
+class Receipt(TypedDict):
+    """What lies beside the files of a cache entry: who made it, of what, and what there was to say."""
+
+    stage: str
+    version: int
+    key: str
+    warnings: list[str]
+    not_applicable: list[str]  # why there is no record; empty where there is one
+    outputs: dict[str, str]  # file: SHA-256
+
 
 ATTEMPTS = 3  # at an entry that vanishes before its files are copied
 
@@ -191,7 +203,7 @@ class Workspace:
                 return None, None
             raise
 
-    def _compute(self, made: Stage, arguments: Mapping[str, Any], entry: Path, key: str) -> tuple[Any, dict[str, Any]]:
+    def _compute(self, made: Stage, arguments: Mapping[str, Any], entry: Path, key: str) -> tuple[Any, Receipt]:
         record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
@@ -213,7 +225,7 @@ class Workspace:
         try:
             if record is not None:
                 record.save(aside)
-            receipt = {
+            receipt: Receipt = {
                 "stage": made.name,
                 "version": made.version,
                 "key": key,
@@ -240,10 +252,10 @@ class Workspace:
             raise NotApplicable(nothing_to_do)
         return record, receipt
 
-    def _load(self, entry: Path, output: type) -> tuple[Any, dict[str, Any]]:
+    def _load(self, entry: Path, output: type) -> tuple[Any, Receipt]:
         """The record and receipt of a whole, undamaged entry; NotApplicable where it says that there is none."""
         try:
-            receipt = unsealed((entry / "receipt.json").read_text(encoding="utf-8"))
+            receipt: Receipt = unsealed((entry / "receipt.json").read_text(encoding="utf-8"))
             for name, digest in receipt["outputs"].items():
                 if sha256(entry / name) != digest:
                     raise CorruptEntry(f"{entry / name}: damaged in the cache")
@@ -266,7 +278,7 @@ class Workspace:
             return False
         return True
 
-    def _publish(self, entry: Path, receipt: Mapping[str, Any]) -> None:
+    def _publish(self, entry: Path, receipt: Receipt) -> None:
         """The result file beside the others; replaced in one step when it differs."""
         self.results.mkdir(parents=True, exist_ok=True)
         for name, digest in receipt["outputs"].items():

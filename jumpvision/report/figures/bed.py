@@ -13,7 +13,7 @@ from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
 from jumpvision.physics.air import Drop
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
-from jumpvision.results.values import CraterShape, Geometry
+from jumpvision.results.values import CraterShape, CraterValues, Geometry
 from jumpvision.stages.bed.crater import read_map
 from jumpvision.stages.recordings import open_pictures
 from jumpvision.workflow.stage import stage
@@ -28,8 +28,9 @@ class AirPicture(Picture):
 @stage(version=1, picture=True)
 def air_picture(geometry: Geometry, fan: Fan) -> AirPicture:
     """Pressure against air speed: Ergun, Wu, the bed's weight, the fan's curve and where it works."""
-    flow, height = geometry.values["fluidisation"], geometry.values["bed_height_m"]
-    if flow is None or height is None or not fan.speed:
+    flow, height = geometry.checked["fluidisation"], geometry.checked["bed_height_m"]
+    weight = flow["bed_weight_Pa"] if flow else None
+    if flow is None or height is None or weight is None or not fan.speed:
         raise NotApplicable(
             ["air_picture needs [bed] grain_diameter, a volume fraction, the bed's height and the fan's curve"]
         )
@@ -37,21 +38,21 @@ def air_picture(geometry: Geometry, fan: Fan) -> AirPicture:
     with styled() as Figure:
         figure = Figure(figsize=(6.0, 3.6), layout="constrained")
         axis = figure.subplots()
-        for name, color in (("ergun", QUIET), ("wu", MEASURED)):
+        onsets = flow["onset_ergun_m_s"], flow["onset_wu_m_s"]
+        for name, onset, color in zip(("ergun", "wu"), onsets, (QUIET, MEASURED)):
             drop = Drop(**flow["laws"][name])
-            onset = flow[f"onset_{name}_m_s"]
             axis.plot(v, height * drop(v) / 1e3, color=color, label=f"{name.title()}, onset {onset:.3f} m/s")
-            axis.plot(onset, flow["bed_weight_Pa"] / 1e3, "o", color=color, ms=4)
-        axis.axhline(flow["bed_weight_Pa"] / 1e3, color=GREEN, ls="--", lw=1, label="weight of the bed")
+            axis.plot(onset, weight / 1e3, "o", color=color, ms=4)
+        axis.axhline(weight / 1e3, color=GREEN, ls="--", lw=1, label="weight of the bed")
         axis.plot(fan.speed, np.array(fan.pressure) / 1e3, ".-", color=MODEL, label="fan")
         if fan.loss:
-            lifted = np.minimum(height * Drop(**flow["laws"]["wu"])(v), flow["bed_weight_Pa"])
+            lifted = np.minimum(height * Drop(**flow["laws"]["wu"])(v), weight)
             axis.plot(v, (lifted + fan.loss * v**2) / 1e3, color=MEASURED, ls=":", label="bed (Wu) and duct")
         if flow["fan_speed_m_s"] is not None:
             axis.plot(
                 flow["fan_speed_m_s"], flow["fan_pressure_Pa"] / 1e3, "*", ms=11, color=ACCENT, label="works here"
             )
-        axis.set_ylim(0.0, 1.15 * max(flow["bed_weight_Pa"], max(fan.pressure)) / 1e3)
+        axis.set_ylim(0.0, 1.15 * max(weight, max(fan.pressure)) / 1e3)
         state = "the bed is fluidised" if flow["fluidised"] else "the bed stays at rest"
         axis.set(title=f"air through the bed: {state}", xlabel="superficial air speed [m/s]", ylabel="pressure [kPa]")
         axis.legend()
@@ -65,7 +66,7 @@ class CraterPicture(Picture):
 @stage(version=1, picture=True)
 def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterDepth | None) -> CraterPicture:
     """What was measured, and the profile about the axis."""
-    v = crater.values
+    v = crater.shape
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.4), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
@@ -86,7 +87,7 @@ def as_floats(values: list[Any]) -> Any:
     return np.array(values, float)
 
 
-def draw_map(figure: Any, axis: Any, v: dict[str, Any], depth: CraterDepth) -> None:
+def draw_map(figure: Any, axis: Any, v: CraterValues, depth: CraterDepth) -> None:
     """Height about its median with the circle that was integrated."""
     scale = depth.scale or 1.0
     z = read_map(depth) * depth.height_scale
@@ -101,7 +102,7 @@ def draw_map(figure: Any, axis: Any, v: dict[str, Any], depth: CraterDepth) -> N
     axis.set(title="depth map and integrated disc", xlabel="column [px]", ylabel="row [px]")
 
 
-def draw_profile(axis: Any, v: dict[str, Any]) -> None:
+def draw_profile(axis: Any, v: CraterValues) -> None:
     """Height against distance from the axis; a line's two halves one over the other."""
     r, h = as_floats(v["profile"]["r_m"]) * 1e3, as_floats(v["profile"]["height_m"]) * 1e3
     if r.min() < 0.0:

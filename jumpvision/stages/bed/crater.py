@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,14 +56,22 @@ def crater(
             "sigma_volume_fraction": phi_sigma,
             "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
             "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma},
-            **seen,
+            **({} if seen is None else {"line": seen._asdict()}),
         }
     )
 
 
+class SeenLine(NamedTuple):
+    """Where the laser line was seen, arrays over the columns [px], under the names of the file."""
+
+    column_px: Array
+    row_px: Array
+    sigma_px: Array
+
+
 def from_line(
     section: CraterImage, calibration: Calibration | None, p: CraterParams
-) -> tuple[Crater, float, dict[str, Any]]:
+) -> tuple[Crater, float, SeenLine | None]:
     """The crater along the laser line, the relative uncertainty of its volume that others share, and where the line
     was seen. The one scale gives height and radius."""
     with open_pictures(section) as frames:
@@ -88,16 +96,15 @@ def from_line(
     found = line_crater(
         even, np.interp(even, x, height), np.interp(even, x, seen.sigma * view.scale * rise), axis=axis, radius=p.radius
     )
-    where = {"line": {"column_px": seen.column, "row_px": seen.row, "sigma_px": seen.sigma}}
-    return found, 3.0 * view.scale_share, where
+    return found, 3.0 * view.scale_share, SeenLine(seen.column, seen.row, seen.sigma)
 
 
-def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, dict[str, Any]]:
+def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None]:
     """The crater in a depth map, whose heights do not come from its pixels; the rest as in `from_line`."""
     (scale,) = need(section, "scale")
     z = read_map(section) * section.height_scale
     axis = (section.axis[0] * scale, -section.axis[1] * scale) if section.axis else None
-    return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, {}
+    return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, None
 
 
 def read_map(section: CraterDepth) -> Array:

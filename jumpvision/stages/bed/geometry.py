@@ -18,7 +18,7 @@ from jumpvision.inputs.sections import Actuation, Bed, Fan, NotApplicable, Robot
 from jumpvision.mechanisms.ground import linear_penetration, two_resistance
 from jumpvision.physics import air
 from jumpvision.physics.air import Finding, floor, side_walls
-from jumpvision.results.values import BedHeight, Geometry
+from jumpvision.results.values import BedHeight, Fluidisation, Geometry, GeometryValues
 from jumpvision.workflow.stage import StageWarning, stage
 
 from .height import packing
@@ -116,7 +116,7 @@ def reach(robot: Robot, law: Actuation | None, resistance: Any) -> float | None:
 
 def fluidised(
     section: Bed, robot: Robot | None, fan: Fan | None, phi: float | None, height: float | None, p: GeometryParams
-) -> tuple[dict[str, Any] | None, list[Finding]]:
+) -> tuple[Fluidisation | None, list[Finding]]:
     """Onset speeds after Ergun and after Wu, and the fan's operating point; None without grain diameter and phi."""
     if section.grain_diameter is None or phi is None:
         return None, []
@@ -126,7 +126,7 @@ def fluidised(
         name: law(phi, section.grain_diameter, viscosity=p.air_viscosity, density=p.air_density)
         for name, law in (("ergun", air.ergun), ("wu", air.wu))
     }
-    out: dict[str, Any] = {
+    out: Fluidisation = {
         "onset_ergun_m_s": laws["ergun"].speed(weight),
         "onset_wu_m_s": laws["wu"].speed(weight),
         "bed_weight_Pa_m": weight,
@@ -137,7 +137,7 @@ def fluidised(
     if fan is None or not fan.speed or height is None:
         return out, []
     speed, pressure, lifted = air.operating_point(laws["wu"], height, weight, fan.speed, fan.pressure, loss=fan.loss)
-    out |= {"fan_speed_m_s": speed, "fan_pressure_Pa": pressure, "fluidised": lifted}
+    out["fan_speed_m_s"], out["fan_pressure_Pa"], out["fluidised"] = speed, pressure, lifted
     onset = out["onset_wu_m_s"]
     where = f"{speed:.3f} m/s at {pressure:.0f} Pa" if math.isfinite(speed) else "beyond the end of its curve"
     finding = Finding(
@@ -151,8 +151,8 @@ def fluidised(
     return out, [finding]
 
 
-def check_geometry(experiment: Experiment) -> tuple[dict[str, Any] | None, list[str]]:
-    """(values of geometry.json, warnings) from the folder's numbers alone; None where they do not suffice."""
+def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[str]]:
+    """(what geometry.json would hold, warnings) from the folder's numbers alone; None where they do not suffice."""
     if experiment.section(Bed) is None:
         return None, []
     bed, robot, fan, law, model = (experiment.section(s) for s in (Bed, Robot, Fan, Actuation, ModelSpec))
@@ -163,4 +163,4 @@ def check_geometry(experiment: Experiment) -> tuple[dict[str, Any] | None, list[
             found = geometry(bed, robot, fan, law, model, None, p=parameters)
         except NotApplicable:
             return None, []
-    return found.values, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+    return found.checked, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]

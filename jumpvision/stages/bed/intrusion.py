@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.strokes import Fresh, deep_ripple, fresh_samples, overshoot_law
 from jumpvision.estimate.two_slope import Penetration, fit_penetration, in_bins
@@ -46,6 +47,7 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
     surface = 0.0 if curve.contact.reason else curve.contact.value
     fits = curve_fits(curve, surface) | event_fits(curve, fresh, surface)
     below = curve.bins.z - surface
+    force = cone(curve, robot, np.maximum(below, 0.0), p)
     return Intrusion(
         {
             "fits": {k: e.entry() for k, e in fits.items()},
@@ -73,7 +75,7 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
                     np.diag(curve.overshoot_covariance),
                 )
             ],
-            "cone": cone(curve, robot, np.maximum(below, 0.0), p),
+            "cone": force._asdict() if force else None,
         }
     )
 
@@ -114,7 +116,18 @@ def event_fits(curve: Penetration, fresh: Fresh, surface: float) -> dict[str, Es
     return out
 
 
-def cone(curve: Penetration, robot: Robot | None, depth: Any, p: IntrusionParams) -> dict[str, Any] | None:
+class ConeForce(NamedTuple):
+    """F_p of the jammed cone [N] at the depths of the profile, and what it rests on, under the names of the file."""
+
+    sigma_cone: float
+    mu: float
+    theta_rad: float
+    foot_radius_m: float
+    complete_depth_m: float
+    force_N: Array
+
+
+def cone(curve: Penetration, robot: Robot | None, depth: Any, p: IntrusionParams) -> ConeForce | None:
     """F_p of the jammed cone by resistive force theory (26): k1 of this curve, the mantle's stress from k2.
 
     A complete cone presses with sigma pi R^2 / cos(theta) per metre, so sigma = k2 cos(theta)/(pi R^2) [N/m^3].
@@ -123,11 +136,5 @@ def cone(curve: Penetration, robot: Robot | None, depth: Any, p: IntrusionParams
         return None
     R, k2 = robot.foot_radius, curve.k1.value if curve.k2.reason else curve.k2.value
     sigma = k2 * math.cos(p.theta) / (math.pi * R * R)
-    return {
-        "sigma_cone": sigma,
-        "mu": p.mu,
-        "theta_rad": p.theta,
-        "foot_radius_m": R,
-        "complete_depth_m": R * math.tan(p.theta) / p.mu,
-        "force_N": rft_cone(np, depth, curve.k1.value, sigma, p.mu, p.theta, R),
-    }
+    force = rft_cone(np, depth, curve.k1.value, sigma, p.mu, p.theta, R)
+    return ConeForce(sigma, p.mu, p.theta, R, complete_depth_m=R * math.tan(p.theta) / p.mu, force_N=force)
