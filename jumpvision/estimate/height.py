@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 
@@ -37,6 +37,11 @@ class JumpHeight:
     reason: str = ""
 
 
+def at_rest(t: ArrayLike, until: float) -> NDArray[np.bool_]:
+    """Which of the times t (n,) [s] show the robot at rest: those before the motor starts, at `until` [s]."""
+    return np.asarray(t, float) < until
+
+
 def rest_height(t: ArrayLike, h: ArrayLike, sigma: ArrayLike, *, until: float) -> Estimate:
     """Weighted mean height [m] before `until` [s], when the motor starts; NaN with a reason without samples there.
 
@@ -44,7 +49,7 @@ def rest_height(t: ArrayLike, h: ArrayLike, sigma: ArrayLike, *, until: float) -
     """
     t, h, sigma = checked("rest_height", t=t, h=h, sigma=sigma)
     checked_sigma("rest_height", sigma)
-    before = t < until
+    before = at_rest(t, until)
     mean = weighted_mean(h[before], sigma[before], "m")
     return replace(mean, reason=f"no good sample before {until:g} s") if mean.reason else mean
 

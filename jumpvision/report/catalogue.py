@@ -20,11 +20,13 @@ from jumpvision.report.pages.charts import fits_of, json_of
 from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.fields import Column, Flow, Piv
+from jumpvision.results.tables import RodMotion, Simulation
 from jumpvision.results.values import Intrusion
 from jumpvision.studies.compute import setting
 from jumpvision.studies.study import studies
 
 from .figures import grains as films
+from .figures.pictures import Tracked, tracks
 from .style import FORMATS, printed, save
 
 Draw = Callable[[Any], Any]  # what makes a figure -> the figure
@@ -84,7 +86,7 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
             "tracks",
             (
                 "rod height against time beside the simulation, of each kind of jump the highest",
-                lambda F: films.tracks([track(n, r.experiments[n]) for n in chosen], F),
+                lambda F: tracks([track(n, r.experiments[n]) for n in chosen], F),
             ),
         )
     if (r.folder / Diagnosis.file).exists():
@@ -182,16 +184,10 @@ def of_each_kind(r: Results, tracked: dict[str, Path]) -> list[str]:
     return [name for _, name in (best[k] for k in sorted(best))]
 
 
-def track(name: str, folder: Path) -> dict[str, Any]:
-    """Tables of a measured and a simulated track."""
-    import pandas as pd
-
-    model = folder / "simulation.csv"
-    return {
-        "name": name,
-        "rod": pd.read_csv(folder / "rod.csv"),
-        "model": pd.read_csv(model) if model.exists() else None,
-    }
+def track(name: str, folder: Path) -> Tracked:
+    """The measured and the simulated track of an experiment."""
+    made = (folder / Simulation.file).exists()
+    return Tracked(name, RodMotion.load(folder), Simulation.load(folder) if made else None)
 
 
 def intrusions_of(r: Results) -> list[SlowIntrusion]:

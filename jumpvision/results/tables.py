@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from . import Record, RecordError
 
@@ -71,6 +71,23 @@ class Track(Table):
         return self.table[flag.isna() | (flag.astype(str) == "")]
 
 
+class BesideModel(NamedTuple):
+    """A rod and its model, heights above rest, arrays: measured at t (n,) [s] as h [m] with all of its standard
+    uncertainty sigma [m]; the model at the same times; its own course model_h (m,) [m] at model_t [s]."""
+
+    t: Any
+    h: Any
+    sigma: Any
+    model: Any
+    model_t: Any
+    model_h: Any
+
+    @property
+    def difference(self) -> Any:
+        """Measured minus model [m], (n,)."""
+        return self.h - self.model
+
+
 class RodMotion(Table):
     """Height of the rod [m] against time, zero at rest, only where it is known.
 
@@ -89,6 +106,15 @@ class RodMotion(Table):
 
         time, height, sigma = (self.table[c].to_numpy(float) for c in self.columns)
         return time, height, independent(sigma, self.common)
+
+    def beside(self, model: Simulation) -> BesideModel:
+        """This rod and its model, of which the first sample is at rest."""
+        import numpy as np
+
+        t, h, sigma = (self.table[c].to_numpy(float) for c in self.columns)
+        model_t, rod = (model.table[c].to_numpy(float) for c in ("time_s", "rod_m"))
+        height = rod - rod[0]
+        return BesideModel(t, h, sigma, np.interp(t, model_t, height), model_t, height)
 
     @property
     def common(self) -> Any:

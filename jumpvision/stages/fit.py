@@ -12,7 +12,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.estimate.decay import LAWS, decay_law
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
-from jumpvision.estimate.height import jump_height, rest_height
+from jumpvision.estimate.height import at_rest, jump_height, rest_height
 from jumpvision.estimate.ringdown import peaks_damping, ring_down, swings_until
 from jumpvision.estimate.robot import follow, motor_power
 from jumpvision.grains.cone import cone_growth
@@ -302,7 +302,7 @@ def actuator_fits(log: MotorLog, law: Actuation) -> dict[str, Estimate]:
         return {}  # not from rest to rest
     steps = np.abs(np.diff(position))
     step = float(steps[steps > 1e-12].min()) if (steps > 1e-12).any() else 0.0
-    rest = position[t < law.start]
+    rest = position[at_rest(t, law.start)]
     noise = math.hypot(float(rest.std()) if rest.size > 2 else 0.0, step / math.sqrt(12.0))
     out = follow(t, commanded(law)(t)[0], position, frequency=frequency, noise=noise)
     logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))

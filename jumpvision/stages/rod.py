@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.estimate.estimate import independent
+from jumpvision.estimate.height import at_rest
 from jumpvision.estimate.mean import difference_noise
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Actuation, MotorLog, Robot, RodTrack, need
@@ -74,7 +75,7 @@ def read_motor(log: MotorLog, law: Actuation | None) -> tuple[Array, Array]:
     """time [s] and X_m [m] of the encoder, zero at rest before the motor starts."""
     d = read_log(log.path, "time_s", "position_m", at_least=8)
     time, position = d.time_s.to_numpy(), d.position_m.to_numpy()
-    before = time < law.start if law else np.arange(time.size) < 5
+    before = at_rest(time, law.start) if law else np.arange(time.size) < 5
     return time, position - (np.median(position[before]) if before.any() else position[0])
 
 

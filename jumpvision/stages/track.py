@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jumpvision.estimate.height import exposure_shift, shift_sigma
+from jumpvision.estimate.height import at_rest, exposure_shift, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
 from jumpvision.inputs.parameters import TrackParams
@@ -125,7 +125,7 @@ def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.Data
     """The same with height zero at rest: the weighted mean before the motor starts, or the first good frame."""
     start = actuation.start if actuation else None
     good = motion.height_m.notna().to_numpy()
-    rest = good & (motion.time_s.to_numpy() < start) if start is not None else np.zeros_like(good)
+    rest = good & at_rest(motion.time_s, start) if start is not None else np.zeros_like(good)
     if actuation is not None and actuation.kind != "none" and not rest.any():
         warnings.warn(
             f"no good frame before the motor starts at {start:g} s: the first good frame is taken as rest",

@@ -13,6 +13,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.estimate.flight import in_flight
+from jumpvision.estimate.height import at_rest
 from jumpvision.physics.oscillator import foot_ripple
 
 from .noise import Stretch, powers, samples, step_apart
@@ -33,7 +34,7 @@ def rest(jump: Jump, factor: Array) -> Stretch | None:
 
     factor: (n,) on the noise of every reading of the track.
     """
-    here = jump.t < jump.forcing.start
+    here = at_rest(jump.t, jump.forcing.start)
     if int(here.sum()) < REST:
         return None
     t = jump.t[here]

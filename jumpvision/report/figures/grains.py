@@ -1,14 +1,14 @@
-"""Figures of what films show: grain velocities, strain, momentum, added mass, tracks beside simulation."""
+"""Figures of what films show: grain velocities, strain, momentum, added mass."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField
-from jumpvision.report.style import ACCENT, MAP, MEASURED, MODEL, QUIET, styled
+from jumpvision.report.style import ACCENT, MAP, MEASURED, QUIET, styled
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.results.values import Fits
 from jumpvision.stages.recordings import open_grains
@@ -116,28 +116,6 @@ def band(axis: Any, x: Any, y: Any, sigma: Any, color: str) -> None:
 
 FRAMES = 4  # of a sequence
 KINDS = {"single": MEASURED, "stutter": "#7a0f24", "delayed_stutter": "black"}  # as in the thesis
-
-
-def tracks(jumps: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
-    """A column a jump: rod height measured and simulated, and their difference. jumps: name, rod and model tables."""
-    n = len(jumps)
-    figure = Figure(figsize=(3.4 * max(n, 2), 4.0), layout="constrained")
-    axes = figure.subplots(2, n, sharex="col", sharey="row", squeeze=False, height_ratios=(2, 1))
-    for (top, low), jump in zip(axes.T, jumps):
-        rod, model = jump["rod"], jump["model"]
-        top.plot(rod.time_s, rod.height_m * 1e3, ".", ms=2, color=MEASURED, label="measured")
-        top.set(title=jump["name"])
-        low.axhline(0.0, color=QUIET, lw=0.6)
-        low.set(xlabel="time [s]")
-        if model is not None:
-            height = model.rod_m - model.rod_m.iloc[0]
-            top.plot(model.time_s, height * 1e3, color=MODEL, label="simulated")
-            left = rod.height_m - np.interp(rod.time_s, model.time_s, height)
-            low.plot(rod.time_s, left * 1e3, color=MEASURED, lw=0.8)
-    axes[0, 0].set(ylabel="rod height [mm]")
-    axes[1, 0].set(ylabel="difference [mm]")
-    axes[0, 0].legend()
-    return figure
 
 
 def moments(flow: Any) -> Any:

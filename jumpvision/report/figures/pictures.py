@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -92,25 +92,55 @@ def track_picture(track: Track, film: RodVideo) -> TrackPicture:
         return TrackPicture(png(figure))
 
 
+def draw_beside(
+    axes: Sequence[Any], rod: RodMotion, model: Simulation | None, name: str, *, size: float, line: str, **look: float
+) -> None:
+    """Height of a rod on the first of the axes, with its model where there is one; their difference on the second."""
+    axes[0].plot(rod.table.time_s, rod.table.height_m * 1e3, ".", ms=size, color=MEASURED, label="measured")
+    if model is not None:
+        both = rod.beside(model)
+        axes[0].plot(both.model_t, both.model_h * 1e3, color=MODEL, label=name)
+        axes[1].plot(both.t, both.difference * 1e3, line, color=MEASURED, **look)
+
+
+class Tracked(NamedTuple):
+    """An experiment's rod, and its model where it has been simulated."""
+
+    name: str
+    rod: RodMotion
+    model: Simulation | None
+
+
+def tracks(jumps: Sequence[Tracked], Figure: Any) -> Any:
+    """A column a jump: rod height measured and simulated, and their difference."""
+    n = len(jumps)
+    figure = Figure(figsize=(3.4 * max(n, 2), 4.0), layout="constrained")
+    axes = figure.subplots(2, n, sharex="col", sharey="row", squeeze=False, height_ratios=(2, 1))
+    for (top, low), jump in zip(axes.T, jumps):
+        top.set(title=jump.name)
+        low.axhline(0.0, color=QUIET, lw=0.6)
+        low.set(xlabel="time [s]")
+        draw_beside((top, low), jump.rod, jump.model, "simulated", size=2, line="-", lw=0.8)
+    axes[0, 0].set(ylabel="rod height [mm]")
+    axes[1, 0].set(ylabel="difference [mm]")
+    axes[0, 0].legend()
+    return figure
+
+
 @stage(version=2, picture=True)
 def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actuation | None) -> JumpPicture:
     """Measured and simulated height of the rod, and what the model leaves over."""
-    t, h, _ = rod.arrays
-    sigma = rod.table.sigma_m.to_numpy(float)  # all of it: a wrong scale is a difference to the model too
     with styled() as Figure:
         rows = 2 if simulation else 1
         figure = Figure(figsize=(8.6, 2.4 + 1.5 * rows), layout="constrained")
         axes = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(2.4, 1)[:rows])[:, 0]
-        axes[0].plot(t, h * 1e3, ".", ms=3, color=MEASURED, label="measured")
         axes[0].set(ylabel="rod height [mm]", title="rod height above rest")
-        if simulation:
-            s = simulation.table
-            rest = s.rod_m.iloc[0]
-            axes[0].plot(s.time_s, (s.rod_m - rest) * 1e3, color=MODEL, label="model")
-            left = h - np.interp(t, s.time_s, s.rod_m - rest)
+        if simulation:  # sigma is all of it: a wrong scale is a difference to the model too
+            t, sigma = rod.table.time_s, rod.table.sigma_m.to_numpy(float)
             axes[1].fill_between(t, -2e3 * sigma, 2e3 * sigma, color=QUIET, alpha=0.35, lw=0, label="±2σ")
-            axes[1].plot(t, left * 1e3, ".-", ms=2, lw=0.6, color=MEASURED)
             axes[1].set(ylabel="measured − model [mm]")
+        draw_beside(axes, rod, simulation, "model", size=3, line=".-", ms=2, lw=0.6)
+        if simulation:
             axes[1].legend(loc="upper right")
         if actuation and actuation.moves:
             for axis in axes:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jumpvision.results.fields import Column
+from jumpvision.results.tables import RodMotion, Simulation
 from jumpvision.results.values import Intrusion
 
 from .charts import MOST, Chart, Rule, axis, chart, fits_of, panel, series
@@ -21,30 +22,26 @@ def experiment_charts(results: Path, law: Any = None) -> list[Chart]:
 
 def jump_chart(results: Path, law: Any = None) -> Chart | None:
     """Height of the rod, measured and simulated, and their difference, against time."""
-    import pandas as pd
-
-    if not (results / "rod.csv").exists():
+    if not (results / RodMotion.file).exists():
         return None
-    rod = pd.read_csv(results / "rod.csv")
-    every = -(-len(rod) // MOST)
-    rod = rod.iloc[::every]
-    t = rod.time_s
+    whole = RodMotion.load(results).table
+    every = -(-len(whole) // MOST)
+    rod = RodMotion(whole.iloc[::every])
+    t, h, sigma = (rod.table[c] for c in RodMotion.columns)
     spans = [(law.start, law.stop, "motor")] if law is not None and law.moves else []
     x, y = axis("time", "s"), axis("height above rest", "mm")
-    measured = series("measured", "measured", t, rod.height_m * 1e3, rod.sigma_m * 1e3, size=2)
+    measured = series("measured", "measured", t, h * 1e3, sigma * 1e3, size=2)
     note = "Bars and bands are ±2σ." + (f" Every {every}th frame is shown." if every > 1 else "")
-    if not (results / "simulation.csv").exists():
+    if not (results / Simulation.file).exists():
         return chart("Height of the rod", [panel("rod", x, y, [measured], spans=spans)], note)
-    model = pd.read_csv(results / "simulation.csv")
-    rest = model.rod_m.iloc[0]
-    simulated = np.interp(t, model.time_s, model.rod_m - rest) * 1e3
+    both = rod.beside(Simulation.load(results))
     panels = [
-        panel("rod", x, y, [series("model", "model", t, simulated, kind="line"), measured], spans=spans),
+        panel("rod", x, y, [series("model", "model", t, both.model * 1e3, kind="line"), measured], spans=spans),
         panel(
             "measured − model",
             x,
             axis("difference", "mm"),
-            [series("difference", "measured", t, rod.height_m * 1e3 - simulated, rod.sigma_m * 1e3, kind="line")],
+            [series("difference", "measured", t, both.difference * 1e3, sigma * 1e3, kind="line")],
             spans=spans,
             rules=[{"y": 0}],
             height=170,
