@@ -24,13 +24,13 @@ class Bound(NamedTuple):
 BOUNDS = {
     "rooms": Bound(22, 22),
     "floors": Bound(9, 9),
-    "loose modules": Bound(2, 2),
+    "loose modules": Bound(1, 2),
     "entries of the fullest folder": Bound(12, 12),
-    "files": Bound(257, 250),
-    "fmt: skip": Bound(5, 39),
-    'attrs["..."] outside results': Bound(19, 0),
-    "dict[str, Any]": Bound(101, 59),
-    "large functions outside kernels": Bound(2, 0),
+    "files": Bound(248, 250),
+    "fmt: skip": Bound(0, 39),
+    'attrs["..."] outside results': Bound(0, 0),
+    "dict[str, Any]": Bound(56, 59),
+    "large functions outside kernels": Bound(0, 0),
 }
 
 
