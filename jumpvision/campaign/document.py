@@ -181,7 +181,7 @@ def closest(d: Findings, system: Jumper) -> record.Closest | None:
 def causes(n: Naming) -> tuple[record.Cause, ...]:
     """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
     out = []
-    for mechanism in likely(n.tried)[:8]:
+    for mechanism in likely(n)[:8]:
         e = next(e for e in n.tried if mechanism in e.mechanisms)
         others = tuple(m for m in e.mechanisms if m != mechanism)
         parameters = parameters_of(e, mechanism)

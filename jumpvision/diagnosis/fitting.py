@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 
 from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
@@ -274,12 +275,118 @@ class Problem:
         width = np.array([p.high - p.low for p in free])
         full: Array = np.asarray(hessian + np.diag(12.0 / width**2))
         covariance: Array = np.asarray(np.linalg.inv(full) if x.size else full)
-        evidence = -0.5 * chi2
-        if x.size:
-            prior = sum(math.log(p.width) for p in free)
-            evidence += 0.5 * (x.size * math.log(2 * math.pi) - np.linalg.slogdet(full)[1]) - prior
-            evidence -= before.log_chance
+        slope = sum((j.T @ a for j, a in zip(jac, r)), before.rows.T @ before.pull(x))
+        evidence = -0.5 * chi2 + log_volume(free, x, hessian, slope) - before.log_chance if x.size else -0.5 * chi2
         return Fit(mechanisms, free, x, r, jac, chi2, covariance, float(evidence), known=before)
+
+
+BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
+HARD = 3.0  # conditional standard deviations by which a parameter's best value lies beyond the end of its range
+NEAR_END = 6.0  # standard deviations: an end of a range that is further off cuts nothing from the posterior
+SOBOL = 8  # log2 of the points by which more than one end is integrated over
+
+
+def log_volume(free: Sequence[Parameter], x: Array, hessian: Array, slope: Array) -> float:
+    """ln of the mean of exp(-(chi^2 - chi^2(x)) / 2) over the priors, chi^2 a parabola cut at the ends of the ranges.
+
+    slope: -d(chi^2/2)/dx, which counts only where it pushes a parameter against an end of its range; elsewhere x is
+    the minimum. A parameter that is pushed hard falls off by itself; the others are integrated over together.
+    """
+    low, high = np.array([p.low for p in free]), np.array([p.high for p in free])
+    near_low = x < 0.5 * (low + high)
+    against = np.array([p.at_end(v) for p, v in zip(free, x)]) & np.where(near_low, slope < 0, slope > 0)
+    curved = hessian + np.diag(1.0 / (BROAD * (high - low)) ** 2)
+    push = np.where(against, np.abs(slope), 0.0) / np.sqrt(np.diag(curved))
+    hard, soft = push > HARD, push <= HARD
+    out = -sum(math.log(p.width) for p in free)
+    # over a half-line: of exp(-push u - u^2 / 2)
+    alone = 0.5 * push[hard] ** 2 + 0.5 * math.log(2 * math.pi) + scipy.special.log_ndtr(-push[hard])
+    out += float(np.sum(alone - 0.5 * np.log(np.diag(curved)[hard])))
+    if soft.any():
+        inner = curved[np.ix_(soft, soft)]
+        covariance = np.linalg.inv(inner)
+        pushed = np.where(against, slope, 0.0)[soft]
+        mean, sigma = x[soft] + covariance @ pushed, np.sqrt(np.diag(covariance))
+        lows, highs = low[soft], high[soft]
+        cut = (mean - lows < NEAR_END * sigma) | (highs - mean < NEAR_END * sigma)
+        out += 0.5 * float(
+            pushed @ covariance @ pushed + soft.sum() * math.log(2 * math.pi) - np.linalg.slogdet(inner)[1]
+        )
+        out += log_box(mean[cut], covariance[np.ix_(cut, cut)], lows[cut], highs[cut])
+    return out
+
+
+def log_interval(low: Array, high: Array) -> Array:
+    """ln of the probability of a standard normal between low and high, far into its tails too."""
+    flip = low + high > 0  # the tail where the logarithm keeps its digits
+    a, b = np.where(flip, -high, low), np.where(flip, -low, high)
+    below, above = scipy.special.log_ndtr(a), scipy.special.log_ndtr(b)
+    with np.errstate(divide="ignore"):
+        return np.asarray(above + np.log(-np.expm1(np.minimum(below - above, -1e-300))))
+
+
+def log_box(mean: Array, covariance: Array, low: Array, high: Array) -> float:
+    """ln of the probability of a box (k,) under a normal distribution: one variable after the other, given those before
+    it (Geweke, Hajivassiliou and Keane), over points of a Sobol sequence."""
+    if mean.size == 0:
+        return 0.0
+    root = np.linalg.cholesky(covariance)
+    a, b = (low - mean) / np.diag(root), (high - mean) / np.diag(root)
+    points = scipy.stats.qmc.Sobol(mean.size, seed=0).random_base2(SOBOL if mean.size > 1 else 0)
+    drawn, log = np.zeros(points.shape), np.zeros(len(points))
+    for k in range(mean.size):
+        off = drawn[:, :k] @ root[k, :k] / root[k, k]
+        lo, hi = a[k] - off, b[k] - off
+        inside = log_interval(lo, hi)
+        log += inside
+        flip = lo + hi > 0
+        start = np.where(flip, -hi, lo)
+        share = np.logaddexp(scipy.special.log_ndtr(start), np.log(points[:, k]) + inside)
+        drawn[:, k] = np.where(flip, -1.0, 1.0) * scipy.special.ndtri_exp(np.minimum(share, -1e-300))
+    return float(np.logaddexp.reduce(log) - math.log(len(log)))
+
+
+def left_of(problem: Problem, fit: Fit, scores: Array) -> float:
+    """chi^2 beyond what noise leaves: of all residuals, or in the direction of the greatest of the scores; not below 0."""
+    top = float(np.max(np.abs(scores))) if scores.size else 0.0
+    return max(fit.chi2 - problem.n, top * top, 0.0)
+
+
+BINS = 40  # of a motion, for what residuals of one kind have in common
+
+
+def widened(problem: Problem, fit: Fit) -> tuple[Fit, float]:
+    """(the fit with its covariance widened for misfit that it leaves, median factor on its standard uncertainties).
+
+    A discrepancy is as large, along what the parameters do, as along any other of the few directions in which the
+    residuals of one kind of motion vary: their excess of chi^2 is shared out over the participation ratio of the
+    spectrum of their course in time, which is 1 where all motions of a kind are wrong alike.
+    """
+    observations = problem.system.observations
+    kinds: dict[str, list[int]] = {}
+    for i, o in enumerate(observations):
+        kinds.setdefault(str(o.labels.get("kind")), []).append(i)
+    inner = fit.known.precision.astype(float)
+    for mine in kinds.values():
+        excess = sum(float(fit.residuals[i] @ fit.residuals[i]) - observations[i].t.size + 1 for i in mine)
+        course = np.stack([_course(fit.residuals[i]) for i in mine])
+        spectrum = np.linalg.svd(course, compute_uv=False) ** 2
+        directions = float(spectrum.sum() ** 2 / max(float(np.sum(spectrum**2)), 1e-300))
+        factor = 1.0 + max(excess, 0.0) / directions
+        inner = inner + factor * sum(fit.jacobian[i].T @ fit.jacobian[i] for i in mine)
+    covariance = fit.covariance @ inner @ fit.covariance
+    if not fit.parameters:
+        return fit, 1.0
+    before, after = np.sqrt(np.diag(fit.covariance)), np.sqrt(np.diag(covariance))
+    wide = np.maximum(after, before)
+    covariance = covariance * np.outer(wide / after, wide / after)
+    return replace(fit, covariance=covariance), float(np.median(wide / before))
+
+
+def _course(residual: Array) -> Array:
+    """A residual (n,) as means over BINS equal parts of its motion."""
+    parts = np.array_split(residual, BINS)
+    return np.array([p.mean() * math.sqrt(p.size) if p.size else 0.0 for p in parts])
 
 
 class Axes:

@@ -1,34 +1,29 @@
-"""Which mechanism explains what the baseline gets wrong: every one is fitted, alone and, where that fails, in pairs."""
+"""Which mechanisms explain what the baseline gets wrong, how likely each is, and what is left when all are tried."""
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from jumpvision.base.arrays import Z90
 
-from .detect import Detection, Direction, Span, detect, directions
-from .fitting import Fit, Problem
-from .system import Parameter
+from .detect import Detection, Span
+from .fitting import Fit, Problem, left_of, log_interval, widened
+from .search import Key, Search, Start, limits, log_prior
 
 CONFIDENCE = 0.9  # of the set of models that is kept
-FIRSTS, SECONDS = 4, 4  # pairs tried: the best single ones, each with those its residuals ask for
-SHORT = 1.0  # of chi^2 by which a fit is said to have stopped short
-WORTH = 3.0  # of log evidence that a second mechanism must bring
-LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
-LEFT = 0.01  # of the baseline's excess of chi^2: a mechanism that leaves less is named, though the rest shows.
-# Substitutes for an effect of no vocabulary leave 3 to 16 %.
+ESTABLISHED = 0.03  # of what a mechanism alone explains: more may not be left where it is named though misfit is left
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
-BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
+TWIN = 50.0  # of chi^2: what an exchange would cost, linear, is judged by a fit if it is less
+PRIORS = (1 / 3, 1.0, 3.0)  # factors on the ranges of all strengths, for the sensitivity of the probabilities
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A model that was tried. probability: among all tried, equal before; delta_score: held-out log-likelihood gain."""
+    """A model that was tried. probability: among all tried; delta_score: held-out log-likelihood gain."""
 
     fit: Fit
     probability: float
@@ -42,177 +37,146 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Naming:
-    """named: () when no model in the vocabulary passes the test that the baseline failed, nor leaves less than LEFT.
+    """named: what the data establish. status: "complete" where the named ones pass the test that the baseline failed,
+    "partial" where they leave significant misfit, "undetermined" where nothing is established.
 
-    tried: best first. twins: the mechanisms beside each named one that would do as well, itself included. remainder:
-    share of what the baseline got wrong (its excess of chi^2) that the named ones leave; 0 where they pass the test.
+    best: the model of the named ones, else the likeliest. tried: best first. twins: the mechanisms beside each named
+    one that would do as well, itself included. left: share of what the baseline got wrong (its excess of chi^2) that
+    `best` leaves; 0 where it passes. probabilities: of each mechanism, with those under other priors (PRIORS).
+    widened: factor on the standard uncertainties of `best` for what is left.
     """
 
     named: tuple[str, ...]
+    status: str
     best: Explanation
     tried: tuple[Explanation, ...]
     twins: tuple[tuple[str, ...], ...]
-    remainder: float = 0.0
+    left: float
+    probabilities: Mapping[str, tuple[float, ...]]
+    widened: float = 1.0
 
     def probability(self, mechanism: str) -> float:
-        return sum(e.probability for e in self.tried if mechanism in e.mechanisms)
+        """Of a mechanism, under the stated priors."""
+        return self.probabilities.get(mechanism, (0.0, 0.0, 0.0))[PRIORS.index(1.0)]
 
 
 def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator) -> Naming:
-    """Fits every mechanism of the vocabulary, then pairs if no single one passes the test."""
-    singles = race(problem, [s for m in problem.system.candidates for s in _starts(problem, base, found, m)])
-    models, tests = [base, *singles], {}
-    for fit in singles[:FIRSTS]:
-        tests[fit.mechanisms] = detect(problem, fit, directions(problem, fit), rng)
-        if not tests[fit.mechanisms].discrepant:
-            break
-    if all(t.discrepant for t in tests.values()):
-        alone = {f.mechanisms[0]: f.log_evidence for f in singles}
-        pairs = race(problem, _pairs(problem, base, singles, tests))
-        worth = [f for f in pairs if f.log_evidence > WORTH + max(alone.get(m, -math.inf) for m in f.mechanisms)]
-        models += pairs
-        for fit in worth[:2]:
-            tests[fit.mechanisms] = detect(problem, fit, directions(problem, fit), rng)
-            for better in simpler(problem, fit, singles):
-                models = [f for f in models if f.mechanisms != better.mechanisms] + [better]
-                tests[better.mechanisms] = detect(problem, better, directions(problem, better), rng)
-    weight = np.array([f.log_evidence for f in models])
-    weight = np.exp(weight - weight.max())
-    weight /= weight.sum()
-    score = held_out_score(problem, base)
-    tried = tuple(
-        Explanation(f, float(w), held_out_score(problem, f) - score, tests.get(f.mechanisms))
-        for w, f in sorted(zip(weight, models), key=lambda x: -x[1].log_evidence)
-    )
-    passed = [e for e in confidence_set(tried) if e.detection is not None and not e.detection.discrepant]
-    if passed:
-        return Naming(passed[0].mechanisms, passed[0], tried, _twins(problem, passed[0], tried))
-    excess = base.chi2 - problem.n
-    left = {e.mechanisms: (e.fit.chi2 - problem.n) / excess for e in tried}
-    nearly = min((e for e in tried if left[e.mechanisms] < LEFT), key=lambda e: len(e.mechanisms), default=None)
-    if nearly is None or LEFT * excess < 3.0 * math.sqrt(2.0 * problem.n):  # so little would be lost in the noise
-        return Naming((), tried[0], tried, ())
-    test = nearly.detection or detect(problem, nearly.fit, directions(problem, nearly.fit), rng)
-    nearly = replace(nearly, detection=test)
-    return Naming(nearly.mechanisms, nearly, tried, _twins(problem, nearly, tried), left[nearly.mechanisms])
+    """Searches over sets of mechanisms, and names those that the data establish."""
+    search = Search(problem, base, found, rng)
+    search.run()
+    passing = search.passing()
+    key = passing[0] if passing else established(search)
+    if key:
+        search.race(exchanges(search, key))
+        passing = search.passing()
+        key = passing[0] if passing else key
+    likeliest = max(search.fits, key=search.log_probability)
+    told = key or likeliest
+    test = search.test(told)
+    left = left_of(problem, search.fits[told], test.score)
+    share = 0.0 if passing else left / max(left_of(problem, base, found.score), left)
+    fit, wider = (search.fits[told], 1.0) if passing else widened(problem, search.fits[told])
+    explanations, probabilities = weighed(search, likeliest, 1.0 / wider**2)
+    tried = tuple(replace(e, fit=fit) if frozenset(e.mechanisms) == told else e for e in explanations)
+    best = next(e for e in tried if frozenset(e.mechanisms) == told)
+    status = "complete" if passing else "partial" if key else "undetermined"
+    named = fit.mechanisms if key else ()
+    twins = _twins(problem, best, tried) if key else ()
+    return Naming(named, status, best, tried, twins, share, probabilities, wider)
 
 
-def simpler(problem: Problem, pair: Fit, singles: Sequence[Fit]) -> list[Fit]:
-    """Single mechanisms of a pair that fit better from the pair's values than alone: they had stopped short."""
-    chi2 = {f.mechanisms: f.chi2 for f in singles}
-    again = [problem.fit((m,), pair.named) for m in pair.mechanisms]
-    return [f for f in again if f is not None and f.chi2 < chi2.get(f.mechanisms, math.inf) - SHORT]
+def established(search: Search) -> Key:
+    """Of the likeliest set, the mechanisms beside whose own part what is left is small: frozenset() where there is none.
 
-
-Start = tuple[tuple[str, ...], dict[str, float]]
-
-
-def race(problem: Problem, starts: Sequence[Start]) -> list[Fit]:
-    """The best fit of every set of mechanisms, the likeliest first; those that cannot win are not fitted to the end."""
-    running = [f for m, s in starts if (f := problem.fit(m, s, iterations=LAP)) is not None]
-    for _ in range(LAPS):
-        best = min((f.chi2 for f in running), default=0.0)
-        slow = []
-        for i, fit in enumerate(running):
-            if fit.converged or fit.chi2 - best > max(BEHIND * (fit.chi2_first - fit.chi2), CLOSE):
-                continue
-            more = problem.fit(fit.mechanisms, fit.named, iterations=LAP)
-            assert more is not None
-            running[i] = more
-            slow.append(i)
-        if not slow:
-            break
-    out: dict[frozenset[str], Fit] = {}
-    for fit in sorted(running, key=lambda f: -f.log_evidence):
-        out.setdefault(frozenset(fit.mechanisms), fit)
-    return list(out.values())
-
-
-def _starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> list[Start]:
-    """The two best of a few strengths and shapes, and of the linear estimates from the baseline's residuals."""
-    candidate = problem.system.candidates[mechanism]
-    if candidate.replaces:
-        first = {p.name: p.start for p in problem.system.baseline}  # a baseline without it may have been bent far off
-        tries = _about(candidate.parameters, base.named) + _about(candidate.parameters, first)
-        last = candidate.parameters[-1].name  # a place, such as the depth of a bend: each its own basin
-        places = sorted({t[last] for t in tries})
-        return [s for x in places for s in best_starts(problem, (mechanism,), [t for t in tries if t[last] == x], 2)]
-    linear = [
-        start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
-    ]
-    if not linear:
-        return []
-    strength, *others = candidate.parameters
-    tries = list(linear)
-    for shape in candidate.shapes:
-        fixed = dict(zip((p.name for p in others), shape or [p.start for p in others]))
-        for factor in (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 10.0):
-            value = base.named.get(strength.name, candidate.null) + factor * strength.scale
-            if strength.low <= value <= strength.high:
-                tries.append({**base.named, **fixed, strength.name: value})
-    return best_starts(problem, (mechanism,), tries, 2)
-
-
-def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str, float]]:
-    """The parameters' first values and combinations of others a few scales away, beside given values of the rest."""
-    grid = itertools.product((-3.0, 0.0, 4.0), repeat=len(free))
-    return [
-        {**values, **{p.name: min(max(p.start + f * p.scale, p.low), p.high) for p, f in zip(free, factors)}}
-        for factors in grid
-    ]
-
-
-def best_starts(
-    problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int
-) -> list[Start]:
-    """The n starts of least cost over one trial of each condition."""
-    first = {o.condition: i for i, o in reversed(list(enumerate(problem.system.observations)))}
-    cost = [problem.cost(mechanisms, t, sorted(first.values())) for t in tries]
-    return [(mechanisms, tries[i]) for i in np.argsort(cost)[:n] if math.isfinite(cost[i])]
-
-
-def start_of(problem: Problem, fit: Fit, direction: Direction, score: float) -> dict[str, float]:
-    """First values of a fit with one more mechanism: its strength as the linear estimate has it, within its range."""
-    strength, *others = problem.system.candidates[direction.mechanism].parameters
-    null = problem.system.candidates[direction.mechanism].null
-    base = fit.named.get(strength.name, null)
-    value = min(max(base + direction.strength * score, strength.low), strength.high)
-    if value == base:  # the estimate lies on the wrong side of the null
-        value = min(max(base + 0.1 * strength.scale, strength.low), strength.high)
-    shape = dict(zip((p.name for p in others), direction.shape or [p.start for p in others]))
-    return {**shape, **fit.named, strength.name: value}
-
-
-def _pairs(problem: Problem, base: Fit, singles: Sequence[Fit], tests: dict[tuple[str, ...], Detection]) -> list[Start]:
-    """Pairs of one of the best single mechanisms with those its residuals ask for, and those known to go together.
-
-    Each from the end of the single fit and from ordinary strengths: a single fit that fails may have run far off.
+    A mechanism's own part is what every set of no more mechanisms leaves without it. What is left may hide as much
+    of any mechanism's effect as it shows; substitutes for an effect of no vocabulary leave 3 % of it and more.
     """
-    pairs: dict[frozenset[str], list[dict[str, float]]] = {}
-    candidates = problem.system.candidates
-    for fit in singles[:FIRSTS]:
-        test = tests[fit.mechanisms]
-        asked: dict[str, tuple[float, Direction]] = {}
-        for d, z in zip(test.directions, test.score):
-            if abs(z) > abs(asked.get(d.mechanism, (0.0, d))[0]):
-                asked[d.mechanism] = (float(z), d)
-        for z, d in sorted(asked.values(), key=lambda x: -abs(x[0]))[:SECONDS]:
-            pairs.setdefault(frozenset((*fit.mechanisms, d.mechanism)), []).append(start_of(problem, fit, d, z))
-    for m, c in candidates.items():
-        pairs |= {frozenset((m, o)): [] for o in c.goes_with if o in candidates and frozenset((m, o)) not in pairs}
+    key = max(search.fits, key=search.log_probability)
+    while key:
+        if key not in search.fits:
+            return frozenset()
+        left = left_of(search.problem, search.fits[key], search.test(key).score)
+        own = {
+            m: min(f.chi2 for k, f in search.fits.items() if m not in k and len(k) <= len(key)) - search.fits[key].chi2
+            for m in key
+        }
+        weakest = min(own, key=lambda m: own[m])
+        if left < ESTABLISHED * own[weakest]:
+            return key
+        search.without(key)
+        key = key - {weakest}
+    return key
+
+
+def exchanges(search: Search, key: Key) -> list[Start]:
+    """Starts of sets in which one mechanism is another that would, linear about the fit, do nearly as well."""
+    problem, fit, test = search.problem, search.fits[key], search.test(key)
     out: list[Start] = []
-    for pair, warm in pairs.items():
-        names = tuple(n for n in candidates if n in pair)
-        tries = list(warm)
-        for factors in ((1.0, 1.0), (4.0, 1.0), (1.0, 4.0), (4.0, 4.0)):
-            for values in (base.named, {p.name: p.start for p in problem.system.baseline}, base.at_low):
-                moved = dict(values)
-                for n, factor in zip(names, factors):
-                    strength = candidates[n].parameters[0]
-                    moved[strength.name] = min(candidates[n].null + factor * strength.scale, strength.high)
-                tries.append(moved)
-        out += best_starts(problem, names, tries, 2)
+    for m in fit.mechanisms:
+        candidate = problem.system.candidates[m]
+        strength = candidate.parameters[0]
+        if candidate.replaces:
+            continue
+        at = [p.name for p in fit.parameters].index(strength.name)
+        span = Span(fit, without=strength.name)
+        effect = (fit.values[at] - candidate.null) * span.off(span.stack([j[:, at] for j in fit.jacobian]))
+        rest = tuple(x for x in fit.mechanisms if x != m)
+        for d in test.directions:
+            column = span.off(d.effect)
+            long = float(column @ column)
+            low, high = limits(problem, fit, d)
+            amount = min(max(float(column @ effect) / long, low), high) if long > 0 else 0.0
+            lost = effect - amount * column
+            other = problem.system.candidates[d.mechanism].parameters
+            if float(lost @ lost) < TWIN:
+                shape = dict(zip((p.name for p in other[1:]), d.shape))
+                names = tuple(n for n in problem.system.candidates if n in (*rest, d.mechanism))
+                null = problem.system.candidates[d.mechanism].null
+                out.append((names, {**fit.named, **shape, other[0].name: null + amount * d.strength}))
     return out
+
+
+def weighed(search: Search, best: Key, trust: float) -> tuple[tuple[Explanation, ...], dict[str, tuple[float, ...]]]:
+    """(models that were fitted by their probability, probability of every mechanism under each of PRIORS).
+
+    Sets with one more mechanism than the best are weighed too, linear in its strength. trust: power of the likelihood,
+    below 1 where misfit is left that no model accounts for.
+    """
+    problem, fits = search.problem, search.fits
+    keys = sorted(fits, key=lambda k: -search.log_probability(k))
+    more = supersets(search, best)
+    sets = [*keys, *(best | {m} for m in more)]
+    evidence = np.array([fits[k].log_evidence for k in keys] + [fits[best].log_evidence + x for x in more.values()])
+    prior = np.array([log_prior(len(k), len(problem.system.candidates)) for k in sets])
+    size = np.array([len(k) for k in sets])
+    weights = []
+    for factor in PRIORS:
+        log = trust * evidence + prior - size * math.log(factor)
+        weight = np.exp(log - log.max())
+        weights.append(weight / weight.sum())
+    mechanisms = problem.system.candidates
+    chances = {m: tuple(float(sum(w[i] for i, k in enumerate(sets) if m in k)) for w in weights) for m in mechanisms}
+    score, likely = held_out_score(problem, search.base), weights[PRIORS.index(1.0)]
+    return tuple(
+        Explanation(fits[k], float(w), held_out_score(problem, fits[k]) - score, search.tests.get(k))
+        for k, w in zip(keys, likely)
+    ), chances
+
+
+def supersets(search: Search, key: Key) -> dict[str, float]:
+    """By what a further mechanism changes the log evidence of a set, where that set was not fitted: linear in its
+    strength, which has all of its range before, and all its shapes alike."""
+    problem, fit, test = search.problem, search.fits[key], search.test(key)
+    odds: dict[str, list[float]] = {}
+    for d, z in zip(test.directions, test.score):
+        if key | {d.mechanism} in search.fits:
+            continue
+        low, high = limits(problem, fit, d)
+        strength = problem.system.candidates[d.mechanism].parameters[0]
+        width = strength.width / abs(d.strength)
+        inside = float(log_interval(np.array(low - z), np.array(high - z)))
+        odds.setdefault(d.mechanism, []).append(0.5 * (math.log(2 * math.pi) + z * z) + inside - math.log(width))
+    return {m: float(np.logaddexp.reduce(x)) - math.log(len(x)) for m, x in odds.items()}
 
 
 def held_out_score(problem: Problem, fit: Fit) -> float:
@@ -242,7 +206,7 @@ def confidence_set(tried: Sequence[Explanation]) -> list[Explanation]:
     for e in tried:
         out.append(e)
         total += e.probability
-        if total >= CONFIDENCE:
+        if total >= CONFIDENCE * sum(x.probability for x in tried):
             break
     return out
 
@@ -297,10 +261,8 @@ def shared(problem: Problem, best: Explanation, mechanism: str) -> list[str]:
     return [m for m, x in sorted(share.items(), key=lambda x: -x[1]) if x >= SHARE][:2]
 
 
-def likely(tried: Sequence[Explanation], at_least: float = 1e-4) -> list[str]:
-    """Mechanisms by their probability."""
-    total: dict[str, float] = {}
-    for e in tried:
-        for m in e.mechanisms:
-            total[m] = total.get(m, 0.0) + e.probability
-    return [m for m, p in sorted(total.items(), key=lambda x: -x[1]) if p >= at_least or math.isnan(p)]
+def likely(naming: Naming, at_least: float = 1e-4) -> list[str]:
+    """Mechanisms by their probability, those of the models that were fitted."""
+    fitted = {m for e in naming.tried for m in e.mechanisms}
+    chance = {m: naming.probability(m) for m in fitted}
+    return [m for m, p in sorted(chance.items(), key=lambda x: -x[1]) if p >= at_least or m in naming.named]

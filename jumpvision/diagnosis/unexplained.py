@@ -21,7 +21,8 @@ from jumpvision.base.arrays import Array
 
 from .detect import LEVEL, Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
-from .naming import Start, best_starts, held_out_score, race, start_of
+from .naming import held_out_score
+from .search import Start, best_starts, race, start_of
 from .system import System
 
 FITTED = 8  # shapes of the greatest scores are fitted through the simulation

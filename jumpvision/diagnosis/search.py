@@ -1,0 +1,319 @@
+"""The search over sets of mechanisms: forward by one and by two, backward, by exchange; several routes are kept.
+
+No set is taken for the answer before it passes the test that the baseline failed. What is worth a fit is judged first
+by the residuals of sets that were fitted: linear in the strengths, each within its range.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+
+from .detect import Detection, Direction, detect, directions
+from .fitting import Fit, Problem
+from .system import Parameter
+
+MOST = 4  # mechanisms in a set
+ROUTES = 3  # sets of each size that are built upon
+ONES, TWOS = 4, 4  # extensions of a set by one mechanism, and by two, that its residuals ask for
+EXCHANGES = 3  # rounds in which one mechanism of the best set is put in place of another
+ALIKE = 0.999999  # cosine of two directions that cannot be told apart
+SHORT = 1.0  # of chi^2 by which a fit is said to have stopped short
+NEAR = 30.0  # of chi^2: a set that loses no more without one of its mechanisms may do without it
+LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
+FEW = 8  # conditions that the first lap goes over
+BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
+BESIDE = 1.0  # or less than this many times the best chi^2: it may lead on to a better one
+FALL = 0.1  # of the excess of chi^2 by which a larger set must lower it for still larger ones to be tried
+
+Start = tuple[tuple[str, ...], dict[str, float]]
+Key = frozenset[str]
+
+
+def log_prior(size: int, vocabulary: int) -> float:
+    """ln of the probability of a set before the data: every number of causes from 0 to MOST alike, and every set of
+    one number alike."""
+    return -math.log((min(MOST, vocabulary) + 1) * math.comb(vocabulary, size))
+
+
+class Search:
+    """Sets of mechanisms that were fitted, and the tests of those that were looked at.
+
+    fits: the best fit of every set; tests: of its residuals.
+    """
+
+    def __init__(self, problem: Problem, base: Fit, found: Detection, rng: np.random.Generator) -> None:
+        self.problem, self.base, self.rng = problem, base, rng
+        self.fits: dict[Key, Fit] = {frozenset(): base}
+        self.tests: dict[Key, Detection] = {frozenset(): found}
+
+    def run(self) -> None:
+        """Sets of one mechanism, then of one more until one passes, or none is likelier than the smaller ones."""
+        found = self.tests[frozenset()]
+        self.race([s for m in self.problem.system.candidates for s in starts(self.problem, self.base, found, m)])
+        for size in range(1, MOST + 1):
+            if size > 1:
+                self.race([*self.forward(size)])
+            if not (mine := self.ranked(size)) or self.settled(size):
+                return
+            before, after = (self.fits[self.ranked(k)[0]] for k in (size - 1, size))
+            if before.chi2 - after.chi2 < FALL * (before.chi2 - self.problem.n):
+                return
+
+    # -- what is known ---------------------------------------------------------------------------------------------
+    def log_probability(self, key: Key) -> float:
+        """ln of a set's probability after the data, up to a constant."""
+        return self.fits[key].log_evidence + log_prior(len(key), len(self.problem.system.candidates))
+
+    def ranked(self, size: int) -> list[Key]:
+        """The sets of a size, the likeliest first."""
+        return sorted((k for k in self.fits if len(k) == size), key=lambda k: -self.log_probability(k))
+
+    def test(self, key: Key) -> Detection:
+        """The test of a set's residuals."""
+        if key not in self.tests:
+            fit = self.fits[key]
+            self.tests[key] = detect(self.problem, fit, directions(self.problem, fit), self.rng)
+        return self.tests[key]
+
+    def passing(self) -> list[Key]:
+        """The sets whose residuals are noise, the likeliest first."""
+        good = [k for k, t in self.tests.items() if not t.discrepant]
+        return sorted(good, key=lambda k: -self.log_probability(k))
+
+    def keep(self, fit: Fit | None) -> bool:
+        """Whether a fit is better than the one of its set that is known; it then takes its place."""
+        if fit is None:
+            return False
+        key = frozenset(fit.mechanisms)
+        if key in self.fits and fit.chi2 >= self.fits[key].chi2 - SHORT:
+            return False
+        self.fits[key] = fit
+        self.tests.pop(key, None)
+        return True
+
+    # -- what is tried ---------------------------------------------------------------------------------------------
+    def race(self, tried: Sequence[Start]) -> None:
+        for fit in race(self.problem, tried):
+            self.keep(fit)
+
+    def settled(self, size: int) -> bool:
+        """Whether a set of this size passes, mechanisms of the best one having been exchanged for others."""
+        for _ in range(EXCHANGES):
+            best = self.ranked(size)[0]
+            if any(not self.test(k).discrepant for k in self.ranked(size)[:ROUTES]):
+                self.without(self.passing()[0])
+                return True
+            if size == 1:
+                return False
+            smaller = self.without(best)
+            self.race([s for k in smaller for s in self.extended(k, 1, ONES)])
+            if self.ranked(size)[0] == best:
+                return False
+        return not self.test(self.ranked(size)[0]).discrepant
+
+    def without(self, key: Key) -> list[Key]:
+        """The set with each of its mechanisms taken away, fitted from its values; what hardly loses is tested."""
+        whole, out = self.fits[key], []
+        for m in whole.mechanisms:
+            rest = tuple(x for x in whole.mechanisms if x != m)
+            if not rest:
+                continue
+            self.keep(self.problem.fit(rest, whole.named))
+            if (smaller := frozenset(rest)) in self.fits:
+                out.append(smaller)
+                if self.fits[smaller].chi2 < whole.chi2 + NEAR:
+                    self.test(smaller)
+        return out
+
+    def forward(self, size: int) -> Iterator[Start]:
+        """Sets of one size: the best smaller ones extended by one, those smaller still by two, and kin."""
+        for key in self.ranked(size - 1)[:ROUTES]:
+            yield from self.extended(key, 1, ONES)
+        for key in self.ranked(size - 2)[: ROUTES - 1]:
+            yield from self.extended(key, 2, TWOS)
+        candidates = self.problem.system.candidates
+        for key in self.ranked(size - 2)[:1]:
+            for m, c in candidates.items():
+                for kin in (o for o in c.goes_with if o in candidates and m < o and not {m, o} & key):
+                    yield from self.begun(key | {m, kin}, [])
+
+    def extended(self, key: Key, by: int, n: int) -> Iterator[Start]:
+        """The n extensions of a set by so many mechanisms that take most from its chi^2, linear in their strengths."""
+        fit, test = self.fits[key], self.test(key)
+        best: dict[Key, tuple[float, tuple[Direction, ...], Array]] = {}
+        for some, gained, strengths in combinations(self.problem, fit, test, by):
+            names = frozenset(d.mechanism for d in some)
+            if names not in best or gained > best[names][0]:
+                best[names] = (gained, some, strengths)
+        for names, (_, some, strengths) in sorted(best.items(), key=lambda x: -x[1][0])[:n]:
+            if by > 1 and key | names in self.fits:
+                continue
+            values = dict(fit.named)
+            for d, z in zip(some, strengths):
+                strength = self.problem.system.candidates[d.mechanism].parameters[0].name
+                begin = start_of(self.problem, fit, d, float(z))
+                values |= {k: v for k, v in begin.items() if k not in fit.named or k == strength}
+            yield from self.begun(key | names, [values])
+        if by == 1:
+            yield from self.in_place(key)
+
+    def in_place(self, key: Key) -> Iterator[Start]:
+        """The set with a mechanism in place of a term of the baseline, with the values that it has alone."""
+        candidates = self.problem.system.candidates
+        gone = {candidates[m].replaces for m in key}
+        for m, c in candidates.items():
+            alone = self.fits.get(frozenset((m,)))
+            if c.replaces and c.replaces not in gone and alone is not None and key | {m} not in self.fits:
+                own = self.fits[key].named
+                yield from self.begun(key | {m}, [{**own, **alone.named}, {**alone.named, **own}])
+
+    def begun(self, key: Key, warm: Sequence[dict[str, float]]) -> list[Start]:
+        """The two best starts of a set: those given, shares of their strengths, ordinary strengths beside the values of
+        the best of its parts."""
+        candidates = self.problem.system.candidates
+        names = tuple(n for n in candidates if n in key)
+        strengths = [(candidates[n].parameters[0], candidates[n].null) for n in names if not candidates[n].replaces]
+        part = self.fits[min((k for k in self.fits if k < key), key=lambda k: self.fits[k].chi2)]
+        first = {p.name: p.start for p in self.problem.system.baseline}
+        tries = list(warm)
+        for values in [part.named] if warm else [part.named, first, self.base.at_low]:
+            absent = [(p, null) for p, null in strengths if p.name not in values]
+            for factors in itertools.product((1.0, 4.0), repeat=min(len(absent), 2)):
+                for sign in (1.0, -1.0):
+                    moved = dict(values)
+                    for (p, null), factor in zip(absent, (*factors, *[1.0] * len(absent))):
+                        moved[p.name] = min(max(null + sign * factor * p.scale, p.low), p.high)
+                    tries.append(moved)
+        tries += [{**w, **{p.name: null + 0.3 * (w[p.name] - null) for p, null in strengths}} for w in warm]
+        return best_starts(self.problem, names, tries, 2)
+
+
+def combinations(
+    problem: Problem, fit: Fit, test: Detection, by: int
+) -> Iterator[tuple[tuple[Direction, ...], float, Array]]:
+    """(directions of different mechanisms, fall of chi^2, coefficients of the unit vectors), linear about a fit."""
+    found = [(d, float(z), *limits(problem, fit, d)) for d, z in zip(test.directions, test.score)]
+    if by == 1:
+        for d, z, low, high in found:
+            at = min(max(z, low), high)
+            yield (d,), z * z - (z - at) ** 2, np.array([at])
+        return
+    for (a, za, la, ha), (b, zb, lb, hb) in itertools.combinations(found, 2):
+        c = float(a.vector @ b.vector)
+        if a.mechanism == b.mechanism or abs(c) > ALIKE:
+            continue
+        x = min(max((za - c * zb) / (1.0 - c * c), la), ha)
+        y = min(max(zb - c * x, lb), hb)
+        x = min(max(za - c * y, la), ha)
+        yield (a, b), 2 * (x * za + y * zb) - x * x - y * y - 2 * c * x * y, np.array([x, y])
+
+
+def limits(problem: Problem, fit: Fit, d: Direction) -> tuple[float, float]:
+    """Range of a direction's coefficient that the range of its mechanism's strength allows."""
+    candidate = problem.system.candidates[d.mechanism]
+    strength = candidate.parameters[0]
+    null = fit.named.get(strength.name, candidate.null)
+    low, high = sorted(((strength.low - null) / d.strength, (strength.high - null) / d.strength))
+    return min(low, 0.0), max(high, 0.0)
+
+
+def race(problem: Problem, starts: Sequence[Start]) -> list[Fit]:
+    """The best fit of every set of mechanisms, the likeliest first; those that cannot win are not fitted to the end.
+
+    The first lap goes over a few conditions only, and who is far behind there is left out.
+    """
+    few = some(problem, FEW)
+    first = [f for m, s in starts if (f := problem.fit(m, s, few, LAP)) is not None]
+    best = min((f.chi2 for f in first), default=0.0)
+    ahead = [f for f in first if not _behind(f, best)]
+    running = [f for g in ahead if (f := problem.fit(g.mechanisms, g.named, iterations=LAP)) is not None]
+    for _ in range(LAPS):
+        best = min((f.chi2 for f in running), default=0.0)
+        slow = []
+        for i, fit in enumerate(running):
+            if fit.converged or _behind(fit, best):
+                continue
+            more = problem.fit(fit.mechanisms, fit.named, iterations=LAP)
+            assert more is not None
+            running[i] = more
+            slow.append(i)
+        if not slow:
+            break
+    out: dict[Key, Fit] = {}
+    for fit in sorted(running, key=lambda f: -f.log_evidence):
+        out.setdefault(frozenset(fit.mechanisms), fit)
+    return list(out.values())
+
+
+def _behind(fit: Fit, best: float) -> bool:
+    """Whether a fit is so far behind the best that going on is not worth it."""
+    fell = fit.chi2_first - fit.chi2
+    return fit.chi2 - best > max(0.0 if fit.converged else BEHIND * fell, CLOSE, BESIDE * best)
+
+
+def some(problem: Problem, n: int) -> list[int]:
+    """One observation of each of about n conditions, spread over them."""
+    first = {o.condition: i for i, o in reversed(list(enumerate(problem.system.observations)))}
+    every = sorted(first.values())
+    return every[:: max(len(every) // n, 1)]
+
+
+def starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> list[Start]:
+    """The two best of a few strengths and shapes, and of the linear estimates from the baseline's residuals."""
+    candidate = problem.system.candidates[mechanism]
+    if candidate.replaces:
+        first = {p.name: p.start for p in problem.system.baseline}  # a baseline without it may have been bent far off
+        tries = _about(candidate.parameters, base.named) + _about(candidate.parameters, first)
+        last = candidate.parameters[-1].name  # a place, such as the depth of a bend: each its own basin
+        places = sorted({t[last] for t in tries})
+        return [s for x in places for s in best_starts(problem, (mechanism,), [t for t in tries if t[last] == x], 2)]
+    linear = [
+        start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
+    ]
+    if not linear:
+        return []
+    strength, *others = candidate.parameters
+    tries = list(linear)
+    for shape in candidate.shapes:
+        fixed = dict(zip((p.name for p in others), shape or [p.start for p in others]))
+        for factor in (-3.0, -1.0, -0.3, 0.3, 1.0, 3.0, 10.0):
+            value = base.named.get(strength.name, candidate.null) + factor * strength.scale
+            if strength.low <= value <= strength.high:
+                tries.append({**base.named, **fixed, strength.name: value})
+    return best_starts(problem, (mechanism,), tries, 2)
+
+
+def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str, float]]:
+    """The parameters' first values and combinations of others a few scales away, beside given values of the rest."""
+    grid = itertools.product((-3.0, 0.0, 4.0), repeat=len(free))
+    return [
+        {**values, **{p.name: min(max(p.start + f * p.scale, p.low), p.high) for p, f in zip(free, factors)}}
+        for factors in grid
+    ]
+
+
+def best_starts(
+    problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int
+) -> list[Start]:
+    """The n starts of least cost over a few conditions."""
+    few = some(problem, FEW)
+    cost = [problem.cost(mechanisms, t, few) for t in tries]
+    return [(mechanisms, tries[i]) for i in np.argsort(cost)[:n] if math.isfinite(cost[i])]
+
+
+def start_of(problem: Problem, fit: Fit, direction: Direction, score: float) -> dict[str, float]:
+    """First values of a fit with one more mechanism: its strength as the linear estimate has it, within its range."""
+    strength, *others = problem.system.candidates[direction.mechanism].parameters
+    null = problem.system.candidates[direction.mechanism].null
+    base = fit.named.get(strength.name, null)
+    value = min(max(base + direction.strength * score, strength.low), strength.high)
+    if value == base:  # the estimate lies on the wrong side of the null
+        value = min(max(base + 0.1 * strength.scale, strength.low), strength.high)
+    shape = dict(zip((p.name for p in others), direction.shape or [p.start for p in others]))
+    return {**shape, **fit.named, strength.name: value}
