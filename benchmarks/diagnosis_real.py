@@ -237,8 +237,11 @@ def best_of(d: Findings) -> str:
 
 
 def any_of(d: Findings, mechanisms: Sequence[str]) -> float:
-    """Probability that at least one of these is in the model."""
-    return sum(e.probability for e in d.naming.tried if set(mechanisms) & set(e.mechanisms)) if d.naming else 0.0
+    """Probability that at least one of these is in the model, of those that were fitted."""
+    if d.naming is None:
+        return 0.0
+    with_them = sum(e.probability for e in d.naming.tried if set(mechanisms) & set(e.mechanisms))
+    return with_them / sum(e.probability for e in d.naming.tried)
 
 
 def own_share(body: Body) -> float:
@@ -270,7 +273,7 @@ def main() -> None:
         assert d.gain is not None and d.naming is not None
         print(
             f"| {name} | ours: Coulomb friction with probability {any_of(d, ['coulomb_friction']):.3g}, named "
-            f"{', '.join(d.naming.named) or 'none'} (left: {100 * d.naming.remainder:.2g} % of chi^2) | {best_of(d)} | "
+            f"{', '.join(d.naming.named) or 'none'} (left: {100 * d.naming.left:.2g} % of chi^2) | {best_of(d)} | "
             f"{1e3 * d.gain.track_after:.3f} | "
             f"{1e3 * d.gain.track_before:.2f} | {took:.0f} s |"
         )

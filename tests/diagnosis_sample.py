@@ -24,7 +24,7 @@ def confirmation(quantity: str, film: tuple[float, float], jumps: tuple[float, f
 
 def causes(named: tuple[str, ...], parameters: dict[str, Parameter]) -> tuple[Cause, ...]:
     """One for each mechanism of a model, as the diagnosis lists them."""
-    return tuple(Cause(m, tuple(n for n in named if n != m), 0.9, 100.0, parameters) for m in named)
+    return tuple(Cause(m, tuple(n for n in named if n != m), 0.9, (0.8, 0.95), 100.0, parameters) for m in named)
 
 
 def diagnosis(**parts: Any) -> Diagnosis:
@@ -33,13 +33,15 @@ def diagnosis(**parts: Any) -> Diagnosis:
         "verdict": "discrepant",
         "p_value": 0.0,
         "baseline": Baseline(("inertial_drag",), {"alpha": 80.0}, 0.01, 0.009, 900.0),
-        "remainder": None,
+        "status": "undetermined",
+        "left_over": None,
         "extended_model": Model(("inertial_drag",), {"alpha": 80.0}),
         "noise": Noise(5e-5, 0.0, None, 0.0, 950, {}, {}, {}, (), ()),
         "extrapolation": {},
         "sentence": "Said.",
     }
-    rows = ("where", "heights", "causes", "named", "indistinguishable", "common", "energy", "confirmation")
+    rows = ("where", "heights", "causes", "named", "indistinguishable", "common", "energy", "confirmation",
+            "detectable", "selection")  # fmt: skip
     nothing |= dict.fromkeys(rows, ())
-    nothing |= dict.fromkeys(("closest", "unexplained", "gain", "next_experiment", "confirmed"))
+    nothing |= dict.fromkeys(("closest", "unexplained", "gain", "next_experiment", "confirmed", "priors"))
     return Diagnosis(**nothing | parts)

@@ -75,7 +75,7 @@ def test_friction_is_named_beside_a_small_fault_of_the_encoder():
         found = diagnose(body, body.noise, np.random.default_rng(1)).naming
         assert found is not None and found.named == named
         if named:
-            assert 0 < found.remainder < 0.01
+            assert 0 < found.left < 0.01
             f = found.best.fit.named["coulomb"]
             assert f == pytest.approx(0.16, rel=0.03)
 
@@ -128,7 +128,7 @@ def test_the_real_pendulum_has_dry_friction(real_data):
     assert found.naming is not None and found.gain is not None
     assert real.any_of(found, ["coulomb_friction"]) > 0.999
     assert found.naming.named == ("coulomb_friction",)
-    assert 0 < found.naming.remainder < 0.01  # the encoder's own faults, or the bearing's
+    assert 0 < found.naming.left < 0.01  # the encoder's own faults, or the bearing's
     assert found.naming.best.fit.named["coulomb"] == pytest.approx(0.16, abs=0.01)  # 0.163 by a quick fit of others
     assert found.gain.ratio > 4 and found.gain.ratio_ci95[0] > 4
 

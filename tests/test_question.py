@@ -25,6 +25,7 @@ from jumpvision.results.diagnosis import (
     Diagnosis,
     Gain,
     Height,
+    LeftOver,
     Outlier,
     Tails,
     Unexplained,
@@ -217,12 +218,14 @@ def test_planned_stop_go_motions_tell_that_the_sand_remembers_a_pause(tmp_path):
 def test_the_sentence_says_what_a_named_mechanism_leaves():
     tops = [Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 0.052, math.nan) for k, d in enumerate((-1e-4, 1e-4))]
     left = Unexplained(("v_m*x_r",), {}, 0.9, "rod: |x_r| 0-9 mm")
-    d = diagnosis(named=("coulomb_friction",), heights=tuple(tops), remainder=0.0035, unexplained=left)
+    d = diagnosis(named=("coulomb_friction",), heights=tuple(tops), unexplained=left, status="partial",
+                  left_over=LeftOver(1.9, 0.0035, 4.0))  # fmt: skip
     text = sentence(d)
     assert "lacks dry friction on the rail" in text
-    assert "0.35 % of the discrepancy (in chi^2) stays, beyond the noise; " in text
+    assert "in part because it lacks dry friction on the rail, and 0.35 % of the discrepancy (in chi^2) stays" in text
+    assert "intervals are 4 times wider for it" in text
     assert text.endswith("a force like v_m*x_r describes it (rod: |x_r| 0-9 mm).")
-    assert "stays" not in sentence(replace(d, remainder=0.0, unexplained=None))
+    assert "stays" not in sentence(replace(d, status="complete", left_over=None, unexplained=None))
 
 
 def test_a_diagnosis_comes_back_from_its_file_as_it_was(diagnosed, tmp_path):
@@ -249,7 +252,7 @@ def test_a_diagnosis_comes_back_from_its_file_as_it_was(diagnosed, tmp_path):
     assert back.closest == told.closest and back.unexplained == told.unexplained and back.noise == told.noise
     assert math.isnan(back.heights[0].extended_m) and back.heights[0].frequency is None
     assert told.values["heights"][0]["simulated_m"] is None and "with" in found.values["causes"][0]
-    assert "without_films" not in found.values and list(told.values).index("without_films") == 20
+    assert "without_films" not in found.values and list(told.values).index("without_films") == 24
     assert diagnosis(unexplained=Unexplained()).values["unexplained"].keys() == {"terms", "r2", "where"}
 
 

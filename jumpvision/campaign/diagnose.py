@@ -32,7 +32,7 @@ from .films import Film, confirmation, energies, films, jumps_alone
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 7  # of the method: another one asks again
+VERSION = 8  # of the method: another one asks again
 MODEL, PICTURE = "model.toml", "diagnosis.png"
 
 Say = Callable[[str], None]
@@ -152,7 +152,7 @@ def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw |
 
 def leftover(d: Findings, problem: Problem, system: Jumper, say: Say) -> Unexplained | None:
     """Generic forces that describe what no mechanism explains; None where one does."""
-    if d.naming is None or (d.naming.named and not d.naming.remainder):
+    if d.naming is None or d.naming.status == "complete":
         return None
     say("no mechanism explains all of it: describing what is left by generic forces")
     return unexplained_of(

@@ -18,6 +18,7 @@ from jumpvision.diagnosis.jumper.jumps import is_common
 from jumpvision.diagnosis.naming import Explanation, Naming, likely
 from jumpvision.diagnosis.noise.learning import Learned
 from jumpvision.diagnosis.proposing import Gain, apex
+from jumpvision.diagnosis.search import MOST
 from jumpvision.diagnosis.unexplained import Unexplained
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import ROBOT
@@ -58,14 +59,18 @@ def document(
         heights=heights,
         causes=causes(n) if n else (),
         named=n.named if n else (),
-        remainder=n.remainder if n and n.named else None,
+        status=n.status if n else "complete",
+        left_over=left_over(d),
+        detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
         indistinguishable=n.twins if n else (),
         closest=closest(d, system) if n and not n.named else None,
         unexplained=unexplained,
         extended_model=record.Model(system.build(best.mechanisms, best.named).terms, values(best, system)),
         gain=gain_of(d.gain) if extended and d.gain else None,
+        selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
         extrapolation={k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if extended else {},
         next_experiment=proposal(d),
+        priors=priors(d) if n else None,
         noise=noise_of(learned, d),
         common=common_of(d),
         energy=tuple(energy),
@@ -75,6 +80,27 @@ def document(
         confirmed=None,
     )
     return replace(out, sentence=sentence(out), confirmed=confirmed(out))
+
+
+def left_over(d: Findings) -> record.LeftOver | None:
+    """What the model that is told leaves; None where the baseline is adequate."""
+    n = d.naming
+    if n is None:
+        return None
+    if not n.named:
+        return record.LeftOver(d.detection.chi2_per_dof, 1.0, 1.0)
+    test = n.best.detection
+    return record.LeftOver(test.chi2_per_dof if test else math.nan, n.left, n.widened)
+
+
+def priors(d: Findings) -> record.Priors:
+    """What was taken of causes and parameters before the data."""
+    assert d.naming
+    most, found = MOST, {p.name: p for e in d.naming.tried for p in e.fit.parameters}
+    return record.Priors(
+        tuple([1.0 / (most + 1)] * (most + 1)),
+        {p.name: record.Prior(p.low, p.high, p.start, p.sigma, p.unit or "1") for p in found.values()},
+    )
 
 
 def told(d: Findings) -> Fit:
@@ -185,7 +211,9 @@ def causes(n: Naming) -> tuple[record.Cause, ...]:
         e = next(e for e in n.tried if mechanism in e.mechanisms)
         others = tuple(m for m in e.mechanisms if m != mechanism)
         parameters = parameters_of(e, mechanism)
-        out.append(record.Cause(mechanism, others, n.probability(mechanism), e.delta_score, parameters))
+        chances = n.probabilities[mechanism]
+        spread = (min(chances), max(chances))
+        out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, parameters))
     return tuple(out)
 
 
@@ -277,16 +305,20 @@ def sentence(d: Diagnosis) -> str:
             text += f"brings the held-out track error down {near.gain.ratio:.1f}x" if near.gain else "helps"
             text += f" and leaves {1e3 * near.rmse_track_m:.2g} mm, beyond the noise"
         return text + generic(d, "would") + "."
-    text += f" because it lacks {' and '.join(MECHANISMS[m].lacks for m in d.named)}"
+    partly = " in part" if d.status == "partial" else ""
+    text += f"{partly} because it lacks {' and '.join(MECHANISMS[m].lacks for m in d.named)}"
+    if d.status == "partial" and d.left_over:
+        text += (
+            f", and {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
+        )
+        text += f" (intervals are {d.left_over.widened:.2g} times wider for it)"
+        text += generic(d, "describes it")
     if d.indistinguishable:
         twins = "; ".join(" or ".join(words([m]) for m in t) for t in d.indistinguishable)
         text += f" (the data cannot tell apart: {twins})"
     if d.gain:
         it = "it" if len(d.named) == 1 else "them"
         text += f"; with {it} the held-out track error falls {d.gain.ratio:.3g}x"
-    if d.remainder:
-        text += f"; {100 * d.remainder:.2g} % of the discrepancy (in chi^2) stays, beyond the noise"
-        text += generic(d, "describes it")
     return text + "."
 
 

@@ -162,6 +162,49 @@ def detect(problem: Problem, fit: Fit, found: Sequence[Direction], rng: np.rando
     return Detection(p, p_chi2, p_score, chi2 / dof, tuple(found), score)
 
 
+POWER = 0.9
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """value: of a mechanism's strength, that these motions would have shown with POWER; NaN where none in its range."""
+
+    mechanism: str
+    parameter: str
+    value: float
+    unit: str
+
+
+def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Generator) -> list[Detectable]:
+    """For every mechanism beside a fit that has a strength, the one at which the test would have called it discrepant.
+
+    Linear in the strength, its shape the one nearest to the first values; by the largest score alone. Above the value
+    at which it is absent, or below where the range ends there.
+    """
+    if not found.directions:
+        return []
+    matrix = np.stack([d.vector for d in found.directions], axis=1)
+    w, v = np.linalg.eigh(matrix.T @ matrix)
+    draws = rng.standard_normal((DRAWS, w.size)) @ (v * np.sqrt(np.maximum(w, 0.0))).T
+    draws *= np.exp(0.5 * problem.noise.log_sigma * rng.standard_normal((DRAWS, 1)))
+    beyond = float(np.quantile(np.max(np.abs(draws), axis=1), 1.0 - LEVEL / 2.0)) + float(scipy.stats.norm.ppf(POWER))
+    near: dict[str, tuple[float, Direction]] = {}
+    for d in found.directions:
+        others = problem.system.candidates[d.mechanism].parameters[1:]
+        off = sum(((x - p.start) / p.scale) ** 2 for x, p in zip(d.shape, others))
+        if d.mechanism not in near or off < near[d.mechanism][0]:
+            near[d.mechanism] = (off, d)
+    out = []
+    for name, (_, d) in near.items():
+        candidate = problem.system.candidates[name]
+        p = candidate.parameters[0]
+        null = fit.named.get(p.name, candidate.null)
+        ends = [null + sign * beyond * abs(d.strength) for sign in (1.0, -1.0)]
+        value = next((x for x in ends if p.low <= x <= p.high), math.nan)
+        out.append(Detectable(name, p.name, value, p.unit or "1"))
+    return out
+
+
 FEWEST = 8  # samples of a cell
 
 

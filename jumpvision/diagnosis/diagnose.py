@@ -10,19 +10,23 @@ import numpy as np
 from jumpvision.diagnosis.jumper.jumps import Measured
 from jumpvision.diagnosis.noise.noise import Noise
 
-from .detect import Cell, Detection, detect, directions, locate
+from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
 from .fitting import Fit, Problem
 from .naming import Naming, name
 from .proposing import Gain, Proposal, Runnable, extrapolation, gain, propose
 from .system import Parameter, System
 
 STARTS = 6  # of the baseline's fit, over the ranges of its parameters
+NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What is wrong with a model, or that nothing is. naming, gain, next_experiment: None for an adequate model."""
+    """What is wrong with a model, or that nothing is. naming, gain, next_experiment: None for an adequate model.
+
+    detectable: of every mechanism that is not named, the strength that would have shown.
+    """
 
     noise: Noise
     baseline: Fit
@@ -32,6 +36,7 @@ class Findings:
     gain: Gain | None = None
     extrapolation: dict[str, Gain] | None = None
     next_experiment: Proposal | None = None
+    detectable: tuple[Detectable, ...] = ()
 
     @property
     def adequate(self) -> bool:
@@ -63,17 +68,19 @@ def diagnose(
     found = detect(problem, base, directions(problem, base), rng)
     where = locate(problem, base, tuple(by), rng)
     if not found.discrepant:
-        return Findings(noise, base, found, where)
+        return Findings(noise, base, found, where, detectable=tuple(detectable(problem, base, found, rng)))
     say(f"discrepant (p = {found.p_value:.2g}): trying {len(system.candidates)} mechanisms")
     naming = name(problem, base, found, rng)
     say("predicting held-out conditions")
     times = stops if stops is not None else [float(o.t[0]) for o in system.observations]
     best = naming.best.fit
-    gained = gain(problem, base, best, times, rng)
-    beyond = extrapolation(problem, base, best, by[0], times, rng) if by else {}
+    gained = gain(problem, fit_baseline, times, rng, NEIGHBOURS)
+    beyond = extrapolation(problem, base, best, by[0], times) if by else {}
     second = next((e.fit for e in naming.tried if e is not naming.best), base)
     proposal = propose(runnable, best, second, noise) if runnable else None
-    return Findings(noise, base, found, where, naming, gained, beyond, proposal)
+    seen = naming.best.detection if naming.named else found
+    hidden = detectable(problem, best if naming.named else base, seen or found, rng)
+    return Findings(noise, base, found, where, naming, gained, beyond, proposal, tuple(hidden))
 
 
 def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:

@@ -304,7 +304,7 @@ def log_volume(free: Sequence[Parameter], x: Array, hessian: Array, slope: Array
     out += float(np.sum(alone - 0.5 * np.log(np.diag(curved)[hard])))
     if soft.any():
         inner = curved[np.ix_(soft, soft)]
-        covariance = np.linalg.inv(inner)
+        covariance: Array = np.asarray(np.linalg.inv(inner))
         pushed = np.where(against, slope, 0.0)[soft]
         mean, sigma = x[soft] + covariance @ pushed, np.sqrt(np.diag(covariance))
         lows, highs = low[soft], high[soft]
@@ -347,7 +347,7 @@ def log_box(mean: Array, covariance: Array, low: Array, high: Array) -> float:
 
 
 def left_of(problem: Problem, fit: Fit, scores: Array) -> float:
-    """chi^2 beyond what noise leaves: of all residuals, or in the direction of the greatest of the scores; not below 0."""
+    """chi^2 beyond what noise leaves, 0 or more: of all residuals, or in the direction of the greatest score."""
     top = float(np.max(np.abs(scores))) if scores.size else 0.0
     return max(fit.chi2 - problem.n, top * top, 0.0)
 

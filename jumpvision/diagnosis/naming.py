@@ -76,7 +76,8 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
     left = left_of(problem, search.fits[told], test.score)
     share = 0.0 if passing else left / max(left_of(problem, base, found.score), left)
     fit, wider = (search.fits[told], 1.0) if passing else widened(problem, search.fits[told])
-    explanations, probabilities = weighed(search, likeliest, 1.0 / wider**2)
+    dispersion = max(search.test(likeliest).chi2_per_dof, 1.0) if not passing else 1.0
+    explanations, probabilities = weighed(search, likeliest, 1.0 / dispersion)
     tried = tuple(replace(e, fit=fit) if frozenset(e.mechanisms) == told else e for e in explanations)
     best = next(e for e in tried if frozenset(e.mechanisms) == told)
     status = "complete" if passing else "partial" if key else "undetermined"
@@ -86,7 +87,7 @@ def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator
 
 
 def established(search: Search) -> Key:
-    """Of the likeliest set, the mechanisms beside whose own part what is left is small: frozenset() where there is none.
+    """Of the likeliest set, the mechanisms beside whose own part what is left is small; may be empty.
 
     A mechanism's own part is what every set of no more mechanisms leaves without it. What is left may hide as much
     of any mechanism's effect as it shows; substitutes for an effect of no vocabulary leave 3 % of it and more.
@@ -140,7 +141,7 @@ def weighed(search: Search, best: Key, trust: float) -> tuple[tuple[Explanation,
     """(models that were fitted by their probability, probability of every mechanism under each of PRIORS).
 
     Sets with one more mechanism than the best are weighed too, linear in its strength. trust: power of the likelihood,
-    below 1 where misfit is left that no model accounts for.
+    below 1 where misfit is left that no model accounts for (quasi-likelihood: chi^2 over its dispersion).
     """
     problem, fits = search.problem, search.fits
     keys = sorted(fits, key=lambda k: -search.log_probability(k))

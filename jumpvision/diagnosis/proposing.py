@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import scipy
 
 from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.noise.noise import Noise
 
+from .detect import detect, directions
 from .fitting import STEP, Fit, Problem
+from .search import Search
+from .system import Candidate, Observation, Parameter, System
 
 
 class Runnable(Protocol):
@@ -67,15 +72,16 @@ def expected_log10_odds(r: Runnable, first: Fit, second: Fit, noise: Noise) -> f
 
 
 FOLDS = 4
-BOOTSTRAP = 4000
 REFIT = 6  # iterations, from the full fit
+FEW_GROUPS = 2  # groups below which an interval is not stated
 
 
 @dataclass(frozen=True)
 class Gain:
     """Root mean squares of measured minus predicted on held-out motions, by the baseline and by the extended model.
 
-    ratio: of the track's, before / after; ratio_ci95: by resampling groups of trials. held_out: names of the motions.
+    ratio: of the track's, before / after; ratio_ci95: by leaving out groups of trials in turn. held_out: names of the
+    motions. selection: sets of mechanisms with how often each was chosen over the folds; () where none was chosen anew.
     """
 
     held_out: tuple[str, ...]
@@ -85,6 +91,7 @@ class Gain:
     track_after: float
     ratio: float
     ratio_ci95: tuple[float, float]
+    selection: tuple[tuple[tuple[str, ...], int], ...] = ()
 
     @property
     def claimed(self) -> bool:
@@ -106,23 +113,76 @@ def apex(t: Array, y: Array, after: float, half: int = 5) -> float:
     return float(c + b * at + a * at * at) if abs(at) <= (t[near][-1] - t[near][0]) else float(y[top])
 
 
-def gain(problem: Problem, before: Fit, after: Fit, stops: Sequence[float], rng: np.random.Generator) -> Gain | None:
-    """Gain over all conditions, each held out once; None when there is but one condition.
+@dataclass(frozen=True)
+class Part:
+    """Some observations of a system, as a system."""
 
-    stops: (observations,) time after which an apex counts [s].
+    whole: System
+    kept: tuple[int, ...]
+
+    @property
+    def observations(self) -> Sequence[Observation]:
+        return [self.whole.observations[i] for i in self.kept]
+
+    @property
+    def baseline(self) -> tuple[Parameter, ...]:
+        return self.whole.baseline
+
+    @property
+    def candidates(self) -> Mapping[str, Candidate]:
+        return self.whole.candidates
+
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
+        return self.whole.predict(mechanisms, values, [self.kept[i] for i in which])
+
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> Mapping[str, list[Array]]:
+        return self.whole.scatter(mechanisms, values, [self.kept[i] for i in which])
+
+
+Begin = Callable[[Problem, np.random.Generator], Fit]  # the baseline, from its own values
+
+
+def gain(
+    problem: Problem, begin: Begin, stops: Sequence[float], rng: np.random.Generator, order: Sequence[str] = ()
+) -> Gain | None:
+    """Gain over all conditions, a block of them held out at a time; None when there is but one condition.
+
+    Without the held-out ones everything is done anew: the baseline fitted from its own values, mechanisms searched for
+    (one route), the likeliest set taken. stops: (observations,) time after which an apex counts [s]. order: labels by
+    which conditions are neighbours; neighbours are held out together.
     """
     observations = problem.system.observations
-    conditions = list(dict.fromkeys(o.condition for o in observations))
+    place = {o.condition: [_place(o.labels.get(n)) for n in order] for o in observations}
+    conditions = sorted(place, key=lambda c: place[c])
     if len(conditions) < 2:
         return None
-    folds = [conditions[k :: min(FOLDS, len(conditions))] for k in range(min(FOLDS, len(conditions)))]
-    held = [[i for i, o in enumerate(observations) if o.condition in fold] for fold in folds]
-    return _score(problem, before, after, held, stops, rng)
+    folds = [list(f) for f in np.array_split(np.array(conditions, dtype=object), min(FOLDS, len(conditions)))]
+    rows: dict[int, Row] = {}
+    chosen: Counter[tuple[str, ...]] = Counter()
+    for fold in folds:
+        held = [i for i, o in enumerate(observations) if o.condition in fold]
+        kept = tuple(i for i in problem.all if i not in held)
+        part = Problem(Part(problem.system, kept), problem.noise, problem.scattered, problem.measured)
+        try:
+            base = begin(part, rng)
+        except ValueError:
+            return None
+        search = Search(part, base, detect(part, base, directions(part, base), rng), rng, quick=True)
+        search.run()
+        best = search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
+        chosen[best.mechanisms] += 1
+        rows |= _errors(problem, base, best, held, stops)
+    return _summed(problem, rows, tuple(chosen.most_common()))
 
 
-def extrapolation(
-    problem: Problem, before: Fit, after: Fit, label: str, stops: Sequence[float], rng: np.random.Generator
-) -> dict[str, Gain]:
+def _place(label: Any) -> tuple[float, str]:
+    """Order of labels: numbers by their size, before texts."""
+    return (float(label), "") if isinstance(label, int | float) else (math.inf, str(label))
+
+
+def extrapolation(problem: Problem, before: Fit, after: Fit, label: str, stops: Sequence[float]) -> dict[str, Gain]:
     """The gain on each value of a label (a kind of jump, a volume fraction) when none of it was fitted."""
     observations = problem.system.observations
     values = list(dict.fromkeys(str(o.labels.get(label)) for o in observations))
@@ -131,7 +191,7 @@ def extrapolation(
     out = {}
     for value in values:
         held = [i for i, o in enumerate(observations) if str(o.labels.get(label)) == value]
-        if (found := _score(problem, before, after, [held], stops, rng)) is not None:
+        if (found := _score(problem, before, after, [held], stops)) is not None:
             out[value] = found
     return out
 
@@ -142,33 +202,57 @@ def _score(
     after: Fit,
     folds: Sequence[Sequence[int]],
     stops: Sequence[float],
-    rng: np.random.Generator,
 ) -> Gain | None:
-    observations = problem.system.observations
-    squares: dict[int, tuple[float, float, int, float, float]] = {}
+    rows: dict[int, Row] = {}
     for held in folds:
         rest = [i for i in problem.all if i not in set(held)]
-        fits = [problem.fit(f.mechanisms, f.named, rest, iterations=REFIT) for f in (before, after)]
-        if any(f is None for f in fits):
+        fits = [f for g in (before, after) if (f := problem.fit(g.mechanisms, g.named, rest, iterations=REFIT))]
+        if len(fits) < 2:
             return None
-        predicted = [problem.system.predict(f.mechanisms, f.named, held) for f in fits if f is not None]
-        for k, i in enumerate(held):
-            o = observations[i]
-            r = [o.y - p[k] for p in predicted]
-            tops = [apex(o.t, p[k], stops[i]) - apex(o.t, o.y, stops[i]) for p in predicted]
-            squares[i] = (float(r[0] @ r[0]), float(r[1] @ r[1]), o.t.size, tops[0] ** 2, tops[1] ** 2)
+        rows |= _errors(problem, fits[0], fits[1], held, stops)
+    return _summed(problem, rows, ())
+
+
+Row = tuple[float, float, int, float, float]  # of an observation: sums of squares of both models, samples, apexes
+
+
+def _errors(problem: Problem, before: Fit, after: Fit, held: Sequence[int], stops: Sequence[float]) -> dict[int, Row]:
+    """Squared errors of the motions held out, by either model."""
+    predicted = [problem.system.predict(f.mechanisms, f.named, held) for f in (before, after)]
+    rows: dict[int, Row] = {}
+    for k, i in enumerate(held):
+        o = problem.system.observations[i]
+        r = [o.y - p[k] for p in predicted]
+        tops = [apex(o.t, p[k], stops[i]) - apex(o.t, o.y, stops[i]) for p in predicted]
+        rows[i] = (float(r[0] @ r[0]), float(r[1] @ r[1]), o.t.size, tops[0] ** 2, tops[1] ** 2)
+    return rows
+
+
+def _summed(problem: Problem, rows: Mapping[int, Row], selection: tuple[tuple[tuple[str, ...], int], ...]) -> Gain:
+    observations = problem.system.observations
     groups: dict[str, list[int]] = {}
-    for i in squares:
+    for i in rows:
         groups.setdefault(observations[i].group, []).append(i)
-    sums = np.array([np.sum([squares[i][:3] for i in g], axis=0) for g in groups.values()])
-    picks = rng.integers(0, len(sums), (BOOTSTRAP, len(sums)))
-    totals = sums[picks].sum(axis=1)
-    ratios = np.sqrt(totals[:, 0] / totals[:, 1])
-    table = np.array(list(squares.values()))
+    sums = np.array([np.sum([rows[i][:2] for i in g], axis=0) for g in groups.values()])
+    table = np.array(list(rows.values()))
     n = table[:, 2].sum()
     track = [math.sqrt(table[:, k].sum() / n) for k in (0, 1)]
     height = [float(np.sqrt(np.nanmean(table[:, k]))) for k in (3, 4)]
-    low, high = np.quantile(ratios, [0.025, 0.975])
-    names = tuple(observations[i].name for i in sorted(squares))
-    ci95 = (float(low), float(high))
-    return Gain(names, height[0], height[1], track[0], track[1], track[0] / track[1], ci95)
+    names = tuple(observations[i].name for i in sorted(rows))
+    ratio = track[0] / track[1]
+    return Gain(names, height[0], height[1], track[0], track[1], ratio, ratio_interval(sums), selection)
+
+
+def ratio_interval(sums: Array, level: float = 0.95) -> tuple[float, float]:
+    """Interval of sqrt(sum of column 0 / sum of column 1) over groups (n, 2): its logarithm by the jackknife, with
+    Student's t of n - 1 degrees of freedom; (0, inf) for fewer than FEW_GROUPS."""
+    n = len(sums)
+    if n < FEW_GROUPS:
+        return 0.0, math.inf
+    total = sums.sum(axis=0)
+    whole = 0.5 * math.log(total[0] / total[1])
+    rest = total - sums
+    each = 0.5 * np.log(rest[:, 0] / rest[:, 1])
+    pseudo = n * whole - (n - 1) * each
+    half = float(scipy.stats.t.ppf(0.5 + 0.5 * level, n - 1)) * float(np.std(pseudo, ddof=1)) / math.sqrt(n)
+    return math.exp(whole - half), math.exp(whole + half)

@@ -20,15 +20,16 @@ from .system import Parameter
 
 MOST = 4  # mechanisms in a set
 ROUTES = 3  # sets of each size that are built upon
+QUICK = 4  # single mechanisms that a quick search tries
 ONES, TWOS = 4, 4  # extensions of a set by one mechanism, and by two, that its residuals ask for
 EXCHANGES = 3  # rounds in which one mechanism of the best set is put in place of another
 ALIKE = 0.999999  # cosine of two directions that cannot be told apart
 SHORT = 1.0  # of chi^2 by which a fit is said to have stopped short
 NEAR = 30.0  # of chi^2: a set that loses no more without one of its mechanisms may do without it
-LAP, LAPS = 5, 6  # iterations of a fit before it is compared with the others, and how often
+LAP, LAPS = 4, 6  # iterations of a fit before it is compared with the others, and how often
 FEW = 8  # conditions that the first lap goes over
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
-BESIDE = 1.0  # or less than this many times the best chi^2: it may lead on to a better one
+LEADING = 8  # sets of those that are tried together go on after the first lap, and all that are CLOSE to the best
 FALL = 0.1  # of the excess of chi^2 by which a larger set must lower it for still larger ones to be tried
 
 Start = tuple[tuple[str, ...], dict[str, float]]
@@ -44,22 +45,29 @@ def log_prior(size: int, vocabulary: int) -> float:
 class Search:
     """Sets of mechanisms that were fitted, and the tests of those that were looked at.
 
-    fits: the best fit of every set; tests: of its residuals.
+    fits: the best fit of every set; tests: of its residuals. quick: one route, no exchanges, and of single mechanisms
+    only those that the residuals ask for.
     """
 
-    def __init__(self, problem: Problem, base: Fit, found: Detection, rng: np.random.Generator) -> None:
+    def __init__(
+        self, problem: Problem, base: Fit, found: Detection, rng: np.random.Generator, *, quick: bool = False
+    ) -> None:
         self.problem, self.base, self.rng = problem, base, rng
+        self.quick, self.routes = quick, 1 if quick else ROUTES
         self.fits: dict[Key, Fit] = {frozenset(): base}
         self.tests: dict[Key, Detection] = {frozenset(): found}
 
     def run(self) -> None:
         """Sets of one mechanism, then of one more until one passes, or none is likelier than the smaller ones."""
-        found = self.tests[frozenset()]
-        self.race([s for m in self.problem.system.candidates for s in starts(self.problem, self.base, found, m)])
+        found, asked = self.tests[frozenset()], list(self.problem.system.candidates)
+        if self.quick:
+            top = sorted(zip(map(abs, found.score), (d.mechanism for d in found.directions)), reverse=True)
+            asked = list(dict.fromkeys(m for _, m in top))[:QUICK]
+        self.race([s for m in asked for s in starts(self.problem, self.base, found, m)])
         for size in range(1, MOST + 1):
             if size > 1:
                 self.race([*self.forward(size)])
-            if not (mine := self.ranked(size)) or self.settled(size):
+            if not self.ranked(size) or self.settled(size):
                 return
             before, after = (self.fits[self.ranked(k)[0]] for k in (size - 1, size))
             if before.chi2 - after.chi2 < FALL * (before.chi2 - self.problem.n):
@@ -106,10 +114,10 @@ class Search:
         """Whether a set of this size passes, mechanisms of the best one having been exchanged for others."""
         for _ in range(EXCHANGES):
             best = self.ranked(size)[0]
-            if any(not self.test(k).discrepant for k in self.ranked(size)[:ROUTES]):
+            if any(not self.test(k).discrepant for k in self.ranked(size)[: self.routes]):
                 self.without(self.passing()[0])
                 return True
-            if size == 1:
+            if size == 1 or self.quick:
                 return False
             smaller = self.without(best)
             self.race([s for k in smaller for s in self.extended(k, 1, ONES)])
@@ -133,9 +141,9 @@ class Search:
 
     def forward(self, size: int) -> Iterator[Start]:
         """Sets of one size: the best smaller ones extended by one, those smaller still by two, and kin."""
-        for key in self.ranked(size - 1)[:ROUTES]:
+        for key in self.ranked(size - 1)[: self.routes]:
             yield from self.extended(key, 1, ONES)
-        for key in self.ranked(size - 2)[: ROUTES - 1]:
+        for key in self.ranked(size - 2)[: max(self.routes - 1, 1)]:
             yield from self.extended(key, 2, TWOS)
         candidates = self.problem.system.candidates
         for key in self.ranked(size - 2)[:1]:
@@ -226,18 +234,21 @@ def limits(problem: Problem, fit: Fit, d: Direction) -> tuple[float, float]:
 def race(problem: Problem, starts: Sequence[Start]) -> list[Fit]:
     """The best fit of every set of mechanisms, the likeliest first; those that cannot win are not fitted to the end.
 
-    The first lap goes over a few conditions only, and who is far behind there is left out.
+    The first lap goes over a few conditions only; who leads there goes on.
     """
     few = some(problem, FEW)
-    first = [f for m, s in starts if (f := problem.fit(m, s, few, LAP)) is not None]
-    best = min((f.chi2 for f in first), default=0.0)
-    ahead = [f for f in first if not _behind(f, best)]
+    first = sorted((f for m, s in starts if (f := problem.fit(m, s, few, LAP)) is not None), key=lambda f: f.chi2)
+    leading: dict[Key, Fit] = {}
+    for fit in first:
+        leading.setdefault(frozenset(fit.mechanisms), fit)
+    ahead = list(leading.values())[:LEADING]
+    ahead += [f for f in leading.values() if f.chi2 < ahead[0].chi2 + CLOSE and f not in ahead]
     running = [f for g in ahead if (f := problem.fit(g.mechanisms, g.named, iterations=LAP)) is not None]
     for _ in range(LAPS):
         best = min((f.chi2 for f in running), default=0.0)
         slow = []
         for i, fit in enumerate(running):
-            if fit.converged or _behind(fit, best):
+            if fit.converged or fit.chi2 - best > max(BEHIND * (fit.chi2_first - fit.chi2), CLOSE):
                 continue
             more = problem.fit(fit.mechanisms, fit.named, iterations=LAP)
             assert more is not None
@@ -249,12 +260,6 @@ def race(problem: Problem, starts: Sequence[Start]) -> list[Fit]:
     for fit in sorted(running, key=lambda f: -f.log_evidence):
         out.setdefault(frozenset(fit.mechanisms), fit)
     return list(out.values())
-
-
-def _behind(fit: Fit, best: float) -> bool:
-    """Whether a fit is so far behind the best that going on is not worth it."""
-    fell = fit.chi2_first - fit.chi2
-    return fit.chi2 - best > max(0.0 if fit.converged else BEHIND * fell, CLOSE, BESIDE * best)
 
 
 def some(problem: Problem, n: int) -> list[int]:

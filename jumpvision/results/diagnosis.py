@@ -86,12 +86,15 @@ class Height:
 class Cause:
     """A mechanism that may be missing, in the likeliest model that has it. others: the mechanisms beside it there.
 
+    probability: under the stated priors; probability_range: least and greatest with the ranges of all strengths 3 times
+    narrower or wider.
     delta_score: log-likelihood of held-out conditions, over that of the baseline.
     """
 
     mechanism: str
     others: tuple[str, ...] = field(metadata={"key": "with"})
     probability: float
+    probability_range: tuple[float, ...]
     delta_score: float
     parameters: Mapping[str, Parameter]
 
@@ -118,6 +121,65 @@ class Gain:
     ratio: float
     ratio_ci95: tuple[float, float]
     claimed: bool
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """What the extended model (the baseline, where nothing is named) leaves: chi^2 per degree of freedom, share of what
+    the baseline gets wrong (its excess of chi^2); widened: factor on the intervals for it."""
+
+    chi2_per_dof: float
+    share: float
+    widened: float
+
+
+@dataclass(frozen=True)
+class Detectable:
+    """The strength of a mechanism that would have shown with 90 % power; NaN where none within its range would."""
+
+    mechanism: str
+    parameter: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A set of mechanisms, and in how many folds of the gain it was chosen."""
+
+    mechanisms: tuple[str, ...]
+    times: int
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What was taken of a parameter before the data: uniform from low to high, normal of sigma about mean within."""
+
+    low: float
+    high: float
+    mean: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Priors:
+    """causes: probability of each number of causes from 0 on, every set of one number alike; parameters by name."""
+
+    causes: tuple[float, ...]
+    parameters: Mapping[str, Prior]
+
+
+@dataclass(frozen=True)
+class Discovered:
+    """A law read from the data. seen: range of its arguments that they cover; ceiling_r2: of any law of those."""
+
+    law: str
+    parameters: Mapping[str, Parameter]
+    seen: Mapping[str, tuple[float, ...]]
+    r2: float
+    passive: bool
+    ceiling_r2: float
 
 
 @dataclass(frozen=True)
@@ -267,13 +329,14 @@ class WithoutFilms:
 class Diagnosis(Record):
     """What a campaign's model gets wrong, or that it is adequate. named: the mechanisms that explain it.
 
-    remainder: share of the discrepancy that they leave. indistinguishable: mechanisms that would do as well.
+    status: "partial" where they leave significant misfit, "undetermined" where the data establish none; left_over: what
+    they leave, None where nothing was sought. indistinguishable: mechanisms that would do as well.
     extended_model: the baseline, re-fitted, where nothing is named. `values` is diagnosis.json as a dict.
     """
 
     file = "diagnosis.json"
 
-    schema: int = 1
+    schema: int = 2
     verdict: str
     p_value: float
     baseline: Baseline
@@ -281,19 +344,24 @@ class Diagnosis(Record):
     heights: tuple[Height, ...]
     causes: tuple[Cause, ...]
     named: tuple[str, ...]
-    remainder: float | None
+    status: str
+    left_over: LeftOver | None
+    detectable: tuple[Detectable, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
     closest: Closest | None
     unexplained: Unexplained | None
     extended_model: Model
     gain: Gain | None
+    selection: tuple[Selection, ...]
     extrapolation: Mapping[str, Gain]
     next_experiment: NextExperiment | None
+    priors: Priors | None
     noise: Noise
     common: tuple[CommonError, ...]
     energy: tuple[Energies, ...]
     confirmation: tuple[Confirmation, ...]
     without_films: WithoutFilms | None = field(default=None, metadata=OPTIONAL)
+    discovered: Discovered | None = None
     sentence: str
     confirmed: str | None
 
