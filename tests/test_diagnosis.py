@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.integrate import simpson
+from scipy.optimize import minimize
 
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
-from jumpvision.diagnosis.fitting import Problem, Whitening
+from jumpvision.diagnosis.fitting import Problem, Whitening, log_volume
 from jumpvision.diagnosis.naming import held_out_score
 from jumpvision.diagnosis.noise.noise import (
     Noise,
@@ -24,7 +26,7 @@ from jumpvision.diagnosis.noise.noise import (
     spread_of,
     step_apart,
 )
-from jumpvision.diagnosis.proposing import apex, expected_log10_odds
+from jumpvision.diagnosis.proposing import apex, expected_log10_odds, ratio_interval
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 
 FRAME = 0.005
@@ -331,3 +333,90 @@ def test_p_values_of_the_null_are_not_too_small_anywhere():
         fit = problem.fit()
         p.append(detect(problem, fit, directions(problem, fit), rng).p_value)
     assert stats.kstest(p, "uniform", alternative="greater").pvalue > 1e-3
+
+
+# -- sets of causes, and what is left --------------------------------------------------------------------------
+
+
+def test_three_causes_at_once_none_of_which_alone_leaves_little():
+    rng = np.random.default_rng(31)
+    system, noise = questioned(rng, w=0.006, f=16.0, a=2.0, q=0.25)
+    found = diagnose(system, noise, rng).naming
+    assert found.status == "complete" and found.left == 0.0
+    assert {"cubic", "wave"} < set(found.named) and len(found.named) == 3
+    assert set(found.named) & {"kink", "twin"} and any(set(t) == {"kink", "twin"} for t in found.twins)
+    # the twins share their probability; the others are sure
+    assert found.probability("cubic") > 0.99 and found.probability("wave") > 0.99
+    assert 0.2 < found.probability("kink") < 0.8
+
+
+def test_a_cause_beside_misfit_of_no_vocabulary_is_named_in_part_with_wider_intervals():
+    """A wave of 10 mm, and bumps of 0.6 mm at 80 ms that no mechanism makes: the wave is certain, it is not all."""
+    rng = np.random.default_rng(32)
+    system, noise = questioned(rng, s=1e-4, w=0.01, f=11.0)
+    alone = diagnose(system, noise, rng).naming
+    for o in system.observations:
+        o.y[...] += 6e-4 * np.exp(-0.5 * ((o.t - 0.08) / 0.008) ** 2)
+    found = diagnose(system, noise, rng).naming
+    assert alone.named == found.named == ("wave",)
+    assert (alone.status, found.status) == ("complete", "partial")
+    assert 0 < found.left < 0.02 and found.widened > 2 and alone.widened == 1.0
+    assert found.best.fit.sigma("w") > 2 * alone.best.fit.sigma("w")
+    assert abs(found.best.fit.named["w"] - 0.01) < 2 * found.best.fit.sigma("w")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_evidence_is_the_integral_over_the_ranges_also_at_their_ends(seed):
+    """A parabola of two parameters whose minimum lies inside or beyond their ranges; Simpson's rule is the truth."""
+    rng = np.random.default_rng([33, seed])
+    root = rng.normal(size=(2, 2))
+    hessian = 10 * root @ root.T + np.eye(2)
+    centre = 2 * rng.normal(size=2)
+    free = (Parameter("a", 0.0, 0.0, 1.0, 1.0), Parameter("b", 0.0, -1.0, 3.0, 1.0))
+
+    def cost(x):
+        d = x - centre.reshape(2, *[1] * (x.ndim - 1))
+        return 0.5 * np.einsum("i...,ij,j...", d, hessian, d)
+
+    best = minimize(cost, [0.5, 0.5], jac=lambda x: hessian @ (x - centre), bounds=[(0, 1), (-1, 3)], tol=1e-12).x
+    a, b = np.linspace(0, 1, 401), np.linspace(-1, 3, 801)
+    grid = np.exp(cost(best) - cost(np.stack(np.meshgrid(a, b, indexing="ij"))))
+    exact = math.log(simpson(simpson(grid, x=b), x=a) / 4.0)  # the mean over the prior
+    assert log_volume(free, best, hessian, -hessian @ (best - centre)) == pytest.approx(exact, abs=0.05)
+
+
+@pytest.mark.parametrize(("groups", "least"), [(2, 0.9), (4, 0.88), (24, 0.9)])
+def test_the_interval_of_a_gain_holds_the_true_one_with_few_groups_too(groups, least):
+    """Mean squares of groups scatter by a factor of 1.6; the true ratio is that of endless groups. 300 draws: 1.3 %."""
+    rng = np.random.default_rng([34, groups])
+    inside = 0
+    for _ in range(300):
+        before, after = (scale * np.exp(0.5 * rng.standard_normal(groups)) for scale in (9.0, 1.0))
+        low, high = ratio_interval(np.stack([before, after], axis=1))
+        inside += low < 3.0 < high
+    assert least <= inside / 300 <= 0.995
+    assert ratio_interval(np.array([[9.0, 1.0]])) == (0.0, math.inf)
+
+
+def test_a_strength_called_detectable_is_found_in_nine_of_ten_campaigns():
+    """100 campaigns with the strength stated for one with nothing hidden: 90 %, three binomial sigmas are 9 %."""
+    rng = np.random.default_rng(35)
+    system, noise = questioned(rng)
+    none = diagnose(system, noise, rng)
+    assert none.adequate and {d.mechanism for d in none.detectable} == set(system.candidates)
+    strength = next(d for d in none.detectable if d.mechanism == "cubic")
+    assert (strength.parameter, strength.unit) == ("a", "1")
+    found = 0
+    for _ in range(100):
+        problem = Problem(Falling(rng, 1e-3, a=strength.value), noise)
+        fit = problem.fit()
+        found += detect(problem, fit, directions(problem, fit), rng).discrepant
+    assert 81 <= found <= 99
+
+
+def test_the_gain_is_that_of_mechanisms_chosen_without_the_jumps_held_out():
+    rng = np.random.default_rng(36)
+    system, noise = questioned(rng, w=0.01, f=11.0, zero=0.0)
+    gained = diagnose(system, noise, rng, by=("kind",)).gain
+    assert sum(n for _, n in gained.selection) == 4
+    assert dict(gained.selection)[("wave",)] == 4

@@ -147,7 +147,7 @@ def diagnosis_of(rows):
             Cell("stutter", "landing", -0.006, 9.0, 1e-5, 40),
             Cell("single", "flight", 0.001, 9.0, 0.3, 40),
         ),
-        causes=(Cause("added_mass", (), 0.97, 812.3, {"C": Parameter(2.7, 2.4, 3.0, "1")}),),
+        causes=(Cause("added_mass", (), 0.97, (0.9, 0.99), 812.3, {"C": Parameter(2.7, 2.4, 3.0, "1")}),),
         gain=Gain(tuple(h.experiment for h in heights), 0.0099, 0.0003, 0.008, 0.0002, 43.0, (34.0, 53.0), True),
     )
 

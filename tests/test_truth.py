@@ -41,7 +41,7 @@ def recorded(tmp_path):
 
 def diagnosed(named, parameters, rows=()):
     """One cause for each mechanism of the named model, and a rival."""
-    rival = Cause("tilt", (), 0.9, 100.0, {"dg": parameter(0.1, 0.01, "m/s^2")})
+    rival = Cause("tilt", (), 0.9, (0.8, 0.95), 100.0, {"dg": parameter(0.1, 0.01, "m/s^2")})
     return diagnosis(named=tuple(named), causes=(*causes(tuple(named), parameters), rival), confirmation=tuple(rows))
 
 

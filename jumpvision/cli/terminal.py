@@ -144,6 +144,8 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
             f"{1e3 * g.rmse_height_before_m:.2f} -> {1e3 * g.rmse_height_after_m:.2f} mm rms; "
             f"ratio {g.ratio:.1f} ({g.ratio_ci95[0]:.1f} to {g.ratio_ci95[1]:.1f})"
         )
+    if found.could_hide:
+        line(found.could_hide)
     if n := found.next_experiment:
         what = f"{n.kind} at {n.frequency} Hz" + (f", delay {n.delay} s" if n.delay else "")
         odds = f"10^{min(n.expected_log10_odds, CERTAIN):.1f} odds expected"

@@ -378,6 +378,15 @@ class Diagnosis(Record):
             first[key] = replace(same, parameters={**same.parameters, **c.parameters})
         return tuple(first.values())
 
+    @property
+    def could_hide(self) -> str:
+        """Strengths up to which mechanisms that are not named would not have shown with 90 % power; "" where none."""
+        known = [d for d in self.detectable if math.isfinite(d.value)]
+        said = ", ".join(
+            f"{d.mechanism} {d.parameter} = {d.value:.3g}{'' if d.unit == '1' else ' ' + d.unit}" for d in known
+        )
+        return f"Would have shown with 90 % power from: {said}." if known else ""
+
     def names(self, cause: Cause) -> bool:
         """Whether this is the model that the diagnosis names."""
         return bool(self.named) and set(cause.mechanisms) == set(self.named)
