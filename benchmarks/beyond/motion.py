@@ -84,7 +84,11 @@ class Command(NamedTuple):
         return self.start, half, half + self.delay, half + self.delay + 0.5 / self.frequency
 
 
-@nb.njit(cache=True)
+# `_nrt`: without counted references small functions cost a fifth; then they must make no arrays
+compiled = nb.njit(cache=True, error_model="numpy", _nrt=False)
+
+
+@compiled
 def _motor(t, piece, command, edges):  # type: ignore[no-untyped-def]
     """X_m and X_m' on a piece: before, first half, held, second half, after."""
     A, f, phase = command[0], command[1], command[2]
@@ -98,7 +102,7 @@ def _motor(t, piece, command, edges):  # type: ignore[no-untyped-def]
     return A * (math.sin(turn + phase) - math.sin(phase)), 0.0
 
 
-@nb.njit(cache=True)
+@compiled
 def _cone(z, j):  # type: ignore[no-untyped-def]
     """Mass of the jammed cone [kg] per C phi rho, and its rate with depth."""
     h = j.mu * z
@@ -109,12 +113,12 @@ def _cone(z, j):  # type: ignore[no-untyped-def]
     return math.pi * j.R**2 * top / 3.0 * (1.0 - rest**3), j.mu * math.pi * j.R**2 * rest**2
 
 
-@nb.njit(cache=True)
+@compiled
 def _static(z, j):  # type: ignore[no-untyped-def]
     return j.k1 * z if z < j.delta else j.k1 * j.delta + j.k2 * (z - j.delta)
 
 
-@nb.njit(cache=True)
+@compiled
 def _table(q, u, law):  # type: ignore[no-untyped-def]
     """Bilinear, held beyond the edges."""
     q0, dq, u0, du = law.grid
@@ -128,7 +132,7 @@ def _table(q, u, law):  # type: ignore[no-untyped-def]
     return low + a * (high - low)
 
 
-@nb.njit(cache=True)
+@compiled
 def hidden(q, u, m, since, law):  # type: ignore[no-untyped-def]
     """The hidden force, and the rate of its internal state; since: the last landing [s]."""
     p0, p1, p2 = law.p
@@ -159,7 +163,7 @@ def hidden(q, u, m, since, law):  # type: ignore[no-untyped-def]
     return -p0 * abs(q) * math.tanh(u / STILL), 0.0
 
 
-@nb.njit(cache=True)
+@compiled
 def _spring(e, rate, m, mode, j, law):  # type: ignore[no-untyped-def]
     if j.hard and mode == AIR:
         return 0.0
@@ -169,7 +173,7 @@ def _spring(e, rate, m, mode, j, law):  # type: ignore[no-untyped-def]
     return F
 
 
-@nb.njit(cache=True)
+@compiled
 def _resist(z, u, m, since, j, law):  # type: ignore[no-untyped-def]
     F = _static(z, j) + (j.alpha + j.b * j.cone * _cone(z, j)[1]) * u * u
     if law.body == FOOT:
@@ -177,7 +181,7 @@ def _resist(z, u, m, since, j, law):  # type: ignore[no-untyped-def]
     return F
 
 
-@nb.njit(cache=True)
+@compiled
 def _slopes(t, s, mode, landed, piece, command, edges, j, law, out):  # type: ignore[no-untyped-def]
     X, V = _motor(t, piece, command, edges)
     ratio = j.m_m / j.M
@@ -208,7 +212,7 @@ def _slopes(t, s, mode, landed, piece, command, edges, j, law, out):  # type: ig
         out[4] = hidden(e, rate, s[4], 0.0, law)[1]
 
 
-@nb.njit(cache=True)
+@compiled
 def _rk4(t, h, s, mode, landed, piece, command, edges, j, law, k, mid, out):  # type: ignore[no-untyped-def]
     _slopes(t, s, mode, landed, piece, command, edges, j, law, k[0])
     for n in range(5):
@@ -224,7 +228,7 @@ def _rk4(t, h, s, mode, landed, piece, command, edges, j, law, k, mid, out):  # 
         out[n] = s[n] + h / 6.0 * (k[0, n] + 2.0 * k[1, n] + 2.0 * k[2, n] + k[3, n])
 
 
-@nb.njit(cache=True)
+@compiled
 def _next(t, s, mode, floor, landed, piece, command, edges, j, law):  # type: ignore[no-untyped-def]
     """The mode that follows in this state."""
     X, V = _motor(t, piece, command, edges)
@@ -243,10 +247,10 @@ def _next(t, s, mode, floor, landed, piece, command, edges, j, law):  # type: ig
     return INTRUDING if push > _resist(-s[2], 0.0, s[4], t - landed, j, law) + slack else REST
 
 
-@nb.njit(cache=True)
-def _run(times, keep, pieces, command, edges, j, law, out):  # type: ignore[no-untyped-def]
+@compiled
+def _run(times, keep, pieces, command, edges, j, law, work, out):  # type: ignore[no-untyped-def]
     """Follows the motion over `times`, writes a row of `out` where `keep`; returns how many rows."""
-    s, new, mid, k = np.zeros(5), np.zeros(5), np.zeros(5), np.zeros((4, 5))
+    s, new, mid, k = work[0], work[1], work[2], work[3:]
     floor = 0.0
     if not j.hard:  # the known ground carries the weight
         weight = (j.M + j.m_f) * j.g
@@ -276,7 +280,8 @@ def _run(times, keep, pieces, command, edges, j, law, out):  # type: ignore[no-u
             _rk4(t, h, s, mode, landed, piece, command, edges, j, law, k, mid, new)
             after = _next(t + h, new, mode, floor, landed, piece, command, edges, j, law)
             if after == mode:
-                s[:] = new
+                for n in range(5):
+                    s[n] = new[n]
                 break
             low, high = 0.0, 1.0
             for _ in range(HALVINGS):
@@ -288,7 +293,8 @@ def _run(times, keep, pieces, command, edges, j, law, out):  # type: ignore[no-u
                     high = half
             _rk4(t, high * h, s, mode, landed, piece, command, edges, j, law, k, mid, new)
             t += high * h
-            s[:] = new
+            for n in range(5):
+                s[n] = new[n]
             after = _next(t, s, mode, floor, landed, piece, command, edges, j, law)
             if mode == AIR and after != AIR:
                 landed = t
@@ -341,7 +347,7 @@ def follow(jumper: Jumper, command: Command, law: Law, t: Array, *, step: float 
     middle = np.append(0.5 * (times[:-1] + times[1:]), times[-1] + 1e-12)
     pieces = np.searchsorted(edges, middle, side="right")
     out = np.empty((t.size, 9))
-    rows = _run(times, keep, pieces, tuple(map(float, command)), edges, jumper, law, out)
+    rows = _run(times, keep, pieces, tuple(map(float, command)), edges, jumper, law, np.zeros((7, 5)), out)
     if rows != t.size:
         raise RuntimeError(f"motion: the foot chatters without end, {jumper}, {law.p}")
     return Motion(t, *np.ascontiguousarray(out.T))
