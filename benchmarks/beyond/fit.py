@@ -118,9 +118,7 @@ def fit(
         if before - float(r @ r) < 1e-2 + 1e-6 * before:
             break
     sigma = np.sqrt(np.diag(np.linalg.pinv(A)))
-    return Fit(
-        dict(zip(names, x.tolist())), dict(zip(names, sigma.tolist())), float(r @ r), data.size
-    )
+    return Fit(dict(zip(names, x.tolist())), dict(zip(names, sigma.tolist())), float(r @ r), data.size)
 
 
 def true_form(w: World) -> tuple[LawOf, dict[str, float]]:

@@ -75,7 +75,7 @@ def _depth_power(rng: np.random.Generator) -> tuple[float, ...]:
 
 
 def _arm(rng: np.random.Generator) -> tuple[float, ...]:
-    return _log(rng, 100.0, 400.0), _log(rng, 0.008, 0.05)
+    return _log(rng, 40.0, 150.0), _log(rng, 0.008, 0.05)
 
 
 BOTH = ("granular", "hard")
