@@ -1,7 +1,7 @@
-"""What is seen of a world, and a law fitted to it through the whole simulation by Gauss-Newton: for peers and bounds.
+"""What is seen of a world, and a law fitted to it through the whole simulation by Gauss-Newton, for peers and bounds.
 
-The peers' laws get the known ground and robot fitted again beside them, which no such peer does by itself; with the true
-law in it the same fit says how well the campaign can tell its exponents, and how far the model without it is off.
+The peers' laws get the known ground and robot fitted again beside them, which no such peer does by itself; with the
+true law in it the same fit says how well the campaign can tell its exponents, and how far the model without it is off.
 """
 
 from __future__ import annotations
@@ -91,7 +91,8 @@ def fit(
     def residual(x: Array) -> Array:
         values = dict(zip(names, x.tolist()))
         try:
-            model = np.concatenate(predicted(s, values, law(values)))
+            with np.errstate(all="ignore"):  # a law that explodes is no fit
+                model = np.concatenate(predicted(s, values, law(values)))
         except (RuntimeError, ValueError):
             model = np.full(data.size, np.inf)
         return np.concatenate([(data - model) / s.noise, (target - x) * weight])

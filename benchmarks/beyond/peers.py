@@ -1,4 +1,4 @@
-"""Peers from the registry that look for the hidden law: PySINDy (weak form, ensemble) and gplearn (genetic programming).
+"""Peers from the registry that look for the hidden law: PySINDy (weak form, ensemble), gplearn (genetic programs).
 
 They are helped as far as their form allows. The declared model is fitted first, and what the track has beyond it is
 smoothed by a quintic spline at the stated noise: the small rest needs far less smoothing than the track, and the force
@@ -39,7 +39,7 @@ GRID = {  # of the table that is simulated: first argument from, to, number; sec
 }
 SYMBOLS = {mo.FOOT: ("z", "abs(v)"), mo.CARRIAGE: ("x_m", "v_m"), mo.SPRING: ("stretch", "stretch_rate")}
 ACTS_ON = {mo.FOOT: "foot", mo.CARRIAGE: "carriage", mo.SPRING: "spring"}
-THRESHOLDS = (0.1, 0.3, 1.0)  # of a coefficient, a term being scaled to 1 N
+THRESHOLDS = (0.1, 0.3)  # of a coefficient, a term being scaled to 1 N
 DECLARED = "drag of the cone"  # a term whose coefficient is fitted with the ground
 RIDGE = 3e-3  # of STLSQ: exponents on a grid are nearly collinear; the squares of a term add up to some 0.03
 UNIT = (0.02, 0.5)  # m, m/s: of the arguments of a program
@@ -95,7 +95,7 @@ def library(body: int, known: Jumper) -> list[Term]:
         for q in (0.5, 1.0, 1.5, 2.0):
             add("z**{0:g} * abs(v)", lambda z, u, q: np.maximum(z, 0.0) ** q * np.abs(u), q)
         for length in (0.005, 0.01, 0.02, 0.04):
-            add("exp(-z / {0:g})", lambda z, u, l: np.exp(-z / l), length)
+            add("exp(-z / {0:g})", lambda z, u, a: np.exp(-z / a), length)
         for v0 in (0.1, 0.3):
             add("abs(v) / (abs(v) + {0:g})", lambda z, u, v0: np.abs(u) / (np.abs(u) + v0), v0)
         add("z", lambda z, u: z)
@@ -110,7 +110,7 @@ def library(body: int, known: Jumper) -> list[Term]:
         for power in (1, 2):
             add("x_m**{0:g} * v_m", lambda x, v, power: x**power * v, power)
         for length in (0.02, 0.04, 0.06):
-            add("exp(x_m / {0:g}) * v_m", lambda x, v, l: np.exp(x / l) * v, length)
+            add("exp(x_m / {0:g}) * v_m", lambda x, v, a: np.exp(x / a) * v, length)
         for centre in (0.005, 0.015, 0.025):
             add("exp(-((x_m - {0:g}) / 0.014)**2) * v_m", lambda x, v, c: np.exp(-(((x - c) / 0.014) ** 2)) * v, centre)
     else:
@@ -129,7 +129,7 @@ def bodies(ground: str) -> tuple[int, ...]:
     return (mo.CARRIAGE, mo.SPRING) if ground == "hard" else (mo.FOOT, mo.CARRIAGE, mo.SPRING)
 
 
-# ---------------------------------------------------------------------------------------------------------------- states
+# --------------------------------------------------------------------------------------------------------------- states
 def windows(s: Seen, base: Fit) -> dict[int, list[Window]]:
     """Reconstructed windows of every body: states from the tracks beyond the fitted model, forces known by the declared
     one, which has not absorbed the law."""
@@ -206,7 +206,7 @@ def as_law(body: int, table: Array) -> Law:
 
 
 def through_simulation(
-    s: Seen, base: Fit, body: int, tables: Sequence[Array], start: Sequence[float]
+    s: Seen, base: Fit, body: int, tables: Sequence[Array], start: Sequence[float], *, rounds: int = 4
 ) -> tuple[Fit, Law]:
     """Coefficients of the tables, robot and ground, fitted to the tracks."""
     own = {f"c{i}": float(c) for i, c in enumerate(start)}
@@ -214,11 +214,11 @@ def through_simulation(
     def law(v: Mapping[str, float]) -> Law:
         return as_law(body, np.asarray(sum(v[n] * T for n, T in zip(own, tables))))
 
-    found = fit(s, law, own, start=base.values, rounds=4)
+    found = fit(s, law, own, start=base.values, rounds=rounds)
     return found, law(found.values)
 
 
-# ----------------------------------------------------------------------------------------------------------------- peers
+# ---------------------------------------------------------------------------------------------------------------- peers
 class Candidate(NamedTuple):
     """What a peer may answer: terms on a body with their coefficients, and how its law reads once these are fitted."""
 
@@ -229,9 +229,9 @@ class Candidate(NamedTuple):
 
 
 def chosen(s: Seen, base: Fit, candidates: Sequence[Candidate], began: float) -> Peer | None:
-    """The candidate that fits a third of the campaign best, through the simulation, then fitted to all of it."""
-    few = replace(s, shots=s.shots[::3], tracks=s.tracks[::3])
-    tried = [(through_simulation(few, base, c.body, c.tables, c.start)[0], c) for c in candidates]
+    """The candidate that fits a quarter of the campaign best, through the simulation, then fitted to all of it."""
+    few = replace(s, shots=s.shots[::4], tracks=s.tracks[::4])
+    tried = [(through_simulation(few, base, c.body, c.tables, c.start, rounds=3)[0], c) for c in candidates]
     if not tried:
         return None
     first, best = min(tried, key=lambda x: x[0].chi2)
@@ -242,7 +242,7 @@ def chosen(s: Seen, base: Fit, candidates: Sequence[Candidate], began: float) ->
 
 
 def sindy(s: Seen, base: Fit, data: Mapping[int, list[Window]]) -> Peer | None:
-    """PySINDy: weak form; ensembles of bagged STLSQ models and forward regression (FROLS) of one to three terms."""
+    """PySINDy: weak form; ensembles of bagged STLSQ models and forward regression (FROLS) of one term and of three."""
     import pysindy as ps
 
     began, out = time.perf_counter(), {}
@@ -252,7 +252,7 @@ def sindy(s: Seen, base: Fit, data: Mapping[int, list[Window]]) -> Peer | None:
             continue
         terms = library(body, jumper_of(s.ground, s.values))
         stlsq = [ps.STLSQ(threshold=threshold, alpha=RIDGE) for threshold in THRESHOLDS]
-        frols = [ps.FROLS(max_iter=n, alpha=1e-6) for n in (1, 2, 3)]
+        frols = [ps.FROLS(max_iter=n, alpha=1e-6) for n in (1, 3)]
         for optimizer in (*(ps.EnsembleOptimizer(o, bagging=True, n_models=20) for o in stlsq), *frols):
             picked = [(terms[k], c) for k, c in _sparse(found, terms, optimizer) if terms[k].words != DECLARED]
             if picked:
@@ -298,25 +298,24 @@ def genetic(s: Seen, base: Fit, data: Mapping[int, list[Window]]) -> Peer | None
         q, u, force = (np.concatenate([getattr(w, n) for w in found]) for n in ("q", "u", "force"))
         keep = np.random.default_rng(1).permutation(force.size)[:3000]
         keep = keep[np.abs(force[keep] - np.median(force)) < 6.0 * np.std(force)]
-        for parsimony in (1e-3, 1e-2):  # of the variance, a node
-            model = SymbolicRegressor(
-                population_size=600,
-                generations=12,
-                function_set=("add", "sub", "mul", "div", "sqrt", "abs", *own),
-                parsimony_coefficient=parsimony * float(np.var(force[keep])),
-                metric="mse",
-                const_range=(-3.0, 3.0),
-                random_state=1,
-            )
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")
-                model.fit(np.column_stack([q / UNIT[0], u / UNIT[1]])[keep], force[keep])
-                table = tabled(body, partial(_evaluated, model))
-            inside = str(model._program)
-            for name, symbol, unit in zip(("X0", "X1"), SYMBOLS[body], UNIT):
-                inside = inside.replace(name, f"({symbol} / {unit:g})")
-            if np.ptp(table) > 0:
-                out.append(Candidate(body, [table], [1.0], [inside]))
+        model = SymbolicRegressor(
+            population_size=600,
+            generations=12,
+            function_set=("add", "sub", "mul", "div", "sqrt", "abs", *own),
+            parsimony_coefficient=1e-3 * float(np.var(force[keep])),
+            metric="mse",
+            const_range=(-3.0, 3.0),
+            random_state=1,
+        )
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            model.fit(np.column_stack([q / UNIT[0], u / UNIT[1]])[keep], force[keep])
+            table = tabled(body, partial(_evaluated, model))
+        inside = str(model._program)
+        for name, symbol, unit in zip(("X0", "X1"), SYMBOLS[body], UNIT):
+            inside = inside.replace(name, f"({symbol} / {unit:g})")
+        if np.ptp(table) > 0:
+            out.append(Candidate(body, [table], [1.0], [inside]))
     return chosen(s, base, out, began)
 
 

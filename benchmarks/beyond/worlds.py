@@ -257,7 +257,7 @@ def _shots(ground: str, rng: np.random.Generator) -> tuple[tuple[Shot, ...], tup
     return tuple(seen), tuple(fresh)
 
 
-# ---------------------------------------------------------------------------------------------------------------- tracks
+# --------------------------------------------------------------------------------------------------------------- tracks
 def times() -> Array:
     """Stamps of the film [s]."""
     return np.arange(round(DURATION * RATE)) / RATE
@@ -293,7 +293,7 @@ def tracks(w: World, shots: tuple[Shot, ...] | None = None, *, clean: bool = Fal
     return out
 
 
-# ---------------------------------------------------------------------------------------------------------------- folder
+# --------------------------------------------------------------------------------------------------------------- folder
 def write_folder(w: World, out: Path, *, fresh: bool = False) -> Path:
     """The campaign as `jumpvision diagnose` reads it below `out`, its sealed truth beside; fresh: the other jumps."""
     folder = out / (w.name + ("-fresh" if fresh else ""))

@@ -1,0 +1,311 @@
+"""Campaigns with laws of no vocabulary: what is found in them, beside peers.
+
+`python -m benchmarks.beyond [--worlds 0:32] [--who ours,sindy,genetic] [--controls N] [--noise M] [--workers N]
+[--rows FILE]` prints the tables of `docs/benchmarks.md`; with --rows it takes up where it stopped. Ours is the command
+`jumpvision diagnose` on a folder; fresh jumps that nobody was shown are predicted by `jumpvision simulate --model`.
+--controls: campaigns of the vocabulary, in which nothing new is to be discovered.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from benchmarks.rows import Row, gather, share
+from jumpvision.lab import write
+from jumpvision.lab.blind import Nuisance, choices, draw
+from jumpvision.lab.campaign import carry_out, defaults
+
+from . import peers
+from .fit import Seen, bounds, fit, predicted, seen
+from .motion import Array, Law
+from .score import HELD_OUT, INSTRUMENTS, Found, evaluated, read, score
+from .worlds import BARRED, NAMES, NOISES, START, World, times, tracks, world, write_folder
+
+WHO = ("ours", "sindy", "genetic")
+MODULES = {"sindy": "pysindy", "genetic": "gplearn"}
+MINUTES = 3.0  # bar
+
+
+@dataclass(frozen=True)
+class Case:
+    """World `number` asked by `who`; noise [m]: other than the world's own; who = "control": of the vocabulary."""
+
+    who: str
+    number: int
+    noise: float | None = None
+
+    @property
+    def key(self) -> str:
+        return f"{self.who} {self.number}" + (f" {1e3 * self.noise:g}" if self.noise else "")
+
+
+def run(case: Case) -> Row:
+    """One campaign asked, and its answer scored."""
+    if case.who == "control":
+        return {"who": case.who, **control(case.number)}
+    w = world(case.number, noise=case.noise)
+    found, told = ours(w) if case.who == "ours" else peer(w, case.who)
+    return {"who": case.who, "number": w.number, **score(w, found), **told}
+
+
+# ---------------------------------------------------------------------------------------------------------------- ours
+def command(*words: str) -> None:
+    """A command of jumpvision; RuntimeError with its last lines where it fails."""
+    done = subprocess.run([sys.executable, "-m", "jumpvision", *words], capture_output=True, text=True)
+    if done.returncode:
+        raise RuntimeError(f"jumpvision {words[0]}: {(done.stderr or done.stdout)[-300:]}")
+
+
+def asked(folder: Path, results: Path) -> tuple[float, float]:
+    """Wall and processor seconds of `jumpvision diagnose`."""
+    began, before = time.perf_counter(), os.times()
+    command("diagnose", str(folder), "--results", str(results), "--workers", "1")
+    after = os.times()
+    used = after.children_user + after.children_system - before.children_user - before.children_system
+    return time.perf_counter() - began, used
+
+
+def ours(w: World) -> tuple[Found, Row]:
+    """The answer of `jumpvision diagnose`, with what its model makes of the fresh jumps."""
+    with tempfile.TemporaryDirectory() as where:
+        out = Path(where)
+        results, later = out / "found", out / "later"
+        seconds, used = asked(write_folder(w, out), results)
+        found = read(results, seconds=seconds)
+        told: Row = {"cpu_s": used}
+        try:
+            fresh = write_folder(w, out, fresh=True)
+            command("simulate", str(fresh), "--results", str(later), "--model", str(results / "model.toml"))
+            found = replace(found, fresh_rms=unseen(w, found, fresh, later))
+        except (RuntimeError, FileNotFoundError, ValueError) as e:  # the row says that its model cannot be used
+            told["fresh_failed"] = str(e)[-200:]
+        return found, told
+
+
+def unseen(w: World, found: Found, fresh: Path, results: Path) -> float:
+    """rms [m] of the fresh tracks about the simulation, filmed as the answer says."""
+    camera = Camera(found)
+    rest = []
+    for one, y in zip(sorted(d for d in fresh.iterdir() if d.is_dir()), in_order(w)):
+        s = pd.read_csv(results / one.name / "simulation.csv")
+        t, rod = s["time_s"].to_numpy(), s["rod_m"].to_numpy()
+        shown = times() + camera.delay(times())
+        h = np.interp(shown, t, rod) - rod[0]
+        h = camera.height(h)
+        rest.append(y - (h - h[times() < START].mean()))
+    return float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
+
+
+def in_order(w: World) -> list[Array]:
+    """The fresh tracks in the order of their folders' names."""
+    names = [f"{kind}-{c.frequency:g}Hz-{n:02d}" for n, (kind, c) in enumerate(w.fresh)]
+    found = dict(zip(names, tracks(w, w.fresh)))
+    return [found[n] for n in sorted(names)]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What the answer says that the film has wrong."""
+
+    found: Found
+
+    def delay(self, t: Array) -> Array:
+        """Time shown less time stamped [s]."""
+        return evaluated(self.found, {"time_s": t}, t.shape) if self.found.acts_on == "film_time" else 0.0 * t
+
+    def height(self, h: Array) -> Array:
+        """Height as it is shown [m]."""
+        return h + evaluated(self.found, {"height": h, "h": h}, h.shape) if self.found.acts_on == "film_height" else h
+
+
+# --------------------------------------------------------------------------------------------------------------- peers
+def peer(w: World, who: str) -> tuple[Found | None, Row]:
+    """A peer's answer, with what it makes of the fresh jumps."""
+    s = seen(w)
+    began = time.perf_counter()
+    base = fit(s, lambda v: Law(), {})
+    answer = (peers.sindy if who == "sindy" else peers.genetic)(s, base, peers.windows(s, base))
+    told: Row = {"baseline_chi2_n": base.chi2 / base.n}
+    if answer is None:
+        return Found("", "", fresh_rms=rms(w, s, base.values, Law())), told
+    fresh = rms(w, s, answer.values, answer.law)
+    found = Found(answer.words, answer.acts_on, seconds=time.perf_counter() - began, fresh_rms=fresh)
+    return found, told | {"chi2_n": answer.chi2 / base.n}
+
+
+def rms(w: World, s: Seen, values: dict[str, float], law: Law) -> float:
+    """rms [m] of the fresh tracks about a simulation by `motion`."""
+    rest = [a - b for a, b in zip(tracks(w, w.fresh), predicted(s, values, law, w.fresh))]
+    return float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
+
+
+# ------------------------------------------------------------------------------------------------------------ controls
+def control(number: int) -> Row:
+    """A campaign of the vocabulary as the hidden-effect game writes it: what is named, whether a law is discovered."""
+    rng = np.random.default_rng([22, number])
+    ground = ("granular", "hard")[number % 2]
+    hidden = choices(ground)[number // 2 % len(choices(ground))]
+    noise = NOISES[number // 2 % 2]
+    setting = draw(rng, ground=ground, hidden=(hidden,), nuisance=Nuisance(noise, 0.0, 0.0))
+    with tempfile.TemporaryDirectory() as where:
+        out = Path(where)
+        folder = out / "campaign"
+        folder.mkdir()
+        work = [(setting.protocol, jump) for jump in setting.protocol.jumps]
+        carry_out(work, folder, seed=number, workers=1, sealed=True)
+        write.toml(folder / "campaign.toml", defaults(setting.protocol))
+        seconds, used = asked(folder, out / "found")
+        found = read(out / "found", seconds=seconds)
+    return {
+        "number": number, "ground": ground, "hidden": hidden, "strength": setting.strength, "noise": noise,
+        "named": found.named, "law": found.law, "acts_on": found.acts_on, "cpu_s": used,
+    }  # fmt: skip
+
+
+# --------------------------------------------------------------------------------------------------------------- table
+def table(rows: list[Row]) -> str:
+    """The tables of docs/benchmarks.md, worst first."""
+    lines = ["| bar | asked | measured |", "|---|---|---|"]
+    for who in WHO:
+        mine = [r for r in rows if r.get("who") == who]
+        if mine:
+            lines += _bars(who, mine)
+    lines += _against(rows)
+    controls = [r for r in rows if r["key"].startswith("control")]
+    if controls:
+        good = [r for r in controls if "failed" not in r]
+        new = [r for r in good if r["law"]]
+        lines.append(
+            f"| known mechanisms called discovered | <= 2 % | {share(len(new), len(good))} of {len(good)}, "
+            f"{len(controls) - len(good)} failed |"
+        )
+    for who in WHO:
+        mine = [r for r in rows if r["key"].split()[0] == who]
+        if mine:
+            lines += ["", f"{TITLES[who]}:", "", *_rows(mine)]
+    if controls:
+        lines += ["", "Controls in which a law was discovered, or that failed:", ""]
+        lines += [f"- {r['key']}: {r.get('hidden')} {r.get('noise')}: {r.get('failed') or r['law']}"
+                  for r in controls if r.get("failed") or r["law"]]  # fmt: skip
+    return "\n".join(lines)
+
+
+TITLES = {"ours": "jumpvision", "sindy": "PySINDy", "genetic": "gplearn"}
+
+
+def _bars(who: str, mine: list[Row]) -> Iterator[str]:
+    """One answerer's lines of the table of bars."""
+    forms = [r for r in mine if r["number"] < BARRED]
+    active = [r for r in mine if r["number"] >= BARRED]
+    n, name = len(forms), TITLES[who]
+    right = sum(r["right"] for r in forms)
+    yield f"| {name}: right family | >= 20 of 24 | {right} of {n} |"
+    yield f"| {name}: and exponents | within 0.1 or 2 sigma | {sum(r['exponents'] for r in forms)} of {right} |"
+    told = sum(r["instrument_told"] for r in mine)
+    yield f"| {name}: instrument told from force | >= 90 % | {share(told, len(mine))} |"
+    held = [r.get("fresh") or np.nan for r in forms]
+    yield f"| {name}: fresh jumps within {HELD_OUT} noise | >= 20 of 24 | {sum(h <= HELD_OUT for h in held)} of {n} |"
+    if who == "ours":
+        own = sum((r.get("held_out") or np.nan) <= HELD_OUT for r in forms)
+        yield f"| {name}: its own held-out jumps within {HELD_OUT} noise | >= 20 of 24 | {own} of {n} |"
+        wrong = sum(r["passive_wrong"] for r in mine)
+        yield f"| energy-creating laws called passive | 0 | {wrong} of {len(active)} |"
+        yield f"| passive laws called active | - | {sum(r.get('active_wrong', False) for r in forms)} of {n} |"
+        took = [r["cpu_s"] / 60.0 for r in mine if "cpu_s" in r]
+        if took:
+            yield (
+                f"| processor time a campaign | <= {2 * MINUTES:g} min ({MINUTES:g} on 2 cores) "
+                f"| median {np.median(took):.1f}, worst {max(took):.1f} min |"
+            )
+
+
+def _against(rows: list[Row]) -> Iterator[str]:
+    """Ours against each peer on the fresh jumps of the same worlds."""
+    ours = {r["number"]: r for r in rows if r.get("who") == "ours" and r["number"] < BARRED}
+    for who in WHO[1:]:
+        pairs = [(ours[r["number"]], r) for r in rows if r.get("who") == who and r["number"] in ours]
+        better = sum((a.get("fresh") or np.inf) < (b.get("fresh") or np.inf) for a, b in pairs)
+        if pairs:
+            yield f"| better than {TITLES[who]} on fresh jumps | >= 20 of 24 | {better} of {len(pairs)} |"
+
+
+def _rows(mine: list[Row]) -> Iterator[str]:
+    """Every campaign of one answerer, the worst on fresh jumps first, those that failed before."""
+    yield "| campaign | noise mm | law found | on | family | exponents | energy | fresh / noise | held out / noise | s |"
+    yield "|---|---|---|---|---|---|---|---|---|---|"
+    for r in sorted(mine, key=lambda r: -(1e9 if "failed" in r else r.get("fresh") or 1e8)):
+        if "failed" in r:
+            yield f"| {r['key']} | | failed: {r['failed']} | | | | | | | {r['seconds']:.0f} |"
+            continue
+        law = r["law"] or f"none, named: {', '.join(r['named']) or 'nothing'}"
+        shape = ", ".join(f"{n} {v[0]:.3g}±{v[1]:.2g}" for n, v in r.get("shape", {}).items())
+        energy = {True: "passive", False: "active"}.get(r.get("passive"), "-") + (
+            " WRONG" if r["passive_wrong"] else ""
+        )
+        family = f"{'right' if r['right'] else 'WRONG'}, like {r.get('looks_like', '-')}"
+        place = ("instrument" if r.get("acts_on") in INSTRUMENTS else r.get("acts_on")) or "-"
+        numbers = " | ".join(f"{r[k]:.2f}" if r.get(k) else "-" for k in ("fresh", "held_out"))
+        good = "yes" if r["exponents"] else "no"
+        yield (
+            f"| {r['number']} {r['family']}, {r['ground']} | {1e3 * r['noise']:g} | {law} | {place} | {family} "
+            f"| {good} {shape} | {energy} | {numbers} | {r['seconds']:.0f} |"
+        )
+
+
+def sizes(numbers: list[int]) -> str:
+    """How strong every hidden law is: what the declared model cannot fit, and how well its form could be told."""
+    lines = [
+        "| world | law | noise mm | non-centrality | shape, true ± what the campaign can tell |",
+        "|---|---|---|---|---|",
+    ]
+    for n in numbers:
+        w = world(n)
+        b = bounds(w)
+        names = ("clock", "lens", "lens_height") if w.form.acts_on in INSTRUMENTS else ("a", *w.form.shape)
+        sigmas = [b["sigma"][m] for m in names if m in b["sigma"]]
+        shape = ", ".join(f"{m} {v:.3g} ± {s:.1g}" for m, v, s in zip(("a", *w.form.shape), w.p, sigmas))
+        lines.append(f"| {n} {w.ground} | {w.form.words} | {1e3 * w.noise:g} | {b['noncentrality']:.2g} | {shape} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--worlds", default=f"0:{len(NAMES)}", help="such as 0:24, or 3,18,20")
+    parser.add_argument("--who", default=",".join(WHO))
+    parser.add_argument("--controls", type=int, default=0)
+    parser.add_argument("--noise", type=float, help="m: other than the worlds' own")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--rows", help="file for one JSON line a campaign; those already there are not made again")
+    parser.add_argument("--sizes", action="store_true", help="how strong the hidden laws are, instead")
+    args = parser.parse_args()
+    if ":" in args.worlds:
+        numbers = list(range(*map(int, args.worlds.split(":"))))
+    else:
+        numbers = [int(n) for n in args.worlds.split(",") if n]
+    if args.sizes:
+        print(sizes(numbers))
+        return
+    who = [x for x in args.who.split(",") if x]
+    for name in who:
+        if name in MODULES and not peers.installed(MODULES[name]):
+            print(f"{TITLES[name]}: not installed, left out (pip install -e '.[bench]')\n")
+    who = [x for x in who if x not in MODULES or peers.installed(MODULES[x])]
+    cases: list[Any] = [Case(x, n, args.noise) for n in numbers for x in who]
+    cases += [Case("control", n) for n in range(args.controls)]
+    print(table(gather(cases, run, args.rows, args.workers)))
+
+
+if __name__ == "__main__":
+    main()
