@@ -131,8 +131,8 @@ def bodies(ground: str) -> tuple[int, ...]:
 
 # --------------------------------------------------------------------------------------------------------------- states
 def windows(s: Seen, base: Fit) -> dict[int, list[Window]]:
-    """Reconstructed windows of every body: states from the tracks beyond the fitted model, forces known by the declared
-    one, which has not absorbed the law."""
+    """Reconstructed windows of every body: states from the tracks beyond the fitted model; what the ground is known to
+    do by the declared one, which has not absorbed the law."""
     j, known = jumper_of(s.ground, {**s.values, **base.values}), jumper_of(s.ground, s.values)
     out: dict[int, list[Window]] = {body: [] for body in bodies(s.ground)}
     t = np.arange(0.0, DURATION - 0.02, DT)
@@ -142,7 +142,7 @@ def windows(s: Seen, base: Fit) -> dict[int, list[Window]]:
         spline = UnivariateSpline(times(), rest, k=5, s=rest.size * s.noise**2)
         beyond = [spline.derivative(n)(t) if n else spline(t) for n in (0, 1, 2)]
         for body in out:
-            state = _on_foot(j, known, m, beyond) if body == mo.FOOT else _on_rod(j, known, m, beyond, body)
+            state = _on_foot(j, known, m, beyond) if body == mo.FOOT else _on_rod(j, m, beyond, body)
             modes = {mo.FOOT: (mo.INTRUDING,), mo.SPRING: (mo.REST,)}.get(
                 body, (mo.REST, mo.AIR) if j.hard else (mo.REST,)
             )
@@ -169,14 +169,12 @@ def cone(j: Jumper, z: Array) -> tuple[Array, Array]:
     return j.cone * np.pi * j.R**3 * j.tan_theta / 3.0 * (1.0 - h**3), j.cone * j.mu * np.pi * j.R**2 * h**2
 
 
-def _on_rod(
-    j: Jumper, known: Jumper, m: mo.Motion, beyond: Sequence[Array], body: int
-) -> tuple[Array, Array, Array, Array]:
+def _on_rod(j: Jumper, m: mo.Motion, beyond: Sequence[Array], body: int) -> tuple[Array, Array, Array, Array]:
     """(M y', likewise, the body's arguments); the foot is where the fitted model has it."""
     x, v = m.rod + beyond[0], m.rod_rate + beyond[1]
-    spring = -known.k * (x - m.foot) - known.c * (v - m.foot_rate)
+    spring = -j.k * (x - m.foot) - j.c * (v - m.foot_rate)
     if j.hard:
-        spring = np.where(m.mode == mo.AIR, 0.0, -known.k * x - known.c * v)
+        spring = np.where(m.mode == mo.AIR, 0.0, -j.k * x - j.c * v)
     w = v + j.m_m / j.M * m.motor_rate
     q, u = (x + m.motor, v + m.motor_rate) if body == mo.CARRIAGE else (x - m.foot, v - m.foot_rate)
     return j.M * w, j.M * j.g - spring, q, u
