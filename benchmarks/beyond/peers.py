@@ -131,8 +131,8 @@ def bodies(ground: str) -> tuple[int, ...]:
 
 # --------------------------------------------------------------------------------------------------------------- states
 def windows(s: Seen, base: Fit) -> dict[int, list[Window]]:
-    """Reconstructed windows of every body: states from the tracks beyond the fitted model; what the ground is known to
-    do by the declared one, which has not absorbed the law."""
+    """Reconstructed windows of every body: states from the tracks beyond the fitted model, forces known by the declared
+    one, which has not absorbed the law."""
     j, known = jumper_of(s.ground, {**s.values, **base.values}), jumper_of(s.ground, s.values)
     out: dict[int, list[Window]] = {body: [] for body in bodies(s.ground)}
     t = np.arange(0.0, DURATION - 0.02, DT)
@@ -142,7 +142,7 @@ def windows(s: Seen, base: Fit) -> dict[int, list[Window]]:
         spline = UnivariateSpline(times(), rest, k=5, s=rest.size * s.noise**2)
         beyond = [spline.derivative(n)(t) if n else spline(t) for n in (0, 1, 2)]
         for body in out:
-            state = _on_foot(j, known, m, beyond) if body == mo.FOOT else _on_rod(j, m, beyond, body)
+            state = _on_foot(j, known, m, beyond) if body == mo.FOOT else _on_rod(known, m, beyond, body)
             modes = {mo.FOOT: (mo.INTRUDING,), mo.SPRING: (mo.REST,)}.get(
                 body, (mo.REST, mo.AIR) if j.hard else (mo.REST,)
             )
@@ -204,15 +204,15 @@ def as_law(body: int, table: Array) -> Law:
 
 
 def through_simulation(
-    s: Seen, base: Fit, body: int, tables: Sequence[Array], start: Sequence[float], *, rounds: int = 4
+    s: Seen, values: Mapping[str, float], body: int, tables: Sequence[Array], start: Sequence[float]
 ) -> tuple[Fit, Law]:
-    """Coefficients of the tables, robot and ground, fitted to the tracks."""
+    """Coefficients of the tables, robot and ground, fitted to the tracks; values: of the last two, to start from."""
     own = {f"c{i}": float(c) for i, c in enumerate(start)}
 
     def law(v: Mapping[str, float]) -> Law:
         return as_law(body, np.asarray(sum(v[n] * T for n, T in zip(own, tables))))
 
-    found = fit(s, law, own, start=base.values, rounds=rounds)
+    found = fit(s, law, own, start=values, rounds=5)
     return found, law(found.values)
 
 
@@ -226,15 +226,15 @@ class Candidate(NamedTuple):
     words: list[str]
 
 
-def chosen(s: Seen, base: Fit, candidates: Sequence[Candidate], began: float) -> Peer | None:
+def chosen(s: Seen, candidates: Sequence[Candidate], began: float) -> Peer | None:
     """The candidate that fits a quarter of the campaign best, through the simulation, then fitted to all of it."""
     few = replace(s, shots=s.shots[::4], tracks=s.tracks[::4])
-    tried = [(through_simulation(few, base, c.body, c.tables, c.start, rounds=3)[0], c) for c in candidates]
+    tried = [(through_simulation(few, {}, c.body, c.tables, c.start)[0], c) for c in candidates]
     if not tried:
         return None
     first, best = min(tried, key=lambda x: x[0].chi2)
     start = [first.values[f"c{i}"] for i in range(len(best.tables))]
-    result, law = through_simulation(s, replace(base, values=first.values), best.body, best.tables, start)
+    result, law = through_simulation(s, first.values, best.body, best.tables, start)
     words = " + ".join(f"{result.values[f'c{i}']:.4g} * {w}" for i, w in enumerate(best.words))
     return Peer(words, ACTS_ON[best.body], result.values, law, result.chi2, time.perf_counter() - began)
 
@@ -257,7 +257,7 @@ def sindy(s: Seen, base: Fit, data: Mapping[int, list[Window]]) -> Peer | None:
                 words = [t.words for t, _ in picked]
                 tables = [tabled(body, t.of) for t, _ in picked]
                 out[body, *sorted(words)] = Candidate(body, tables, [c for _, c in picked], words)
-    return chosen(s, base, list(out.values()), began)
+    return chosen(s, list(out.values()), began)
 
 
 def _sparse(found: Sequence[Window], terms: Sequence[Term], optimizer: Any) -> list[tuple[int, float]]:
@@ -314,7 +314,7 @@ def genetic(s: Seen, base: Fit, data: Mapping[int, list[Window]]) -> Peer | None
             inside = inside.replace(name, f"({symbol} / {unit:g})")
         if np.ptp(table) > 0:
             out.append(Candidate(body, [table], [1.0], [inside]))
-    return chosen(s, base, out, began)
+    return chosen(s, out, began)
 
 
 def _evaluated(model: Any, q: Array, u: Array) -> Array:

@@ -176,6 +176,7 @@ def of_family(name: str, p: Array, c: Cloud) -> Array:
     return np.nan_to_num(np.asarray(out)[c.acts])
 
 
+LOW, HIGH = 0.1, 10.0  # of the start: a shape beyond is another law (a memory of hours is none)
 STARTS: dict[str, dict[str, tuple[float, ...]]] = {  # body -> family -> shape to start from
     "foot": {
         "constant": (), "speed_power": (0.8,), "depth_power": (0.8,), "depth_decay": (0.015,), "saturating": (0.2,),
@@ -225,8 +226,12 @@ def fitted(F: Array, name: str, c: Cloud, N: Array, start: tuple[float, ...]) ->
     p = np.array(start, float)
     if p.size:
         scale = np.abs(p)
-        tries = [least_squares(lambda x: parts(x * scale)[0], p / scale * f, diff_step=1e-4, max_nfev=40)
-                 for f in (0.4, 1.0, 2.5)]  # fmt: skip
+        ends = (LOW, HIGH) if (p > 0).all() else (-HIGH, HIGH)
+
+        def rest(x: Array) -> Array:
+            return parts(x * scale)[0]
+
+        tries = [least_squares(rest, p / scale * f, bounds=ends, diff_step=1e-4, max_nfev=40) for f in (0.4, 1.0, 2.5)]
         p = min(tries, key=lambda r: r.cost).x * scale
     r, a = parts(p)
     return float(r @ r) / total, p, a
