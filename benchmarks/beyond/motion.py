@@ -9,7 +9,7 @@ with the momentum that the foot shares with the cone that stands there. A hidden
 - on the carriage: a force (positive up) of its height x_r + X_m and its velocity v_m;
 - in the spring: a force on the rod (positive up) of stretch and stretch rate.
 
-Nothing is imported from the analysis, nor from the laboratory: `check_motion` in tests compares it with both.
+Nothing is imported from the analysis, nor from the laboratory: tests/test_beyond.py compares it with both.
 """
 
 from __future__ import annotations
