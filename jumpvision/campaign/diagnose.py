@@ -16,13 +16,15 @@ from jumpvision.base.schema import InputError
 from jumpvision.base.storage import copy_aside, write_aside
 from jumpvision.diagnosis.diagnose import Findings, diagnose
 from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.jumper.forms import Shaped
 from jumpvision.diagnosis.jumper.jumper import Jumper, content
 from jumpvision.diagnosis.jumper.jumps import Jump, Measured
-from jumpvision.diagnosis.jumper.shapes import Shaped
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.inputs.experiment import Campaign, Experiment
+from jumpvision.inputs.model import Considered
 from jumpvision.inputs.sections import PHASES, Actuation
+from jumpvision.mechanisms.record import Mechanism
 from jumpvision.physics.forcing import delayed, sinusoid
 from jumpvision.results.diagnosis import Diagnosis, Unexplained, WithoutFilms
 from jumpvision.workflow.run import Outcome
@@ -51,10 +53,12 @@ class Question(NamedTuple):
     priors: Mapping[str, float]
     films: list[Film]
     measured: list[Measured]
+    own: tuple[Mechanism, ...]
 
     def digest(self) -> str:
         """Of everything that the diagnosis depends on."""
-        beside = [repr(x) for x in (self.films, self.measured)]  # arrays to the last bit that repr shows
+        own = [(m.name, m.acts_on, m.written, m.rate, m.parameters) for m in self.own]
+        beside = [repr(x) for x in (self.films, self.measured, own)]  # arrays to the last bit that repr shows
         digest = hashlib.sha256(f"{VERSION} {__version__} {self.ranges} {self.priors} {beside}".encode())
         for j in self.jumps:
             said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()))
@@ -108,14 +112,16 @@ def asked_of(campaign: Campaign, outcomes: Mapping[str, Outcome], say: Say) -> Q
     priors = {**spec.sigma, **{n: s for n, s in asdict(robot.sigma).items() if s}}
     ranges = {n: (low, high) for n, (low, high) in spec.fit.items()}
     beside = measurements(campaign.experiments, outcomes, robot, jumps[0].model.volume_fraction)
-    return Question(experiments, jumps, ranges, priors, films(outcomes), beside)
+    section = experiments[0].section(Considered)
+    own = tuple(m for m in section.mechanisms if m.name not in spec.terms) if section else ()
+    return Question(experiments, jumps, ranges, priors, films(outcomes), beside, own)
 
 
 def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw | None, say: Say) -> None:
     """Diagnose, and write the files of an entry of the cache. path: of the campaign, for messages."""
     jumps = asked.jumps
     try:
-        learned = learn_noise(Jumper(jumps, asked.ranges, asked.priors, workers))
+        learned = learn_noise(Jumper(jumps, asked.ranges, asked.priors, workers, asked.own))
     except ValueError as e:
         raise InputError([f"{path}: {e}"]) from None
     system = learned.system

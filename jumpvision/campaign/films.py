@@ -14,7 +14,7 @@ from jumpvision.diagnosis.jumper.jumper import Jumper, of_jump
 from jumpvision.diagnosis.jumper.jumps import Measured
 from jumpvision.grains.momentum import ANGLE, peak_momentum
 from jumpvision.mechanisms.cone import cone_mass
-from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.model import ROBOT, Model
 from jumpvision.results.diagnosis import Confirmation, Energies
@@ -73,7 +73,7 @@ def jumps_alone(told: Fit, problem: Problem) -> Fit:
 def confirmation(alone: Fit, system: Jumper, seen: Sequence[Film], measured: Sequence[Measured]) -> list[Confirmation]:
     """Every quantity that films or tests measure and the model has: by them, by the jumps alone."""
     model = system.build(alone.mechanisms, alone.named)
-    names = {n for t in model.terms for n in MECHANISMS[t].names} | set(ROBOT)
+    names = {n for t in model.terms for n in model.mechanism(t).names} | set(ROBOT)
     rows = []
     for m in measured:
         for k, name in enumerate(m.names):

@@ -85,7 +85,8 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
     alone = whole.fit((*plain.mechanisms, first), best.named)  # without what only imitated it
     if alone is not None and alone.log_evidence > best.log_evidence:
         before, best = plain, alone
-    terms, values, sigmas, left = [first], [best.named["r"]], [best.sigma("r")], best.chi2
+    strength = shapes.candidates[first].parameters[0].name
+    terms, values, sigmas, left = [first], [best.named[strength]], [best.sigma(strength)], best.chi2
     span = Span(best)
     others = _seconds(span, span.off(span.residual), seen.get(before.mechanisms, []), first)
     if others and len(others) * float(scipy.special.erfc(abs(others[0][1]) / math.sqrt(2.0))) < LEVEL:
@@ -113,7 +114,8 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
     out = []
     for d, z in ranked[:FITTED]:
         full = start_of(problem, fit, d, float(z))
-        tries = [{**full, "r": full["r"] * share} for share in (1.0, 0.3)]
+        r = problem.system.candidates[d.mechanism].parameters[0].name
+        tries = [{**full, r: full[r] * share} for share in (1.0, 0.3)]
         out += best_starts(problem, (*fit.mechanisms, d.mechanism), tries, 1)
     return out
 

@@ -18,11 +18,12 @@ from typing import Any
 from jumpvision.base import notebook as reprs
 from jumpvision.base.schema import InputError, closest, read
 
-from .model import model_of, model_tables, read_toml
+from .model import considered_of, model_of, model_tables, own_of, read_toml
 from .parameters import PARAMS
 from .sections import SECTIONS, Calibration, Header, Section
 
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
+TABLES = ("model", "mechanism", "diagnosis")  # beside SECTIONS: what is simulated and asked
 
 
 @dataclass(frozen=True)
@@ -199,7 +200,7 @@ def _read(
     where = f"{file}:"
     if other := _other_schema(table.get("schema", SCHEMA)):
         return None, [f"{where} schema = {table['schema']}: {other}"]
-    known = {*SECTIONS, "model", "params"}
+    known = {*SECTIONS, *TABLES, "params"}
     problems = [
         f"{where} {k} = {v!r}: must be a table, written [{k}]"
         for k, v in table.items()
@@ -209,9 +210,13 @@ def _read(
     header, more = read(Header, {k: v for k, v in table.items() if k not in tables and k not in known}, where)
     problems += more
     sections: dict[str, Any] = {}
+    written = tables.get("mechanism", {})
+    mechanisms, more = own_of(written, f"{where} [mechanism]", file) if written else ({}, [])
+    problems += more
     for key, value in tables.items():
-        if key == "model":
-            sections[key], more = model_of(value, f"{where} [model]")
+        if key in ("model", "diagnosis"):
+            parse = model_of if key == "model" else considered_of
+            sections[key], more = parse(value, f"{where} [{key}]", written, mechanisms)
         elif key in SECTIONS:
             sections[key], more = read(SECTIONS[key], value, f"{where} [{key}]")
         elif key not in known:
@@ -295,7 +300,7 @@ def overrides_of(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
         where = table[-1]
         if table[0] == "params" or (where in PARAMS and key in {f.name for f in fields(PARAMS[where])}):
             out["params"].setdefault(where, {})[key] = value
-        elif where in SECTIONS or table[0] in SECTIONS or table[0] == "model":
+        elif where in SECTIONS or table[0] in SECTIONS or table[0] in TABLES:
             target: dict[str, Any] = out
             for name in table:
                 target = target.setdefault(name, {})
@@ -305,7 +310,7 @@ def overrides_of(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
             problems.append(f"--set {setting}: unknown key '{key}'{closest(key, allowed)}")
         else:
             problems.append(
-                f"--set {setting}: unknown section '{where}'{closest(where, [*PARAMS, *SECTIONS, 'model'])}"
+                f"--set {setting}: unknown section '{where}'{closest(where, [*PARAMS, *SECTIONS, *TABLES])}"
             )
     if problems:
         raise InputError(problems)

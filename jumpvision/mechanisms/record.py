@@ -17,6 +17,8 @@ from enum import Enum
 from functools import cache, cached_property
 from typing import Any, TypeVar
 
+from .expression import Expression
+
 STATE: dict[str, tuple[str, str]] = {
     "z": ("m", "depth of the foot below the undisturbed surface, -x_f"),
     "v": ("m/s", "velocity of the foot, positive up"),
@@ -27,6 +29,12 @@ STATE: dict[str, tuple[str, str]] = {
     "stretch": ("m", "extension of the spring, x_r - x_f"),
     "stretch_rate": ("m/s", "rate of extension of the spring, v_r - v_f"),
     "R": ("m", "radius of the foot"),
+    "contact_s": ("s", "time since the foot last came down on the bed; 1e6 s before the first time"),
+    "x_m": ("m", "position of the carriage on the rail, x_r + X_m, from where it stands at rest"),
+    "x_r": ("m", "position of the rod from where it stands at rest"),
+    "time_s": ("s", "time as the recordings have it"),
+    "h": ("m", "height of the rod above its rest"),
+    "u": ("", "internal state, 0 at rest, with the rate that the mechanism states"),
     "phi": ("", "volume fraction of the bed"),
     "rho": ("kg/m^3", "density of a grain"),
 }
@@ -104,6 +112,8 @@ class Mechanism:
     """A cause by its name in model files and diagnoses.
 
     parameters: of a mechanism with a law the first is its strength, 0 where it is absent (not of a STATIC one).
+    written: of a mechanism of the user's own, its law as text (`own`): of HEIGHT and TIME what is added [m], [s], of
+    INERTIA the mass [kg]; rate: of its internal state u [1/s]. seen: range of the law's symbols that data covered.
     meaning: what it adds; lacks: the same in plain words, after "because the model lacks ..."; equation: how its term
     reads in a printed model; source: where it comes from. slope: of an INERTIA dm/dz [kg/m], of a SPRING -dF/dstretch
     [N/m]; energy: what a SPRING has stored [J] (None: its work is lost). goes_with: mechanisms of one cause with it.
@@ -126,7 +136,10 @@ class Mechanism:
     scales: tuple[str, ...] = ()
     goes_with: tuple[str, ...] = ()
     assumed: Mapping[str, float] = field(default_factory=dict)
-    possible: Callable[[Any, bool], bool] = lambda model, command_drives: True
+    possible: Callable[[Any, bool], bool] = field(default=lambda model, command_drives: True, repr=False, compare=False)
+    written: Expression | None = None
+    rate: Expression | None = None
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -142,4 +155,6 @@ class Mechanism:
 @cache
 def symbols(function: Callable[..., Any]) -> tuple[str, ...]:
     """Names that a law is written in, less the array namespace."""
+    if own := getattr(function, "symbols", None):
+        return tuple(own)
     return tuple(inspect.signature(function).parameters)[1:]

@@ -40,7 +40,7 @@ def jump_batch(
     """The results of one jump for every law and set of values, in parallel.
 
     laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycles.half_cycle_rows`);
-    varied: values in place of the model's, by the names of its robot (ROBOT), bed (BED) and parameters (PARAMETERS);
+    varied: values in place of the model's, by the names of its robot (ROBOT), bed (BED) and parameters;
     they broadcast against (...). tail [s]: simulated after the motor stops, doubled until a flight has landed.
     Returns arrays of the broadcast shape, NaN where a motion cannot be followed (`failure` says why, else ""):
     the heights of `jump.Motion` com_height_m, flight_height_m (0 without a flight), jump_height_m, driven_height_m;
@@ -75,9 +75,10 @@ def jump_batch(
 
 def _with_arrays(model: Model, flat: dict[str, Array]) -> Model:
     """The model with arrays (n,) for numbers, checked all at once. InputError: the first that is no model."""
-    unknown = [name for name in flat if name not in (*ROBOT, *BED, *PARAMETERS)]
+    names = (*ROBOT, *BED, *type(model.parameters).__dataclass_fields__)
+    unknown = [name for name in flat if name not in names]
     if unknown:
-        known = ", ".join((*ROBOT, *BED, *PARAMETERS))
+        known = ", ".join(names)
         raise ValueError(f"jump_batch {unknown[0]}: no value of a model; give one of {known}")
     out, parameters = copy.copy(model), copy.copy(model.parameters)
     object.__setattr__(out, "parameters", parameters)
@@ -102,7 +103,7 @@ def _with_arrays(model: Model, flat: dict[str, Array]) -> Model:
 
 
 def _build(model: Model, values: dict[str, float], i: int) -> None:
-    parameters = {n: x for n, x in values.items() if n in PARAMETERS}
+    parameters = {n: x for n, x in values.items() if n not in ROBOT + BED}
     robot: dict[str, Any] = {n: x for n, x in values.items() if n in ROBOT + BED}
     try:
         dataclasses.replace(model, parameters=dataclasses.replace(model.parameters, **parameters), **robot)

@@ -11,6 +11,7 @@ from jumpvision.mechanisms.record import Body
 from jumpvision.physics.hard.jump import HardMotion
 from jumpvision.physics.sand.granular import INTRUDE, N_MOTION, VF, WORKS, XF, V, W, X, Y
 from jumpvision.physics.sand.jump import Motion, follow
+from jumpvision.physics.sand.program import BODIES
 
 from .forcing import Forcing, Loop, Segments
 from .model import Model
@@ -100,7 +101,7 @@ def energy_ledger(
     foot = model.m_f
     if motion.mode[-1] == INTRUDE:
         foot += sum(float(model.force(m, z=-s[XF], a=-1.0)) for m in model.acting(Body.INERTIA))
-    elastic = [m for m in model.acting(Body.SPRING) if m.energy]
+    elastic = [m for m in model.acting(Body.SPRING) if m.energy]  # of a law of one's own the work is counted as lost
 
     def spring(stretch: float) -> float:
         return sum((model.force(m, "energy", stretch=stretch) for m in elastic), 0.5 * model.k_s * stretch**2)
@@ -109,6 +110,9 @@ def energy_ledger(
     stretch = 0.0 if loose else s[Y] - ratio * position - s[XF]
     work = dict(zip(WORKS, map(float, s[N_MOTION:])))
     named = dict(zip(["static"], [m.name for m in model.acting(Body.STATIC)]))
+    for field, body in BODIES.items():
+        if own := [m.name for m in model.acting(body) if m.written]:
+            named[field] = " + ".join(own)
     acting = {*model.terms, "spring_damping", "landing", *named}
     return Ledger(
         motor=work.pop("motor"),

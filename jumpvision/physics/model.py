@@ -12,7 +12,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from jumpvision.base.arrays import Array
 from jumpvision.base.schema import REQUIRED, InputError, check_value, closest, param, type_of
+from jumpvision.mechanisms.expression import Expression
 from jumpvision.mechanisms.record import STATE, Body, Mechanism
 from jumpvision.mechanisms.record import symbols as names_of
 from jumpvision.mechanisms.registry import MECHANISMS, STATIC, ModelParameters, acting
@@ -24,21 +26,12 @@ OF_BED = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
 
 
 @dataclass(frozen=True)
-class Residual:
-    """A force of no mechanism, strength |q|^i |rate|^j (on = 2: a mass strength z^i): `granular.residual_force`."""
-
-    on: int = 0
-    i: float = 0.0
-    j: float = 0.0
-    strength: float = 0.0
-
-
-@dataclass(frozen=True)
 class Model:
     """Robot, ground and mechanisms. Raises InputError (a ValueError) with every problem found.
 
-    terms: identifiers of docs/physics.md section 6; on granular ground exactly one static force among them. The robot's
-    values are those assumed; mechanisms that act on Body.ROBOT correct them (properties m_m, m_f, k_s, c_s, g).
+    terms: identifiers of docs/physics.md section 6, and of `own`; on granular ground exactly one static force among
+    them. parameters: with those of `own` (`own.parameters_with`). The robot's values are those assumed; mechanisms that
+    act on Body.ROBOT correct them (properties m_m, m_f, k_s, c_s, g). own: mechanisms of the user's own.
     """
 
     ground: str = param(REQUIRED, "", "ground", choices=GROUNDS)
@@ -54,7 +47,7 @@ class Model:
     foot_radius: float | None = param(None, "m", "radius of the foot", lo=0, open_lo=True)
     volume_fraction: float | None = param(None, "", "volume fraction of the bed", lo=0, hi=1, open_lo=True)
     grain_density: float | None = param(None, "kg/m^3", "density of a grain", lo=0, open_lo=True)
-    residual: Residual = field(default_factory=Residual, repr=False)
+    own: tuple[Mechanism, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "terms", tuple(self.terms))
@@ -64,14 +57,19 @@ class Model:
     def __contains__(self, mechanism: str) -> bool:
         return mechanism in self.terms
 
+    def mechanism(self, name: str) -> Mechanism:
+        """The record of one of its terms. Raises KeyError for a name that it does not know."""
+        return next((m for m in self.own if m.name == name), None) or MECHANISMS[name]
+
     def _problems(self) -> Iterable[str]:
-        records = ("parameters", "residual")
+        records, every = ("parameters", "own"), {**MECHANISMS, **{m.name: m for m in self.own}}
+        parameters = type(self.parameters).__dataclass_fields__
         yield from _range_problems(self, "model", [f.name for f in dataclasses.fields(self) if f.name not in records])
-        known = [t for t in self.terms if t in MECHANISMS]
+        known = [t for t in self.terms if t in every]
         for t in self.terms:
-            if t not in MECHANISMS:
-                yield f"model terms: unknown mechanism '{t}'{closest(t, MECHANISMS)}"
-            elif self.ground in GROUNDS and self.ground not in MECHANISMS[t].grounds:
+            if t not in every:
+                yield f"model terms: unknown mechanism '{t}'{closest(t, every)}"
+            elif self.ground in GROUNDS and self.ground not in every[t].grounds:
                 yield f"model terms: '{t}' does not act on {self.ground} ground; remove it"
         for t in sorted({t for t in known if self.terms.count(t) > 1}):
             yield f"model terms: '{t}' is listed twice; list it once"
@@ -79,16 +77,18 @@ class Model:
         if self.ground == "granular" and len(set(static)) != 1:
             found = ", ".join(static) or "none"
             yield f"model terms: granular ground needs exactly one static force of {', '.join(STATIC)}; found {found}"
-        needed = {n: t for t in reversed(known) for n in MECHANISMS[t].names}
+        needed = {n: t for t in reversed(known) for n in every[t].names}
         missing = [n for n in needed if getattr(self.parameters, n) is None]
         for n in missing:
-            about = ModelParameters.__dataclass_fields__[n].metadata["meaning"]
+            about = parameters[n].metadata["meaning"]
             yield f"model {n}: missing; '{needed[n]}' needs it ({about})"
-        given = [n for n in ModelParameters.__dataclass_fields__ if n not in missing]
+        given = [n for n in parameters if n not in missing]
         if wrong := list(_range_problems(self.parameters, "model", [n for n in given if n in needed])):
             yield from wrong
             return
-        symbols = {n for t in known for n in MECHANISMS[t].symbols}
+        symbols = {n for t in known for n in every[t].symbols}
+        if len(self.rates) > 1:
+            yield "model terms: two mechanisms have an internal state; one at a time is followed: remove one"
         lacking = [own for n, own in OF_BED.items() if n in symbols and getattr(self, own) is None]
         yield from (f"model {n}: missing; the cone needs it" for n in lacking)
         if missing or lacking:
@@ -138,15 +138,23 @@ class Model:
         """Gravity along the rail [m/s^2]."""
         return self._corrected("gravity")
 
-    @property
-    def camera_factor(self) -> float:
-        """Reported height / true height."""
-        return math.prod((self.symbol(m.names[0]) for m in self.acting(Body.HEIGHT)), start=1.0)
+    def shown(self, t: Array) -> Array:
+        """When the frames stamped t (n,) [s] were really taken [s]."""
+        out = t + sum((self.symbol(m.names[0]) for m in self.acting(Body.TIME) if not m.written), 0.0)
+        for m in self.acting(Body.TIME):
+            out = out + self.force(m, time_s=t) if m.written else out
+        return out
+
+    def filmed(self, height: Array, t: Array) -> Array:
+        """Heights above rest (n,) [m] as a camera reports them in the frames stamped t (n,) [s]."""
+        factor = math.prod((self.symbol(m.names[0]) for m in self.acting(Body.HEIGHT) if not m.written), start=1.0)
+        added = [self.force(m, h=height, time_s=t) for m in self.acting(Body.HEIGHT) if m.written]
+        return sum(added, height * factor)
 
     @property
-    def time_shift(self) -> float:
-        """dt [s]: a frame stamped t shows t + dt."""
-        return sum((self.symbol(m.names[0]) for m in self.acting(Body.TIME)), 0.0)
+    def rates(self) -> list[Expression]:
+        """Of the internal states of its terms."""
+        return [m.rate for m in self.acting(*Body) if m.rate]
 
     @property
     def hold(self) -> float:
@@ -157,7 +165,8 @@ class Model:
     def exact(self) -> bool:
         """Whether the closed-form flow of hard ground holds."""
         linear = (Body.ROBOT, Body.LANDING, Body.HEIGHT, Body.TIME)
-        return self.ground == "hard" and self.m_f == 0.0 and len(self.acting(*linear)) == len(self.terms)
+        plain = len(self.acting(*linear)) == len(self.terms)
+        return self.ground == "hard" and self.m_f == 0.0 and plain
 
     @property
     def spare_drag(self) -> float:
@@ -167,7 +176,8 @@ class Model:
 
     def acting(self, *bodies: Body) -> list[Mechanism]:
         """Its mechanisms that act on these, in the order of its terms."""
-        return [m for t in self.terms if (m := MECHANISMS.get(t)) and m.acts_on in bodies]
+        own = {m.name: m for m in self.own}
+        return [m for t in self.terms if (m := own.get(t) or MECHANISMS.get(t)) and m.acts_on in bodies]
 
     def _corrected(self, name: str) -> float:
         value: float = getattr(self, name)
@@ -198,7 +208,7 @@ class Model:
         out = {}
         for m in self.acting(*Body):
             for n in m.symbols:
-                if n in STATE and n not in OF_BED and n not in arrays:
+                if n in STATE and n not in OF_BED and n not in arrays and m.law:
                     raise ValueError(f"forces: '{m.name}' needs {n}; give {n} = array")
             if m.law:
                 out[m.name] = np.asarray(self.force(m, **arrays))
@@ -221,20 +231,18 @@ class Model:
             f"  m_m = {self.m_m:g} kg, m_r = {self.rod_mass:g} kg, m_f = {self.m_f:g} kg, k = {self.k_s:g} N/m, "
             f"c = {self.c_s:g} N s/m, g = {self.g:g} m/s^2"
         )
-        fields = ModelParameters.__dataclass_fields__
+        fields = type(self.parameters).__dataclass_fields__
         for t in self.terms:
             values = ", ".join(
                 f"{n} = {getattr(self.parameters, n):g} {fields[n].metadata['unit']}".strip()
-                for n in MECHANISMS[t].names
+                for n in self.mechanism(t).names
             )
             lines.append(f"  {t}: {values}")
         return "\n".join(lines)
 
 
 BED = ("volume_fraction", "grain_density")
-ROBOT = tuple(
-    f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters", "residual", *BED)
-)
+ROBOT = tuple(f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters", "own", *BED))
 """The numbers of a Model beside its parameters, by whose they are."""
 
 

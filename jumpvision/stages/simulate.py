@@ -13,7 +13,7 @@ from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
-from jumpvision.mechanisms.registry import ModelParameters
+from jumpvision.mechanisms.own import parameters_with
 from jumpvision.physics.batch import OF_MODEL
 from jumpvision.physics.forcing import Forcing, Loop, from_log
 from jumpvision.physics.hard.jump import hard_jump
@@ -27,6 +27,7 @@ from jumpvision.workflow.stage import StageWarning, stage
 from .rod import commanded, read_motor
 
 TICK = 1e-3  # s, spacing of the output where no track gives the times
+AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error is looked for
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
@@ -50,8 +51,9 @@ def simulate(
     """
     model = build_model(experiment, robot, spec, section, bed)
     forcing, stop = driver(log, law, motor, p)
-    times = output_times(forcing, stop, rod, lead=0.05 + abs(model.time_shift))
-    true = times + model.time_shift
+    shift = float(np.max(np.abs(model.shown(AROUND) - AROUND)))
+    times = output_times(forcing, stop, rod, lead=0.05 + shift)
+    true = model.shown(times)
     if model.exact and not isinstance(forcing, Loop):
         m = hard_jump(
             motor_mass=model.m_m,
@@ -71,7 +73,7 @@ def simulate(
         columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
     table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
     rest = table.rod_m.iloc[0]
-    return Simulation(table.assign(rod_m=rest + model.camera_factor * (table.rod_m - rest)))
+    return Simulation(table.assign(rod_m=rest + model.filmed(table.rod_m.to_numpy() - rest, times)))
 
 
 def build_model(
@@ -79,7 +81,7 @@ def build_model(
 ) -> Model:
     """The model of [model] over the robot and the bed; a parameter with only a fit range starts at its middle."""
     motor_mass, rod_mass, stiffness = need(robot, "motor_mass", "rod_mass", "spring_stiffness")
-    values = dict(spec.parameters)
+    values, own = dict(spec.parameters), spec.mechanisms
     for name, (low, high) in spec.fit.items():
         if name not in values:
             values[name] = 0.5 * (low + high)
@@ -101,7 +103,7 @@ def build_model(
         return Model(
             experiment.ground,
             spec.terms,
-            ModelParameters(**values),
+            parameters_with(own)(**values),
             motor_mass=motor_mass,
             rod_mass=rod_mass,
             foot_mass=robot.foot_mass,
@@ -111,6 +113,7 @@ def build_model(
             foot_radius=robot.foot_radius,
             volume_fraction=phi,
             grain_density=section.grain_density if section else None,
+            own=own,
         )
     except InputError as e:
         raise InputError([f"{experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None

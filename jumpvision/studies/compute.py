@@ -23,7 +23,6 @@ from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
-from jumpvision.mechanisms.registry import MECHANISMS
 from jumpvision.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.physics.hard.jump import RESULTS as COMPUTED
 from jumpvision.results import plain
@@ -80,7 +79,7 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
 def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
     """InputError for axes of the bed that the model's terms do not see: their map would be constant."""
     model = machine.model
-    seen = {n for t in model.terms for n in MECHANISMS[t].symbols}
+    seen = {n for t in model.terms for n in model.mechanism(t).symbols}
     inert = {
         "phi": not machine.laws and (model.volume_fraction is None or "phi" not in seen),
         "foot_radius": model.foot_radius is None

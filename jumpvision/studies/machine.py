@@ -14,7 +14,7 @@ from jumpvision.inputs.experiment import Experiment, merged, open_experiment
 from jumpvision.inputs.model import ModelSpec, read_model
 from jumpvision.inputs.sections import Actuation, Bed, Header, Robot
 from jumpvision.mechanisms.record import Body
-from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.model import Model
 from jumpvision.stages.simulate import build_model
 
@@ -110,7 +110,9 @@ def machine(
     if model_file is not None:
         given, thesis = read_model(model_file), False
         own = {**given.parameters, **overrides.get("model", {})}
-        spec = ModelSpec(tuple(own.pop("terms", given.terms)), own, given.fit)
+        spec = dataclasses.replace(
+            given, terms=tuple(own.pop("terms", given.terms)), parameters=own, sigma={}, laws=None
+        )
         name += f", model of {model_file.name}"
     try:
         model = plain_model(build_model(e, robot, spec, bed, None))
@@ -149,7 +151,7 @@ def plain_model(model: Model) -> Model:
     gone = model.acting(Body.ROBOT, Body.HEIGHT, Body.TIME)
     return dataclasses.replace(
         model,
-        terms=tuple(t for t in model.terms if MECHANISMS[t] not in gone),
+        terms=tuple(t for t in model.terms if model.mechanism(t) not in gone),
         motor_mass=model.m_m,
         foot_mass=model.m_f,
         spring_stiffness=model.k_s,

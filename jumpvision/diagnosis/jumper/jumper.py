@@ -15,6 +15,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+from jumpvision.mechanisms.own import parameters_with
 from jumpvision.mechanisms.record import Body, Mechanism
 from jumpvision.mechanisms.registry import MECHANISMS, PARAMETERS, acting
 from jumpvision.physics.forcing import Forcing, Loop, Segments, Spline
@@ -41,16 +42,17 @@ class Jumper:
         fit: Mapping[str, tuple[float, float]],
         sigma: Mapping[str, float],
         workers: int = 2,
+        own: Sequence[Mechanism] = (),
     ) -> None:
         self.jumps = list(jumps)
-        self.model = self.jumps[0].model
+        self.model = knowing(self.jumps[0].model, own)
         self.scattering: tuple[str, ...] = SCATTER
         self.workers, self.pool = workers, ThreadPoolExecutor(workers)
         free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
         self.baseline = (*free, *common(self.jumps))
         self.apparatus = groups(self.jumps)
         drives = all(j.law for j in self.jumps)
-        self.candidates = candidates(self.model, command_drives=drives, priors=sigma)
+        self.candidates = candidates(self.model, command_drives=drives, priors=sigma, own=own)
         self.observations: list[Observation] = []
         motions = [self._motion(j, j.model, j.t) for j in self.jumps]
         coarse = coarseness(self.jumps)
@@ -59,8 +61,8 @@ class Jumper:
         # trials made alike are simulated once
         keys = [(_key(j, o.t), k) for j, o, k in zip(self.jumps, self.observations, self.apparatus)]
         self.like = [keys.index(k) for k in keys]
-        own = [_own(j.model) for j in self.jumps]
-        self.same_model = [own.index(o) for o in own]
+        robots = [_own(j.model) for j in self.jumps]
+        self.same_model = [robots.index(o) for o in robots]
         self.tracks = Tracks(
             [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
         )
@@ -75,6 +77,13 @@ class Jumper:
         out.observations = [
             replace(o, spread=f[np.searchsorted(j.t, o.t)]) for o, j, f in zip(self.observations, self.jumps, factors)
         ]
+        return out
+
+    def considering(self, own: Sequence[Mechanism]) -> Jumper:
+        """The same jumps with these laws beside the vocabulary."""
+        out = copy.copy(self)
+        out.model = knowing(self.model, own)
+        out.candidates = {**self.candidates, **{m.name: candidate(m, out.model, {}) for m in own}}
         return out
 
     def _free(self, name: str, limits: tuple[float, float] | None, sigma: float | None) -> Parameter:
@@ -102,7 +111,7 @@ class Jumper:
             gone = self.candidates[name].replaces
             terms = [name if t == gone else t for t in terms] if gone else [*terms, name]
         extra = {k: v for k, v in values.items() if k not in ROBOT}
-        for n, v in ((n, v) for t in terms for n, v in MECHANISMS[t].assumed.items()):
+        for n, v in ((n, v) for t in terms for n, v in base.mechanism(t).assumed.items()):
             if n not in extra and getattr(base.parameters, n) is None:
                 extra[n] = v
         robot: dict[str, Any] = {k: v for k, v in values.items() if k in ROBOT}
@@ -117,7 +126,7 @@ class Jumper:
         runs = sorted({self.like[i] for i in which})
         used = {k: of_jump(model, self.jumps[k].model, values) for k in {self.same_model[i] for i in runs}}
         out = np.full(self.tracks.t.size, np.nan)
-        times = self.tracks.t + (model.time_shift - values.get("start", 0.0))
+        times = model.shown(self.tracks.t) - values.get("start", 0.0)
         for i in runs:
             k, here = self.apparatus[i], self.tracks.places[i]
             times[here] += value(values, "offset", k) + value(values, "rate", k) * self.tracks.t[here]
@@ -130,7 +139,7 @@ class Jumper:
             list(self.pool.map(follow, [part for k in range(self.workers) if (part := runs[k :: self.workers])]))
         except ValueError:
             out[:] = np.nan
-        out *= model.camera_factor
+        out = model.filmed(out, self.tracks.t)
         return [self._seen(i, out[self.tracks.places[self.like[i]]], values) for i in which]
 
     def _seen(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
@@ -160,15 +169,22 @@ class Jumper:
         """The same for one jump, measured or not, at the frames t (n,) [s]."""
         try:
             model = of_jump(self.build(mechanisms, values), jump.model, values)
-            motion = self._motion(jump, model, t + model.time_shift - values.get("start", 0.0))
+            motion = self._motion(jump, model, model.shown(t) - values.get("start", 0.0))
         except (RuntimeError, ValueError):  # InputError among them
             return np.full(t.size, np.nan)
-        return (motion.rod[-t.size :] - motion.rest) * model.camera_factor
+        return model.filmed(motion.rod[-t.size :] - motion.rest, t)
 
     @staticmethod
     def _motion(jump: Jump, model: Model, t: Array) -> Motion:
         lead = [jump.forcing.start] if t[0] > jump.forcing.start else []
         return simulate(model, jump.forcing, t=np.concatenate([lead, t]), rtol=RTOL, atol=ATOL, stop=jump.stop)
+
+
+def knowing(model: Model, own: Sequence[Mechanism]) -> Model:
+    """The model with these mechanisms of the user's own beside those that it knows, for its terms to name."""
+    every: tuple[Mechanism, ...] = tuple({m.name: m for m in (*model.own, *own)}.values())
+    given = {n: getattr(model.parameters, n) for n in type(model.parameters).__dataclass_fields__}
+    return replace(model, own=every, parameters=parameters_with(every)(**given)) if own else model
 
 
 def content(forcing: Forcing | Loop) -> bytes:
@@ -203,26 +219,28 @@ def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
 
 
 def candidates(
-    model: Model, *, command_drives: bool, priors: Mapping[str, float] | None = None
+    model: Model, *, command_drives: bool, priors: Mapping[str, float] | None = None, own: Sequence[Mechanism] = ()
 ) -> dict[str, Candidate]:
     """Every mechanism of the model's ground that is not in it, the static forces last: each in place of its own.
 
-    command_drives: the command, not the encoder, drives the model (else there is no `motor_lag`).
-    priors: standard uncertainties of shape parameters that the model's author gave.
+    own: the user's own mechanisms that are considered too. command_drives: the command, not the encoder, drives the
+    model (else there is no `motor_lag`). priors: standard uncertainties of shape parameters that the model's author
+    gave.
     """
     statics = acting(Body.STATIC)
     return {
-        m.name: _candidate(m, model, priors or {})
-        for m in [*(m for m in MECHANISMS.values() if m not in statics), *statics]
+        m.name: candidate(m, model, priors or {})
+        for m in [*(m for m in MECHANISMS.values() if m not in statics), *own, *statics]
         if model.ground in m.grounds and m.name not in model.terms and m.possible(model, command_drives)
     }
 
 
-def _candidate(m: Mechanism, model: Model, sigma: Mapping[str, float]) -> Candidate:
+def candidate(m: Mechanism, model: Model, sigma: Mapping[str, float]) -> Candidate:
+    """A mechanism as a diagnosis tries it. sigma: standard uncertainties of its shape parameters."""
     parameters, grids = [], []
     for p in m.parameters:
-        if p.name not in m.assumed:
-            q = p.prior(model)
+        q = p.prior(model)
+        if p.name not in m.assumed and q.low < q.high:  # else a constant
             spread = sigma.get(p.name, q.sigma) if math.isfinite(q.sigma) else q.sigma
             parameters.append(Parameter(p.name, q.start, q.low, q.high, q.scale, spread, p.unit, q.log))
             grids.append(q.grid or (q.start,))
@@ -231,4 +249,5 @@ def _candidate(m: Mechanism, model: Model, sigma: Mapping[str, float]) -> Candid
         drops = tuple(sorted(set(own.names) - set(m.names)))
         return Candidate(tuple(parameters), replaces=own.name, drops=drops)
     shapes = tuple(itertools.product(*grids[1:]))
-    return Candidate(tuple(parameters), null=parameters[0].start, shapes=shapes, goes_with=m.goes_with)
+    null = 0.0 if m.written else parameters[0].start
+    return Candidate(tuple(parameters), null=null, shapes=shapes, goes_with=m.goes_with)

@@ -17,7 +17,7 @@ from jumpvision.mechanisms import registry
 from jumpvision.physics import forcing
 from jumpvision.physics.hard.jump import RESULTS as HARD_RESULTS
 
-from . import events, granular, kernel, modes, scalar, step, within
+from . import events, granular, kernel, modes, program, scalar, step, within
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
@@ -65,12 +65,14 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     rows, edges = pieces(law)
     n = edges.size
     start, stop = edges[0], edges[n - 2]
-    lagging = p.tau > 0.0
-    rate, tolerance = tolerances(p, granular.V if lagging else granular.X, atol)
+    rate, tolerance = tolerances(
+        p, granular.N_MOTION if p.own_rate > 0 else granular.V if p.tau > 0.0 else granular.X, atol
+    )
     s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
     height = -modes.squeeze(p) - deep
+    p.rest = p.rod_rest = height
     while True:
         s[:] = 0.0
         s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
@@ -117,7 +119,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
 
 
-PARTS = (events, forcing, granular, kernel, modes, scalar, step, within)
+PARTS = (events, forcing, granular, kernel, modes, program, scalar, step, within)
 
 
 @functools.cache
@@ -190,9 +192,10 @@ def _tracks(key: str) -> Callable[..., Any]:
                 n -= 1
             until = edges[first : first + n + 1].copy()
             until[n] = end
-            size = granular.N_MOTION if p.kp > 0.0 else granular.V if p.tau > 0.0 else granular.X
+            size = granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.V if p.tau > 0.0 else granular.X
             (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
             height = -modes.squeeze(p) - deep
+            p.rest, p.rod_rest = height + a.before, height
             s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
             if size > granular.X:
                 s[granular.X] = a.before

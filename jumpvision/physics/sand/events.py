@@ -21,9 +21,11 @@ from jumpvision.base.arrays import Array
 
 from .granular import (
     AIR,
+    CONTACT,
     HARD,
     INTRUDE,
     LANDED,
+    N_MEMORY,
     N_MOTION,
     STUCK,
     VF,
@@ -40,7 +42,8 @@ from .granular import (
     rod,
 )
 from .kernel import kernel
-from .modes import grip, guards, limit, rail_force, room, settle
+from .modes import grip, guards, held_between, limit, rail_force, room, settle
+from .program import NEVER
 from .step import N_ARC, N_SLOPES, ORDER, U, Z, begin, clear_until, dense, flow, longest_step, middle, step
 from .within import dips, efforts, heights, inside, locate, peak, sample
 
@@ -89,7 +92,7 @@ def workspace(n: int) -> Any:
         np.empty(N_ARC),
         np.empty((N_SLOPES, n)),
         np.empty((1, n)),
-        np.empty(4),
+        np.empty(N_MEMORY),
         np.empty(4, np.bool_),
     )
 
@@ -122,7 +125,7 @@ def run(
     """
     p, size = constants[0], s.size
     s1, work, q, arc, slopes, spare, memory, armed = space
-    memory[0], memory[1], memory[2], memory[3] = floor, 0.0, 0.0, 0.0
+    memory[0], memory[1], memory[2], memory[3], memory[CONTACT] = floor, 0.0, 0.0, 0.0, NEVER
     if peaks.size > 0:
         peaks[:] = 0.0
         peaks[0] = peaks[3] = p.m_m * p.g
@@ -341,7 +344,8 @@ def run(
                 if slip != 0:
                     slip = grip(t, s, mode, memory, kind, row, p, np.inf)
                 else:
-                    slip = -1 if rail_force(t, s, mode, memory, kind, row, p) > 0.0 else 1
+                    least, most = held_between(t, s, kind, row, p)
+                    slip = -1 if rail_force(t, s, mode, memory, kind, row, p) > 0.5 * (least + most) else 1
                 log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
                 n_log += 1
             elif mode == STUCK:
@@ -361,7 +365,7 @@ def run(
             else:
                 log[n_log, 0], log[n_log, 1] = t, LANDING
                 n_log += 1
-                mode = STUCK
+                mode, memory[CONTACT] = STUCK, t
                 v = motor(t, s, kind, row, p)[1] if size > N_MOTION else 0.0
                 before = kinetic(s, v, p.m_f, p)
                 if p.static == HARD:
@@ -382,7 +386,7 @@ def run(
                 if size > N_MOTION:
                     mass = p.m_f if p.static == HARD else foot_inertia(memory[0], p)
                     s[LANDED] += before - kinetic(s, v, mass, p)
-                if p.hold > 0.0:
+                if p.hold > 0.0 or p.own_dry == 1:
                     slip = grip(t, s, new_mode, memory, kind, row, p, STILL)
     if mode == INTRUDE:
         memory[0] = max(memory[0], -s[XF])

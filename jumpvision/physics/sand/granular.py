@@ -1,10 +1,10 @@
 """The jumper as a hybrid system: equations of motion in each mode (the rules that change it: `modes`).
 
-State s = [y, w, x_f, v_f(, X, V)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m], and
-its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where it lags its command or a feedback
-loop drives it; behind them WORKS, where the energy ledger asks for them. In y the motor enters through X_m and X_m'
-alone (docs/physics.md section 1), so a velocity step of X_m needs no special treatment: y and w are continuous, and
-v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
+State s = [y, w, x_f, v_f(, X, V, u)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m],
+and its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where it lags its command or a feedback
+loop drives it; u, the internal state of a law of the user's own; behind them WORKS, where the energy ledger asks for
+them. In y the motor enters through X_m and X_m' alone (docs/physics.md section 1), so a velocity step of X_m needs no
+special treatment: y and w are continuous, and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
 
 Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard
 ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of
@@ -30,19 +30,23 @@ from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.forcing import segment_xv
 
 from .kernel import chosen, each, kernel, running, summed
+from .program import ARRAYS, BODIES, FIELDS, REST, value
 
 Guards = tuple[float, float, float, float]
 
 AIR, STUCK, INTRUDE = 0, 1, 2
 HARD = 0  # of p.static; else the number of the static force, from 1
 SINE, CUBIC = 0, 1
-FOOT, CARRIAGE, CONE = 0, 1, 2  # what a residual force acts on; CONE: r z^i is a mass that moves with the foot
-Y, W, XF, VF, X, V = range(6)
-N_MOTION = V + 1
+Y, W, XF, VF, X, V, INNER = range(7)
+N_MOTION = INNER + 1
+NEAR = 1e-6  # m, over which the slope of a law of the user's own is taken
+FLOOR, HOLE, PAUSE, HELD, CONTACT, N_MEMORY = range(6)
+"""What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
+foot last came down [s]."""
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
 LOSSES = [[m for m in acting(body) if not m.energy] for body in LOST]
-WORKS = ("motor", "impulse", "spring_damping", "static", *(m.name for body in LOSSES for m in body), "landing")
+WORKS = ("motor", "impulse", "spring_damping", "static", *(m.name for body in LOSSES for m in body), "landing", *BODIES)
 """Energies [J] integrated along with the motion where it is asked for, in the states after N_MOTION."""
 OVERSHOOT, DRAG, FORCE, INERTIA, FRICTION, DRY, SPRING, LANDED = accumulate(map(len, LOSSES), initial=N_MOTION + 4)
 
@@ -50,13 +54,15 @@ SWITCHES = tuple(m.name for m in MECHANISMS.values() if m.law and m.acts_on is n
 ROBOT = ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
 LOOP = ("kp", "kd", "max_force", "max_speed", "low", "high")
 CONSTANTS = np.dtype(
-    [(n, np.int64) for n in ("static", "massless", "linear", "r_on", *SWITCHES)]
-    + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "r", "r_i", "r_j")]
+    [(n, np.int64) for n in ("static", "massless", "linear", *SWITCHES)]
+    + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "rest", "rod_rest")]
+    + FIELDS
+    + ARRAYS
 )
 """Numbers of one jumper. static: the number of its static force, from 1. SWITCHES: which other laws act in it; the
 parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, and
 the motor is where its command says. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier
-footprint. r, r_i, r_j: the force or mass that `unexplained` tries, on `r_on`."""
+footprint. rest, rod_rest: of carriage and rod [m]. FIELDS, ARRAYS: laws of the user's own (`program`)."""
 
 springs = summed(Body.SPRING, "stretch, stretch_rate")
 static_law = chosen(Body.STATIC, "z")
@@ -120,7 +126,10 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     if p.massless == 1 and mode == AIR:
         return 0.0
     stretch, rate = x_r - s[XF], v_r - s[VF]
-    return springs(spring(stretch, rate, p.k_s, p.c_s), stretch, rate, p)
+    force = springs(spring(stretch, rate, p.k_s, p.c_s), stretch, rate, p)
+    if p.own_spring > 0:
+        force += own_spring(stretch, rate, s, p)
+    return force
 
 
 @kernel
@@ -134,27 +143,58 @@ def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
 def foot_inertia(z: float, p: Any) -> float:
     """m_f + m_a(z) [kg]."""
     mass = inertias(p.m_f, z, p)
-    if p.r != 0.0 and p.r_on == CONE:
-        mass += p.r * z**p.r_i
+    if p.own_mass > 0:
+        mass += own_mass(z, p)
     return mass
 
 
-@kernel
-def residual_force(q: float, rate: float, p: Any) -> float:
-    """r |q|^i |rate|^j against the motion [N]: no mechanism, but what `diagnosis.unexplained` tries.
-
-    On the foot while it intrudes q = z, rate = v; on the carriage always, q = x_r, rate = v_m.
-    """
-    size = p.r * abs(q) ** p.r_i * abs(rate) ** p.r_j
-    return size if rate < 0.0 else -size
+# The sums of the user's own laws, each where its field of `p` is > 0.
 
 
 @kernel
-def rail_friction(x_r: float, v_m: float, slip: int, p: Any) -> float:
-    """Force of the rail on the sliding carriage [N]."""
+def own_mass(z: float, p: Any) -> float:
+    """Mass that moves with the intruding foot [kg]."""
+    return value(p, p.own_mass, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@kernel
+def own_foot(t: float, z: float, v: float, s: Array, memory: Array, p: Any) -> float:
+    """Force on the intruding foot [N]."""
+    u, contact = s[INNER] if s.size > INNER else 0.0, t - memory[CONTACT]
+    return value(p, p.own_foot, z, v, memory[HOLE], memory[PAUSE], contact, 0.0, 0.0, 0.0, 0.0, t, u, 0.0)
+
+
+@kernel
+def own_rail(t: float, x_r: float, x_m: float, v_m: float, s: Array, p: Any) -> float:
+    """Force of the rail on the carriage [N]; x_r, x_m: not yet from their rest."""
+    u, x_r, x_m = s[INNER] if s.size > INNER else 0.0, x_r - p.rod_rest, x_m - p.rest
+    return value(p, p.own_rail, 0.0, 0.0, 0.0, 0.0, 0.0, x_m, v_m, 0.0, 0.0, t, u, x_r)
+
+
+@kernel
+def own_spring(stretch: float, rate: float, s: Array, p: Any) -> float:
+    """Force of the spring on the rod [N]."""
+    u = s[INNER] if s.size > INNER else 0.0
+    return value(p, p.own_spring, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, stretch, rate, 0.0, u, 0.0)
+
+
+@kernel
+def yield_force(t: float, s: Array, memory: Array, p: Any) -> float:
+    """What the ground carries at the floor before the foot moves [N]: static force, and own laws as motion begins."""
+    force = static_force(memory[FLOOR], memory[HOLE], memory[PAUSE], p)
+    if p.own_foot > 0:
+        force += own_foot(t, memory[FLOOR], -REST, s, memory, p)
+    return force
+
+
+@kernel
+def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: int, p: Any) -> float:
+    """Force of the rail on the sliding carriage [N]; x: X_m."""
     rail = dry_frictions(frictions(0.0, v_m, p), float(slip), p)
-    if p.r != 0.0 and p.r_on == CARRIAGE:
-        rail += residual_force(x_r, v_m, p)
+    if p.own_rail > 0:
+        if p.own_dry == 1 and not v_m * slip > 0.0:
+            v_m = slip * REST  # the side of the jump on which the mode goes on
+        rail += own_rail(t, x_r, x_r + x, v_m, s, p)
     return rail
 
 
@@ -163,7 +203,7 @@ def rhs(
     t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, i: int
 ) -> float:
     """Writes ds/dt into row i of k; returns F_s [N]."""
-    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
     force = spring_force(x_r, v_r, s, mode, p)
     if p.kp > 0.0:
         acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, slip, kind, row, p)
@@ -171,7 +211,7 @@ def rhs(
     if slip == 0:
         k[i, W] = -p.m_r / p.M * acceleration
     else:
-        k[i, W] = -p.g + (force + rail_friction(x_r, v_m, slip, p)) / p.M
+        k[i, W] = -p.g + (force + rail_friction(t, s, x_r, x, v_m, slip, p)) / p.M
     k[i, XF] = s[VF]
     if mode == STUCK or p.massless == 1:
         k[i, XF] = 0.0
@@ -182,8 +222,8 @@ def rhs(
         z = -s[XF]
         resist = static_force(z, memory[1], memory[2], p) + drags(0.0, z, p) * s[VF] * s[VF]
         resist = forces(resist, z, s[VF], memory[1], memory[2], p)
-        if p.r != 0.0 and p.r_on == FOOT:
-            resist += residual_force(z, s[VF], p)
+        if p.own_foot > 0:
+            resist += own_foot(t, z, s[VF], s, memory, p)
         k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
     if s.size > X:
         k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > 0.0 else 0.0
@@ -191,6 +231,27 @@ def rhs(
         k[i, V] = 0.0
     if p.kp > 0.0:
         k[i, X], k[i, V] = s[V], acceleration
+    if s.size > INNER:
+        k[i, INNER] = 0.0
+        if p.own_rate > 0:
+            z, v, stretch, rate = -s[XF], s[VF], x_r - s[XF], v_r - s[VF]
+            contact, at = t - memory[CONTACT], p.own_rate
+            k[i, INNER] = value(
+                p,
+                at,
+                z,
+                v,
+                memory[HOLE],
+                memory[PAUSE],
+                contact,
+                x_r + x - p.rest,
+                v_m,
+                stretch,
+                rate,
+                t,
+                s[INNER],
+                x_r - p.rod_rest,
+            )
     if s.size > N_MOTION:
         works(t, s, mode, slip, memory, kind, row, p, force, k, i)
     return force
@@ -214,7 +275,7 @@ def loop_acceleration(
     if slip == 0:  # a_m = 0
         return p.g + (effort - force) / p.m_r
     # X'' = a_m - a_r, m_m a_m = -m_m g + F_m + rail, m_r a_r = -m_r g - F_m + F_s
-    return effort * p.M / (p.m_m * p.m_r) + rail_friction(x_r, v_m, slip, p) / p.m_m - force / p.m_r
+    return effort * p.M / (p.m_m * p.m_r) + rail_friction(t, s, x_r, s[X], v_m, slip, p) / p.m_m - force / p.m_r
 
 
 @kernel
@@ -234,7 +295,7 @@ def works(
     """Writes the powers [W] of WORKS behind the slopes of the motion: the motor's into the jumper, losses out of it."""
     for j in range(N_MOTION, s.size):
         k[i, j] = 0.0
-    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
     acceleration = k[i, V] if p.kp > 0.0 else acceleration
     rail = p.M * (k[i, W] + p.g) - force
     # m_m a_m = -m_m g + F_m + rail
@@ -244,6 +305,8 @@ def works(
         write_springs(k, i, SPRING, x_r - s[XF], v_r - s[VF], p)
         for j in range(SPRING, LANDED):
             k[i, j] *= s[VF] - v_r
+        if p.own_spring > 0:
+            k[i, LANDED + 4] = own_spring(x_r - s[XF], v_r - s[VF], s, p) * (s[VF] - v_r)
     if mode == INTRUDE:
         z, speed = -s[XF], -s[VF]
         write_overshoots(k, i, OVERSHOOT, z, memory[1], memory[2], p)
@@ -262,11 +325,17 @@ def works(
             k[i, j] *= speed
         for j in range(INERTIA, FRICTION):  # grains that join at the foot's speed bring half the energy that they take
             k[i, j] *= -0.5 * speed**3
+        if p.own_foot > 0:
+            k[i, LANDED + 1] = own_foot(t, z, s[VF], s, memory, p) * speed
+        if p.own_mass > 0:
+            k[i, LANDED + 2] = -0.5 * (own_mass(z + NEAR, p) - own_mass(z, p)) / NEAR * speed**3
     if slip != 0:
         write_frictions(k, i, FRICTION, v_m, p)
         write_dry(k, i, DRY, float(slip), p)
         for j in range(FRICTION, SPRING):
             k[i, j] *= -v_m
+        if p.own_rail > 0:
+            k[i, LANDED + 3] = -v_m * own_rail(t, x_r, x_r + x, v_m, s, p)
 
 
 @kernel
@@ -278,7 +347,7 @@ def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
 @kernel
 def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
     """F_m [N], its power F_m X_m' [W] and |X_m'| [m/s], from m_m a_m = -m_m g + F_m + rail."""
-    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
     if p.kp > 0.0:
         effort = loop_force(t, s, kind, row, p)
         return effort, effort * (v_m - v_r), abs(v_m - v_r)
@@ -286,7 +355,7 @@ def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array,
     if slip == 0:
         rail = p.M * p.g - force - p.m_r * acceleration
     else:
-        rail = rail_friction(x_r, v_m, slip, p)
+        rail = rail_friction(t, s, x_r, x, v_m, slip, p)
     # M a_m = -M g + F_s + rail + m_r X_m''
     effort = p.m_m / p.M * (force + rail + p.m_r * acceleration) - rail
     return effort, effort * (v_m - v_r), abs(v_m - v_r)

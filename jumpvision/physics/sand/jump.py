@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.mechanisms.expression import Expression
 from jumpvision.mechanisms.record import Body
-from jumpvision.mechanisms.registry import MECHANISMS, STATIC
+from jumpvision.mechanisms.registry import STATIC
 from jumpvision.physics.forcing import Forcing, Loop, Segments
 from jumpvision.physics.model import Model
 
-from . import compiled, events, granular, within
+from . import compiled, events, granular, program, within
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
@@ -81,11 +82,14 @@ def follow(
         limit_loop(constants, forcing, model)
     if isinstance(forcing, Loop) or works:
         n = granular.N_MOTION + works * len(granular.WORKS)
+    elif model.rates:
+        n = granular.N_MOTION
     elif "motor_lag" in model:
         n = granular.V
     kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
     position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
     rest, foot = equilibrium(model)
+    constants["rest"], constants["rod_rest"] = rest + position, rest
     ratio = model.m_m / model.M
     state = np.zeros(n)
     state[granular.Y], state[granular.XF] = rest + ratio * position, foot
@@ -146,12 +150,12 @@ def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, 
     `time_offset`: the frame stamped t shows t + dt; `camera_scale`: heights are multiplied by scale.
     """
     frames = np.atleast_1d(np.asarray(t, float))
-    true = frames + model.time_shift
+    true = model.shown(frames)
     lead = [forcing.start] if true[0] > forcing.start else []
     tail = [] if true.size + len(lead) > 1 else [true[-1] + 1e-3]
     motion = simulate(model, forcing, t=np.concatenate([lead, true, tail]), rtol=rtol, atol=atol)
     heights = motion.rod[len(lead) : len(lead) + true.size] - motion.rest
-    return heights * model.camera_factor
+    return model.filmed(heights, frames)
 
 
 def pack(model: Model, n: int = 1) -> NDArray[Any]:
@@ -166,9 +170,9 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
         value = model.symbol(name)
         out[name] = 0.0 if value is None else value
     out["stiffer"], out["linear"] = 1.0, 1
-    own = model.residual
-    out["r_on"], out["r"], out["r_i"], out["r_j"] = own.on, own.strength, own.i, own.j
-    for m in map(MECHANISMS.__getitem__, model.terms):
+    for m in map(model.mechanism, model.terms):
+        if m.written:
+            continue
         for name in m.names:
             out[name] = np.tan(p.theta) if name == "theta" else getattr(p, name)
         acts = np.not_equal(getattr(p, m.names[0]), 0.0)
@@ -178,7 +182,24 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
             out["linear"] &= ~acts
         elif m.acts_on is Body.BED:
             out["stiffer"] *= getattr(p, m.names[0])
+    if any(m.written for m in map(model.mechanism, model.terms)):
+        _pack_own(model, out)
     return out
+
+
+def _pack_own(model: Model, out: NDArray[Any]) -> None:
+    """Writes the laws of the user's own into packed constants, and what the solver must know of them."""
+
+    def bound(laws: list[Expression]) -> list[tuple[Expression, dict[str, Any]]]:
+        return [(law, {n: model.symbol(n) for n in law.symbols if n not in program.SYMBOLS}) for law in laws]
+
+    programs = {
+        name: bound([m.written for m in model.acting(body) if m.written]) for name, body in program.BODIES.items()
+    }
+    program.write(out, programs | {"own_rate": bound(model.rates[:1])})
+    if programs["own_rail"] or programs["own_spring"] or model.rates:
+        out["linear"] = 0
+    out["own_dry"] = any(law.jumps_in("v_m") for law, _ in programs["own_rail"])
 
 
 def limit_loop(constants: NDArray[Any], loop: Loop, model: Model) -> None:

@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from jumpvision.base.arrays import Array
+from jumpvision.mechanisms.own import LONG_AGO
 from jumpvision.mechanisms.record import Body
 
 from .granular import (
@@ -16,6 +17,7 @@ from .granular import (
     AT,
     HARD,
     INTRUDE,
+    NEAR,
     STUCK,
     VF,
     XF,
@@ -23,11 +25,14 @@ from .granular import (
     V,
     X,
     loop_acceleration,
+    own_rail,
     rod,
     spring_force,
     static_force,
+    yield_force,
 )
 from .kernel import kernel, summed
+from .program import REST, value
 
 DEEPEST = 1e3  # m
 springs = summed(Body.SPRING, "stretch, stretch_rate")
@@ -76,11 +81,23 @@ def rail_force(t: float, s: Array, mode: int, memory: Array, kind: int, row: Arr
 
 
 @kernel
+def held_between(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float]:
+    """Least and greatest force [N] of the rail on a carriage at rest: as it would begin to move up, and down."""
+    low, high = -p.hold, p.hold
+    if p.own_dry == 1:
+        x_r, _, _, x, _ = rod(t, s, kind, row, p)
+        low += own_rail(t, x_r, x_r + x, REST, s, p)
+        high += own_rail(t, x_r, x_r + x, -REST, s, p)
+    return low, high
+
+
+@kernel
 def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> Guards:
     """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
     first, second, third = 1.0, 1.0, 1.0
     last = room(t, s, mode, slip, memory, kind, row, p) if p.kp > 0.0 else 1.0
-    if p.massless == 0 and p.hold == 0.0 and mode != STUCK:  # the forcing is not needed
+    sticks = p.hold > 0.0 or p.own_dry == 1
+    if p.massless == 0 and not sticks and mode != STUCK:  # the forcing is not needed
         if mode == AIR:
             return s[XF] + memory[0], second, third, last
         return first, -s[VF], third, last
@@ -95,10 +112,12 @@ def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, r
         push = spring_force(x_r, v_r, s, mode, p) + p.m_f * p.g
         first = push + p.slack
         if p.static != HARD:
-            second = static_force(memory[0], memory[1], memory[2], p) + p.slack - push
-    if p.hold > 0.0:
+            second = yield_force(t, s, memory, p) + p.slack - push
+    if sticks:
         if slip == 0:
-            third = p.hold + p.slack - abs(rail_force(t, s, mode, memory, kind, row, p))
+            low, high = held_between(t, s, kind, row, p)
+            need = rail_force(t, s, mode, memory, kind, row, p)
+            third = high + p.slack - need if need > 0.5 * (low + high) else need - (low - p.slack)
         else:
             third = slip * v_m
     return first, second, third, last
@@ -113,7 +132,7 @@ def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> 
     push = spring_force(x_r, v_r, s, STUCK, p) + p.m_f * p.g
     if push < -p.slack:
         return AIR
-    if p.static != HARD and push > static_force(memory[0], memory[1], memory[2], p) + p.slack:
+    if p.static != HARD and push > yield_force(t, s, memory, p) + p.slack:
         return INTRUDE
     return STUCK
 
@@ -121,7 +140,7 @@ def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> 
 @kernel
 def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any, still: float) -> int:
     """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
-    if p.hold == 0.0:
+    if p.hold == 0.0 and p.own_dry == 0:
         return 1
     v_m = rod(t, s, kind, row, p)[2]
     if v_m > still:
@@ -129,9 +148,10 @@ def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p:
     if v_m < -still:
         return -1
     need = rail_force(t, s, mode, memory, kind, row, p)
-    if need > p.hold + p.slack:
+    low, high = held_between(t, s, kind, row, p)
+    if need > high + p.slack:
         return -1
-    return 1 if need < -p.hold - p.slack else 0
+    return 1 if need < low - p.slack else 0
 
 
 @kernel
@@ -139,11 +159,30 @@ def squeeze(p: Any) -> float:
     """Compression of the spring e [m] under M g, by Newton from above: a spring that hardens only lets it fall."""
     e = p.M * p.g / p.k_s
     for _ in range(100):
-        change = (p.k_s * e + springs(0.0, -e, 0.0, p) - p.M * p.g) / (p.k_s + slopes(0.0, -e, 0.0, p))
+        force, slope = p.k_s * e + springs(0.0, -e, 0.0, p), p.k_s + slopes(0.0, -e, 0.0, p)
+        if p.own_spring > 0:
+            own = settled(p.own_spring, 0.0, -e, p)
+            force, slope = force + own, slope + (settled(p.own_spring, 0.0, -e - NEAR, p) - own) / NEAR
+        change = (force - p.M * p.g) / slope
         e -= change
-        if change <= 1e-16 * e:
+        if change <= 1e-16 * e and (p.own_spring == 0 or change >= -1e-16 * e):
             break
     return e
+
+
+@kernel
+def settled(at: int, z: float, stretch: float, p: Any) -> float:
+    """An own law of the foot or the spring with everything at rest, long after any contact."""
+    return value(p, at, z, -REST, 0.0, 0.0, LONG_AGO, 0.0, 0.0, stretch, 0.0, 0.0, 0.0, 0.0)
+
+
+@kernel
+def carried(z: float, p: Any) -> float:
+    """Force of the undisturbed bed on a foot at rest [N]."""
+    force = static_force(z, 0.0, 0.0, p)
+    if p.own_foot > 0:
+        force += settled(p.own_foot, z, 0.0, p)
+    return force
 
 
 @kernel
@@ -153,16 +192,16 @@ def depth(p: Any) -> float:
         return 0.0
     load = (p.M + p.m_f) * p.g
     lo, hi = 0.0, 1e-3
-    while static_force(hi, 0.0, 0.0, p) < load:
+    while carried(hi, p) < load:
         lo, hi = hi, 2.0 * hi
         if hi > DEEPEST:
             return math.nan
-    f_lo, f_hi = static_force(lo, 0.0, 0.0, p) - load, static_force(hi, 0.0, 0.0, p) - load
+    f_lo, f_hi = carried(lo, p) - load, carried(hi, p) - load
     for n in range(200):  # regula falsi, every third step a bisection
         if hi - lo <= 1e-17 + 4e-16 * hi or f_hi == 0.0:
             break
         z = (lo * f_hi - hi * f_lo) / (f_hi - f_lo) if n % 3 else 0.5 * (lo + hi)
-        f = static_force(z, 0.0, 0.0, p) - load
+        f = carried(z, p) - load
         if f < 0.0:
             if z == lo:  # the root to the last bit; the far end of the bracket is not
                 return lo

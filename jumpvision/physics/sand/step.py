@@ -9,7 +9,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .granular import AIR, CARRIAGE, INTRUDE, SINE, VF, XF, W, Y, is_still, rhs
+from .granular import AIR, INTRUDE, SINE, VF, XF, W, Y, is_still, rhs
 from .kernel import kernel
 
 ORDER = 5
@@ -131,8 +131,6 @@ def oscillator(mode: int, p: Any) -> tuple[float, float]:
 def longest_step(mode: int, kind: int, row: Array, p: Any) -> float:
     """Step [s] to look for events with, or 0 where the closed form does not hold."""
     if mode == INTRUDE or p.linear == 0:
-        return 0.0
-    if p.r != 0.0 and p.r_on == CARRIAGE:
         return 0.0
     stiff, damp = oscillator(mode, p)
     if damp * damp >= 3.9 * stiff:

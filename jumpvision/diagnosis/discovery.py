@@ -1,0 +1,144 @@
+"""A law where the vocabulary has none: forms with free exponents and lengths, fitted through the whole simulation.
+
+Nothing measured is differentiated. Every form is tried beside the baseline and beside the best of the vocabulary; the
+one that predicts held-out conditions best is taken, the simpler where two are level. What any force of the same
+arguments could explain stands beside it (`ceiling`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .detect import Detection, Direction, Span, detect, directions
+from .fitting import Fit, Problem
+from .naming import Start, held_out_score, race, start_of
+
+SHAPES = 2  # sets of shape parameters of a form from which it starts
+CONDITIONS = 8  # about as many are looked at in the first rounds
+ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
+LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
+ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
+DRAWS = 500  # of the groups, for how often a form wins
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """A law and how well it holds. fit: of the model with it, last of its mechanisms, after those it stands beside.
+
+    r2: share of the baseline's excess over the noise that it explains; ceiling: what any smooth force of its arguments
+    would explain (None: not of a force). stability: how often each form wins when groups of trials are drawn again.
+    rivals: forms that predict as well, within LEVEL.
+    """
+
+    form: str
+    before: Fit
+    fit: Fit
+    r2: float
+    ceiling: float | None
+    stability: Mapping[str, float]
+    rivals: tuple[str, ...]
+    detection: Detection
+
+
+def discover(
+    problem: Problem, base: Fit, fits: Sequence[Fit], forms: Sequence[str], rng: np.random.Generator
+) -> Discovery | None:
+    """The form that explains what the fits leave over; None where none explains ENOUGH of it.
+
+    problem: of a system that has the forms among its candidates. fits: models beside which they are tried.
+    """
+    limit = max(held_out_score(problem, f) for f in (base, *fits))
+    tried: list[tuple[Fit, Fit]] = []
+    for fit in {f.mechanisms: f for f in fits}.values():
+        columns = directions(problem, fit, forms)
+        if columns:
+            tried += [(fit, f) for f in race(problem, _starts(problem, fit, detect(problem, fit, columns, rng)))]
+    better = [(a, b, held_out_score(problem, b)) for a, b in tried]
+    better = [(a, b, s) for a, b, s in better if s > limit]
+    if not better:
+        return None
+    top = max(s for _, _, s in better)
+    level = [(a, b, s) for a, b, s in better if s >= top - LEVEL]
+    before, best, _ = min(level, key=lambda x: (len(x[1].parameters), -x[2]))
+    r2 = explained(problem, base, best.chi2)
+    if r2 < ENOUGH:
+        return None
+    test = detect(problem, best, directions(problem, best, _listed(problem, forms)), rng)
+    return Discovery(
+        best.mechanisms[-1],
+        before,
+        best,
+        r2,
+        None,
+        _stability(problem, [f for _, f, _ in better], rng),
+        tuple(f.mechanisms[-1] for _, f, _ in level if f is not best),
+        test,
+    )
+
+
+def explained(problem: Problem, base: Fit, chi2: float) -> float:
+    """Share of the baseline's excess of chi^2 over the noise that a model with this chi^2 explains."""
+    dof = max(problem.n - len(base.parameters), 1)
+    return (base.chi2 - max(chi2, dof)) / max(base.chi2 - dof, 1e-300)
+
+
+def ceiling(problem: Problem, base: Fit, best: Fit, surface: Sequence[str]) -> float:
+    """Share that the best law and a smooth force of its arguments beside it explain together.
+
+    surface: candidates that are local bumps of force over the arguments; linear about the fit, less the gain that as
+    many bumps find in noise alone.
+    """
+    span = Span(best)
+    columns = [d.vector for d in directions(problem, best, surface)]
+    if not columns:
+        return explained(problem, base, best.chi2)
+    u, s, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    u = u[:, s > 1e-3 * s[0]]
+    gain = float(np.sum((u.T @ span.off(span.residual)) ** 2)) - u.shape[1]
+    return explained(problem, base, best.chi2 - max(gain, 0.0))
+
+
+def _listed(problem: Problem, forms: Sequence[str]) -> list[str]:
+    """The vocabulary without the forms."""
+    return [m for m in problem.system.candidates if m not in forms]
+
+
+def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
+    """Starts of the forms that come furthest in short fits over a share of the conditions, fewer each round.
+
+    Each form begins at the shapes that the residuals ask for most, its strength by the linear estimate.
+    """
+    asked: dict[str, list[tuple[float, Direction]]] = {}
+    for d, z in zip(found.directions, found.score):
+        asked.setdefault(d.mechanism, []).append((float(z), d))
+    starts: list[Start] = []
+    for form, each in asked.items():
+        for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
+            starts.append(((*fit.mechanisms, form), start_of(problem, fit, d, z)))
+    first = {o.condition: i for i, o in reversed(list(enumerate(problem.system.observations)))}
+    some = sorted(first.values())[:: max(1, len(first) // CONDITIONS)]
+    for iterations, kept in ROUNDS:
+        fits = [f for m, s in starts if (f := problem.fit(m, s, some, iterations)) is not None]
+        best: dict[tuple[str, ...], Fit] = {}
+        for f in sorted(fits, key=lambda f: f.chi2):
+            best.setdefault(f.mechanisms, f)
+        starts = [(f.mechanisms, f.named) for f in list(best.values())[:kept]]
+    return starts
+
+
+def _stability(problem: Problem, tried: Sequence[Fit], rng: np.random.Generator) -> dict[str, float]:
+    """How often each form is the best when groups of trials are drawn again, one parameter more costing one unit."""
+    groups: dict[str, list[int]] = {}
+    for i, o in enumerate(problem.system.observations):
+        groups.setdefault(o.group, []).append(i)
+    cost = np.array([[sum(float(f.residuals[i] @ f.residuals[i]) for i in g) for g in groups.values()] for f in tried])
+    picks = rng.multinomial(len(groups), np.full(len(groups), 1.0 / len(groups)), DRAWS)
+    total = picks @ cost.T + np.array([2.0 * len(f.parameters) for f in tried])
+    wins: dict[str, int] = {}
+    for k in np.argmin(total, axis=1):
+        name = tried[int(k)].mechanisms[-1]
+        wins[name] = wins.get(name, 0) + 1
+    return {n: w / DRAWS for n, w in sorted(wins.items(), key=lambda x: -x[1]) if w / DRAWS >= 0.05}
