@@ -29,6 +29,7 @@ from jumpvision.physics.forcing import delayed, sinusoid
 from jumpvision.results.diagnosis import Diagnosis, Unexplained, WithoutFilms
 from jumpvision.workflow.run import Outcome
 
+from .discovered import law_gain, law_of
 from .document import document, model_toml, told, unexplained_of, values
 from .films import Film, confirmation, energies, films, jumps_alone
 from .jumps import load_jumps, measurements, questioned, spec_of
@@ -138,7 +139,11 @@ def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw |
         say=say,
     )
     problem = Problem(system, learned.noise, learned.scatter, asked.measured)
-    left = leftover(found, problem, system, say)
+    law = law_of(found, problem, system, say)
+    if law:
+        whole = Problem(law.system, learned.noise, learned.scatter, asked.measured)
+        found = replace(found, gain=law_gain(law, whole))
+    left = None if law else leftover(found, problem, system, say)
     alone = jumps_alone(told(found), problem)
     rows = confirmation(alone, system, asked.films, asked.measured)
     apart = asked.measured and any(r.contradicts for r in rows)
@@ -149,8 +154,10 @@ def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw |
         energy=energies(found, system),
         confirmation=rows,
         without_films=WithoutFilms(values(alone, system), alone.chi2) if apart else None,
+        law=law,
     )
-    write_aside(entry / MODEL, model_toml(told(found), system, data.sentence + " Made by jumpvision diagnose."))
+    known = law.system if law else system
+    write_aside(entry / MODEL, model_toml(told(found, law), known, data.sentence + " Made by jumpvision diagnose."))
     if draw:
         (entry / PICTURE).write_bytes(draw(found, system, data))
     write_aside(entry / Diagnosis.file, data.text)  # last: the entry is whole

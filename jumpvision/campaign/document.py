@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,13 @@ from jumpvision.diagnosis.noise.learning import Learned
 from jumpvision.diagnosis.proposing import Gain, apex
 from jumpvision.diagnosis.search import MOST
 from jumpvision.diagnosis.unexplained import Unexplained
+from jumpvision.mechanisms.own import bare
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import ROBOT
 from jumpvision.results import diagnosis as record
 from jumpvision.results.diagnosis import Diagnosis
+
+from .discovered import Law, discovered_of, law_toml
 
 TOP = 12  # cells of "where"
 
@@ -36,12 +40,16 @@ def document(
     energy: Sequence[record.Energies] = (),
     confirmation: Sequence[record.Confirmation] = (),
     without_films: record.WithoutFilms | None = None,
+    law: Law | None = None,
 ) -> Diagnosis:
-    """The record of a campaign's findings. unexplained: what generic forces say of the rest, None where it is nil."""
-    n, system = d.naming, learned.system
-    best = told(d)
+    """The record of a campaign's findings. unexplained: what generic forces say of the rest, None where it is nil.
+
+    law: of no vocabulary, where one was found: the extended model has it.
+    """
+    n, system = d.naming, law.system if law else learned.system
+    best = told(d, law)
     extended = best is not d.baseline
-    heights = heights_of(d, system)
+    heights = heights_of(d, system, best)
     out = Diagnosis(
         verdict="adequate" if d.adequate else "discrepant",
         p_value=d.detection.p_value,
@@ -57,13 +65,14 @@ def document(
             for c in d.where[:TOP]
         ),
         heights=heights,
-        causes=causes(n) if n else (),
-        named=n.named if n else (),
-        status=n.status if n else "complete",
-        left_over=left_over(d),
+        causes=causes(n, system) if n else (),
+        named=law.fit.mechanisms[:-1] if law else n.named if n else (),
+        status=law.status if law else n.status if n else "complete",
+        left_over=left_over(d, law),
         detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
-        indistinguishable=n.twins if n else (),
-        closest=closest(d, system) if n and not n.named else None,
+        indistinguishable=n.twins if n and not law else (),
+        closest=closest(d, system) if n and not n.named and not law else None,
+        discovered=discovered_of(law) if law else None,
         unexplained=unexplained,
         extended_model=record.Model(system.build(best.mechanisms, best.named).terms, values(best, system)),
         gain=gain_of(d.gain) if extended and d.gain else None,
@@ -79,14 +88,17 @@ def document(
         sentence="",
         confirmed=None,
     )
-    return replace(out, sentence=sentence(out), confirmed=confirmed(out))
+    lacks = {m.name: m.lacks for m in system.model.own}
+    return replace(out, sentence=sentence(out, lacks), confirmed=confirmed(out))
 
 
-def left_over(d: Findings) -> record.LeftOver | None:
+def left_over(d: Findings, law: Law | None) -> record.LeftOver | None:
     """What the model that is told leaves; None where the baseline is adequate."""
     n = d.naming
     if n is None:
         return None
+    if law:
+        return record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0)
     if not n.named:
         return record.LeftOver(d.detection.chi2_per_dof, 1.0, 1.0)
     test = n.best.detection
@@ -103,15 +115,16 @@ def priors(d: Findings) -> record.Priors:
     )
 
 
-def told(d: Findings) -> Fit:
-    """The fit that the findings stand by: of the named mechanisms, else the baseline."""
+def told(d: Findings, law: Law | None = None) -> Fit:
+    """The fit that the findings stand by: with the discovered law, of the named mechanisms, else the baseline."""
+    if law:
+        return law.fit
     return d.naming.best.fit if d.naming and d.naming.named else d.baseline
 
 
-def heights_of(d: Findings, system: Jumper) -> tuple[record.Height, ...]:
+def heights_of(d: Findings, system: Jumper, best: Fit) -> tuple[record.Height, ...]:
     """Measured height of every jump beside the re-fitted baseline's and the extended model's [m]."""
     every = range(len(system.observations))
-    best = told(d)
     before = system.predict(d.baseline.mechanisms, d.baseline.named, every)
     after = system.predict(best.mechanisms, best.named, every) if best is not d.baseline else [None] * len(before)
     out = []
@@ -199,38 +212,39 @@ def closest(d: Findings, system: Jumper) -> record.Closest | None:
     e = d.naming.best
     if not e.mechanisms:
         return None
-    found = {name: value for m in e.mechanisms for name, value in parameters_of(e, m).items()}
+    found = {name: value for m in e.mechanisms for name, value in parameters_of(e, m, system).items()}
     gain = gain_of(d.gain) if d.gain else None
     return record.Closest(e.mechanisms, e.probability, found, rmse_track(e.fit, system), gain)
 
 
-def causes(n: Naming) -> tuple[record.Cause, ...]:
+def causes(n: Naming, system: Jumper) -> tuple[record.Cause, ...]:
     """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
     out = []
     for mechanism in likely(n)[:8]:
         e = next(e for e in n.tried if mechanism in e.mechanisms)
         others = tuple(m for m in e.mechanisms if m != mechanism)
-        parameters = parameters_of(e, mechanism)
+        parameters = parameters_of(e, mechanism, system)
         chances = n.probabilities[mechanism]
         spread = (min(chances), max(chances))
         out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, parameters))
     return tuple(out)
 
 
-def parameters_of(e: Explanation, mechanism: str) -> dict[str, record.Parameter]:
+def parameters_of(e: Explanation, mechanism: str, system: Jumper) -> dict[str, record.Parameter]:
     """Parameters of a mechanism by name, the ends of a 90 % interval within its range."""
     out = {}
     for p in e.fit.parameters:
-        if p.name in MECHANISMS[mechanism].names:
+        if p.name in (own := system.model.mechanism(mechanism)).names:
             value, half = e.fit.named[p.name], Z90 * e.fit.sigma(p.name)
-            out[p.name] = record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
+            name = bare(own, p.name) if own.written else p.name
+            out[name] = record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
     return out
 
 
 def values(fit: Fit, system: Jumper) -> dict[str, float]:
     """Every parameter that the model with this fit's mechanisms needs, and what of the robot was re-fitted."""
     model = system.build(fit.mechanisms, fit.named)
-    names = dict.fromkeys(n for t in model.terms for n in MECHANISMS[t].names)
+    names = dict.fromkeys(n for t in model.terms for n in model.mechanism(t).names)
     out = {n: float(getattr(model.parameters, n)) for n in names}
     return out | {n: v for n, v in fit.named.items() if n in ROBOT}
 
@@ -272,7 +286,9 @@ def model_toml(fit: Fit, system: Jumper, comment: str) -> str:
     """The model as a file that `--model` takes: terms, parameters, their uncertainties; a re-fitted robot beside it."""
     model = system.build(fit.mechanisms, fit.named)
     robot = {n: v for n, v in fit.named.items() if n in ROBOT}
-    own = {n: v for n, v in values(fit, system).items() if n not in ROBOT}
+    laws = [m for m in map(model.mechanism, model.terms) if m.written]
+    apart = {*ROBOT, *(n for m in laws for n in m.names)}
+    own = {n: v for n, v in values(fit, system).items() if n not in apart}
     sigma = {p.name: fit.sigma(p.name) for p in fit.parameters}
     fields = ModelParameters.__dataclass_fields__
     lines = [f"# {comment}", "[model]", "terms = " + json.dumps(list(model.terms))]
@@ -284,11 +300,13 @@ def model_toml(fit: Fit, system: Jumper, comment: str) -> str:
     if robot:
         lines += ["", "[robot]  # re-fitted"] + [f"{n} = {v!r}" for n, v in robot.items()]
         lines += ["", "[robot.sigma]"] + [f"{n} = {sigma[n]!r}" for n in robot]
+    for m in laws:
+        lines += law_toml(m, fit)
     return "\n".join(lines) + "\n"
 
 
-def sentence(d: Diagnosis) -> str:
-    """The verdict in plain words."""
+def sentence(d: Diagnosis, lacks: Mapping[str, str] = MappingProxyType({})) -> str:
+    """The verdict in plain words. lacks: what the model lacks without each mechanism of the user's own."""
     if d.adequate:
         return f"The simulation agrees with the measured jumps within their noise (p = {d.p_value:.2g})."
     by_kind: dict[str, list[float]] = {}
@@ -300,13 +318,15 @@ def sentence(d: Diagnosis) -> str:
     text = f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
     if not d.named:
         text += ", and no mechanism of the vocabulary explains all that it gets wrong"
+        if d.discovered:
+            return text + law_in_words(d.discovered) + "."
         if near := d.closest:
             text += f"; the closest, {words(near.mechanisms)}, "
             text += f"brings the held-out track error down {near.gain.ratio:.1f}x" if near.gain else "helps"
             text += f" and leaves {1e3 * near.rmse_track_m:.2g} mm, beyond the noise"
         return text + generic(d, "would") + "."
     partly = " in part" if d.status == "partial" else ""
-    text += f"{partly} because it lacks {' and '.join(MECHANISMS[m].lacks for m in d.named)}"
+    text += f"{partly} because it lacks {' and '.join(lacks.get(m) or MECHANISMS[m].lacks for m in d.named)}"
     if d.status == "partial" and d.left_over:
         text += (
             f", and {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
@@ -320,6 +340,31 @@ def sentence(d: Diagnosis) -> str:
         it = "it" if len(d.named) == 1 else "them"
         text += f"; with {it} the held-out track error falls {d.gain.ratio:.3g}x"
     return text + "."
+
+
+BODIES = {
+    "foot": "a force on the intruding foot",
+    "foot_mass": "a mass that moves with the foot",
+    "carriage": "a force on the carriage",
+    "spring": "a force of the spring",
+    "film_height": "an error of the filmed height",
+    "film_time": "an error of the film's clock",
+}
+
+
+def law_in_words(law: record.Discovered) -> str:
+    """What was discovered, as the end of the verdict."""
+    free = ", ".join(
+        f"{n} = {plus_minus(p.value, p.sigma)}{f' {p.unit}' if p.unit != '1' else ''}"
+        for n, p in law.parameters.items()
+        if p.sigma > 0.0
+    )
+    fixed = ", ".join(f"{n} = {p.value:g} {p.unit}" for n, p in law.parameters.items() if p.sigma == 0.0)
+    text = f"; {BODIES[law.acts_on]} does: {law.law} with {free}{f' ({fixed})' if fixed else ''}"
+    text += f", {100 * law.r2:.3g} % of it"
+    if law.ceiling_r2 is not None:
+        text += f" (any smooth force of the same position and rate: {100 * law.ceiling_r2:.3g} %)"
+    return text + (", and it is active: it gives energy to what moves" if law.passive is False else "")
 
 
 def generic(d: Diagnosis, does: str) -> str:

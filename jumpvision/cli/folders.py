@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Group
+from cyclopts import Group, Parameter
 
 from jumpvision.workflow.stage import Declared, declared
 
@@ -211,7 +213,15 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
 
 
 @app.command
-def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
+def diagnose(
+    path: Path,
+    /,
+    *,
+    consider: Annotated[
+        tuple[str, ...], Parameter(negative="", help="A [mechanism.NAME] of the folder's, tried as a cause.")
+    ] = (),
+    options: Options = OPTIONS,
+) -> int:
     """What the simulation gets wrong, why, the extended model and what it gains (diagnosis.json, model.toml).
 
     Example: jumpvision diagnose data_samples/loose_sand
@@ -224,6 +234,8 @@ def diagnose(path: Path, /, *, options: Options = OPTIONS) -> int:
 
     if not is_campaign(folder_of(path)):
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
+    if consider:
+        options = replace(options, set=(*options.set, f"diagnosis.consider={json.dumps(list(consider))}"))
     done = work(path, options, stages=DIAGNOSED, ask=True)
     assert done.diagnosis is not None  # a campaign that cannot be questioned raises
     terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)

@@ -14,7 +14,8 @@ import numpy as np
 
 from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
-from .naming import Start, held_out_score, race, start_of
+from .naming import held_out_score
+from .search import Start, race, start_of
 
 SHAPES = 2  # sets of shape parameters of a form from which it starts
 CONDITIONS = 8  # about as many are looked at in the first rounds

@@ -142,16 +142,22 @@ class Part:
 
 
 Begin = Callable[[Problem, np.random.Generator], Fit]  # the baseline, from its own values
+Choose = Callable[[Problem, Fit, np.random.Generator], Fit]
 
 
 def gain(
-    problem: Problem, begin: Begin, stops: Sequence[float], rng: np.random.Generator, order: Sequence[str] = ()
+    problem: Problem,
+    begin: Begin,
+    stops: Sequence[float],
+    rng: np.random.Generator,
+    order: Sequence[str] = (),
+    choose: Choose | None = None,
 ) -> Gain | None:
     """Gain over all conditions, a block of them held out at a time; None when there is but one condition.
 
     Without the held-out ones everything is done anew: the baseline fitted from its own values, mechanisms searched for
     (one route), the likeliest set taken. stops: (observations,) time after which an apex counts [s]. order: labels by
-    which conditions are neighbours; neighbours are held out together.
+    which conditions are neighbours; neighbours are held out together. choose: in place of the search.
     """
     observations = problem.system.observations
     place = {o.condition: [_place(o.labels.get(n)) for n in order] for o in observations}
@@ -169,12 +175,17 @@ def gain(
             base = begin(part, rng)
         except ValueError:
             return None
-        search = Search(part, base, detect(part, base, directions(part, base), rng), rng, quick=True)
-        search.run()
-        best = search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
+        best = (choose or searched)(part, base, rng)
         chosen[best.mechanisms] += 1
         rows |= _errors(problem, base, best, held, stops)
     return _summed(problem, rows, tuple(chosen.most_common()))
+
+
+def searched(problem: Problem, base: Fit, rng: np.random.Generator) -> Fit:
+    """The set of mechanisms that one route of the search ends with."""
+    search = Search(problem, base, detect(problem, base, directions(problem, base), rng), rng, quick=True)
+    search.run()
+    return search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
 
 
 def _place(label: Any) -> tuple[float, str]:

@@ -143,7 +143,9 @@ def model_of(
     if not isinstance(terms, list | tuple) or not all(isinstance(t, str) for t in terms):
         problems.append(f"{where} terms = {terms!r}: must be a list of mechanisms")
         terms = ()
-    problems += [f"{where} terms: unknown mechanism '{t}'{closest(t, every)}" for t in terms if t not in every]
+    problems += [
+        f"{where} terms: unknown mechanism '{t}'{closest(t, every)}" for t in terms if t not in {*every, *tables}
+    ]
     values = {k: v for k, v in table.items() if k not in ("terms", "fit", "sigma", "laws")}
     parameters, more = read(parameter_types, values, where)
     problems += more

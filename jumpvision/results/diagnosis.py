@@ -171,18 +171,6 @@ class Priors:
 
 
 @dataclass(frozen=True)
-class Discovered:
-    """A law read from the data. seen: range of its arguments that they cover; ceiling_r2: of any law of those."""
-
-    law: str
-    parameters: Mapping[str, Parameter]
-    seen: Mapping[str, tuple[float, ...]]
-    r2: float
-    passive: bool
-    ceiling_r2: float
-
-
-@dataclass(frozen=True)
 class Closest:
     """The likeliest model where none passes the test."""
 
@@ -212,6 +200,39 @@ class Unexplained:
     where: str = "no generic force describes it"
     beside: tuple[str, ...] | None = field(default=None, metadata=OPTIONAL)
     stability: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """A value with its standard uncertainty, 0 for a constant."""
+
+    value: float
+    sigma: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Discovered:
+    """A law that no vocabulary lists, in one line as [mechanism.NAME] has it (docs/diagnosis.md).
+
+    acts_on: as there. state: the rate of its internal state u, None without one. seen: range of its arguments that the
+    jumps covered. r2: share of what the baseline gets wrong that it explains; ceiling_r2: what any smooth force of the
+    same position and rate would explain, None where it is no force of both. passive: whether it gives no energy over
+    any closed motion within the range seen; None for an instrument. beside: mechanisms that it stands beside.
+    stability: how often each form of law wins when trials are drawn again. rivals: forms that predict as well.
+    """
+
+    law: str
+    acts_on: str
+    parameters: Mapping[str, Estimated]
+    seen: Mapping[str, tuple[float, ...]]
+    r2: float
+    passive: bool | None
+    ceiling_r2: float | None
+    beside: tuple[str, ...]
+    stability: Mapping[str, float]
+    rivals: tuple[str, ...]
+    state: str | None = field(default=None, metadata=OPTIONAL)
 
 
 @dataclass(frozen=True)

@@ -185,8 +185,8 @@ INSTRUMENTS = ("clock_rate", "frames_dropped", "lens")
 
 
 def shape_name(acts_on: str, i: int, j: int) -> str:
-    """Such as `v*z^2`, `a*z`, `v_m*x_m`."""
-    q, rate = {"carriage": ("x_m", "v_m"), "foot_mass": ("z", "a")}.get(acts_on, ("z", "v"))
+    """Such as `v*z^2`, `a*z`, `v_m*x_r`."""
+    q, rate = {"carriage": ("x_r", "v_m"), "foot_mass": ("z", "a")}.get(acts_on, ("z", "v"))
     powers = [f"{n}^{p}" if p > 1 else n for n, p in ((rate, j), (q, i)) if p > 0]
     return "*".join(powers) if j else "*".join([f"sign({rate})", *powers])
 
@@ -194,7 +194,7 @@ def shape_name(acts_on: str, i: int, j: int) -> str:
 def _shape(acts_on: str, i: int, j: int, weight: float) -> Mechanism:
     """A force r |q|^i |rate|^j against the motion, or a mass r z^i; each with one number, its strength."""
     size = SHARE * weight / (DEPTH**i * (30.0 if acts_on == "foot_mass" else SPEED**j))
-    q, rate = ("x_m", "v_m") if acts_on == "carriage" else ("z", "v")
+    q, rate = ("x_r", "v_m") if acts_on == "carriage" else ("z", "v")
     text = f"r * abs({q})**{i}" if acts_on == "foot_mass" else f"-r * sign({rate}) * abs({q})**{i} * abs({rate})**{j}"
     powers = (("m", -i), ("s", 0)) if acts_on == "foot_mass" else (("m", -i - j), ("s", j))
     unit = "kg" if acts_on == "foot_mass" else "N"
@@ -228,9 +228,9 @@ class Shaped:
     def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
         """Where in depth and speed the shape acted: the range that holds nine tenths of the samples, in words."""
         seen = arguments(self.jumper, self.shapes[shape], mechanisms, values, 0.05)
-        q, v = ("x_m", "v_m") if "v_m" in seen else ("z", "v")
+        q, v = ("x_r", "v_m") if "v_m" in seen else ("z", "v") if "v" in seen else ("z", "z")
         at = f"{q} {1e3 * seen[q][0]:.0f} to {1e3 * seen[q][1]:.0f} mm, {v} {seen[v][0]:.2f} to {seen[v][1]:.2f} m/s"
-        return f"{'rail' if q == 'x_m' else 'foot'}: {at}"
+        return f"{'rail' if q == 'x_r' else 'foot'}: {at}"
 
 
 def arguments(

@@ -197,8 +197,9 @@ def _pack_own(model: Model, out: NDArray[Any]) -> None:
         name: bound([m.written for m in model.acting(body) if m.written]) for name, body in program.BODIES.items()
     }
     program.write(out, programs | {"own_rate": bound(model.rates[:1])})
-    if programs["own_rail"] or programs["own_spring"] or model.rates:
-        out["linear"] = 0
+    for m in model.acting(Body.CARRIAGE, Body.SPRING, *([Body.FOOT] if model.rates else [])):
+        if m.written:
+            out["linear"] &= np.equal(model.symbol(m.names[0]), 0.0)
     out["own_dry"] = any(law.jumps_in("v_m") for law, _ in programs["own_rail"])
 
 

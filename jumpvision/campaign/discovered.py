@@ -1,0 +1,163 @@
+"""A law that no vocabulary lists, from the search to the record and the file: its name, its range, what it can do."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jumpvision.diagnosis.diagnose import NEIGHBOURS, Findings, fit_baseline
+from jumpvision.diagnosis.discovery import Discovery, ceiling, discover
+from jumpvision.diagnosis.fitting import Fit, Problem
+from jumpvision.diagnosis.jumper.forms import arguments, forms
+from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.proposing import Gain, gain
+from jumpvision.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
+from jumpvision.mechanisms.record import Mechanism
+from jumpvision.physics.passivity import POSITIONS, RATES, is_passive
+from jumpvision.results import diagnosis as record
+
+NAME = "discovered_1"
+BUMPS = 5  # of the force surface, along each argument
+SEED = 2
+
+
+@dataclass(frozen=True)
+class Law:
+    """A discovered law as a mechanism. system, fit: the jumps with it in their vocabulary, and the model with it."""
+
+    law: Mechanism
+    found: Discovery
+    system: Jumper
+    fit: Fit
+    seen: dict[str, tuple[float, float]]
+    passive: bool | None
+    ceiling: float | None
+
+    @property
+    def status(self) -> str:
+        """Whether more than noise is left beside it."""
+        return "partial" if self.found.detection.discrepant else "complete"
+
+
+def law_of(d: Findings, problem: Problem, system: Jumper, say: Callable[[str], None]) -> Law | None:
+    """The law that explains what the vocabulary leaves over; None where it leaves nothing, or no law is found."""
+    if d.naming is None or d.naming.status == "complete":
+        return None
+    say("no mechanism of the vocabulary explains all of it: searching for a law")
+    library = forms(system.model)
+    wide = system.considering(list(library.values()))
+    rng = np.random.default_rng(SEED)
+    whole = Problem(wide, problem.noise, problem.scattered, problem.measured)
+    beside = [d.baseline, d.naming.best.fit] if d.naming.named else [d.baseline]
+    found = discover(whole, d.baseline, beside, list(library), rng)
+    if found is None:
+        return None
+    return _named(found, library[found.form], system, problem)
+
+
+def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) -> Law:
+    """The law under its own name, fitted again from where it was, with what it can do."""
+    assert form.written is not None
+    values, parameters = found.fit.named, []
+    for p in form.parameters:
+        q, name = p.prior(None), bare(form, p.name)
+        start = values.get(p.name, q.start)
+        low, high = (q.low, q.high) if q.low < q.high else (start, start)
+        parameters.append(drawn(name, start, low, high, p.unit, scale=q.scale))
+    text, state = form.equation, form.rate.text if form.rate else ""
+    law = mechanism(NAME, acts_on(form), text, parameters, state=state, state_unit="m" if state else "")
+    law = replace(law, lacks=f"a law of no vocabulary on the {acts_on(law).replace('_', ' ')}, {text}")
+    own = system.considering([law])
+    whole = Problem(own, problem.noise, problem.scattered, problem.measured)
+    begin = {own_name(NAME, bare(form, n)) if n in form.names else n: v for n, v in values.items()}
+    fit = whole.fit((*found.fit.mechanisms[:-1], NAME), begin)
+    assert fit is not None  # it was fitted before
+    seen = arguments(own, law, fit.mechanisms, fit.named)
+    law = replace(law, seen=seen)
+    passive = is_passive(own.build(fit.mechanisms, fit.named), law, seen)
+    top = None
+    if law.acts_on in RATES:
+        bumps = surface(law, seen, size=0.1 * own.model.M * own.model.g)
+        full = Problem(own.considering(bumps), problem.noise, problem.scattered, problem.measured)
+        top = ceiling(full, found.before, fit, [b.name for b in bumps])
+    return Law(law, found, system.considering([law]), fit, seen, passive, top)
+
+
+def surface(law: Mechanism, seen: dict[str, tuple[float, float]], size: float) -> list[Mechanism]:
+    """Bumps of force over position and rate that together make any smooth force of both within the range seen."""
+    x, v = POSITIONS[law.acts_on][0], RATES[law.acts_on]
+    low, slow = seen[x][0], seen[v][0]
+    wide, broad = (max(b - a, 1e-6) / (BUMPS - 1) for a, b in (seen[x], seen[v]))
+    out = []
+    for i, j in itertools.product(range(BUMPS), repeat=2):
+        a, b = low + i * wide, slow + j * broad
+        constants = (("a", a, "m"), ("l", 1.2 * wide, "m"), ("b", b, "m/s"), ("w", 1.2 * broad, "m/s"))
+        parameters = [drawn("r", 0.0, -1e3 * size, 1e3 * size, "N", scale=size)]
+        parameters += [drawn(n, value, value, value, unit) for n, value, unit in constants]
+        text = f"r * exp(-(({x} - a) / l)**2 - (({v} - b) / w)**2)"
+        out.append(mechanism(f"bump_{i}_{j}", acts_on(law), text, parameters))
+    return out
+
+
+def law_gain(law: Law, problem: Problem) -> Gain | None:
+    """The gain on conditions held out: baseline and law fitted without them, the form of the law as it was found."""
+
+    def fitted(part: Problem, base: Fit, rng: np.random.Generator) -> Fit:
+        own = {p.name: p.prior(None) for p in law.law.parameters}
+        first = {n: q.start for n, q in own.items() if q.low < q.high}
+        return part.fit(law.fit.mechanisms, {**law.fit.named, **base.named, **first}) or base
+
+    times = [j.stop for j in law.system.jumps]
+    return gain(problem, fit_baseline, times, np.random.default_rng(SEED), NEIGHBOURS, fitted)
+
+
+def discovered_of(law: Law) -> record.Discovered:
+    """The law as diagnosis.json has it."""
+    m, fit = law.law, law.fit
+    named = fit.named
+    values = {
+        bare(m, p.name): record.Estimated(
+            named.get(p.name, p.prior(None).start), fit.sigma(p.name) if p.name in named else 0.0, p.unit or "1"
+        )
+        for p in m.parameters
+    }
+    return record.Discovered(
+        law=m.equation,
+        acts_on=acts_on(m),
+        state=m.rate.text if m.rate else None,
+        parameters=values,
+        seen=law.seen,
+        r2=law.found.r2,
+        passive=law.passive,
+        ceiling_r2=law.ceiling,
+        beside=law.fit.mechanisms[:-1],
+        stability=dict(law.found.stability),
+        rivals=law.found.rivals,
+    )
+
+
+def law_toml(law: Mechanism, fit: Fit) -> list[str]:
+    """The lines of its [mechanism.NAME], with the values and uncertainties of a fit."""
+    lines = ["", f"[mechanism.{law.name}]", f'acts_on = "{acts_on(law)}"', f'law = "{law.equation}"']
+    lines += [f'words = "{law.meaning}"']
+    if law.rate:
+        lines += [f'state = "{law.rate.text}"', 'state_unit = "m"']
+    if law.seen:
+        lines += ["seen = { " + ", ".join(f"{n} = [{a!r}, {b!r}]" for n, (a, b) in law.seen.items()) + " }"]
+    for p in law.parameters:
+        q, value = p.prior(None), fit.named.get(p.name, p.prior(None).start)
+        lines += [
+            "",
+            f"[mechanism.{law.name}.parameters.{bare(law, p.name)}]",
+            f'unit = "{p.unit}"',
+            f"start = {value!r}",
+        ]
+        if q.low < q.high:
+            low, high = min(q.low, value), max(q.high, value)
+            lines += [f"range = [{low!r}, {high!r}]"]
+            sigma = fit.sigma(p.name) if p.name in fit.named else 0.0
+            lines += [f"sigma = {sigma!r}"] if sigma > 0.0 else []
+    return lines
