@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import pickle
 from dataclasses import replace
@@ -122,7 +123,7 @@ def test_positions_and_internal_states_against_another_integrator():
     ratio = m_m / (m_m + m_r)
     found, y = np.empty(t.size), np.array([rest, 0.0, 0.0])
     edges = [0.0, forcing.stop, t[-1]]
-    for a, b in zip(edges, edges[1:]):  # X_m' jumps where the motor stops
+    for a, b in itertools.pairwise(edges):  # X_m' jumps where the motor stops
         here = (t >= a) & (t <= b)
         done = solve_ivp(rates, (a + 1e-15, b - 1e-12), y, t_eval=np.clip(t[here], a + 1e-15, b - 1e-12), rtol=1e-11,
                          atol=1e-14, max_step=1e-3)  # fmt: skip

@@ -31,7 +31,7 @@ STATE: dict[str, tuple[str, str]] = {
     "R": ("m", "radius of the foot"),
     "contact_s": ("s", "time since the foot last came down on the bed; 1e6 s before the first time"),
     "x_m": ("m", "position of the carriage on the rail, x_r + X_m, from where it stands at rest"),
-    "x_r": ("m", "position of the rod from where it stands at rest"),
+    "x_r": ("m", "position of the rod, 0 where the spring is relaxed over the undisturbed surface"),
     "time_s": ("s", "time as the recordings have it"),
     "h": ("m", "height of the rod above its rest"),
     "u": ("", "internal state, 0 at rest, with the rate that the mechanism states"),

@@ -247,7 +247,7 @@ def arguments(
             Body.INERTIA: {"z": -motion.foot},
             Body.CARRIAGE: {
                 "x_m": motion.motor - motion.motor[0],
-                "x_r": motion.rod - motion.rest,
+                "x_r": motion.rod,
                 "v_m": np.gradient(motion.motor, t),
             },
             Body.SPRING: {"stretch": stretch, "stretch_rate": motion.rod_velocity - motion.foot_velocity},

@@ -72,7 +72,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
     height = -modes.squeeze(p) - deep
-    p.rest = p.rod_rest = height
+    p.rest = height
     while True:
         s[:] = 0.0
         s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
@@ -195,7 +195,7 @@ def _tracks(key: str) -> Callable[..., Any]:
             size = granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.V if p.tau > 0.0 else granular.X
             (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
             height = -modes.squeeze(p) - deep
-            p.rest, p.rod_rest = height + a.before, height
+            p.rest = height + a.before
             s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
             if size > granular.X:
                 s[granular.X] = a.before

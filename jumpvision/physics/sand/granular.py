@@ -55,14 +55,14 @@ ROBOT = ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack"
 LOOP = ("kp", "kd", "max_force", "max_speed", "low", "high")
 CONSTANTS = np.dtype(
     [(n, np.int64) for n in ("static", "massless", "linear", *SWITCHES)]
-    + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "rest", "rod_rest")]
+    + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "rest")]
     + FIELDS
     + ARRAYS
 )
 """Numbers of one jumper. static: the number of its static force, from 1. SWITCHES: which other laws act in it; the
 parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, and
 the motor is where its command says. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier
-footprint. rest, rod_rest: of carriage and rod [m]. FIELDS, ARRAYS: laws of the user's own (`program`)."""
+footprint. rest: of the carriage [m], for x_m. FIELDS, ARRAYS: laws of the user's own (`program`)."""
 
 springs = summed(Body.SPRING, "stretch, stretch_rate")
 static_law = chosen(Body.STATIC, "z")
@@ -166,9 +166,9 @@ def own_foot(t: float, z: float, v: float, s: Array, memory: Array, p: Any) -> f
 
 @kernel
 def own_rail(t: float, x_r: float, x_m: float, v_m: float, s: Array, p: Any) -> float:
-    """Force of the rail on the carriage [N]; x_r, x_m: not yet from their rest."""
-    u, x_r, x_m = s[INNER] if s.size > INNER else 0.0, x_r - p.rod_rest, x_m - p.rest
-    return value(p, p.own_rail, 0.0, 0.0, 0.0, 0.0, 0.0, x_m, v_m, 0.0, 0.0, t, u, x_r)
+    """Force of the rail on the carriage [N]; x_m: not yet from its rest."""
+    u = s[INNER] if s.size > INNER else 0.0
+    return value(p, p.own_rail, 0.0, 0.0, 0.0, 0.0, 0.0, x_m - p.rest, v_m, 0.0, 0.0, t, u, x_r)
 
 
 @kernel
@@ -250,7 +250,7 @@ def rhs(
                 rate,
                 t,
                 s[INNER],
-                x_r - p.rod_rest,
+                x_r,
             )
     if s.size > N_MOTION:
         works(t, s, mode, slip, memory, kind, row, p, force, k, i)

@@ -89,7 +89,7 @@ def follow(
     kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
     position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
     rest, foot = equilibrium(model)
-    constants["rest"], constants["rod_rest"] = rest + position, rest
+    constants["rest"] = rest + position
     ratio = model.m_m / model.M
     state = np.zeros(n)
     state[granular.Y], state[granular.XF] = rest + ratio * position, foot
