@@ -10,6 +10,7 @@ from dataclasses import dataclass, make_dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jumpvision.base.schema import closest, param
 
@@ -181,7 +182,7 @@ def _at_rest(law: Expression, parameters: Sequence[Parameter]) -> None:
 def _absent(law: Expression, parameters: Sequence[Parameter], off: Parameter) -> bool:
     """Whether the law is 0 wherever this parameter is."""
     rng = np.random.default_rng(0)
-    at: dict[str, Any] = {s: rng.uniform(-0.5, 0.5, 50) for s in law.symbols}
+    at: dict[str, ArrayLike] = {s: rng.uniform(-0.5, 0.5, 50) for s in law.symbols}
     at |= {p.name: _usual(p) for p in parameters} | {off.name: 0.0}
     with np.errstate(all="ignore"):
         values = np.asarray(law(np, **at), float)

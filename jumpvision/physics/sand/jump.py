@@ -190,7 +190,7 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
 def _pack_own(model: Model, out: NDArray[Any]) -> None:
     """Writes the laws of the user's own into packed constants, and what the solver must know of them."""
 
-    def bound(laws: list[Expression]) -> list[tuple[Expression, dict[str, Any]]]:
+    def bound(laws: list[Expression]) -> list[program.Bound]:
         return [(law, {n: model.symbol(n) for n in law.symbols if n not in program.SYMBOLS}) for law in laws]
 
     programs = {

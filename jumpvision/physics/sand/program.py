@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.mechanisms.expression import (
     ABS,
@@ -169,7 +169,11 @@ def value(
 assert DEEPEST == 8  # numbers on the stack above
 
 
-def write(out: NDArray[Any], programs: dict[str, Sequence[tuple[Expression, dict[str, Any]]]]) -> None:
+Bound = tuple[Expression, Mapping[str, ArrayLike]]
+"""A law with the values of what is no state in it: numbers, or (n,) of a batch."""
+
+
+def write(out: NDArray[Any], programs: Mapping[str, Sequence[Bound]]) -> None:
     """Writes the programs of the bodies into packed constants (n,): each the sum of its laws.
 
     programs: field -> (law, values of what is no state in it: numbers or (n,)). ValueError where they are too long.
