@@ -14,7 +14,7 @@ from .detect import Cell, Detectable, Detection, detect, detectable, directions,
 from .fitting import Fit, Problem
 from .naming import Naming, name
 from .proposing import Gain, Proposal, Runnable, extrapolation, gain, propose
-from .system import Parameter, System
+from .system import Costly, Parameter, System
 
 STARTS = 6  # of the baseline's fit, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
@@ -87,10 +87,12 @@ def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:
     """The baseline from its own values and, where it has ranges, from the better ones of a few drawn in them."""
     free = problem.system.baseline
     starts = [{p.name: p.start for p in free}]
+    costly = isinstance(problem.system, Costly)
     if free:
-        starts += [{p.name: draw(p, rng) for p in free} for _ in range(4 * STARTS)]
-    cost = [problem.cost((), s) for s in starts]
-    chosen = [0, *(i for i in np.argsort(cost) if i != 0 and cost[i] < cost[0])][:3]
+        draws = min(2 * len(free), STARTS) if costly else 4 * STARTS
+        starts += [{p.name: draw(p, rng) for p in free} for _ in range(draws)]
+    cost = [problem.cost((), s, problem.scouts if costly else None) for s in starts]
+    chosen = [0, *(i for i in np.argsort(cost) if i != 0 and cost[i] < cost[0])][: 2 if costly else 3]
     fits = [f for f in (problem.fit((), starts[i]) for i in chosen) if f is not None]
     if not fits:
         raise ValueError(

@@ -14,11 +14,13 @@ from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
 from jumpvision.diagnosis.noise.noise import Noise, whiten
 from jumpvision.diagnosis.noise.readings import shapes
 
-from .system import Observation, Parameter, System, parameters
+from .system import Block, Costly, Observation, Parameter, System, parameters
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
+DAMPED, DAMPED_COSTLY = 12, 5  # steps tried in an iteration, ever shorter
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
+ROUGH = 1e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
 DROWNED = 0.05  # noise units: a wander of less is not seen beside the noise
 VALLEY = 0.02  # nor is a damped one, unless the free step promised more than this: then it creeps along a valley
 
@@ -30,17 +32,28 @@ class Whitening:
     """An observation's noise, as what makes residuals independent and of unit variance."""
 
     def __init__(self, noise: Noise, o: Observation) -> None:
-        self.weights = noise.weights(o.t, o.spread)
-        level = whiten(*self.weights, np.ones(o.t.size))
-        self.level = level / np.linalg.norm(level)
-        columns = shapes(o.t, noise.reach) * noise.drift if noise.drift > 0 else np.zeros((o.t.size, 0))
-        self.wander = self.levelled(columns)
+        blocks = o.blocks or (Block(slice(0, o.t.size), noise),)
+        self.weights = _weights(blocks, o)
+        levels, columns = [], []
+        for b in blocks:
+            one = np.zeros(o.t.size)
+            one[b.readings] = 1.0
+            if np.isinf(b.zero):
+                white = whiten(*self.weights, one)
+                levels.append(white / np.linalg.norm(white))
+            elif b.zero > 0:
+                columns.append(b.zero * one[:, None])
+            if b.noise.drift > 0:
+                slow = shapes(o.t[b.readings], b.noise.reach) * b.noise.drift
+                columns.append(np.zeros((o.t.size, slow.shape[1])))
+                columns[-1][b.readings] = slow
+        self.levels = np.stack(levels, axis=1) if levels else np.zeros((o.t.size, 0))
+        self.wander = self.levelled(np.hstack(columns) if columns else np.zeros((o.t.size, 0)))
 
     def levelled(self, r: Array) -> Array:
-        """Columns r (n,) or (n, k) whitened, their unknown zero level projected out."""
+        """Columns r (n,) or (n, k) whitened, their unknown zero levels projected out."""
         white = whiten(*self.weights, r)
-        along = self.level @ white
-        return white - (np.multiply.outer(self.level, along) if r.ndim == 2 else along * self.level)
+        return white - self.levels @ (self.levels.T @ white)
 
     def whitened(self, r: Array, frame: tuple[Array, Array]) -> Array:
         """The same, also shrunk along what scatters from trial to trial, so that all of it has unit variance."""
@@ -52,7 +65,17 @@ class Whitening:
         return white + q @ ((shrink[:, None] if white.ndim == 2 else shrink) * (q.T @ white))
 
 
-def _axes(columns: Array) -> tuple[Array, Array]:
+def _weights(blocks: Sequence[Block], o: Observation) -> tuple[Array, Array]:
+    """Weights of `whiten` over all readings: no noise goes over from one instrument to the next."""
+    a, b = np.zeros(o.t.size), np.zeros(o.t.size - 1)
+    for block in blocks:
+        first, last, _ = block.readings.indices(o.t.size)
+        spread = None if o.spread is None else o.spread[block.readings]
+        a[first:last], b[first : last - 1] = block.noise.weights(o.t[block.readings], spread)
+    return a, b
+
+
+def axes(columns: Array) -> tuple[Array, Array]:
     """Orthonormal directions (n, k) of what is spread along columns (n, m), and how far (k,); not those that the noise
     drowns."""
     q, size, _ = np.linalg.svd(columns, full_matrices=False)
@@ -123,12 +146,19 @@ class Problem:
         self.scattered = {n: s for n, s in (scatter or {}).items() if s > 0}
         self.all = tuple(range(len(system.observations)))
         self.whitening = [Whitening(noise, o) for o in system.observations]
-        self.steady = [_axes(w.wander) for w in self.whitening]
+        self.steady = [axes(w.wander) for w in self.whitening]
 
     @property
     def n(self) -> int:
-        """Independent residuals: one an observation goes for its zero level."""
-        return sum(o.t.size - 1 for o in self.system.observations)
+        """Independent residuals: each unknown zero level takes one."""
+        return sum(o.independent for o in self.system.observations)
+
+    @property
+    def scouts(self) -> list[int]:
+        """Observations over which first values are compared: one of each condition, fewer where runs are dear."""
+        first = {o.condition: i for i, o in reversed(list(enumerate(self.system.observations)))}
+        which = sorted(first.values())
+        return list(self.system.scouts(which)) if isinstance(self.system, Costly) else which
 
     def frame(
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int] | None = None
@@ -174,6 +204,10 @@ class Problem:
     ) -> list[Array]:
         """d(prediction)/d(parameter) by one-sided differences, away from a bound; zero where it cannot be had."""
         names = [p.name for p in free]
+        if free and isinstance(self.system, Costly):
+            some = self.all if which is None else which
+            own = self.system.derivatives(mechanisms, free, dict(zip(names, values.tolist())), some)
+            return [self.whitening[i].whitened(c, f) for i, c, f in zip(some, own, frame)]
         columns: list[list[Array]] = []
         for i, p in enumerate(free):
             step = STEP * p.scale
@@ -226,7 +260,7 @@ class Problem:
         if (r := residuals(x, frame)) is None:
             return None
         first = best = cost(r, x)
-        damping, converged = 1e-3, True
+        damping, converged, costly = 1e-3, True, isinstance(self.system, Costly)
         jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
         for _ in range(iterations if free else 0):
             rate = axes.rate(x)
@@ -234,10 +268,11 @@ class Problem:
             hessian = (sum((j.T @ j for j in jac), before.precision) * rate).T * rate
             slope = rate * (sum(j.T @ a for j, a in zip(jac, r)) + before.rows.T @ before.pull(axes.values(x)))
             gain = 0.0
-            for _ in range(12):
+            enough = max(ENOUGH, ROUGH * (best - sum(a.size for a in r))) if costly else ENOUGH
+            for _ in range(DAMPED_COSTLY if costly else DAMPED):
                 step = _bounded(hessian, slope, damping, scales, x, axes.low, axes.high)
                 expected = float(2 * slope @ step - step @ hessian @ step)
-                if expected < ENOUGH:
+                if expected < enough:
                     break
                 there = residuals(x + step, frame)
                 if there is not None and (new := cost(there, x + step)) < best:
@@ -251,7 +286,7 @@ class Problem:
                 frame, r, best = moved, again, cost(again, x)
             jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
             free_step = _bounded(hessian, slope, 1e-9, scales, x, axes.low, axes.high)
-            if gain < ENOUGH and float(slope @ free_step) < VALLEY:
+            if gain < enough and float(slope @ free_step) < max(VALLEY, enough):
                 break
         else:
             converged = not free

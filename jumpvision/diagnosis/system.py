@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+
+from .noise.noise import Noise
 
 
 @dataclass(frozen=True)
@@ -64,12 +66,25 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Block:
+    """Readings of an observation that one instrument made: their noise, and what is known of its zero.
+
+    zero: standard deviation of the zero level of a record [unit of y]; inf: unknown, 0: none.
+    """
+
+    readings: slice
+    noise: Noise
+    zero: float = math.inf
+
+
+@dataclass(frozen=True)
 class Observation:
-    """One measured motion: y (n,) at the times t (n,) [s], increasing.
+    """One measured motion: y (n,) at the times t (n,) [s], increasing (within each block).
 
     group: trials of one condition made alike. condition: what is held out together. spread: (n,) factor >= 1 on the
     noise, where repeated trials scatter by more than it. labels: anything to report by (kind, frequency, ...).
-    parts: (n,) name of the part of the motion each sample belongs to (for "where").
+    parts: (n,) name of the part of the motion each sample belongs to (for "where"). blocks: where several instruments
+    read the motion, their readings one after the other; () is one of the common noise, its zero unknown.
     """
 
     name: str
@@ -80,6 +95,12 @@ class Observation:
     labels: Mapping[str, Any] = field(default_factory=dict)
     spread: Array | None = None
     parts: NDArray[np.str_] | None = None
+    blocks: tuple[Block, ...] = ()
+
+    @property
+    def independent(self) -> int:
+        """Readings, less one for each unknown zero."""
+        return self.t.size - sum(math.isinf(b.zero) for b in self.blocks) if self.blocks else self.t.size - 1
 
 
 class System(Protocol):
@@ -100,6 +121,21 @@ class System(Protocol):
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
     ) -> Mapping[str, list[Array]]:
         """What may differ from trial to trial of one condition: d(y)/d(it), by name; {} when nothing does."""
+        ...
+
+
+@runtime_checkable
+class Costly(Protocol):
+    """A system whose every run costs: it gives derivatives by what it has learned, and is asked of few motions."""
+
+    def derivatives(
+        self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
+    ) -> list[Array]:
+        """d(y)/d(parameter) (n, k) of the observations `which`, after `predict` at the same values."""
+        ...
+
+    def scouts(self, which: Sequence[int]) -> Sequence[int]:
+        """The few of these observations over which first values are compared."""
         ...
 
 
