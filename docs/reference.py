@@ -80,12 +80,13 @@ def stub() -> str:
     lines = [
         "# made by `python docs/reference.py`",
         "from .api import Folder, PathLike",
-        *(f"from .api import {verb} as {verb}" for verb in jumpvision.VERBS),
+        *(f"from .api import {verb} as {verb}" for verb in jumpvision.VERBS + jumpvision.TYPES),
         *(f"from {s.output.__module__} import {s.output.__name__}" for s in stages),
         "",
         "__version__: str",
         "__all__: list[str]",
         "VERBS: tuple[str, ...]",
+        "TYPES: tuple[str, ...]",
         "",
         *(
             f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ..."

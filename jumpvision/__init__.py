@@ -10,14 +10,15 @@ from typing import Any
 
 __version__ = "0.1.0"
 VERBS = ("open", "run", "diagnose", "sweep", "plan")
+TYPES = ("Recording", "Study", "Parameter", "Mechanism", "Channel")  # what diagnose takes of a user's own simulator
 
 
 def __getattr__(name: str) -> Any:
     """The notebook's functions, imported when first used: `import jumpvision` itself is light."""
-    if name in VERBS:
+    if name in VERBS + TYPES:
         return getattr(import_module("jumpvision.api"), name)
     if name == "__all__":
-        return sorted(("__version__", *VERBS, *_stages()))
+        return sorted(("__version__", *VERBS, *TYPES, *_stages()))
     if not name.startswith("_") and name in _stages():
         globals()[name] = found = import_module("jumpvision.api").stage_function(name)
         return found
@@ -25,7 +26,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *VERBS, *_stages()})
+    return sorted({*globals(), *VERBS, *TYPES, *_stages()})
 
 
 def _stages() -> tuple[str, ...]:

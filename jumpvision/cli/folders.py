@@ -220,11 +220,26 @@ def diagnose(
     consider: Annotated[
         tuple[str, ...], Parameter(negative="", help="A [mechanism.NAME] of the folder's, tried as a cause.")
     ] = (),
+    simulator: str = "",
+    limit: float = 600.0,
+    budget: int | None = None,
     options: Options = OPTIONS,
 ) -> int:
     """What the simulation gets wrong, why, the extended model and what it gains (diagnosis.json, model.toml).
 
     Example: jumpvision diagnose data_samples/loose_sand
+
+    Parameters
+    ----------
+    path
+        A folder of experiments.
+    simulator
+        MODULE:NAME (or FILE.py:NAME) of your own Study, in place of [model]; imported in a process of its own
+        (docs/any_simulator.md). Then diagnosis.json, samples.csv, diagnosis.png and report.html are written.
+    limit
+        With --simulator: seconds that one run may take.
+    budget
+        With --simulator: most runs.
     """
     from jumpvision.base.schema import InputError
     from jumpvision.campaign.folder import DIAGNOSED
@@ -236,9 +251,35 @@ def diagnose(
         raise InputError([f"{path}: one experiment; give the campaign (the folder of experiments) to be questioned"])
     if consider:
         options = replace(options, set=(*options.set, f"diagnosis.consider={json.dumps(list(consider))}"))
+    if simulator:
+        return _foreign(path, simulator, limit, budget, options)
     done = work(path, options, stages=DIAGNOSED, ask=True)
     assert done.diagnosis is not None  # a campaign that cannot be questioned raises
     terminal.diagnosis(done.diagnosis, done.campaign, done.files, as_json=options.json)
+    return FAILED if done.failed else DONE
+
+
+def _foreign(path: Path, simulator: str, limit: float, budget: int | None, options: Options) -> int:
+    """A simulator that is not ours, on the tracks of a campaign."""
+    from jumpvision.campaign.study import question_study, recordings_of
+    from jumpvision.diagnosis.study.runs import How, outside
+    from jumpvision.report.pages.study import write_study
+
+    from . import terminal
+    from .app import cores
+
+    outside(simulator, path)
+    done = work(path, options, stages=("rod",))
+    recordings = recordings_of(done.campaign, {o.name: o for o in done.outcomes})
+    keep = done.plan.cache / "diagnose" / "runs.sqlite"
+    say = lambda text: terminal.line(f"diagnose: {text}")  # noqa: E731
+    how = How(options.workers or cores(), limit, budget, keep, progress=say, source=simulator)
+    found = question_study(recordings, None, how)
+    for warning in found.noise.warnings:
+        terminal.line(f"warning: {warning}")
+    title = f"{path.absolute().name}, {simulator}"
+    made = write_study(found, done.plan.results, title, pictures=options.pictures)
+    terminal.diagnosis(found, done.campaign, made, as_json=options.json)
     return FAILED if done.failed else DONE
 
 

@@ -125,7 +125,8 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
         print(json.dumps(found.values, indent=1))
         return
     print("\n".join(verdict(found)))
-    beside_truth(found, campaign)
+    if found.unit is None:
+        beside_truth(found, campaign)
     rows = [
         {
             "mechanism": " + ".join(c.mechanisms),
@@ -138,7 +139,15 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
     if rows:
         print()
         table(rows)
-    if g := found.gain:
+    if found.runs:
+        line(f"simulations: {found.runs.made} made, {found.runs.kept} kept from before, {found.runs.seconds:.3g} s")
+    if (g := found.gain) and found.unit:
+        unit = {"1": "", "noise": " noise"}.get(found.unit, f" {found.unit}")
+        line(
+            f"held out: {g.rmse_track_before_m:.3g} -> {g.rmse_track_after_m:.3g}{unit} rms; ratio {g.ratio:.1f} "
+            f"({g.ratio_ci95[0]:.1f} to {g.ratio_ci95[1]:.1f})"
+        )
+    elif g:
         line(
             f"held out: track {1e3 * g.rmse_track_before_m:.3f} -> {1e3 * g.rmse_track_after_m:.3f} mm, heights "
             f"{1e3 * g.rmse_height_before_m:.2f} -> {1e3 * g.rmse_height_after_m:.2f} mm rms; "

@@ -5,16 +5,24 @@ Fields have the names of the file's keys, in their order. A number that is not k
 
 from __future__ import annotations
 
+import html
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Self, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
-from jumpvision.base.arrays import Z90
+from jumpvision.base import notebook as reprs
+from jumpvision.base.arrays import Z90, Array
 
 from . import Record, RecordError, plain
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+WIDE = 140  # characters of a line in a plain repr
 
 OPTIONAL = {"optional": True}  # a key that the file has only where there is something to say
 
@@ -346,13 +354,40 @@ class WithoutFilms:
     chi2: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
+class Runs:
+    """Runs of a user's simulator: made, taken from those kept; seconds that they took; those that gave nothing."""
+
+    made: int
+    kept: int
+    seconds: float
+    failures: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One channel of one recording: measured, simulated and extended values (n,) [unit] at t (n,) [s]."""
+
+    recording: str
+    channel: str
+    unit: str
+    t: Array
+    measured: Array
+    simulated: Array
+    extended: Array
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Diagnosis(Record):
     """What a campaign's model gets wrong, or that it is adequate. named: the mechanisms that explain it.
 
     status: "partial" where they leave significant misfit, "undetermined" where the data establish none; left_over: what
     they leave, None where nothing was sought. indistinguishable: mechanisms that would do as well.
     extended_model: the baseline, re-fitted, where nothing is named. `values` is diagnosis.json as a dict.
+
+    Of a user's own simulator also: unit, of every number whose key ends in _m ("noise": several channels, in units of
+    their noise); fitted, the parameters of the extended model; lacks, the mechanisms in words; runs; traces (not in the
+    file), measured and simulated values.
     """
 
     file = "diagnosis.json"
@@ -383,8 +418,13 @@ class Diagnosis(Record):
     confirmation: tuple[Confirmation, ...]
     without_films: WithoutFilms | None = field(default=None, metadata=OPTIONAL)
     discovered: Discovered | None = None
+    unit: str | None = field(default=None, metadata=OPTIONAL)
+    fitted: Mapping[str, Parameter] | None = field(default=None, metadata=OPTIONAL)
+    lacks: Mapping[str, str] | None = field(default=None, metadata=OPTIONAL)
+    runs: Runs | None = field(default=None, metadata=OPTIONAL)
     sentence: str
     confirmed: str | None
+    traces: ClassVar[tuple[Trace, ...]] = ()
 
     @property
     def adequate(self) -> bool:
@@ -411,6 +451,76 @@ class Diagnosis(Record):
     def names(self, cause: Cause) -> bool:
         """Whether this is the model that the diagnosis names."""
         return bool(self.named) and set(cause.mechanisms) == set(self.named)
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """The models that were tried, likeliest first: mechanisms, probability, held-out gain of log-likelihood, named,
+        parameters with their 90 % intervals."""
+        import pandas as pd
+
+        rows = [
+            {
+                "model": " + ".join(c.mechanisms),
+                "probability": c.probability,
+                "delta_score": c.delta_score,
+                "named": self.names(c),
+                "parameters (90 %)": c.words,
+            }
+            for c in self.models
+        ]
+        return pd.DataFrame(rows, columns=["model", "probability", "delta_score", "named", "parameters (90 %)"])
+
+    @property
+    def samples(self) -> pd.DataFrame:
+        """Every sample of a user's recordings: recording, channel, time_s, measured, simulated, extended."""
+        import pandas as pd
+
+        keys = ("measured", "simulated", "extended")
+        each = [
+            {"recording": x.recording, "channel": x.channel, "time_s": x.t, **{k: getattr(x, k) for k in keys}}
+            for x in self.traces
+        ]
+        empty = pd.DataFrame(columns=["recording", "channel", "time_s", *keys])
+        return pd.concat([pd.DataFrame(e) for e in each], ignore_index=True) if each else empty
+
+    @property
+    def field(self) -> xr.Dataset:
+        """The same as an xarray data set over (recording, channel, time_s); NaN where a recording has no sample."""
+        found: xr.Dataset = self.samples.set_index(["recording", "channel", "time_s"]).to_xarray()
+        return found
+
+    def explain(self, mechanism: str) -> str:
+        """What is known of one mechanism, in words."""
+        lacks = self.lacks or {}
+        what = lacks.get(mechanism, mechanism.replace("_", " "))
+        tried = next((c for c in self.causes if c.mechanism == mechanism), None)
+        twins = next((t for t in self.indistinguishable if mechanism in t), ())
+        if self.adequate:
+            return f"{what}: not asked for; the simulation agrees with the recordings (p = {self.p_value:.2g})."
+        if tried is None:
+            known = ", ".join(c.mechanism for c in self.causes)
+            return f"{what}: no model with it has a probability worth telling; told are {known or 'none'}."
+        beside = f" beside {' and '.join(lacks.get(m, m) for m in tried.others)}" if tried.others else ""
+        text = f"{what}: {'named' if mechanism in self.named else 'not named'}, probability {tried.probability:.3g}; "
+        text += f"{tried.words or 'no parameter of its own'}{beside}; "
+        text += f"log-likelihood of recordings held out {tried.delta_score:+.3g} over the model in question"
+        others = [lacks.get(t, t.replace("_", " ")) for t in twins if t != mechanism]
+        return text + (f"; the data cannot tell it from {' or '.join(others)}." if others else ".")
+
+    def __repr__(self) -> str:
+        lines = [self.sentence]
+        lines += [f"  {c.probability:6.3f}  {' + '.join(c.mechanisms)}: {c.words}" for c in self.models[:6]]
+        if self.fitted and not self.adequate:
+            lines += [f"  {n} = {p}" for n, p in self.fitted.items()][:12]
+        return "\n".join([lines[0], *(x if len(x) <= WIDE else x[: WIDE - 3] + "..." for x in lines[1:])])
+
+    def _repr_html_(self) -> str:
+        rows = [
+            {"model": " + ".join(c.mechanisms), "probability": f"{c.probability:.3f}", "parameters (90 %)": c.words}
+            for c in self.models[:6]
+        ]
+        body = f"<p>{html.escape(self.sentence)}</p>{reprs.table(rows)}"
+        return reprs.page(f"Diagnosis: {self.verdict}", body, getattr(self, "pictures", list)())
 
     @property
     def values(self) -> dict[str, Any]:

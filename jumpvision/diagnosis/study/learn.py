@@ -102,7 +102,7 @@ def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[
     if not from_pairs:
         warnings.append(
             f"the noise of {c.name} ({noise.s:.2g} {c.unit}) was learned from how smooth its readings are over "
-            f"{WINDOWS[0]} to {WINDOWS[-1]} samples: slower errors are not known; state it, or record a condition twice "
+            f"{WINDOWS[0]} to {WINDOWS[-1]} samples: slower errors are not known; state it, or repeat a recording "
             "(same `group`)"
         )
     return noise, {how: Source(noise.s, noise.log_sigma / 2, noise.n)}

@@ -282,7 +282,7 @@ class _Others:
         if self.limit is not None:
             left = max(0.0, min(p.began for p in busy.values()) + self.limit - time.perf_counter())
         for ready in wait(list(busy), left):
-            p = busy[ready]  # type: ignore[index]
+            p = busy[ready]
             k = p.at
             yield k, p.result()
         for p in busy.values():
@@ -449,6 +449,20 @@ def study_at(source: str, folder: str) -> Study:
     if not isinstance(found, Study):
         raise InputError([f"--simulator {source}: is a {type(found).__name__}, not a jumpvision Study"])
     return found
+
+
+def outside(source: str, folder: Path) -> None:
+    """Raises InputError where the file of MODULE:NAME lies in a folder of recordings, which must hold no code."""
+    module = source.rpartition(":")[0]
+    file = Path(module) if module.endswith(".py") else Path(*module.split(".")).with_suffix(".py")
+    inside = Path.cwd() == folder.resolve() or folder.resolve() in file.resolve().parents
+    if inside and (file.exists() or file.with_suffix("").is_dir()):
+        raise InputError(
+            [
+                f"--simulator {source}: {file} lies in the folder of recordings {folder}, from which nothing is "
+                "imported; move it out"
+            ]
+        )
 
 
 def _digest_of(recording: Recording, study: Study) -> str:

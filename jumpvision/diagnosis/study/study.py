@@ -87,8 +87,8 @@ class Recording:
         if array.shape != wanted:
             raise InputError(
                 [
-                    f"recording {self.name!r}: {what} of shape {np.shape(values)}; expected {wanted}: a row for each of "
-                    f"the {self.t.size} times, a column for each channel ({', '.join(names)})"
+                    f"recording {self.name!r}: {what} of shape {np.shape(values)}; expected {wanted}: a row for each "
+                    f"of the {self.t.size} times, a column for each channel ({', '.join(names)})"
                 ]
             )
         return array
@@ -243,7 +243,8 @@ class Study:
 
     def __post_init__(self) -> None:
         problems = [] if callable(self.simulate) else [f"study: simulate = {self.simulate!r} is no function"]
-        problems += [t for x in (*self.parameters, *self.mechanisms, *self.channels) for t in x.problems()]
+        given: list[Parameter | Mechanism | Channel] = [*self.parameters, *self.mechanisms, *self.channels]
+        problems += [t for x in given for t in x.problems()]
         problems += ["study: channels is empty"] if not self.channels else []
         shared = [*(p.name for p in self.parameters), *(c.name_of(n) for c in self.channels for n in INSTRUMENT)]
         own = [p.name for m in self.mechanisms for p in m.parameters]

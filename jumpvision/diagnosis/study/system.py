@@ -36,7 +36,7 @@ DUMMY = "chosen_"  # an alternative function without parameters has one that doe
 
 @dataclass
 class _Point:
-    """A run of one recording: at x (by the names of `Memory`), its values y (n, channels), derivatives and their age."""
+    """A run of one recording: at x (by the names of `Studied`), values y (n, channels), derivatives, their age."""
 
     x: Array
     y: Array
@@ -131,8 +131,15 @@ class Studied:
         group = r.group or r.name
         labels = {"kind": group, **r.labels}
         return Observation(
-            r.name, np.concatenate(t), np.concatenate(y), group, r.condition or group, labels, np.concatenate(spread),
-            np.concatenate(parts), tuple(blocks),
+            r.name,
+            np.concatenate(t),
+            np.concatenate(y),
+            group,
+            r.condition or group,
+            labels,
+            np.concatenate(spread),
+            np.concatenate(parts),
+            tuple(blocks),
         )
 
     def asked(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> tuple[int, Array] | None:
@@ -175,19 +182,24 @@ class Studied:
     def _foreseen(
         self, i: int, function: int, x: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]
     ) -> Array:
-        """x with what the recording has for itself as it will fit best, by the linear prediction from a point nearby."""
+        """x with what the recording has for itself as it will fit best, linearly from a point nearby."""
         own = list(range(len(self.rest), len(self.names)))
         donor = self._donor(i, function, x, own)
         if donor is None:
             return x
         first, sigma = len(self.rest), np.array(list(self.scatter_sigma.values()))
         shift = x - donor.x
-        there = donor.y + sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift))
+        there = donor.y + sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift).tolist())
         step = self._best_step(i, x, there, [donor.columns[k] for k in own], mechanisms, values)[0]
         return np.concatenate([x[:first], x[first:] + sigma * step])
 
     def _best_step(
-        self, i: int, x: Array, y: Array, columns: Sequence[Array], mechanisms: tuple[str, ...],
+        self,
+        i: int,
+        x: Array,
+        y: Array,
+        columns: Sequence[Array],
+        mechanisms: tuple[str, ...],
         values: Mapping[str, float],
     ) -> tuple[Array, Array, Array, Array]:
         """(step of what the recording has for itself [sigma], whitened residual, whitened columns, columns)."""
@@ -330,7 +342,7 @@ class Studied:
             return missing
         shift = here.x - donor.x
         change = here.y - donor.y
-        left = change - sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift))
+        left = change - sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift).tolist())
         size, all_of_it = self._size(i, left), self._size(i, change)
         if not size <= max(AGREES * all_of_it, DROWNED):
             return missing

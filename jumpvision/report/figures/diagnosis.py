@@ -18,6 +18,7 @@ from jumpvision.results.diagnosis import Diagnosis
 from .pictures import png
 
 BARS = 7  # models shown
+ROWS = 12  # recordings shown
 CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 
@@ -48,6 +49,55 @@ def gains(data: Diagnosis, Figure: Any) -> Any:
     _where(figure, middle, data)
     _gain(right, data)
     return figure
+
+
+def study_picture(data: Diagnosis) -> bytes:
+    """Six panels of a user's own simulator, from the record and its traces alone."""
+    with styled() as Figure:
+        figure = Figure(figsize=(12.6, 7.2), layout="constrained")
+        axes = figure.subplots(2, 3).ravel()
+        before, after = (
+            [float(np.sqrt(np.mean((x.measured - getattr(x, y)) ** 2))) for x in data.traces]
+            for y in ("simulated", "extended")
+        )
+        worst = data.traces[int(np.argmax([e / max(np.ptp(x.measured), 1e-300) for x, e in zip(data.traces, before)]))]
+        unit = f" [{worst.unit or '1'}]"
+        for y, color, name in ((worst.simulated, MODEL, "baseline"), (worst.extended, GREEN, "extended")):
+            axes[0].plot(worst.t, y, color=color, label=name)
+            axes[1].plot(worst.t, worst.measured - y, color=color, label=name, lw=0.8)
+        axes[0].plot(worst.t, worst.measured, ".", ms=2, color=MEASURED, label="measured")
+        axes[0].set(title=f"{worst.recording}", xlabel="time [s]", ylabel=worst.channel + unit)
+        axes[1].set(title="what is left there", xlabel="time [s]", ylabel="measured - simulated" + unit)
+        _study_where(axes[2], data)
+        _study_bars(axes[3], [(" + ".join(c.mechanisms), c.probability) for c in data.models[:BARS]], "probability")
+        several = len({x.channel for x in data.traces}) > 1
+        names = [f"{x.recording} {x.channel}" if several else x.recording for x in data.traces[:ROWS]]
+        for k, pair in enumerate(zip(before[:ROWS], after[:ROWS])):
+            axes[4].plot(pair, [k, k], color=QUIET, lw=1)
+            axes[4].plot(pair[0], k, "o", color=MODEL)
+            axes[4].plot(pair[1], k, "o", color=GREEN)
+        axes[4].set_yticks(range(len(names)), names)
+        axes[4].set(title="error of each recording", xlabel="rms [its unit]", xscale="log")
+        axes[5].set_axis_off()
+        text = [f"{n} = {p}" for n, p in (data.fitted or {}).items()]
+        text += [f"held out: {data.gain.ratio:.3g} times better" if data.gain else "", f"p = {data.p_value:.2g}"]
+        axes[5].text(0.0, 1.0, "\n".join(x for x in text if x), va="top", transform=axes[5].transAxes)
+        for ax in axes[:2]:
+            ax.legend()
+        return png(figure)
+
+
+def _study_where(ax: Any, data: Diagnosis) -> None:
+    """z of the mean residual by kind and part."""
+    cells = [(f"{c.kind}, {c.phase_of_jump}", c.z_score) for c in data.where[: BARS + 3]]
+    _study_bars(ax, cells, "z of the mean residual", "where")
+
+
+def _study_bars(ax: Any, rows: Sequence[tuple[str, float]], label: str, title: str = "causes") -> None:
+    ax.barh(range(len(rows)), [v for _, v in rows], color=MEASURED)
+    ax.set_yticks(range(len(rows)), [n.replace("_", " ") or "none" for n, _ in rows])
+    ax.invert_yaxis()
+    ax.set(title=title, xlabel=label)
 
 
 def _heights(ax: Any, data: Diagnosis) -> None:

@@ -1,0 +1,302 @@
+"""A user's own simulator questioned: from recordings and a study to the same Diagnosis as a campaign of jumps gives."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from jumpvision.base.arrays import Z90
+from jumpvision.base.schema import InputError, read
+from jumpvision.diagnosis.diagnose import Findings, diagnose
+from jumpvision.diagnosis.fitting import Fit
+from jumpvision.diagnosis.naming import Explanation, likely
+from jumpvision.diagnosis.proposing import Gain
+from jumpvision.diagnosis.study.learn import Readings, learn_readings
+from jumpvision.diagnosis.study.runs import How, Runs, described
+from jumpvision.diagnosis.study.study import Recording, Study
+from jumpvision.diagnosis.study.system import Studied
+from jumpvision.inputs.experiment import Campaign
+from jumpvision.inputs.parameters import SimulateParams
+from jumpvision.inputs.sections import Actuation, Motor, MotorLog
+from jumpvision.physics.forcing import Loop
+from jumpvision.results import diagnosis as record
+from jumpvision.results.diagnosis import Diagnosis, Trace
+from jumpvision.results.tables import RodMotion
+from jumpvision.stages.simulate import driver
+from jumpvision.workflow.run import Outcome
+from jumpvision.workflow.stage import StageWarning
+
+from .jumps import states_noise
+
+SEED = 1  # of the simulated noise: the same data give the same answer
+TOP = 12  # cells of "where"
+LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
+
+
+def question_study(recordings: Sequence[Recording], study: Study | None, how: How) -> Diagnosis:
+    """What the simulator gets wrong on these recordings. Raises InputError for what cannot be questioned.
+
+    study: None where how.source names one that only another process may import.
+    """
+    if problems := recordings_problems(recordings):
+        raise InputError(problems)
+    study = described(how.source, recordings) if study is None else study
+    readings = learn_readings(study, recordings)
+    runs = Runs(study, recordings, how)
+    try:
+        system = Studied(study, recordings, readings, runs)
+        system.predict((), {p.name: p.start for p in system.baseline}, range(len(recordings)))
+        if runs.count.failures:  # what the user himself gave must work, whatever may be avoided later
+            raise runs.count.failures[0]
+        found = diagnose(
+            system,
+            readings.noise,
+            np.random.default_rng(SEED),
+            scatter=system.scatter_sigma,
+            by=("kind",),
+            say=how.progress or (lambda text: None),
+        )
+        return document(found, system, readings)
+    finally:
+        runs.close()
+
+
+FINE = 4  # values of the motor's position a frame
+
+
+def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[Recording]:
+    """The tracks of a campaign's jumps as recordings of a simulator that is not ours.
+
+    values: height above rest [m]; inputs: motor_time_s, motor_m, motor_stop_s where a motor is known, and every section
+    of the experiment by name ("robot", "bed", ...) as a dict; labels: kind, frequency, delay, volume_fraction.
+    Raises InputError where no experiment has a track.
+    """
+    out = []
+    for e in campaign.experiments:
+        outcome = outcomes.get(e.name)
+        if outcome is None or not (outcome.results / RodMotion.file).exists():
+            continue
+        t, y, sigma = RodMotion.load(outcome.results).arrays
+        law, log, motor = e.section(Actuation), e.section(MotorLog), e.section(Motor)
+        inputs: dict[str, object] = {n: asdict(x) for n, x in e.sections.items()}
+        if (law and law.moves) or log:
+            p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
+                forcing, stop = driver(log, law, motor, p or SimulateParams())
+            inputs["motor_stop_s"] = stop
+            if not isinstance(forcing, Loop):
+                fine = np.linspace(t[0], t[-1], FINE * (t.size - 1) + 1)
+                inputs |= {"motor_time_s": fine, "motor_m": forcing(fine)[0]}
+        labels = {"kind": law.kind if law else "logged_motion"}
+        labels |= {"frequency": law.frequency, "delay": law.delay} if law else {}
+        group = e.header.group or e.name
+        known = sigma if states_noise(e) else None
+        out.append(Recording(e.name, t, y, inputs, labels, group, sigma=known))
+    if not out:
+        raise InputError(
+            [f"{campaign.path}: no experiment has a track ([rod_video] or [rod_track]): nothing to diagnose"]
+        )
+    return out
+
+
+def recordings_problems(recordings: Sequence[Recording]) -> list[str]:
+    """What is wrong with a set of recordings."""
+    if not recordings:
+        return ["no recordings: give a list of Recording"]
+    if wrong := [r for r in recordings if not isinstance(r, Recording)]:
+        return [f"recordings: {type(wrong[0]).__name__} is no Recording(name, t, values)"]
+    names = [r.name for r in recordings]
+    return [f"two recordings are called {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1]
+
+
+def document(d: Findings, system: Studied, readings: Readings) -> Diagnosis:
+    """The record of the findings; keys that end in _m are in `unit`."""
+    n, best = d.naming, told(d)
+    extended = best is not d.baseline
+    count = system.runs.count
+    out = Diagnosis(
+        verdict="adequate" if d.adequate else "discrepant",
+        p_value=d.detection.p_value,
+        baseline=record.Baseline(
+            terms=(model_name(system),),
+            parameters=shown(d.baseline),
+            rmse_height_m=math.nan,
+            rmse_track_m=rmse(d.baseline, system),
+            chi2_per_dof=d.detection.chi2_per_dof,
+        ),
+        where=tuple(
+            record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
+            for c in d.where[:TOP]
+        ),
+        heights=(),
+        causes=tuple(cause(d, m, system) for m in likely(n.tried)[:8]) if n else (),
+        named=n.named if n else (),
+        remainder=n.remainder if n and n.named else None,
+        indistinguishable=n.twins if n else (),
+        closest=closest(d, system) if n and not n.named else None,
+        unexplained=record.Unexplained() if n and not n.named else None,
+        extended_model=record.Model((model_name(system), *best.mechanisms), shown(best)),
+        gain=gain_of(d.gain) if extended and d.gain else None,
+        extrapolation={k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if extended else {},
+        next_experiment=None,
+        noise=noise_of(d, system, readings),
+        common=(),
+        energy=(),
+        confirmation=(),
+        unit=system.study.channels[0].unit or "1" if len(system.study.channels) == 1 else "noise",
+        fitted=intervals(best, [p.name for p in best.parameters]),
+        lacks={name: m.lacks for name, m in system.mechanisms.items()},
+        runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
+        sentence="",
+        confirmed=None,
+    )
+    out = replace(out, sentence=sentence(out))
+    object.__setattr__(out, "traces", traces(d, system))
+    return out
+
+
+def told(d: Findings) -> Fit:
+    """The fit that the findings stand by: of the named mechanisms, else the baseline."""
+    return d.naming.best.fit if d.naming and d.naming.named else d.baseline
+
+
+def model_name(system: Studied) -> str:
+    """What the simulator is called."""
+    return system.study.name or getattr(system.study.simulate, "__name__", "simulate").strip("_")
+
+
+def shown(fit: Fit) -> dict[str, float]:
+    """The fitted values by name, without what does nothing."""
+    return {n: v for n, v in fit.named.items() if not n.startswith("chosen_")}
+
+
+def intervals(fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
+    """Parameters by name, the ends of a 90 % interval within their ranges."""
+    out = {}
+    for p in fit.parameters:
+        if p.name in names and not p.name.startswith("chosen_"):
+            value, half = fit.named[p.name], Z90 * fit.sigma(p.name)
+            out[p.name] = record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
+    return out
+
+
+def own(e: Explanation, mechanism: str, system: Studied) -> dict[str, record.Parameter]:
+    """The parameters of a mechanism in a model."""
+    return intervals(e.fit, [p.name for p in system.candidates[mechanism].parameters])
+
+
+def cause(d: Findings, mechanism: str, system: Studied) -> record.Cause:
+    """A mechanism in the likeliest model that has it."""
+    assert d.naming
+    e = next(e for e in d.naming.tried if mechanism in e.mechanisms)
+    others = tuple(m for m in e.mechanisms if m != mechanism)
+    return record.Cause(mechanism, others, d.naming.probability(mechanism), e.delta_score, own(e, mechanism, system))
+
+
+def closest(d: Findings, system: Studied) -> record.Closest | None:
+    """The likeliest model where none passes; None where that is the baseline."""
+    assert d.naming
+    e = d.naming.best
+    if not e.mechanisms:
+        return None
+    found = {name: value for m in e.mechanisms for name, value in own(e, m, system).items()}
+    return record.Closest(e.mechanisms, e.probability, found, rmse(e.fit, system), gain_of(d.gain) if d.gain else None)
+
+
+def rmse(fit: Fit, system: Studied) -> float:
+    """Root mean square of measured minus simulated [unit]."""
+    predicted = system.predict(fit.mechanisms, fit.named, range(len(system.observations)))
+    every = np.concatenate([o.y - y for o, y in zip(system.observations, predicted)])
+    return float(np.sqrt(np.mean(every * every)))
+
+
+def gain_of(g: Gain) -> record.Gain:
+    """The gain on recordings held out; there are no heights."""
+    return record.Gain(g.held_out, math.nan, math.nan, g.track_before, g.track_after, g.ratio, g.ratio_ci95, g.claimed)
+
+
+def noise_of(d: Findings, system: Studied, readings: Readings) -> record.Noise:
+    """The noise by channel, with what a reader must be warned of."""
+    channels = system.study.channels
+    sources = {
+        f"{c.name}: {how}" if len(channels) > 1 else how: record.NoiseSource(s.sigma, s.log_sigma, s.n)
+        for c, of in zip(channels, readings.sources)
+        for how, s in of.items()
+    }
+    first = readings.channels[0]
+    return record.Noise(
+        sigma_m=first.s if len(channels) == 1 else 1.0,
+        correlation=first.rho,
+        tails=None,
+        drift_m=first.drift if len(channels) == 1 else math.nan,
+        samples=sum(o.t.size for o in system.observations),
+        sources=sources,
+        scatter=system.scatter_sigma,
+        tracks={c.name: n.s for c, n in zip(channels, readings.channels)} if len(channels) > 1 else {},
+        outliers=(),
+        warnings=(*readings.warnings, *agreement(d)),
+    )
+
+
+def agreement(d: Findings) -> list[str]:
+    """The warning that the noise is taken too large."""
+    best = d.naming.best if d.naming and d.naming.named else None
+    test = best.detection if best else d.detection
+    if test is None or test.chi2_per_dof >= LOOSE:
+        return []
+    return [
+        f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.2g}: the noise is taken too large, and "
+        "effects may hide in it; state a smaller one, or leave it to be learned"
+    ]
+
+
+def traces(d: Findings, system: Studied) -> tuple[Trace, ...]:
+    """Measured, simulated and extended values of every channel of every recording, in its unit."""
+    every, best = range(len(system.observations)), told(d)
+    before = system.predict(d.baseline.mechanisms, d.baseline.named, every)
+    after = system.predict(best.mechanisms, best.named, every)
+    out = []
+    for i, o in enumerate(system.observations):
+        channels = [c for c, m in zip(system.study.channels, system.masks[i].T) if m.sum() >= 2]
+        for c, b in zip(channels, o.blocks):
+            unit = system.units[system.study.channels.index(c)]
+            y = (o.y[b.readings] * unit, before[i][b.readings] * unit, after[i][b.readings] * unit)
+            out.append(Trace(o.name, c.name, c.unit, o.t[b.readings], *y))
+    return tuple(out)
+
+
+def sentence(d: Diagnosis) -> str:
+    """The verdict in plain words."""
+    unit = "" if d.unit in (None, "1") else f" {d.unit}"
+    size = f"{d.baseline.rmse_track_m:.2g}" + (" times the noise" if d.unit == "noise" else unit)
+    if d.adequate:
+        return f"The simulation agrees with the recordings within their noise (p = {d.p_value:.2g})."
+    lacks = d.lacks or {}
+    text = f"The simulation misses the recordings by {size} rms"
+    if not d.named:
+        text += ", and no mechanism of the study explains all that it gets wrong"
+        if near := d.closest:
+            text += f"; the closest, {words(near.mechanisms, lacks)}, leaves {near.rmse_track_m:.2g}"
+            text += " times the noise" if d.unit == "noise" else unit
+        return text + "."
+    text += f" because it lacks {words(d.named, lacks)}"
+    if d.indistinguishable:
+        text += (
+            f" (the data cannot tell apart: {'; '.join(' or '.join(lacks[m] for m in t) for t in d.indistinguishable)})"
+        )
+    if d.gain:
+        it = "it" if len(d.named) == 1 else "them"
+        text += f"; with {it} the error on recordings held out falls {d.gain.ratio:.3g}x"
+    if d.remainder:
+        text += f"; {100 * d.remainder:.2g} % of the discrepancy (in chi^2) stays, beyond the noise"
+    return text + "."
+
+
+def words(mechanisms: Sequence[str], lacks: Mapping[str, str]) -> str:
+    """What is lacking, in words."""
+    return " and ".join(lacks.get(m, m.replace("_", " ")) for m in mechanisms)
