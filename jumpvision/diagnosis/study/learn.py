@@ -79,6 +79,7 @@ def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[
     if c.noise is not None or stated:
         s = c.noise if c.noise is not None else float(np.median(np.concatenate(stated)))
         noise = Noise(s, c.correlation, frame, log_sigma=2 * STATED, log_power=2 * STATED)
+        noise = replace(noise, drift=c.wander, reach=reach_of([t for t, *_ in tracks]))
         return noise, {"stated": Source(s, STATED, 0)}
     least = max(rounding_step(y) for _, y, *_ in tracks) / np.sqrt(12.0)
     pairs = _differences(tracks)
@@ -97,7 +98,7 @@ def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[
     reach = reach_of([t for t, *_ in tracks])
     noise = replace(noise, kurtosis=tails, log_power=float(np.sqrt((tails - 1.0) / max(noise.n, 1))), reach=reach)
     still = [Stretch(t, y, np.ones((t.size, 1)), np.ones(t.size)) for t, y in pairs]
-    noise = replace(noise, drift=learn(still, noise, reach) if from_pairs else 0.0)
+    noise = replace(noise, drift=max(learn(still, noise, reach) if from_pairs else 0.0, c.wander))
     how = "repeats" if from_pairs else "smoothness"
     if not from_pairs:
         warnings.append(

@@ -31,6 +31,7 @@ from .study import Recording, Study
 HELD = 512 * 2**20  # bytes of results kept in memory
 EVERY = 1.0  # s between two reports
 START = 120.0  # s that a process may take to import a simulator
+FORM = "--simulator {}: must be MODULE:NAME, as in pendulum:study or lab/pendulum.py:study"
 Values = Mapping[str, float]
 
 
@@ -435,7 +436,7 @@ def study_at(source: str, folder: str) -> Study:
     """The Study called NAME in MODULE (a name that Python can import from `folder`, or a file), imported here."""
     module, _, name = source.rpartition(":")
     if not module or not name:
-        raise InputError([f"--simulator {source}: must be MODULE:NAME, as in pendulum:study or lab/pendulum.py:study"])
+        raise InputError([FORM.format(source)])
     if module.endswith(".py"):
         path = Path(folder, module)
         if not path.exists():
@@ -453,7 +454,9 @@ def study_at(source: str, folder: str) -> Study:
 
 def outside(source: str, folder: Path) -> None:
     """Raises InputError where the file of MODULE:NAME lies in a folder of recordings, which must hold no code."""
-    module = source.rpartition(":")[0]
+    module, _, name = source.rpartition(":")
+    if not module or not name:
+        raise InputError([FORM.format(source)])
     file = Path(module) if module.endswith(".py") else Path(*module.split(".")).with_suffix(".py")
     inside = Path.cwd() == folder.resolve() or folder.resolve() in file.resolve().parents
     if inside and (file.exists() or file.with_suffix("").is_dir()):

@@ -197,6 +197,7 @@ class Channel:
     unit: str = ""
     noise: float | None = None
     correlation: float = 0.0
+    wander: float = 0.0
     zero_sigma: float = 0.0
     scale_sigma: float = 0.0
     delay_sigma: float = 0.0

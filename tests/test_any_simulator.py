@@ -1,0 +1,363 @@
+"""Any simulator in question: truth by scipy's DOP853, the study's own integrator another; errors; processes; files."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import pickle
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jumpvision as jv
+from jumpvision.base.schema import InputError
+from jumpvision.diagnosis.study.runs import SimulatorError
+from jumpvision.results.diagnosis import Diagnosis
+
+T = np.arange(0.0, 3.0, 0.01)
+
+
+def swing(p, r):
+    """A user's own integrator: leapfrog, 10 steps a sample; phase error W dt^2 / 24 of 25 rad: 0.1 mrad, noise 1 mrad."""
+
+    def pull(a, w):
+        return p["W"] * math.sin(a) + p["viscous"] * w + p["quadratic"] * abs(w) * w + p["dry"] * math.tanh(w / 0.02)
+
+    a, out = r.inputs["start"], []
+    w = -0.5e-3 * pull(a, 0.0)
+    for _ in r.t:
+        out.append(a)
+        for _ in range(10):
+            a += 1e-3 * w
+            w -= 1e-3 * pull(a, w)
+    return np.array(out)
+
+
+def study(function=swing, **more):
+    one = {"unit": "1", "scale": 0.1}
+    mechanisms = [
+        jv.Mechanism("viscous_drag", [jv.Parameter("viscous", 0.0, (0, 3), **one)], "drag of the speed"),
+        jv.Mechanism("quadratic_drag", [jv.Parameter("quadratic", 0.0, (0, 3), **one)], "drag of the speed squared"),
+        jv.Mechanism("dry_friction", [jv.Parameter("dry", 0.0, (0, 5), **one)], "dry friction in the bearing"),
+    ]
+    parameters = [jv.Parameter("W", 50.0, (30, 90), unit="1/s^2")]
+    channels = [jv.Channel("angle", "rad", noise=1e-3)]
+    return jv.Study(function, parameters, mechanisms, channels, **more)
+
+
+def world(seed=1, n=4, noise=1e-3, **hidden):
+    """Swings of a pendulum W = 60 by another integrator."""
+    rng, out = np.random.default_rng(seed), []
+    c, q, f = (hidden.get(k, 0.0) for k in ("viscous", "quadratic", "dry"))
+    for k in range(n):
+        a = 0.3 + 0.2 * k
+
+        def rate(_, s):
+            return [s[1], -60.0 * np.sin(s[0]) - c * s[1] - q * abs(s[1]) * s[1] - f * np.tanh(s[1] / 0.02)]
+
+        true = solve_ivp(rate, (0, T[-1]), [a, 0.0], t_eval=T, method="DOP853", rtol=1e-9, atol=1e-11, max_step=5e-3)
+        out.append(jv.Recording(f"swing {k}", T, true.y[0] + noise * rng.standard_normal(T.size), {"start": a}))
+    return out
+
+
+@pytest.fixture(scope="module")
+def found():
+    return jv.diagnose(world(dry=0.3), study())
+
+
+def test_a_hidden_friction_is_named_with_its_value(found):
+    assert found.named == ("dry_friction",)
+    dry = found.fitted["dry"]
+    assert abs(dry.value - 0.3) < 4 * dry.sigma + 0.01 * 0.3  # 1 %: the study's integrator at a reversal
+    assert found.gain.ratio_ci95[0] > 1 and found.unit == "rad"
+    assert "dry friction in the bearing" in found.sentence
+
+
+def test_nothing_hidden_is_adequate():
+    found = jv.diagnose(world(seed=2), study())
+    assert found.adequate and found.named == () and found.p_value > 0.02
+
+
+def test_the_record_reads_as_the_command_s(found, tmp_path):
+    found.save(tmp_path)
+    again = Diagnosis.load(tmp_path)
+    assert again.values == json.loads((tmp_path / "diagnosis.json").read_text()) == found.values
+    assert {"verdict", "causes", "gain", "noise", "unit", "runs", "fitted"} <= set(again.values)
+
+
+def test_notebook_comfort(found):
+    lines = repr(found).splitlines()
+    assert len(lines) < 24 and max(map(len, lines[1:])) <= 140
+    assert "<table>" in found._repr_html_() and "base64" in found._repr_html_()
+    assert found.table.loc[0, "model"] == "dry_friction" and found.table.named[0]
+    assert "dry friction in the bearing: named" in found.explain("dry_friction")
+    assert "not named" in found.explain("viscous_drag") or "no model" in found.explain("viscous_drag")
+    assert found.field.measured.sizes == {"recording": 4, "channel": 1, "time_s": T.size}
+    again = pickle.loads(pickle.dumps(found))
+    assert again.values == found.values and again.samples.equals(found.samples)
+
+
+def test_a_table_is_as_good_as_recordings(found):
+    import pandas as pd
+
+    each = [pd.DataFrame({"recording": r.name, "time_s": r.t, "angle": r.values}) for r in world(dry=0.3)]
+    starts = {r.name: r.inputs["start"] for r in world()}
+    plain = study()
+
+    def simulate(p, r):
+        return swing(p, jv.Recording(r.name, r.t, r.values, {"start": starts[r.name]}))
+
+    again = jv.diagnose(pd.concat(each), jv.Study(simulate, plain.parameters, plain.mechanisms, plain.channels))
+    assert again.named == found.named and again.p_value == found.p_value
+
+
+def test_written_only_where_asked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    jv.diagnose(world(n=2), study())
+    assert list(tmp_path.iterdir()) == []
+    jv.diagnose(world(n=2), study(), results=tmp_path / "out")
+    made = {f.name for f in (tmp_path / "out").iterdir()}
+    assert made == {"diagnosis.json", "samples.csv", "diagnosis.png", "report.html"}
+
+
+def failing(p, r):
+    if p["W"] > 50.0:
+        raise ZeroDivisionError("no such pendulum")
+    return swing(p, r)
+
+
+def nan(p, r):
+    return swing(p, r) * (np.nan if p["W"] > 50.0 else 1.0)
+
+
+def other_shape(p, r):
+    return swing(p, r)[: 7 if p["W"] > 50.0 else None]
+
+
+def dying(p, r):
+    if p["W"] > 50.0:
+        os.kill(os.getpid(), 11)
+    return swing(p, r)
+
+
+def hanging(p, r):
+    while p["W"] > 50.0:
+        time.sleep(0.05)
+    return swing(p, r)
+
+
+@pytest.mark.parametrize(
+    ("function", "how", "said"),
+    [
+        (failing, {}, r"raised ZeroDivisionError: no such pendulum \(line \d+ of test_any_simulator.py\)"),
+        (nan, {}, r"gave NaN or infinity, first at t = 0 s"),
+        (other_shape, {}, r"simulated values of shape \(7,\); expected \(300, 1\)"),
+        (failing, {"workers": 1}, "raised ZeroDivisionError"),
+        (dying, {"workers": 1}, "died by signal 11"),
+        (hanging, {"limit": 2.0}, r"took longer than 2 s \(limit\)"),
+    ],
+    ids=["raises", "nan", "shape", "raises elsewhere", "dies", "hangs"],
+)
+def test_a_failing_run_is_told_with_its_parameters(function, how, said):
+    with pytest.raises(SimulatorError, match=said) as caught:
+        jv.diagnose(world(n=2), study(function), **how)
+    assert "recording 'swing" in str(caught.value) and "W = " in str(caught.value)
+    assert caught.value.parameters["W"] > 50.0 and caught.value.parameters["dry"] == 0.0
+
+
+def breaking(p, r):
+    return swing(p, r) * (np.nan if p["viscous"] > 2.0 else 1.0)
+
+
+def test_failures_may_be_avoided_and_are_told():
+    found = jv.diagnose(world(n=2, dry=0.3), study(breaking), avoid=True)
+    assert found.named == ("dry_friction",)
+    assert all("gave NaN" in f and "viscous" in f for f in found.runs.failures)
+
+
+def test_runs_are_kept_and_a_later_call_goes_on(tmp_path):
+    file, asked = tmp_path / "runs.sqlite", world(n=2, dry=0.3)
+    with pytest.raises(InputError, match=r"budget of 60 runs is used up; .*runs.sqlite keeps them"):
+        jv.diagnose(asked, study(), budget=60, keep=file)
+    whole = jv.diagnose(asked, study())
+    rest = jv.diagnose(asked, study(), keep=file)
+    assert rest.runs.made + rest.runs.kept == whole.runs.made and 40 <= rest.runs.kept <= 60
+    again = jv.diagnose(asked, study(), keep=file)
+    assert again.runs.made == 0 and again.sentence == whole.sentence == rest.sentence
+
+
+def test_other_processes_and_batches_give_the_same():
+    asked = world(n=2, dry=0.3)
+    here = jv.diagnose(asked, study())
+
+    def batch(parameters, recordings):
+        return [swing(p, r) for p, r in zip(parameters, recordings)]
+
+    assert jv.diagnose(asked, study(), workers=2).values["causes"] == here.values["causes"]
+    assert jv.diagnose(asked, study(batch, batch=True)).values["causes"] == here.values["causes"]
+
+
+def test_an_alternative_function_takes_the_place_of_the_simulator():
+    """Truth: gravity is a pendulum's; the study's baseline has the frequency of a spring at every amplitude."""
+
+    def spring(p, r):
+        return (
+            swing({**p, "W": p["W"]}, jv.Recording(r.name, r.t, r.values, {"start": 1e-3})) * r.inputs["start"] / 1e-3
+        )
+
+    plain = study()
+    mechanisms = [*plain.mechanisms, jv.Mechanism("pendulum", (), "gravity of a pendulum", function=swing)]
+    found = jv.diagnose(world(), jv.Study(spring, plain.parameters, mechanisms, plain.channels))
+    assert found.named == ("pendulum",)
+    assert "gravity of a pendulum" in found.sentence and list(found.fitted) == ["W"]
+
+
+def test_starts_of_every_recording_are_fitted_beside_the_model():
+    """Each swing begins at an angle and a speed that are known to 20 mrad and 0.2 rad/s only, noise 1 mrad."""
+    rng = np.random.default_rng(4)
+    asked = []
+    for r in world(seed=3, quadratic=0.05):
+        guess = {"start": r.inputs["start"] + rng.normal(0, 0.02)}
+        asked.append(jv.Recording(r.name, r.t, r.values, guess))
+    plain = study()
+    first = jv.Parameter("a0", lambda r: r.inputs["start"], sigma=0.02, unit="rad", each=True)
+
+    def simulate(p, r):
+        return swing(p, jv.Recording(r.name, r.t, r.values, {"start": p["a0"]}))
+
+    found = jv.diagnose(asked, jv.Study(simulate, [*plain.parameters, first], plain.mechanisms, plain.channels))
+    assert found.named == ("quadratic_drag",)
+    q = found.fitted["quadratic"]
+    assert abs(q.value - 0.05) < 4 * q.sigma + 0.01 * 0.05 and "a0" not in found.fitted
+
+
+def test_two_channels_each_with_its_instrument():
+    """Angle and rate; the rate's instrument shows 3 % too much, which is asked for, and nothing else is missing."""
+    rng, asked = np.random.default_rng(5), []
+    for r in world(seed=6):
+        rate = np.gradient(r.values, r.t)  # replaced below by the true rate
+        a = r.inputs["start"]
+        true = solve_ivp(lambda _, s: [s[1], -60 * np.sin(s[0])], (0, T[-1]), [a, 0.0], t_eval=T, rtol=1e-9, atol=1e-11)
+        rate = 1.03 * true.y[1] + 0.02 * rng.standard_normal(T.size)
+        asked.append(jv.Recording(r.name, r.t, {"angle": r.values, "rate": rate}, r.inputs))
+
+    def simulate(p, r):
+        angle = swing(p, r)
+        return {"angle": angle, "rate": np.gradient(angle, r.t, edge_order=2)}
+
+    plain = study()
+    channels = [plain.channels[0], jv.Channel("rate", "rad/s", noise=0.02, consider=("scale", "delay"))]
+    found = jv.diagnose(asked, jv.Study(simulate, plain.parameters, plain.mechanisms, channels))
+    assert found.named == ("rate_scale",) and found.unit == "noise"
+    s = found.fitted["rate_scale"]
+    # np.gradient of a swing of 7.7 rad/s at 10 ms shows 1 - (0.077)^2 / 6 = 0.1 % less
+    assert abs(s.value - 1.03) < 4 * s.sigma + 2e-3
+    assert {x.channel: x.unit for x in found.traces} == {"angle": "rad", "rate": "rad/s"}
+
+
+def test_wrong_calls_say_what_is_allowed():
+    good = world(n=2)
+    with pytest.raises(InputError, match="need the study that simulates them"):
+        jv.diagnose(good)
+    with pytest.raises(InputError, match="recordings are called 'swing 0'"):
+        jv.diagnose([good[0], good[0]], study())
+    with pytest.raises(InputError, match="give range="):
+        jv.Study(swing, [jv.Parameter("W", 50.0)])
+    with pytest.raises(InputError, match="is a parameter of a mechanism and of the baseline"):
+        jv.Study(swing, [jv.Parameter("W", 50.0, (30, 90))], [jv.Mechanism("more", [jv.Parameter("W", 0, (0, 1))])])
+    with pytest.raises(InputError, match="increasing times"):
+        jv.Recording("a", [0.0, 1.0, 1.0, 2.0], [0.0] * 4)
+    short = jv.Recording("a", np.arange(10.0), np.zeros(9), {"start": 0.1})
+    with pytest.raises(InputError, match=r"values of shape \(9,\); expected \(10, 1\)"):
+        jv.diagnose([short], study())
+
+
+SIMULATOR = """
+import numpy as np
+import jumpvision as jv
+
+def simulate(p, r):
+    x = np.interp(r.t, r.inputs["motor_time_s"], r.inputs["motor_m"])
+    return p["share"] * (x - x[0]) + p["creep"] * (r.t - r.t[0])
+
+study = jv.Study(
+    simulate,
+    [jv.Parameter("share", 0.5, (0, 1), unit="1")],
+    [jv.Mechanism("creep", [jv.Parameter("creep", 0.0, (-0.1, 0.1), unit="m/s")], "a slow creep")],
+    [jv.Channel("height", "m", noise=5e-5)],
+    name="creeping rod",
+)
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Two recordings of a rod that follows a motor by 0.4 of its way and creeps by 1 mm/s."""
+    rng, t = np.random.default_rng(7), np.arange(0.0, 1.0, 0.005)
+    for k, f in enumerate((2.0, 3.0)):
+        folder = tmp_path / "rods" / f"rod-{k}"
+        folder.mkdir(parents=True)
+        motor = np.where(t > 0.2, 5e-3 * np.sin(2 * np.pi * f * (t - 0.2)), 0.0)
+        rod = 0.4 * motor + 1e-3 * t + 5e-5 * rng.standard_normal(t.size)
+        for name, header, y in (("motor", "time_s,position_m", motor), ("rod_track", "time_s,height_m", rod)):
+            np.savetxt(folder / f"{name}.csv", np.stack([t, y], axis=1), delimiter=",", header=header, comments="")
+        (folder / "experiment.toml").write_text(
+            'ground = "hard"\n[robot]\nmotor_mass = 1.0\nrod_mass = 0.2\nfoot_mass = 0.1\nspring_stiffness = 3000.0\n'
+            'spring_damping = 1.0\n[rod_track]\nfile = "rod_track.csv"\n[motor_log]\nfile = "motor.csv"\n'
+        )
+    (tmp_path / "mine.py").write_text(textwrap.dedent(SIMULATOR))
+    return tmp_path / "rods"
+
+
+def command(*words, cwd):
+    run = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1:]))", *words]
+    return subprocess.run(run, capture_output=True, text=True, cwd=cwd, timeout=300)
+
+
+def test_the_command_asks_a_simulator_that_is_named(campaign):
+    done = command(
+        "diagnose", str(campaign), "--simulator", "mine:study", "--json", "--workers", "1", cwd=campaign.parent
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert found["named"] == ["creep"] and abs(found["fitted"]["creep"]["value"] - 1e-3) < 1e-4
+    results = campaign.parent / "results" / "rods"
+    assert {"diagnosis.json", "samples.csv", "diagnosis.png", "report.html"} <= {f.name for f in results.iterdir()}
+    again = command(
+        "diagnose", str(campaign), "--simulator", "mine.py:study", "--json", "--workers", "1", cwd=campaign.parent
+    )
+    assert json.loads(again.stdout)["runs"]["made"] == 0  # kept beside the results
+
+
+@pytest.mark.parametrize(
+    ("simulator", "said"),
+    [
+        ("mine:nothing", "has no attribute 'nothing'"),
+        ("nowhere:study", "No module named 'nowhere'"),
+        ("mine:simulate", "is a function, not a jumpvision Study"),
+        ("mine", "must be MODULE:NAME"),
+        ("rods/inside.py:study", "from which nothing is imported"),
+    ],
+)
+def test_a_wrong_simulator_is_told(campaign, simulator, said):
+    (campaign / "inside.py").write_text(textwrap.dedent(SIMULATOR))
+    done = command("diagnose", str(campaign), "--simulator", simulator, cwd=campaign.parent)
+    assert done.returncode == 2 and said in done.stderr
+
+
+def test_what_a_simulator_does_wrong_does_not_end_the_command(campaign):
+    text = SIMULATOR.replace(
+        "    x = np", "    print('hello')\n    import os\n    os._exit(3) if p['creep'] else None\n    x = np"
+    )
+    (campaign.parent / "mine.py").write_text(textwrap.dedent(text))
+    done = command(
+        "diagnose", str(campaign), "--simulator", "mine:study", "--json", "--workers", "1", cwd=campaign.parent
+    )
+    assert done.returncode == 2 and "died with exit status 3" in done.stderr and "creep = " in done.stderr
+    assert "hello" not in done.stdout
