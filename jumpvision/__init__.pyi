@@ -5,6 +5,11 @@ from .api import run as run
 from .api import diagnose as diagnose
 from .api import sweep as sweep
 from .api import plan as plan
+from .api import Recording as Recording
+from .api import Study as Study
+from .api import Parameter as Parameter
+from .api import Mechanism as Mechanism
+from .api import Channel as Channel
 from jumpvision.results.values import BedHeight
 from jumpvision.results.values import CraterShape
 from jumpvision.results.values import Geometry
@@ -22,6 +27,7 @@ from jumpvision.results.values import Summary
 __version__: str
 __all__: list[str]
 VERBS: tuple[str, ...]
+TYPES: tuple[str, ...]
 
 def bed(experiment: Folder, *, results: PathLike | None = ...) -> BedHeight: ...
 def crater(experiment: Folder, *, results: PathLike | None = ...) -> CraterShape: ...

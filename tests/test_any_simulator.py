@@ -20,22 +20,22 @@ from jumpvision.base.schema import InputError
 from jumpvision.diagnosis.study.runs import SimulatorError
 from jumpvision.results.diagnosis import Diagnosis
 
-T = np.arange(0.0, 3.0, 0.01)
+T = np.arange(0.0, 2.0, 0.02)
 
 
 def swing(p, r):
-    """A user's own integrator: leapfrog, 10 steps a sample; phase error W dt^2 / 24 of 25 rad: 0.1 mrad, noise 1 mrad."""
+    """A user's own integrator: leapfrog, 10 steps a sample: 0.2 mrad off DOP853 at most, the noise is 1 mrad."""
 
     def pull(a, w):
         return p["W"] * math.sin(a) + p["viscous"] * w + p["quadratic"] * abs(w) * w + p["dry"] * math.tanh(w / 0.02)
 
     a, out = r.inputs["start"], []
-    w = -0.5e-3 * pull(a, 0.0)
+    w = -1e-3 * pull(a, 0.0)
     for _ in r.t:
         out.append(a)
         for _ in range(10):
-            a += 1e-3 * w
-            w -= 1e-3 * pull(a, w)
+            a += 2e-3 * w
+            w -= 2e-3 * pull(a, w)
     return np.array(out)
 
 
@@ -157,7 +157,7 @@ def hanging(p, r):
     [
         (failing, {}, r"raised ZeroDivisionError: no such pendulum \(line \d+ of test_any_simulator.py\)"),
         (nan, {}, r"gave NaN or infinity, first at t = 0 s"),
-        (other_shape, {}, r"simulated values of shape \(7,\); expected \(300, 1\)"),
+        (other_shape, {}, r"simulated values of shape \(7,\); expected \(100, 1\)"),
         (failing, {"workers": 1}, "raised ZeroDivisionError"),
         (dying, {"workers": 1}, "died by signal 11"),
         (hanging, {"limit": 2.0}, r"took longer than 2 s \(limit\)"),
@@ -256,8 +256,8 @@ def test_two_channels_each_with_its_instrument():
     found = jv.diagnose(asked, jv.Study(simulate, plain.parameters, plain.mechanisms, channels))
     assert found.named == ("rate_scale",) and found.unit == "noise"
     s = found.fitted["rate_scale"]
-    # np.gradient of a swing of 7.7 rad/s at 10 ms shows 1 - (0.077)^2 / 6 = 0.1 % less
-    assert abs(s.value - 1.03) < 4 * s.sigma + 2e-3
+    # np.gradient of a swing of 7.7 rad/s at 20 ms shows 1 - (0.155)^2 / 6 = 0.4 % less, more at the third harmonic
+    assert abs(s.value - 1.03) < 4 * s.sigma + 6e-3
     assert {x.channel: x.unit for x in found.traces} == {"angle": "rad", "rate": "rad/s"}
 
 

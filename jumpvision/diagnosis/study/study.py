@@ -68,10 +68,10 @@ class Recording:
         condition= name columns too; labels=, inputs= are lists of columns."""
         out = []
         for name, rows in table.groupby(by, sort=False):
-            given: dict[str, Any] = {k: str(rows[c].iloc[0]) for k, c in more.items() if k in ("group", "condition")}
-            given["labels"] = {c: rows[c].iloc[0] for c in more.get("labels", ())}
-            given["inputs"] = {c: rows[c].to_numpy() for c in more.get("inputs", ())}
-            out.append(cls(str(name), rows[time].to_numpy(), rows[list(channels)].to_numpy(), **given))
+            labels = {c: rows[c].iloc[0] for c in more.get("labels", ())}
+            inputs = {c: rows[c].to_numpy() for c in more.get("inputs", ())}
+            like = {k: str(rows[c].iloc[0]) for k, c in more.items() if k in ("group", "condition")}
+            out.append(cls(str(name), rows[time].to_numpy(), rows[list(channels)].to_numpy(), inputs, labels, **like))
         return out
 
     def of_channels(self, values: Any, channels: Sequence[Channel], what: str = "values") -> Array:
