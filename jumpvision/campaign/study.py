@@ -30,6 +30,7 @@ from jumpvision.stages.simulate import driver
 from jumpvision.workflow.run import Outcome
 from jumpvision.workflow.stage import StageWarning
 
+from .document import left_over, priors, told
 from .jumps import states_noise
 
 SEED = 1  # of the simulated noise: the same data give the same answer
@@ -134,16 +135,20 @@ def document(d: Findings, system: Studied, readings: Readings) -> Diagnosis:
             for c in d.where[:TOP]
         ),
         heights=(),
-        causes=tuple(cause(d, m, system) for m in likely(n.tried)[:8]) if n else (),
+        causes=tuple(cause(d, m, system) for m in likely(n)[:8]) if n else (),
         named=n.named if n else (),
-        remainder=n.remainder if n and n.named else None,
+        status=n.status if n else "complete",
+        left_over=left_over(d),
+        detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
         indistinguishable=n.twins if n else (),
         closest=closest(d, system) if n and not n.named else None,
         unexplained=record.Unexplained() if n and not n.named else None,
         extended_model=record.Model((model_name(system), *best.mechanisms), shown(best)),
         gain=gain_of(d.gain) if extended and d.gain else None,
+        selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
         extrapolation={k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if extended else {},
         next_experiment=None,
+        priors=priors(d) if n else None,
         noise=noise_of(d, system, readings),
         common=(),
         energy=(),
@@ -158,11 +163,6 @@ def document(d: Findings, system: Studied, readings: Readings) -> Diagnosis:
     out = replace(out, sentence=sentence(out))
     object.__setattr__(out, "traces", traces(d, system))
     return out
-
-
-def told(d: Findings) -> Fit:
-    """The fit that the findings stand by: of the named mechanisms, else the baseline."""
-    return d.naming.best.fit if d.naming and d.naming.named else d.baseline
 
 
 def model_name(system: Studied) -> str:
@@ -195,7 +195,9 @@ def cause(d: Findings, mechanism: str, system: Studied) -> record.Cause:
     assert d.naming
     e = next(e for e in d.naming.tried if mechanism in e.mechanisms)
     others = tuple(m for m in e.mechanisms if m != mechanism)
-    return record.Cause(mechanism, others, d.naming.probability(mechanism), e.delta_score, own(e, mechanism, system))
+    chances = d.naming.probabilities[mechanism]
+    spread, found = (min(chances), max(chances)), own(e, mechanism, system)
+    return record.Cause(mechanism, others, d.naming.probability(mechanism), spread, e.delta_score, found)
 
 
 def closest(d: Findings, system: Studied) -> record.Closest | None:
@@ -292,8 +294,8 @@ def sentence(d: Diagnosis) -> str:
     if d.gain:
         it = "it" if len(d.named) == 1 else "them"
         text += f"; with {it} the error on recordings held out falls {d.gain.ratio:.3g}x"
-    if d.remainder:
-        text += f"; {100 * d.remainder:.2g} % of the discrepancy (in chi^2) stays, beyond the noise"
+    if d.status == "partial" and d.left_over:
+        text += f"; {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays, beyond the noise"
     return text + "."
 
 

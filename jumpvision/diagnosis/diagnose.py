@@ -91,7 +91,7 @@ def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:
     if free:
         draws = min(2 * len(free), STARTS) if costly else 4 * STARTS
         starts += [{p.name: draw(p, rng) for p in free} for _ in range(draws)]
-    cost = [problem.cost((), s, problem.scouts if costly else None) for s in starts]
+    cost = [problem.cost((), s, problem.scouts(problem.all) if costly else None) for s in starts]
     chosen = [0, *(i for i in np.argsort(cost) if i != 0 and cost[i] < cost[0])][: 2 if costly else 3]
     fits = [f for f in (problem.fit((), starts[i]) for i in chosen) if f is not None]
     if not fits:

@@ -153,12 +153,9 @@ class Problem:
         """Independent residuals: each unknown zero level takes one."""
         return sum(o.independent for o in self.system.observations)
 
-    @property
-    def scouts(self) -> list[int]:
-        """Observations over which first values are compared: one of each condition, fewer where runs are dear."""
-        first = {o.condition: i for i, o in reversed(list(enumerate(self.system.observations)))}
-        which = sorted(first.values())
-        return list(self.system.scouts(which)) if isinstance(self.system, Costly) else which
+    def scouts(self, which: Sequence[int]) -> Sequence[int]:
+        """Of these observations those over which first values are compared: fewer where runs are dear."""
+        return self.system.scouts(which) if isinstance(self.system, Costly) else which
 
     def frame(
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int] | None = None

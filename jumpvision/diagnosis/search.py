@@ -307,7 +307,7 @@ def best_starts(
     problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int
 ) -> list[Start]:
     """The n starts of least cost over a few conditions."""
-    few = some(problem, FEW)
+    few = problem.scouts(some(problem, FEW))
     cost = [problem.cost(mechanisms, t, few) for t in tries]
     return [(mechanisms, tries[i]) for i in np.argsort(cost)[:n] if math.isfinite(cost[i])]
 
