@@ -17,7 +17,7 @@ from jumpvision.diagnosis.noise.noise import Noise
 from .detect import detect, directions
 from .fitting import STEP, Fit, Problem
 from .search import Search
-from .system import Candidate, Observation, Parameter, System
+from .system import Candidate, Costly, Observation, Parameter, System
 
 
 class Runnable(Protocol):
@@ -141,6 +141,21 @@ class Part:
         return self.whole.scatter(mechanisms, values, [self.kept[i] for i in which])
 
 
+@dataclass(frozen=True)
+class CostlyPart(Part):
+    """Some observations of a system whose runs are dear."""
+
+    whole: Costly
+
+    def derivatives(
+        self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
+    ) -> list[Array]:
+        return self.whole.derivatives(mechanisms, free, values, [self.kept[i] for i in which])
+
+    def scouts(self, which: Sequence[int]) -> Sequence[int]:
+        return self.whole.scouts(which)
+
+
 Begin = Callable[[Problem, np.random.Generator], Fit]  # the baseline, from its own values
 Choose = Callable[[Problem, Fit, np.random.Generator], Fit]
 
@@ -170,7 +185,9 @@ def gain(
     for fold in folds:
         held = [i for i, o in enumerate(observations) if o.condition in fold]
         kept = tuple(i for i in problem.all if i not in held)
-        part = Problem(Part(problem.system, kept), problem.noise, problem.scattered, problem.measured)
+        whole = problem.system
+        some = CostlyPart(whole, kept) if isinstance(whole, Costly) else Part(whole, kept)
+        part = Problem(some, problem.noise, problem.scattered, problem.measured)
         try:
             base = begin(part, rng)
         except ValueError:

@@ -16,7 +16,7 @@ from jumpvision.base.arrays import Array
 
 from .detect import Detection, Direction, detect, directions
 from .fitting import Fit, Problem
-from .system import Parameter
+from .system import Costly, Parameter
 
 MOST = 4  # mechanisms in a set
 ROUTES = 3  # sets of each size that are built upon
@@ -306,9 +306,10 @@ def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str
 def best_starts(
     problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int
 ) -> list[Start]:
-    """The n starts of least cost over a few conditions."""
+    """The n starts of least cost over a few conditions; the one where runs are dear."""
     few = problem.scouts(some(problem, FEW))
     cost = [problem.cost(mechanisms, t, few) for t in tries]
+    n = 1 if isinstance(problem.system, Costly) else n
     return [(mechanisms, tries[i]) for i in np.argsort(cost)[:n] if math.isfinite(cost[i])]
 
 

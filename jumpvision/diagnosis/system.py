@@ -125,7 +125,7 @@ class System(Protocol):
 
 
 @runtime_checkable
-class Costly(Protocol):
+class Costly(System, Protocol):
     """A system whose every run costs: it gives derivatives by what it has learned, and is asked of few motions."""
 
     def derivatives(

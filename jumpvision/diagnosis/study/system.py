@@ -129,7 +129,7 @@ class Studied:
         if not t:
             raise InputError([f"recording {r.name!r}: no channel has two readings"])
         group = r.group or r.name
-        labels = {"kind": group, **r.labels}
+        labels = {"kind": "recordings", **r.labels}
         return Observation(
             r.name,
             np.concatenate(t),
