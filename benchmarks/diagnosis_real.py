@@ -19,7 +19,7 @@ from jumpvision.diagnosis.detect import directions
 from jumpvision.diagnosis.diagnose import Findings, diagnose
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
-from jumpvision.diagnosis.particle import Body, quiet
+from jumpvision.diagnosis.study.particle import Body, quiet
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmarks import diagnosis_real as real
 from jumpvision.diagnosis.diagnose import diagnose
 from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.diagnosis.particle import LAW, path
+from jumpvision.diagnosis.study.particle import LAW, path
 
 STEP = 2 * np.pi / 40000  # rad, of the encoder
 

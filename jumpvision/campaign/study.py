@@ -138,7 +138,7 @@ def document(d: Findings, system: Studied, readings: Readings) -> Diagnosis:
         causes=tuple(cause(d, m, system) for m in likely(n)[:8]) if n else (),
         named=n.named if n else (),
         status=n.status if n else "complete",
-        left_over=left_over(d),
+        left_over=left_over(d, None),
         detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
         indistinguishable=n.twins if n else (),
         closest=closest(d, system) if n and not n.named else None,

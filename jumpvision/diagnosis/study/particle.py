@@ -21,8 +21,7 @@ from numba import njit
 
 from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
-
-from .system import Candidate, Observation, Parameter
+from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 
 LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding")
 SENSOR = {"scale": 1.0}  # value at which each does nothing
