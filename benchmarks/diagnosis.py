@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from jumpvision.campaign.diagnose import leftover
 from jumpvision.campaign.document import document
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
@@ -32,7 +33,6 @@ from jumpvision.lab.seal import answer_of, score
 from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import from_log
 from jumpvision.physics.model import Model
-from jumpvision.results.diagnosis import Unexplained
 from jumpvision.stages.rod import commanded
 
 ENCODER = 6.25e-6  # m
@@ -113,23 +113,33 @@ def run(case: Case) -> dict[str, Any]:
         out["outcome"] = "false alarm" if found.discrepant else "right"
     else:
         d = diagnose(system, noise, rng, scatter=scatter, by=("kind",), stops=[j.stop for j in jumps])
-        unexplained = Unexplained() if d.naming and not d.naming.named else None
-        data = document(d, learned, unexplained)
-        out |= {"p": data.p_value, "named": "+".join(data.named)}
+        problem = Problem(system, noise, scatter)
+        data = document(d, learned, leftover(d, problem, system, lambda text: None))
+        out |= {"p": data.p_value, "named": "+".join(data.named), "status": data.status}
         out |= score(data.values, answer)
+        out["described"] = list(data.unexplained.terms) if data.unexplained else []
+        if setting.outside and not out["described"]:
+            out["outcome"] = "undescribed" if out["outcome"] == "right" else out["outcome"]
         out["twins"] = data.indistinguishable
         if d.naming:
-            truth = [e for e in d.naming.tried if set(e.mechanisms) == set(case.hidden)]
             wrong = [e for e in d.naming.tried if set(e.mechanisms) != set(case.hidden)]
             best = min((e.fit.chi2 for e in wrong), default=np.nan)
             out["in_set"] = any(set(e.mechanisms) == set(case.hidden) for e in confidence_set(d.naming.tried))
-            out["noncentrality"] = float(best - truth[0].fit.chi2) if truth else np.nan
+            out["noncentrality"] = float(best - true_fit(problem, setting))
             out["best_chi2_per_n"] = d.naming.best.fit.chi2 / sum(r.size for r in d.baseline.residuals)
         out["detected"] = float(d.baseline.chi2 - sum(r.size - 1 for r in d.baseline.residuals))
         out["held_out"] = data.gain.rmse_track_after_m / noise.s if data.gain else None
         out["truth"] = dict(answer.parameters)
     out["seconds"] = time.perf_counter() - began
     return out
+
+
+def true_fit(problem: Problem, setting: Setting) -> float:
+    """chi^2 of the right model, fitted from the truth; NaN where the vocabulary has it not or it cannot be followed."""
+    if not set(setting.hidden) <= set(problem.system.candidates):
+        return float("nan")
+    fit = problem.fit(setting.hidden, {**setting.protocol.parameters, **setting.parameters})
+    return fit.chi2 if fit else float("nan")
 
 
 def cases(nulls: int, effects: int, pairs: int, outside: int) -> Iterator[Case]:
@@ -178,31 +188,40 @@ def table(rows: list[dict[str, Any]]) -> str:
             lines.append(f"| {name} | {len(mine)} | {sum(r['outcome'] == 'false alarm' for r in mine)} |")
     lines += [
         "",
-        "| hidden | campaigns | right | of them a declared twin | missed | wrong or in part |",
-        "|---|---|---|---|---|---|",
+        "| hidden | campaigns | right | of them a declared twin | missed | wrong or in part | not described | failed |",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    named = {"one": "one mechanism", "two": "two at once", "outside": "of no vocabulary: said so"}
+    named = {"one": "one mechanism", "two": "two at once", "outside": "of no vocabulary: said so, and described"}
     for key, title in named.items():
-        mine = [r for r in rows if r["table"] == key and not r["outcome"].startswith("not possible")]
-        count = {o: sum(r["outcome"] == o for r in mine) for o in ("right", "twin", "missed", "wrong", "partly")}
+        mine = [r for r in rows if r["table"] == key]
+        known = ("right", "twin", "missed", "wrong", "partly", "undescribed")
+        count = {o: sum(r["outcome"] == o for r in mine) for o in known}
         if mine:
             lines.append(
                 f"| {title} | {len(mine)} | {count['right'] + count['twin']} | {count['twin']} | {count['missed']} "
-                f"| {count['wrong'] + count['partly']} |"
+                f"| {count['wrong'] + count['partly']} | {count['undescribed']} | {len(mine) - sum(count.values())} |"
             )
-    strong = [r for r in rows if r["table"] == "one" and r.get("noncentrality", 0) and r["noncentrality"] >= 1000]
-    fair = [r for r in rows if r["table"] == "one" and DETECTABLE <= (r.get("noncentrality") or 0) < 1000]
+    one = [r for r in rows if r["table"] == "one"]
     lines += [
         "",
         "| one mechanism, non-centrality against the best wrong one | campaigns | right or twin | in the 90 % set "
         "| median error of its parameters |",
         "|---|---|---|---|---|",
     ]
-    for title, mine in (("1,000 and more", strong), ("30 to 1,000", fair)):
+    for title, mine in (
+        ("1,000 and more", [r for r in one if r.get("noncentrality", np.nan) >= 1000]),
+        ("30 to 1,000", [r for r in one if DETECTABLE <= r.get("noncentrality", np.nan) < 1000]),
+        ("less", [r for r in one if r.get("noncentrality", np.nan) < DETECTABLE]),
+        ("not known: missed, or the right model failed", [r for r in one if np.isnan(r.get("noncentrality", np.nan))]),
+    ):
         right = sum(r["outcome"] in ("right", "twin") for r in mine)
-        inside = [r["in_set"] for r in mine if "in_set" in r]
-        error = [abs(v / r["truth"][k[9:]]) for r in mine for k, v in r.items() if k.startswith("error of ")
-                 and r["truth"].get(k[9:])]  # fmt: skip
+        inside = [r.get("in_set", False) for r in mine]
+        error = [
+            abs(v / r["truth"][k[9:]])
+            for r in mine
+            for k, v in r.items()
+            if k.startswith("error of ") and r["truth"].get(k[9:])
+        ]
         share = f"{sum(inside)} of {len(inside)}" if inside else "-"
         lines.append(f"| {title} | {len(mine)} | {right} | {share} | {100 * np.median(error or [np.nan]):.2g} % |")
     covers = [v for r in rows for k, v in r.items() if k.startswith("interval of")]

@@ -48,8 +48,7 @@ def worth_asking(campaign: Campaign) -> bool:
 
 
 def _has_values(usable: list[Experiment]) -> bool:
-    specs = [e.section(ModelSpec) for e in usable]
-    return any(specs) and not any(s.laws for s in specs if s)
+    return any(e.section(ModelSpec) for e in usable)
 
 
 def _usable(e: Experiment) -> bool:
@@ -62,17 +61,20 @@ def _usable(e: Experiment) -> bool:
 def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -> tuple[list[Jump], list[str]]:
     """(jumps, what was left out and why), from the rod.csv of each experiment's results.
 
-    Raises InputError when the experiments question different models, or when too few jumps are left.
+    The experiments' models have the same terms; their parameters may differ, by [model.laws] of the packing too.
+    Raises InputError where terms or what may be fitted differ, or when too few jumps are left.
     """
     left_out: list[str] = []
     jumps: list[Jump] = []
     spec = spec_of(experiments[0])
     for e in experiments:
-        if spec_of(e) != spec:
+        own = spec_of(e)
+        if differs := [n for n in ("terms", "fit", "sigma") if getattr(own, n) != getattr(spec, n)]:
             raise InputError(
                 [
-                    f"{e.path / 'experiment.toml'}: [model] differs from that of {experiments[0].name}; one model is "
-                    "questioned at a time: give it in campaign.toml, or diagnose the experiments in separate campaigns"
+                    f"{e.path / 'experiment.toml'}: [model] {', '.join(differs)}: not those of {experiments[0].name}; "
+                    "models of a campaign have the same terms and fit the same parameters (values may differ): give "
+                    "both in campaign.toml, or diagnose the experiments in separate campaigns"
                 ]
             )
         outcome = outcomes[e.name]
@@ -95,13 +97,6 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
 def spec_of(e: Experiment) -> ModelSpec:
     """[model], or the contract's default."""
     spec: ModelSpec | None = e.section(ModelSpec)
-    if spec is not None and spec.laws:
-        raise InputError(
-            [
-                f"{e.path / 'experiment.toml'}: [model.laws]: one set of parameters is questioned at a time; "
-                "give values in place of laws, and a campaign for each packing"
-            ]
-        )
     if spec is not None:
         return spec
     if e.ground == "hard":

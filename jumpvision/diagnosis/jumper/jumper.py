@@ -25,12 +25,13 @@ from jumpvision.physics.sand.jump import Motion, Tracks, simulate
 from .jumps import Jump, coarseness, common, groups, is_common, observation, value
 
 RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
+LAG = "motor_lag"
 SCATTER = ("start", "bed")  # what may differ from trial to trial
 STIFFNESS = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
 
 
 class Jumper:
-    """System of jumps that share a robot and a model (`volume_fraction` may differ).
+    """System of jumps that share a robot and a model's terms (`volume_fraction`, parameters not fitted may differ).
 
     fit: parameters of the model, or of the robot, that the baseline may re-fit -> (low, high); sigma: standard
     uncertainties of given ones, used as priors. Raises InputError for a name that the model has not.
@@ -51,7 +52,8 @@ class Jumper:
         free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
         self.baseline = (*free, *common(self.jumps))
         self.apparatus = groups(self.jumps)
-        drives = all(j.law for j in self.jumps)
+        self._shared_once({*fit, *sigma})
+        drives = any(j.law for j in self.jumps)  # a lag acts where the command drives, not where the encoder does
         self.candidates = candidates(self.model, command_drives=drives, priors=sigma, own=own)
         self.observations: list[Observation] = []
         motions = [self._motion(j, j.model, j.t) for j in self.jumps]
@@ -61,7 +63,7 @@ class Jumper:
         # trials made alike are simulated once
         keys = [(_key(j, o.t), k) for j, o, k in zip(self.jumps, self.observations, self.apparatus)]
         self.like = [keys.index(k) for k in keys]
-        robots = [_own(j.model) for j in self.jumps]
+        robots = [_own(j) for j in self.jumps]
         self.same_model = [robots.index(o) for o in robots]
         self.tracks = Tracks(
             [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
@@ -117,6 +119,33 @@ class Jumper:
         robot: dict[str, Any] = {k: v for k, v in values.items() if k in ROBOT}
         return replace(base, terms=tuple(terms), parameters=replace(base.parameters, **extra), **robot)
 
+    def _shared_once(self, fitted: set[str]) -> None:
+        """Raises InputError where a parameter that is fitted, one value for all, is given by several."""
+        for n in sorted(fitted - set(ROBOT)):
+            given = {getattr(j.model.parameters, n) for j in self.jumps}
+            if len(given) > 1:
+                raise InputError(
+                    [
+                        f"[model] {n}: {len(given)} values in one campaign, from {min(given):g} to {max(given):g}; in "
+                        "[model.fit] or [model.sigma] it is one for all: take it out of there, or give one value"
+                    ]
+                )
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """Parameters of the model that are not the same in all experiments."""
+        names = type(self.model.parameters).__dataclass_fields__
+        return tuple(n for n in names if len({getattr(j.model.parameters, n) for j in self.jumps}) > 1)
+
+    def model_of(self, model: Model, jump: Jump, values: Mapping[str, float]) -> Model:
+        """The model with what is a jump's own: its bed, robot and parameters where they are not fitted; no lag of the
+        motor where its log drives."""
+        out = of_jump(model, jump.model, values)
+        if not jump.law and LAG in out.terms:
+            out = copy.copy(out)
+            object.__setattr__(out, "terms", tuple(t for t in out.terms if t != LAG))
+        return out
+
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """Heights above rest as the camera reports them [m]; NaN for a model that cannot be."""
         try:
@@ -124,7 +153,7 @@ class Jumper:
         except InputError:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
         runs = sorted({self.like[i] for i in which})
-        used = {k: of_jump(model, self.jumps[k].model, values) for k in {self.same_model[i] for i in runs}}
+        used = {k: self.model_of(model, self.jumps[k], values) for k in {self.same_model[i] for i in runs}}
         out = np.full(self.tracks.t.size, np.nan)
         times = model.shown(self.tracks.t) - values.get("start", 0.0)
         for i in runs:
@@ -168,7 +197,7 @@ class Jumper:
     def height(self, jump: Jump, t: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
         """The same for one jump, measured or not, at the frames t (n,) [s]."""
         try:
-            model = of_jump(self.build(mechanisms, values), jump.model, values)
+            model = self.model_of(self.build(mechanisms, values), jump, values)
             motion = self._motion(jump, model, model.shown(t) - values.get("start", 0.0))
         except (RuntimeError, ValueError):  # InputError among them
             return np.full(t.size, np.nan)
@@ -195,26 +224,32 @@ def content(forcing: Forcing | Loop) -> bytes:
 
 
 def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
-    return (content(jump.forcing), jump.stop, _own(jump.model), t.tobytes())
+    return (content(jump.forcing), jump.stop, _own(jump), t.tobytes())
 
 
-def _own(model: Model) -> tuple[Any, ...]:
-    return tuple(getattr(model, n) for n in (*ROBOT, *BED))
+def _own(jump: Jump) -> tuple[Any, ...]:
+    """What of a jump's model may be its own."""
+    return (*(getattr(jump.model, n) for n in (*ROBOT, *BED)), jump.model.parameters, jump.law)
 
 
 def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
-    """The model with a jump's own bed and robot where they are not fitted; both were checked, so it is not again."""
+    """The model with a jump's own bed, robot and parameters where they are not fitted; they were checked, so it is not
+    again."""
     names = [n for n in (*ROBOT, *BED) if n not in values]
     differ = [n for n in names if getattr(model, n) != getattr(own, n)]
+    given = vars(own.parameters).items()
+    others = {n: v for n, v in given if v is not None and n not in values and v != getattr(model.parameters, n)}
     stiffer = 1.0 + values.get("bed", 0.0)
-    if not differ and stiffer == 1.0:
+    if not differ and not others and stiffer == 1.0:
         return model
     out = copy.copy(model)
     for n in differ:
         object.__setattr__(out, n, getattr(own, n))
+    if others:
+        object.__setattr__(out, "parameters", replace(model.parameters, **others))
     if stiffer != 1.0:
-        k = {n: v * stiffer for n in STIFFNESS if (v := getattr(model.parameters, n)) is not None}
-        object.__setattr__(out, "parameters", replace(model.parameters, **k))
+        k = {n: v * stiffer for n in STIFFNESS if (v := getattr(out.parameters, n)) is not None}
+        object.__setattr__(out, "parameters", replace(out.parameters, **k))
     return out
 
 
