@@ -292,8 +292,8 @@ def model_toml(fit: Fit, system: Jumper, comment: str) -> str:
     sigma = {p.name: fit.sigma(p.name) for p in fit.parameters}
     fields = ModelParameters.__dataclass_fields__
     lines = [f"# {comment}"]
-    if apart := [n for n in system.differing if n not in robot]:
-        lines.append(f"# {', '.join(apart)}: not the same in all experiments; here as in {system.jumps[0].name}")
+    if differ := [n for n in system.differing if n not in robot]:
+        lines.append(f"# {', '.join(differ)}: not the same in all experiments; here as in {system.jumps[0].name}")
     lines += ["[model]", "terms = " + json.dumps(list(model.terms))]
     lines += [
         f"{n} = {v!r}  # {fields[n].metadata['unit'] or '1'}: {fields[n].metadata['meaning']}" for n, v in own.items()
