@@ -23,7 +23,9 @@ from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.model import Model
 from jumpvision.physics.passivity import is_passive
-from jumpvision.physics.sand.jump import simulate
+from jumpvision.physics.sand.jump import beyond_seen, simulate
+from jumpvision.planning.jumper import INTRUDE, Drive, Memory, State
+from jumpvision.planning.jumper import Jumper as Planned
 
 CREEP = {
     "acts_on": "foot",
@@ -315,3 +317,28 @@ def test_a_law_is_typeset():
     from matplotlib.mathtext import MathTextParser
 
     MathTextParser("path").parse(f"${law.typeset()}$")
+
+
+def test_a_plan_knows_the_law():
+    """The planner's equations with a law in text are those with the built-in one, at states drawn at random."""
+    rng = np.random.default_rng(3)
+    mine = own("mine", "carriage", "-c * v_m", {"c": (3.0, "N s/m")})
+    planners = [Planned(m, Drive(), np) for m in (with_term(SAND, "viscous_friction", c_v=3.0), having(SAND, mine))]
+    for _ in range(20):
+        state = dict(zip(("y", "w", "x_f", "v_f"), rng.normal(0.0, 0.1, 4)))
+        command = tuple(rng.normal(0.0, 0.01, 3))
+        rates = [p.equations(INTRUDE, State(**state), command, Memory(0.01)).rates for p in planners]
+        np.testing.assert_allclose(*rates, rtol=1e-12)
+
+
+def test_a_plan_refuses_a_law_with_a_memory():
+    law = own("relaxing", "foot", "q * z * exp(-contact_s / tau)", {"q": (50.0, "N/m"), "tau": (0.1, "s")})
+    with pytest.raises(InputError, match="depends on contact_s"):
+        Planned(having(SAND, law), Drive(), np)
+
+
+def test_leaving_the_range_that_was_seen_is_said_with_the_numbers():
+    law = replace(own("mine", "foot", "q * v**2", {"q": (5.0, "kg/m")}), seen={"v": (-0.01, 0.0), "z": (0.0, 1.0)})
+    model = having(SAND, law)
+    said = beyond_seen(model, simulate(model, FORCING, t=np.linspace(0.0, 1.0, 500), rtol=1e-7, atol=1e-9))
+    assert len(said) == 1 and "'mine' is used at v of -" in said[0] and "between -0.01 and 0" in said[0]

@@ -11,7 +11,7 @@ import numpy as np
 from jumpvision.diagnosis.diagnose import NEIGHBOURS, Findings, fit_baseline
 from jumpvision.diagnosis.discovery import Discovery, ceiling, discover
 from jumpvision.diagnosis.fitting import Fit, Problem
-from jumpvision.diagnosis.jumper.forms import arguments, forms
+from jumpvision.diagnosis.jumper.forms import forms, seen_by
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.proposing import Gain, gain
 from jumpvision.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
@@ -75,7 +75,7 @@ def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) 
     begin = {own_name(NAME, bare(form, n)) if n in form.names else n: v for n, v in values.items()}
     fit = whole.fit((*found.fit.mechanisms[:-1], NAME), begin)
     assert fit is not None  # it was fitted before
-    seen = arguments(own, law, fit.mechanisms, fit.named)
+    seen = seen_by(own, law, fit.mechanisms, fit.named)
     law = replace(law, seen=seen)
     passive = is_passive(own.build(fit.mechanisms, fit.named), law, seen)
     top = None

@@ -63,7 +63,7 @@ def discover(
         return None
     top = max(s for _, _, s in better)
     level = [(a, b, s) for a, b, s in better if s >= top - LEVEL]
-    before, best, _ = min(level, key=lambda x: (len(x[1].parameters), -x[2]))
+    before, best, _ = min(level, key=lambda x: (at_end(x[1]), len(x[1].parameters), -x[2]))
     r2 = explained(problem, base, best.chi2)
     if r2 < ENOUGH:
         return None
@@ -78,6 +78,11 @@ def discover(
         tuple(f.mechanisms[-1] for _, f, _ in level if f is not best),
         test,
     )
+
+
+def at_end(fit: Fit) -> bool:
+    """Whether a parameter is at an end of its range: the form then only imitates a simpler one."""
+    return any(p.at_end(x) for p, x in zip(fit.parameters, fit.values))
 
 
 def explained(problem: Problem, base: Fit, chi2: float) -> float:

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
+from jumpvision.base.schema import InputError
 from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.model import Model
+from jumpvision.physics.sand.jump import equilibrium
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
 SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign
@@ -100,12 +103,28 @@ class Jumper:
         """Force [N] of all that acts on these bodies; symbols win over the model's parameters."""
         return sum((self.model.force(m, xp=self.xp, **symbols) for m in self.model.acting(*bodies)), 0.0)
 
-    def rail(self, v_m: Any) -> Any:
+    def __post_init__(self) -> None:
+        for m in self.model.acting(*Body):
+            unknown = sorted({"contact_s", "time_s", "u"} & {*m.symbols}) if m.written else []
+            if unknown and m.acts_on not in (Body.HEIGHT, Body.TIME):
+                raise InputError(
+                    [
+                        f"plan: the law of '{m.name}' depends on {', '.join(unknown)}, which a plan does not follow; "
+                        "leave it out of the model to be planned with"
+                    ]
+                )
+
+    @cached_property
+    def rest(self) -> float:
+        """x_r of the robot at rest [m]."""
+        return equilibrium(self.model)[0]
+
+    def rail(self, v_m: Any, x_r: Any, X: Any) -> Any:
         """Friction of the rail on the carriage [N]; dry friction as hold v_m / sqrt(v_m^2 + SLIP^2).
 
         That stands in for its set-valued law, which the re-simulation has.
         """
-        force = self.sum_of(Body.CARRIAGE, v_m=v_m)
+        force = self.sum_of(Body.CARRIAGE, v_m=v_m, x_r=x_r, x_m=x_r + X - self.rest)
         if hold := self.model.hold:
             force -= hold * v_m / (v_m * v_m + SLIP * SLIP) ** 0.5
         return force
@@ -147,7 +166,7 @@ class Jumper:
             else spring(stretch, v_r - v_f, m.k_s, m.c_s)
             + self.sum_of(Body.SPRING, stretch=stretch, stretch_rate=v_r - v_f)
         )
-        rail = self.rail(v_m)
+        rail = self.rail(v_m, x_r, X)
         w_rate = -m.g + (force + rail) / m.M
         if d.kp > 0:
             effort = d.kp * (x_c - X) + d.kd * (v_c - V) + m.m_m * m.g

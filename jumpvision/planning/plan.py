@@ -15,7 +15,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, closest
 from jumpvision.physics.forcing import Forcing, Loop, Spline
 from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import Motion, equilibrium, simulate
+from jumpvision.physics.sand.jump import Motion, beyond_seen, equilibrium, simulate
 
 from .jumper import AIR, INTRUDE, STUCK, Drive, Jumper
 from .solve import Solution, Solver, guessed, starts
@@ -184,6 +184,8 @@ class Planner:
                 break
             plan = other
         self.say(f"re-simulated apex {1e3 * plan.resimulated_apex:.3f} mm")
+        for said in beyond_seen(self.model, plan.motion):
+            self.say(f"warning: {said}")
         return replace(plan, solve_s=seconds)
 
     def _plan(self, status: str, apex: float, s: Solution, began: float) -> Plan:

@@ -19,10 +19,23 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .jumper import AIR, INTRUDE, STUCK, Dynamics, Jumper, Memory, State
+from .jumper import AIR, INTRUDE, SLIP, STUCK, Dynamics, Jumper, Memory, State
 
-# the array namespace that the force laws ask for, over CasADi's symbols
-SYMBOLS = SimpleNamespace(exp=ca.exp, tan=ca.tan, maximum=ca.fmax, minimum=ca.fmin, where=ca.if_else)
+TINY = 1e-4  # m, m/s: below it the size of a quantity is rounded off, for roots of it have no derivative at 0
+# the array namespace that the force laws ask for, over CasADi's symbols; sign and size smooth, for their derivatives
+SYMBOLS = SimpleNamespace(
+    exp=ca.exp,
+    tan=ca.tan,
+    maximum=ca.fmax,
+    minimum=ca.fmin,
+    where=ca.if_else,
+    abs=lambda x: ca.sqrt(x * x + TINY * TINY),
+    sign=lambda x: x / ca.sqrt(x * x + SLIP * SLIP),
+    sqrt=ca.sqrt,
+    log=ca.log,
+    sin=ca.sin,
+    cos=ca.cos,
+)
 
 OBJECTIVES = ("effort", "height", "power", "energy")
 SCALE = {

@@ -18,6 +18,7 @@ from jumpvision.physics.batch import OF_MODEL
 from jumpvision.physics.forcing import Forcing, Loop, from_log
 from jumpvision.physics.hard.jump import hard_jump
 from jumpvision.physics.model import Model
+from jumpvision.physics.sand.jump import beyond_seen
 from jumpvision.physics.sand.jump import simulate as integrate
 from jumpvision.results.tables import RodMotion, Simulation
 from jumpvision.results.values import BedHeight
@@ -71,6 +72,8 @@ def simulate(
     else:
         n = integrate(model, forcing, t=true, rtol=p.tolerance, atol=1e-9, stop=stop)
         columns = (n.rod, n.foot, n.motor, n.ground_force, n.spring_force)
+        for said in beyond_seen(model, n):
+            warnings.warn(said, StageWarning, stacklevel=1)
     table = pd.DataFrame(dict(zip(Simulation.columns, (times, *columns), strict=True)))
     rest = table.rod_m.iloc[0]
     return Simulation(table.assign(rod_m=rest + model.filmed(table.rod_m.to_numpy() - rest, times)))

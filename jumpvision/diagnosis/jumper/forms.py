@@ -14,9 +14,9 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.own import drawn, mechanism
-from jumpvision.mechanisms.record import Body, Mechanism, Parameter
+from jumpvision.mechanisms.record import Mechanism, Parameter
 from jumpvision.physics.model import Model
-from jumpvision.physics.sand.granular import INTRUDE
+from jumpvision.physics.sand.jump import arguments
 
 from .jumper import Jumper
 
@@ -57,7 +57,7 @@ def _power(symbol: str, scale: str, size: float, unit: str, exponent: str, signe
 def _saturating(symbol: str, scale: str, sizes: tuple[float, ...], unit: str) -> Factor:
     return Factor(
         f"{symbol} / (abs({symbol}) + {scale})",
-        (drawn(scale, sizes[0], sizes[0] / 30.0, 30.0 * sizes[-1], unit, scale=0.3 * sizes[0], grid=sizes),),
+        (drawn(scale, sizes[0], sizes[0] / 10.0, 3.0 * sizes[-1], unit, scale=0.3 * sizes[0], grid=sizes),),
     )
 
 
@@ -65,7 +65,7 @@ def _decaying(symbol: str, scale: str, sizes: tuple[float, ...], unit: str, risi
     text = f"exp(-{symbol} / {scale})"
     return Factor(
         f"(1 - {text})" if rising else text,
-        (drawn(scale, sizes[0], sizes[0] / 10.0, 10.0 * sizes[-1], unit, scale=0.3 * sizes[0], grid=sizes),),
+        (drawn(scale, sizes[0], sizes[0] / 4.0, 3.0 * sizes[-1], unit, scale=0.3 * sizes[0], grid=sizes),),
     )
 
 
@@ -227,38 +227,20 @@ class Shaped:
 
     def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
         """Where in depth and speed the shape acted: the range that holds nine tenths of the samples, in words."""
-        seen = arguments(self.jumper, self.shapes[shape], mechanisms, values, 0.05)
+        seen = seen_by(self.jumper, self.shapes[shape], mechanisms, values, 0.05)
         q, v = ("x_r", "v_m") if "v_m" in seen else ("z", "v") if "v" in seen else ("z", "z")
         at = f"{q} {1e3 * seen[q][0]:.0f} to {1e3 * seen[q][1]:.0f} mm, {v} {seen[v][0]:.2f} to {seen[v][1]:.2f} m/s"
         return f"{'rail' if q == 'x_r' else 'foot'}: {at}"
 
 
-def arguments(
+def seen_by(
     jumper: Jumper, form: Mechanism, mechanisms: tuple[str, ...], values: Mapping[str, float], tail: float = 0.0
 ) -> dict[str, tuple[float, float]]:
     """Range of every argument of a form's body that a model's motions reached, less a share `tail` at both ends."""
     model = jumper.build(mechanisms, values)
     found: dict[str, list[Array]] = {}
     for jump in jumper.jumps:
-        motion = jumper._motion(jump, model, jump.t)
-        t, stretch = motion.t, motion.rod - motion.foot
-        here = {
-            Body.FOOT: {"z": -motion.foot, "v": motion.foot_velocity},
-            Body.INERTIA: {"z": -motion.foot},
-            Body.CARRIAGE: {
-                "x_m": motion.motor - motion.motor[0],
-                "x_r": motion.rod,
-                "v_m": np.gradient(motion.motor, t),
-            },
-            Body.SPRING: {"stretch": stretch, "stretch_rate": motion.rod_velocity - motion.foot_velocity},
-            Body.HEIGHT: {"h": motion.rod - motion.rest},
-            Body.TIME: {"time_s": jump.t},
-        }[form.acts_on]
-        acts = motion.mode == INTRUDE if form.acts_on in (Body.FOOT, Body.INERTIA) else np.ones(t.size, bool)
-        for n, x in here.items():
-            found.setdefault(n, []).append(x[acts[: x.size]])
-    out = {}
-    for n, parts in found.items():
-        low, high = np.quantile(np.concatenate(parts), (tail, 1.0 - tail))
-        out[n] = (float(low), float(high))
-    return out
+        for n, x in arguments(jumper._motion(jump, model, jump.t), form.acts_on).items():
+            found.setdefault(n, []).append(x)
+    each = {n: np.quantile(np.concatenate(parts), (tail, 1.0 - tail)) for n, parts in found.items()}
+    return {n: (float(low), float(high)) for n, (low, high) in each.items()}

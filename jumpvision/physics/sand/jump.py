@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.expression import Expression
-from jumpvision.mechanisms.record import Body
+from jumpvision.mechanisms.record import STATE, Body
 from jumpvision.mechanisms.registry import STATIC
 from jumpvision.physics.forcing import Forcing, Loop, Segments
 from jumpvision.physics.model import Model
@@ -21,6 +21,7 @@ from . import compiled, events, granular, program, within
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
+BEYOND = 0.05  # of the range seen: so far beyond it a law is used without a word
 EVENT = np.dtype([("time", float), ("kind", "U10")])
 
 
@@ -142,6 +143,44 @@ def follow(
         flight_height=model.g * float(landed.max()) ** 2 / 8 if landed.size else math.nan,
     )
     return motion, state, start
+
+
+def arguments(motion: Motion, body: Body) -> dict[str, Array]:
+    """What a law on this body was asked for along a motion, by symbol: (k,) where it acted, k <= n."""
+    t, down = motion.t, motion.mode == MODES.index("intrude")
+    table = {
+        Body.FOOT: {"z": -motion.foot[down], "v": motion.foot_velocity[down]},
+        Body.INERTIA: {"z": -motion.foot[down]},
+        Body.CARRIAGE: {
+            "x_m": motion.motor - motion.motor[0],
+            "x_r": motion.rod,
+            "v_m": np.gradient(motion.motor, t),
+        },
+        Body.SPRING: {
+            "stretch": motion.rod - motion.foot,
+            "stretch_rate": motion.rod_velocity - motion.foot_velocity,
+        },
+        Body.HEIGHT: {"h": motion.rod - motion.rest},
+        Body.TIME: {"time_s": t},
+    }
+    return table[body]
+
+
+def beyond_seen(model: Model, motion: Motion) -> list[str]:
+    """Where a law was asked for outside the range that the data it was found in covered, in words with the numbers."""
+    out = []
+    for m in model.acting(*Body):
+        for n, x in arguments(motion, m.acts_on).items() if m.seen else ():
+            if n not in m.seen or not x.size:
+                continue
+            (low, high), least, most = m.seen[n], float(x.min()), float(x.max())
+            room = BEYOND * (high - low)
+            if least < low - room or most > high + room:
+                out.append(
+                    f"'{m.name}' is used at {n} of {least:.3g} to {most:.3g} {STATE[n][0]}; it was found between "
+                    f"{low:.3g} and {high:.3g}, and nothing is known of it outside"
+                )
+    return out
 
 
 def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float) -> Array:

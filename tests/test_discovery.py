@@ -1,0 +1,68 @@
+"""A law that no vocabulary lists, hidden by the laboratory's own integrator, is found, written, read and used again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_unexplained import campaign
+
+from jumpvision.campaign.discovered import Law, discovered_of, law_of
+from jumpvision.campaign.document import law_in_words, model_toml
+from jumpvision.diagnosis.detect import detect, directions
+from jumpvision.diagnosis.diagnose import Findings, fit_baseline
+from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.naming import Explanation, Naming
+from jumpvision.diagnosis.noise.learning import learn_noise
+from jumpvision.inputs.model import read_model
+from jumpvision.mechanisms.own import parameters_with
+
+TRUE = 300.0  # N s/m^2, of a drag in proportion to depth and speed
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Law, Problem]:
+    rng = np.random.default_rng(5)
+    learned = learn_noise(campaign("granular", {"d_zv": TRUE}, "depth_rate_drag", rng))
+    system = learned.system
+    problem = Problem(system, learned.noise, learned.scatter)
+    base = fit_baseline(problem, rng)
+    test = detect(problem, base, directions(problem, base), rng)
+    nothing = Naming((), "undetermined", Explanation(base, 1.0, 0.0), (), (), 1.0, {})
+    law = law_of(Findings(learned.noise, base, test, [], nothing), problem, system, lambda text: None)
+    assert law is not None
+    return law, problem
+
+
+def test_the_law_is_found_with_its_exponents(found):
+    """Exponents within three of their sigmas; the strength at the typical depth and speed, 300 x 0.02 x 0.5 = 3 N."""
+    law, _ = found
+    told = discovered_of(law)
+    assert told.law == "-r * sign(v) * abs(v / v_0)**p * abs(z / z_0)**n" and told.acts_on == "foot"
+    values = told.parameters
+    for name, true in (("p", 1.0), ("n", 1.0), ("r", TRUE * 0.02 * 0.5)):
+        assert abs(values[name].value - true) < 3.0 * values[name].sigma
+        assert values[name].sigma < 0.2 * true
+    assert values["v_0"].sigma == 0.0
+    assert told.r2 > 0.95 and told.ceiling_r2 >= told.r2 and told.passive is True
+    assert law.status == "complete"
+    assert 0.0 < told.seen["z"][1] < 0.1 and told.seen["v"][0] < -0.05
+    assert "p = 1.0" in law_in_words(told) or "p = 0.9" in law_in_words(told)
+
+
+def test_the_law_is_written_and_read_again(found, tmp_path):
+    """model.toml holds the law with the fit's values and sigmas; what is read simulates as what was fitted, to 1 nm."""
+    law, _ = found
+    file = tmp_path / "model.toml"
+    file.write_text(model_toml(law.fit, law.system, "found"))
+    spec = read_model(file)
+    (read,) = spec.mechanisms
+    assert read.equation == law.law.equation and read.seen == law.seen
+    assert spec.sigma["discovered_1_p"] == law.fit.sigma("discovered_1_p")
+    fitted = law.system.build(law.fit.mechanisms, law.fit.named)
+    given = {**spec.parameters, **{p.name: p.default for p in read.parameters}}
+    again = replace(fitted, own=(read,), parameters=parameters_with((read,))(**given))
+    jump = law.system.jumps[0]
+    heights = [law.system._motion(jump, m, jump.t).rod for m in (fitted, again)]
+    np.testing.assert_allclose(*heights, rtol=0, atol=1e-9)
