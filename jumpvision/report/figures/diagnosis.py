@@ -12,13 +12,17 @@ from jumpvision.diagnosis.detect import LEVEL
 from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import PARTS
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
-from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.mechanisms.expression import parse
+from jumpvision.mechanisms.own import LONG_AGO
+from jumpvision.mechanisms.record import STATE
+from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.results.diagnosis import Diagnosis, Discovered
 
 from .pictures import png
 
 BARS = 7  # models shown
 ROWS = 12  # recordings shown
+POINTS = 121  # of a law along each argument
 CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 
@@ -293,4 +297,36 @@ def heights(rows: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
     top = max(left.get_ylim()[1], right.get_xlim()[1])
     right.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
     right.set(title="measured against model", xlabel="model [mm]", ylabel="measured [mm]")
+    return figure
+
+
+def discovered_law(law: Discovered, Figure: Any) -> Any:
+    """A discovered law: the formula typeset, and its value over what the jumps covered of its arguments."""
+    constants = {n: p.value for n, p in law.parameters.items()}
+    form = parse(law.law, {n: n for n in (*law.parameters, *STATE)})
+    names = [n for n in form.symbols if n in law.seen] or list(law.seen)
+    rest: dict[str, float] = {n: LONG_AGO if n == "contact_s" else 0.0 for n in form.symbols if n in STATE}
+    figure = Figure(figsize=(7.2, 3.9), layout="constrained")
+    words = {n: f"{constants[n]:.3g}" for n, p in law.parameters.items()}
+    figure.suptitle(f"${form.typeset(words)}$", fontsize=13)
+    ax = figure.subplots()
+    axes = [np.linspace(law.seen[n][0], law.seen[n][1], POINTS) for n in names[:2]]
+    unit = {"foot_mass": "mass [kg]", "film_height": "added height [m]", "film_time": "added time [s]"}
+    label = unit.get(law.acts_on, "force [N]")
+    if "u" in form.symbols:
+        ax.set_axis_off()
+        ax.text(0.5, 0.5, f"u' = {law.state}", ha="center", va="center")
+    elif len(axes) == 2:
+        x, y = np.meshgrid(*axes, indexing="ij")
+        values = np.broadcast_to(form(np, **rest | constants | dict(zip(names, (x, y)))), x.shape)
+        drawn = ax.pcolormesh(x, y, values, cmap=MAP, shading="gouraud")
+        figure.colorbar(drawn, ax=ax, label=label)
+        ax.set_ylabel(f"{names[1]} [{STATE[names[1]][0]}]")
+    else:
+        ax.plot(
+            axes[0], np.broadcast_to(form(np, **rest | constants | {names[0]: axes[0]}), axes[0].shape), color=MODEL
+        )
+        ax.set_ylabel(label)
+    if "u" not in form.symbols:
+        ax.set_xlabel(f"{names[0]} [{STATE[names[0]][0]}]")
     return figure

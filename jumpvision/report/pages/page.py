@@ -33,6 +33,7 @@ from jumpvision.estimate.estimate import Estimate
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Actuation
 from jumpvision.report.figures.bed import critical
+from jumpvision.report.figures.diagnosis import discovered_law
 from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.report.figures.pictures import drawn
 from jumpvision.results import plain
@@ -127,6 +128,7 @@ def write_campaign(
         diagnosis=inline((results / "diagnosis.png").read_bytes())
         if diagnosis and (results / "diagnosis.png").exists()
         else None,
+        law=inline(drawn(discovered_law, diagnosis.discovered)) if diagnosis and diagnosis.discovered else None,
         causes=causes_shown(diagnosis, truth) if diagnosis else [],
         synthetic=truth is not None,
         beside=confirmation_rows(diagnosis, campaign) if diagnosis else [],
