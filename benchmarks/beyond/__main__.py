@@ -128,7 +128,7 @@ class Camera:
 
     def height(self, h: Array) -> Array:
         """Height as it is shown [m]."""
-        return h + evaluated(self.found, {"height": h, "h": h}, h.shape) if self.found.acts_on == "film_height" else h
+        return h + evaluated(self.found, {"h": h}, h.shape) if self.found.acts_on == "film_height" else h
 
 
 # --------------------------------------------------------------------------------------------------------------- peers

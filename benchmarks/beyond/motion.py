@@ -5,7 +5,7 @@ The rules are docs/physics.md section 1: aerial, at rest, intruding; landing whe
 with the momentum that the foot shares with the cone that stands there. A hidden law acts
 
 - on the foot while it intrudes, as a resistance (positive up) of depth z and speed u = -v_f >= 0. Its limit at u = 0 is
-  part of what a resting foot must overcome. The robot settles on the known ground alone, before anything has moved;
+  part of what a resting foot must overcome, and of what the robot settles on before anything has moved;
 - on the carriage: a force (positive up) of its height x_r + X_m and its velocity v_m;
 - in the spring: a force on the rod (positive up) of stretch and stretch rate.
 
@@ -252,9 +252,14 @@ def _run(times, keep, pieces, command, edges, j, law, work, out):  # type: ignor
     """Follows the motion over `times`, writes a row of `out` where `keep`; returns how many rows."""
     s, new, mid, k = work[0], work[1], work[2], work[3:]
     floor = 0.0
-    if not j.hard:  # the known ground carries the weight
-        weight = (j.M + j.m_f) * j.g
-        floor = weight / j.k1 if weight < j.k1 * j.delta else j.delta + (weight - j.k1 * j.delta) / j.k2
+    if not j.hard:  # the bed carries the weight, the law at rest and long after any contact included
+        deepest = 0.2
+        for _ in range(60):
+            half = 0.5 * (floor + deepest)
+            if _resist(half, 0.0, 0.0, -NEVER, j, law) < (j.M + j.m_f) * j.g:
+                floor = half
+            else:
+                deepest = half
     s[2] = -floor
     s[0] = -floor - j.M * j.g / j.k
     mode, landed, row = REST, NEVER, 0

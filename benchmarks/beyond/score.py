@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,8 +23,10 @@ from .motion import Array, Motion
 from .worlds import BODIES, DURATION, EXPONENTS, FAMILIES, World, distortion, moved
 
 DT = 1e-3  # s
+LONG_AGO = 1e6  # s, since the last contact before there was one
 EXACT, NEAR = 1e-3, 0.1  # share of the variance: the same law; no family of these
 WITHIN, SIGMAS, WIDEST = 0.1, 2.0, 0.25  # of an exponent (of a length, time, speed: relative); the widest sigma counted
+PLACES, RANGE = ("x0", "h0"), 0.03  # m: of a place along the way, relative to its range
 HELD_OUT = 1.2  # of the noise
 GROUPS = {
     "since_contact": "relaxing bed", "relaxing": "relaxing bed", "spring_arm": "hysteretic spring",
@@ -39,8 +40,9 @@ OF_CAMERA = ("camera_scale", "time_offset")  # built-in mechanisms that are inst
 
 @dataclass(frozen=True)
 class Found:
-    """An answer. parameters: name -> (value, sigma); passive: None where it is not said; held_out_rms [m]: its own, of
-    jumps it left out, fresh_rms [m]: of the jumps that nobody was shown; named: built-in mechanisms beside it."""
+    """An answer. parameters: name -> (value, sigma); state: rate of the internal state u of its law; passive: None
+    where it is not said; held_out_rms [m]: its own, of jumps that it left out, fresh_rms [m]: of the jumps that nobody
+    was shown; named: built-in mechanisms beside it."""
 
     law: str
     acts_on: str
@@ -51,11 +53,13 @@ class Found:
     fresh_rms: float = math.nan
     seconds: float = math.nan
     named: list[str] = field(default_factory=list)
+    state: str | None = None
 
 
 class Cloud(NamedTuple):
-    """Where the campaign has been: symbols (n,) of every jump, one after another; acts: where the body's law does;
-    starts: index at which each jump begins; growth: of the true cone, dm_a/dz [kg/m]."""
+    """Where the campaign has been: symbols (n,) of every jump, one after another, as docs/physics.md has them, and `x`,
+    the carriage's height from the undisturbed surface; acts: where the body's law does; starts: index at which each
+    jump begins; growth: of the true cone, dm_a/dz [kg/m]."""
 
     body: str
     symbols: dict[str, Array]
@@ -77,12 +81,11 @@ def cloud(w: World, acts_on: str) -> Cloud:
     rates = joined(lambda m: m.rod_rate), joined(lambda m: m.motor_rate)
     foot, foot_rate = joined(lambda m: m.foot), joined(lambda m: m.foot_rate)
     height = joined(lambda m: m.rod - m.rod[0])
-    since = joined(lambda m: np.minimum(m.since, 1e3))
+    since = joined(lambda m: np.minimum(m.since, LONG_AGO))
     time = np.tile(t, len(motions))
     symbols = {
-        "z": -foot, "v": foot_rate, "x_r": rod, "v_r": rates[0], "X_m": motor, "x_m": rod + motor,
-        "v_m": rates[0] + rates[1], "stretch": rod - foot, "stretch_rate": rates[0] - foot_rate, "time_s": time,
-        "height": height, "h": height, "since": since, "t_contact": since,
+        "z": -foot, "v": foot_rate, "x_r": rod, "x": rod + motor, "x_m": height + motor, "v_m": rates[0] + rates[1],
+        "stretch": rod - foot, "stretch_rate": rates[0] - foot_rate, "time_s": time, "h": height, "contact_s": since,
     }  # fmt: skip
     mode = joined(lambda m: m.mode)
     acts = np.ones(mode.size, bool)
@@ -130,9 +133,24 @@ def evaluated(
     return np.broadcast_to(np.asarray(out, float), shape)
 
 
+def inner(found: Found, c: Cloud, values: Mapping[str, float] | None) -> Array:
+    """Its internal state u (n,) along the motion, 0 at the start of every jump; Heun."""
+    assert found.state
+    n, rule = c.acts.size // c.starts.size, replace(found, law=found.state)
+    at = {k: x.reshape(-1, n) for k, x in c.symbols.items()}
+    u = np.zeros((c.starts.size, n))
+    for i in range(n - 1):
+        now, then = ({k: x[:, j] for k, x in at.items()} for j in (i, i + 1))
+        first = evaluated(rule, {**now, "u": u[:, i]}, (c.starts.size,), values)
+        second = evaluated(rule, {**then, "u": u[:, i] + DT * first}, (c.starts.size,), values)
+        u[:, i + 1] = u[:, i] + 0.5 * DT * (first + second)
+    return u.ravel()
+
+
 def force(found: Found, c: Cloud, values: Mapping[str, float] | None = None) -> Array:
     """The found law along the motion where it acts; values: other parameters than its own."""
-    out = evaluated(found, c.symbols, c.acts.shape, values)
+    symbols = {**c.symbols, "u": inner(found, c, values)} if found.state else c.symbols
+    out = evaluated(found, symbols, c.acts.shape, values)
     return np.nan_to_num(out[c.acts], posinf=0.0, neginf=0.0)
 
 
@@ -140,7 +158,7 @@ def of_family(name: str, p: Array, c: Cloud) -> Array:
     """A family's law of unit strength with shape p along the motion where it acts."""
     s = c.symbols
     z, u = np.maximum(s["z"], 0.0), np.maximum(-s["v"], 0.0)
-    x, v_m, e, rate = s["x_m"], s["v_m"], s["stretch"], s["stretch_rate"]
+    x, v_m, e, rate = s["x"], s["v_m"], s["stretch"], s["stretch_rate"]
     with np.errstate(all="ignore"):
         if name == "relaxing":
             out = _relaxed(c, np.where(c.acts, u, 0.0), p[0])
@@ -152,15 +170,15 @@ def of_family(name: str, p: Array, c: Cloud) -> Array:
                 "depth_power": lambda: z ** p[0] * u,
                 "depth_decay": lambda: np.exp(-z / max(p[0], 1e-4)),
                 "saturating": lambda: u / (u + max(p[0], 1e-4)),
-                "since_contact": lambda: z * np.exp(-s["since"] / max(p[0], 1e-4)),
+                "since_contact": lambda: z * np.exp(-s["contact_s"] / max(p[0], 1e-4)),
                 "spring_dry": lambda: -np.abs(e) * np.tanh(rate / mo.STILL),
                 "rail_rising": lambda: -np.exp(np.clip(x / max(p[0], 1e-3), -50.0, 50.0)) * v_m,
                 "rail_patch": lambda: -np.exp(-(((x - p[0]) / max(abs(p[1]), 1e-3)) ** 2)) * v_m,
                 "active_damping": lambda: v_m,
                 "active_push": lambda: v_m / (np.abs(v_m) + max(p[0], 1e-4)),
                 "clock": lambda: s["time_s"],
-                "lens_radial": lambda: distortion(1, s["height"], p[0]),
-                "lens_tilted": lambda: distortion(2, s["height"]),
+                "lens_radial": lambda: distortion(1, s["h"], p[0]),
+                "lens_tilted": lambda: distortion(2, s["h"]),
                 "z^q |v|^p": lambda: z ** p[0] * u ** p[1],
                 "z^q": lambda: z ** p[0],
                 "exp(-z/l) |v|": lambda: np.exp(-z / max(p[0], 1e-4)) * u,
@@ -171,7 +189,7 @@ def of_family(name: str, p: Array, c: Cloud) -> Array:
                 "stretch^3": lambda: e**3,
                 "stretch_rate": lambda: rate,
                 "|stretch| stretch_rate": lambda: np.abs(e) * rate,
-                "h^3": lambda: s["height"] ** 3,
+                "h^3": lambda: s["h"] ** 3,
             }[name]()
     return np.nan_to_num(np.asarray(out)[c.acts])
 
@@ -203,7 +221,7 @@ def nuisance(c: Cloud) -> Array:
         "carriage": list,
         "spring": lambda: [s["stretch"]],
         "film_time": lambda: [np.ones(c.acts.size)],
-        "film_height": lambda: [s["height"]],
+        "film_height": lambda: [s["h"]],
     }[c.body]()
     return np.column_stack([x[c.acts] for x in columns]) if columns else np.zeros((int(c.acts.sum()), 0))
 
@@ -311,8 +329,8 @@ def _shape(w: World, found: Found, c: Cloud, F: Array, N: Array) -> dict[str, tu
 
 
 def _close(name: str, value: float, sigma: float, true: float) -> bool:
-    """Whether an exponent, or a length by its logarithm, is where it should be."""
-    size = 1.0 if name in EXPONENTS else abs(true)
+    """Whether an exponent, a length or a place is where it should be."""
+    size = 1.0 if name in EXPONENTS else RANGE if name in PLACES else abs(true)
     return abs(value - true) <= max(WITHIN * size, SIGMAS * min(sigma, WIDEST * size))
 
 
@@ -327,26 +345,10 @@ def read(results: Path, *, seconds: float = math.nan) -> Found:
     discovered = d.get("discovered")
     if not discovered:
         return Found("", "", **common)
-    parameters = {n: _value(v) for n, v in discovered["parameters"].items()}
-    acts_on = discovered.get("acts_on") or _written(results)[0]
-    return Found(discovered["law"], acts_on, None, parameters, discovered.get("passive"), **common)
-
-
-def _value(v: Any) -> tuple[float, float]:
-    """(value, sigma) of a number or of a table with value and sigma, or low and high of 90 %."""
-    if not isinstance(v, Mapping):
-        return float(v), math.nan
-    if "sigma" in v:
-        return float(v["value"]), float(v["sigma"])
-    low, high = v.get("low", math.nan), v.get("high", math.nan)
-    return float(v["value"]), (float(high) - float(low)) / 3.29
-
-
-def _written(results: Path) -> tuple[str, str]:
-    """(acts_on, law) of the mechanism that model.toml declares."""
-    own = tomllib.loads((results / "model.toml").read_text(encoding="utf-8")).get("mechanism", {})
-    first = next((m for n, m in own.items() if n.startswith("discovered")), {})
-    return first.get("acts_on", ""), first.get("law", "")
+    parameters = {n: (float(v["value"]), float(v["sigma"])) for n, v in discovered["parameters"].items()}
+    acts_on = discovered["acts_on"]
+    passive, state = discovered["passive"], discovered.get("state")
+    return Found(discovered["law"], acts_on, None, parameters, passive, state=state, **common)
 
 
 assert set(STARTS) == {*BODIES, *INSTRUMENTS} and set(GROUPS) <= set(FAMILIES)
