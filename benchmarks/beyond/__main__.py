@@ -255,36 +255,30 @@ def _against(rows: list[Row]) -> Iterator[str]:
 
 def _rows(mine: list[Row]) -> Iterator[str]:
     """Every campaign of one answerer, the worst on fresh jumps first, those that failed before."""
-    titles = (
-        "campaign",
-        "noise mm",
-        "law found",
-        "on",
-        "family",
-        "exponents",
-        "energy",
-        "fresh",
-        "held out",
-    )  # the last two of the noise
-    yield f"| {' | '.join(titles)} | s |"
-    yield "|---" * (len(titles) + 1) + "|"
+    yield "| campaign | noise mm | law found | on | family | exponents | energy | fresh / noise | held out / noise | s |"
+    yield "|---|---|---|---|---|---|---|---|---|---|"
     for r in sorted(mine, key=lambda r: -(1e9 if "failed" in r else r.get("fresh") or 1e8)):
         if "failed" in r:
             yield f"| {r['key']} | | failed: {r['failed']} | | | | | | | {r['seconds']:.0f} |"
             continue
-        law = r["law"] or f"none, named: {', '.join(r['named']) or 'nothing'}"
+        law = cell(r["law"] or f"none, named: {', '.join(r['named']) or 'nothing'}")
         shape = ", ".join(f"{n} {v[0]:.3g}±{v[1]:.2g}" for n, v in r.get("shape", {}).items())
         energy = {True: "passive", False: "active"}.get(r.get("passive"), "-") + (
             " WRONG" if r["passive_wrong"] else ""
         )
-        family = f"{'right' if r['right'] else 'WRONG'}, like {r.get('looks_like', '-')}"
+        family = cell(f"{'right' if r['right'] else 'WRONG'}, like {r.get('looks_like', '-')}")
         place = ("instrument" if r.get("acts_on") in INSTRUMENTS else r.get("acts_on")) or "-"
-        numbers = " | ".join(f"{r[k]:.2f}" if r.get(k) else "-" for k in ("fresh", "held_out"))
+        numbers = " | ".join(f"{r[k]:.2f}" if np.isfinite(r.get(k, np.nan)) else "-" for k in ("fresh", "held_out"))
         good = "yes" if r["exponents"] else "no"
         yield (
             f"| {r['number']} {r['family']}, {r['ground']} | {1e3 * r['noise']:g} | {law} | {place} | {family} "
             f"| {good} {shape} | {energy} | {numbers} | {r['seconds']:.0f} |"
         )
+
+
+def cell(text: str) -> str:
+    """As a cell of a table."""
+    return text.replace("|", "\\|")
 
 
 def sizes(numbers: list[int]) -> str:
@@ -299,7 +293,9 @@ def sizes(numbers: list[int]) -> str:
         names = ("clock", "lens", "lens_height") if w.form.acts_on in INSTRUMENTS else ("a", *w.form.shape)
         sigmas = [b["sigma"][m] for m in names if m in b["sigma"]]
         shape = ", ".join(f"{m} {v:.3g} ± {s:.1g}" for m, v, s in zip(("a", *w.form.shape), w.p, sigmas))
-        lines.append(f"| {n} {w.ground} | {w.form.words} | {1e3 * w.noise:g} | {b['noncentrality']:.2g} | {shape} |")
+        lines.append(
+            f"| {n} {w.ground} | {cell(w.form.words)} | {1e3 * w.noise:g} | {b['noncentrality']:.2g} | {shape} |"
+        )
     return "\n".join(lines)
 
 
