@@ -255,7 +255,7 @@ def _against(rows: list[Row]) -> Iterator[str]:
 
 def _rows(mine: list[Row]) -> Iterator[str]:
     """Every campaign of one answerer, the worst on fresh jumps first, those that failed before."""
-    yield "| campaign | noise mm | law found | on | family | exponents | energy | fresh / noise | held out / noise | s |"
+    yield "| campaign | noise mm | law found | on | family | exponents | energy | fresh, noises | held out | s |"
     yield "|---|---|---|---|---|---|---|---|---|---|"
     for r in sorted(mine, key=lambda r: -(1e9 if "failed" in r else r.get("fresh") or 1e8)):
         if "failed" in r:

@@ -102,8 +102,8 @@ def cloud(w: World, acts_on: str) -> Cloud:
 def _relaxed(c: Cloud, rate: Array, tau: float) -> Array:
     """m of m' = rate - m/tau from 0, jump by jump."""
     keep = math.exp(-DT / max(tau, 1e-5))
-    gain = max(tau, 1e-5) * (1.0 - keep)
-    return np.concatenate([lfilter([gain], [1.0, -keep], part) for part in np.split(rate, c.starts[1:])])
+    gain = 0.5 * max(tau, 1e-5) * (1.0 - keep)  # of both ends of a step
+    return np.concatenate([lfilter([gain, gain], [1.0, -keep], part) for part in np.split(rate, c.starts[1:])])
 
 
 def _protected(a: Array, b: Array) -> Array:
