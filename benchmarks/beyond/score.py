@@ -299,6 +299,8 @@ def score(w: World, found: Found | None, sigma: Mapping[str, float] | None = Non
     rest, size = projected(F - T, N), projected(T, N)
     out["r2_force"] = 1.0 - float(rest @ rest) / float(size @ size)
     out["right"] = GROUPS.get(out["looks_like"], out["looks_like"]) == GROUPS.get(w.family, w.family)
+    if out["looks_like"] not in (w.family, _same(w)):  # another of the group, where it acts alike
+        out["right"] &= out["r2_force"] > 1.0 - NEAR
     if form.active:  # whatever shape describes what gives the energy
         out["right"] = out["r2_force"] > 1.0 - NEAR
     out["shape"] = shape = _shape(w, found, c, F, N)
