@@ -68,3 +68,29 @@ def test_the_rest_after_a_body_has_stuck_is_no_ring_down():
     assert t[swings_until(x, noise) - 1] == pytest.approx(5.0, abs=0.25)
     ringing = np.exp(-0.1 * t) * np.cos(8.0 * t)
     assert swings_until(ringing, noise) == t.size
+
+
+def test_a_long_record_takes_memory_in_proportion():
+    """A periodogram of all frequencies at all times took n^2: 37 GiB for 25,014 samples. Here 1 kB a sample at most."""
+    import tracemalloc
+
+    n = 200_000
+    t = np.arange(n) * 1e-3
+    x = 0.01 * np.exp(-0.02 * t) * np.cos(2.0 * np.pi * 3.3 * t) + np.random.default_rng(0).normal(0.0, 1e-4, n)
+    tracemalloc.start()
+    found = ring_down(t, x, np.full(n, 1e-4))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert abs(found.frequency - 3.3) < 5.0 * found.frequency_sigma < 1e-4
+    assert peak < 1000 * n
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.3])
+def test_records_of_any_sampling_start_at_the_right_peak(jitter):
+    """Frequencies up to nine tenths of the Nyquist frequency, samples out of step by up to a third of their spacing."""
+    rng = np.random.default_rng(7)
+    for f in (2.0, 17.0, 61.0, 90.0):
+        t = np.sort(np.arange(500) * 5e-3 + jitter * 5e-3 * rng.uniform(-1.0, 1.0, 500))
+        x = 0.01 * np.cos(2.0 * np.pi * f * t + 0.4) + rng.normal(0.0, 1e-3, 500)
+        found = ring_down(t, x, np.full(500, 1e-3))
+        assert abs(found.frequency - f) < 5.0 * found.frequency_sigma

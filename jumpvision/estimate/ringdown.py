@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+import scipy
+from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 
@@ -15,6 +16,8 @@ from .estimate import Estimate, checked, checked_sigma, fit_line, least_squares_
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
 DECAYS = np.array([0.0, 0.5, 1.5, 5.0, 15.0])  # over the record's length, first tries of the rate of decay
 TRIED = 2  # of them, the best by chi2, are fitted
+OVERSAMPLED = 8  # frequencies of the periodogram, over those of the record's length
+REGULAR, FINER = 0.01, 4  # of the samples' spacing: so regular is a record, and how much finer the grid of another
 STILL = 0.01  # of the largest swing, below which a body counts as at rest
 NAN = float("nan")
 
@@ -155,17 +158,32 @@ def _linear(t: Array, x: Array, sigma: Array, w: float, decay: float) -> tuple[A
 
 
 def _start(t: Array, x: Array, sigma: Array) -> tuple[float, float]:
-    """(frequency [Hz] of the highest peak of the weighted least squares periodogram, independent frequencies in it)."""
-    span, w = t[-1], sigma**-2
-    top = 0.5 / float(np.median(np.diff(t)))
-    f = np.arange(0.7 / span, top, 0.125 / span)
+    """(frequency [Hz] of the highest peak of the weighted least squares periodogram, independent frequencies in it).
+
+    Its sums over samples are fast Fourier transforms of the record laid on a regular grid of times, finer than the
+    samples' spacing where that varies: time and memory grow in proportion to the record.
+    """
+    span, w, dt = t[-1], sigma**-2, float(np.median(np.diff(t)))
+    top, place = 0.5 / dt, t / dt
+    if np.max(np.abs(place - np.round(place))) > REGULAR:
+        place, dt = FINER * place, dt / FINER
+    cell = np.round(place).astype(np.int64)
+    size = scipy.fft.next_fast_len(OVERSAMPLED * (int(cell[-1]) + 1))
     y = x - np.average(x, weights=w)
-    z = np.exp(2j * math.pi * f[:, None] * t[None, :])
-    z -= (z @ w / w.sum())[:, None]  # the offset is fitted too
-    cc, ss, cs = (z.real**2) @ w, (z.imag**2) @ w, (z.real * z.imag) @ w
-    yc, ys = z.real @ (w * y), z.imag @ (w * y)
+
+    def sums(a: Array) -> NDArray[np.complex128]:
+        """sum of a exp(2 pi i f t) at the frequencies k / (size dt) up to the Nyquist frequency of the grid."""
+        return scipy.fft.rfft(np.bincount(cell, a, minlength=size)).conj()
+
+    one, both, total = sums(w), sums(w * y), float(w.sum())
+    k = np.arange(math.ceil(0.7 / span * size * dt), min(math.ceil(top * size * dt), size // 2))
+    c, s, again = one[k].real, one[k].imag, 2 * k > size // 2  # of a real record the upper half mirrors the lower
+    twice = np.where(again, one[np.where(again, size - 2 * k, 2 * k)].conj(), one[np.where(again, 0, 2 * k)])
+    cc, ss = 0.5 * (total + twice.real) - c * c / total, 0.5 * (total - twice.real) - s * s / total
+    cs = 0.5 * twice.imag - c * s / total
+    yc, ys = both[k].real, both[k].imag  # y has no mean: the offset is fitted too
     power = (yc**2 * ss + ys**2 * cc - 2.0 * yc * ys * cs) / np.maximum(cc * ss - cs**2, 1e-9 * cc * ss + 1e-300)
-    return float(f[np.argmax(power)]), float(top * span)
+    return float(k[np.argmax(power)] / (size * dt)), float(top * span)
 
 
 def _none(n: int, chi2: float, reason: str) -> RingDown:

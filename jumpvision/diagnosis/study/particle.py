@@ -26,6 +26,8 @@ from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding")
 SENSOR = {"scale": 1.0}  # value at which each does nothing
 SUBSTEPS = 4  # of a frame, at least
+MOST_STEPS = 100_000  # between two frames
+AT_ONCE, TREMBLING = 1e-6, 3  # of a step: reversals closer than that, and how many of them make a body rest
 LONGEST = 2e-3  # s, of a step of a body with a restoring force
 WANDER = 1e-4  # step of a derivative by what wanders
 NEAR = 1e-9  # of a start's typical size: the fit of a start has converged
@@ -42,18 +44,26 @@ def acceleration(x: float, v: float, s: float, x_turn: float, u_turn: float, p: 
 
 @njit(cache=True, error_model="numpy")
 def path(x: float, v: float, times: Array, p: Array, longest: float) -> Array:
-    """x at the times (n,) [s] from x, v at the first: Runge-Kutta's fourth order between exact reversals of v."""
-    out = np.empty(times.size)
+    """x at the times (n,) [s] from x, v at the first: Runge-Kutta's fourth order between exact reversals of v.
+
+    A body whose reversals follow each other at once trembles within its presliding: it rests until the next time.
+    NaN from where more than MOST_STEPS would be needed between two times.
+    """
+    out = np.full(times.size, np.nan)
     out[0] = x
     s = 1.0 if v > 0.0 else -1.0
     if v == 0.0:
         s = -1.0 if p[0] + p[1] * math.sin(x) > 0.0 else 1.0
     x_turn, u_turn, held = x, s, False
+    if v == 0.0 and p[4] > 0.0:  # dry friction at rest balances what it can
+        u_turn = min(max(-(p[0] + p[1] * math.sin(x)) / p[4], -1.0), 1.0)
     for i in range(1, times.size):
         left = times[i] - times[i - 1]
+        if not left <= MOST_STEPS * longest:
+            return out
         n = max(SUBSTEPS, math.ceil(left / longest))
-        step = left / n
-        while left > 1e-12 * step and not held:
+        step, turns = left / n, 0
+        while left > 1e-12 * step and not held and turns < TREMBLING:
             h = min(step, left)
             x1, v1 = _step(x, v, h, s, x_turn, u_turn, p)
             if v1 * s < 0.0:  # a reversal: the moment by the regula falsi on v, then on with the other sign
@@ -73,6 +83,7 @@ def path(x: float, v: float, times: Array, p: Array, longest: float) -> Array:
                 elif abs(p[0] + p[1] * math.sin(x1)) <= p[4]:
                     held = True
                 x_turn, s = x1, -s
+                turns = turns + 1 if h < AT_ONCE * step else 0
             x, v = x1, v1
             left -= h
         out[i] = x
