@@ -20,6 +20,7 @@ from test_vectors import folder_of, made
 
 from jumpvision.base.schema import InputError
 from jumpvision.campaign.craters import Crater, zero_crossing
+from jumpvision.campaign.folder import JUMP_COLUMNS
 from jumpvision.campaign.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
 from jumpvision.cli import main
 from jumpvision.estimate.estimate import Estimate, independent
@@ -52,7 +53,6 @@ from jumpvision.stages.rod import rod
 from jumpvision.stages.summary import summary
 from jumpvision.stages.track import ball_motion, through, with_rest_zero
 from jumpvision.vision.camera import READING, camera
-from jumpvision.workflow.run import JUMP_COLUMNS
 
 SHAPE = (600, 200)  # rows, columns [px]
 FILM = RodVideo(file="rod.avi", scale=5e-4, ball_diameter=0.0095)

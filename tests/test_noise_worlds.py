@@ -249,7 +249,7 @@ def test_the_world_is_made_with_its_common_errors():
         ground="granular", bed_density=570.0,
     )  # fmt: skip
     assert true.mu == cone.true["mu"] and true.g == pytest.approx(cone.true["gravity"])
-    assert cone.film.shifted("theta", 0.1).values[1] - cone.film.values[1] == pytest.approx(0.1)
+    assert shared_world.shifted(cone.film, "theta", 0.1).values[1] - cone.film.values[1] == pytest.approx(0.1)
 
 
 def test_the_oracle_sees_an_exactly_known_effect():

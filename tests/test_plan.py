@@ -27,7 +27,7 @@ from jumpvision.studies.plan import rigid, samples
 casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
 
 from jumpvision.planning import transcription  # noqa: E402
-from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory  # noqa: E402
+from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory, State  # noqa: E402
 from jumpvision.planning.plan import (  # noqa: E402
     Planner,
     apexes,
@@ -89,7 +89,7 @@ def test_equations_are_newtons_laws(model):
         x_f, v_f = -abs(x_f), -abs(v_f) if mode == INTRUDE else v_f
         s = dict(zip(("y", "w", "X", "V", "x_f", "v_f"), (y, w, X, V, x_f, v_f)))
         s = {n: s[n] for n in jumper.states(mode)}
-        e = jumper.equations(mode, s, (0.001, 0.2, 5.0), Memory(floor=-x_f))
+        e = jumper.equations(mode, State(**{"y": y, "w": w, **s}), (0.001, 0.2, 5.0), Memory(floor=-x_f))
         rate = dict(zip(jumper.states(mode), e.rates))
         a_r = rate["w"] - m.m_m / m.M * rate["V"]
         a_m = a_r + rate["V"]
