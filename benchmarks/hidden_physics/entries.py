@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jumpvision.campaign.diagnose import leftover
+from jumpvision.campaign.discovered import law_of
 from jumpvision.campaign.document import document
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
@@ -50,11 +51,13 @@ def ours(task: Task) -> Answer:
     system, stops = learned.system, [j.stop for j in task.jumps]
     rng = np.random.default_rng(1)
     found = diagnose(system, learned.noise, rng, scatter=learned.scatter, by=("kind",), stops=stops)
-    left = leftover(found, Problem(system, learned.noise, learned.scatter), system, lambda text: None)
-    d = document(found, learned, left)
+    problem = Problem(system, learned.noise, learned.scatter)
+    law = law_of(found, problem, system, lambda text: None)
+    left = None if law else leftover(found, problem, system, lambda text: None)
+    d = document(found, learned, left, law=law)
     chances = {c.mechanism: c.probability for c in d.causes}
     intervals = {n: (p.low, p.high) for c in d.causes if c.mechanism in d.named for n, p in c.parameters.items()}
-    described = left.terms if left else ()
+    described = (law.law.equation,) if law else left.terms if left else ()
     return Answer(d.adequate, d.named, d.status == "partial", d.indistinguishable, chances, intervals, described)
 
 

@@ -7,6 +7,7 @@ arguments could explain stands beside it (`ceiling`).
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,14 +16,14 @@ import numpy as np
 from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
 from .naming import held_out_score
-from .search import Start, race, start_of
+from .search import FEW, Start, race, some, start_of
 
 SHAPES = 2  # sets of shape parameters of a form from which it starts
-CONDITIONS = 8  # about as many are looked at in the first rounds
 ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
 LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
 ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
 DRAWS = 500  # of the groups, for how often a form wins
+TOLD = 0.05  # share of the draws from which a form is told
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def discover(
         best,
         r2,
         None,
-        _stability(problem, [f for _, f, _ in better], rng),
+        wins(problem, [f for _, f, _ in better], rng, TOLD),
         tuple(f.mechanisms[-1] for _, f, _ in level if f is not best),
         test,
     )
@@ -124,10 +125,9 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
     for form, each in asked.items():
         for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
             starts.append(((*fit.mechanisms, form), start_of(problem, fit, d, z)))
-    first = {o.condition: i for i, o in reversed(list(enumerate(problem.system.observations)))}
-    some = sorted(first.values())[:: max(1, len(first) // CONDITIONS)]
+    few = some(problem, FEW)
     for iterations, kept in ROUNDS:
-        fits = [f for m, s in starts if (f := problem.fit(m, s, some, iterations)) is not None]
+        fits = [f for m, s in starts if (f := problem.fit(m, s, few, iterations)) is not None]
         best: dict[tuple[str, ...], Fit] = {}
         for f in sorted(fits, key=lambda f: f.chi2):
             best.setdefault(f.mechanisms, f)
@@ -135,16 +135,16 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
     return starts
 
 
-def _stability(problem: Problem, tried: Sequence[Fit], rng: np.random.Generator) -> dict[str, float]:
-    """How often each form is the best when groups of trials are drawn again, one parameter more costing one unit."""
+def wins(
+    problem: Problem, tried: Sequence[Fit], rng: np.random.Generator, least: float, price: float = 2.0
+) -> dict[str, float]:
+    """How often the last mechanism of each fit is in the best of them when groups of trials are drawn again, the most
+    frequent first, those from a share `least`. price: of a parameter, in chi^2."""
     groups: dict[str, list[int]] = {}
     for i, o in enumerate(problem.system.observations):
         groups.setdefault(o.group, []).append(i)
     cost = np.array([[sum(float(f.residuals[i] @ f.residuals[i]) for i in g) for g in groups.values()] for f in tried])
     picks = rng.multinomial(len(groups), np.full(len(groups), 1.0 / len(groups)), DRAWS)
-    total = picks @ cost.T + np.array([2.0 * len(f.parameters) for f in tried])
-    wins: dict[str, int] = {}
-    for k in np.argmin(total, axis=1):
-        name = tried[int(k)].mechanisms[-1]
-        wins[name] = wins.get(name, 0) + 1
-    return {n: w / DRAWS for n, w in sorted(wins.items(), key=lambda x: -x[1]) if w / DRAWS >= 0.05}
+    total = picks @ cost.T + price * np.array([len(f.parameters) for f in tried])
+    count = Counter(tried[k].mechanisms[-1] for k in np.argmin(total, axis=1))
+    return {name: n / DRAWS for name, n in count.most_common() if n / DRAWS >= least}

@@ -9,7 +9,6 @@ strongest residuals are not linear; which shape wins is judged again over bootst
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -20,6 +19,7 @@ import scipy
 from jumpvision.base.arrays import Array
 
 from .detect import LEVEL, Detection, Direction, Span, detect, directions
+from .discovery import wins
 from .fitting import Fit, Problem
 from .naming import held_out_score
 from .search import Start, best_starts, race, start_of
@@ -27,7 +27,6 @@ from .system import System
 
 FITTED = 8  # shapes of the greatest scores are fitted through the simulation
 LEAST_OWN = 0.05  # share of a second shape that the first model cannot mimic
-DRAWS = 500  # of the groups
 TOLD = 0.1  # share of the draws from which a shape is worth telling
 
 
@@ -103,7 +102,7 @@ def unexplained(problem: Problem, fits: Sequence[Fit], shapes: Shapes, rng: np.r
         tuple(sigmas),
         tuple(shapes.candidates[t].parameters[0].unit for t in terms),
         (plain.chi2 - left) / (plain.chi2 - min(left, dof)),
-        _stability(problem, [f for _, f in tried], rng),
+        wins(problem, [f for _, f in tried], rng, TOLD, 0.0),
         "; ".join(x for x in (_parts(problem, plain, best), shapes.reach(first, best.mechanisms, best.named)) if x),
     )
 
@@ -131,17 +130,6 @@ def _seconds(
         if d.mechanism != first and share > LEAST_OWN:
             out.append((d, float(rest @ residual) / share, share))
     return sorted(out, key=lambda x: -abs(x[1]))
-
-
-def _stability(problem: Problem, tried: Sequence[Fit], rng: np.random.Generator) -> dict[str, float]:
-    """How often each of the fitted shapes is in the best model when groups of trials are drawn again."""
-    groups: dict[str, list[int]] = {}
-    for i, o in enumerate(problem.system.observations):
-        groups.setdefault(o.group, []).append(i)
-    cost = np.array([[sum(float(f.residuals[i] @ f.residuals[i]) for i in g) for g in groups.values()] for f in tried])
-    picks = rng.multinomial(len(groups), np.full(len(groups), 1.0 / len(groups)), DRAWS)
-    wins = Counter(tried[k].mechanisms[-1] for k in np.argmin(picks @ cost.T, axis=1))
-    return {shape: n / DRAWS for shape, n in wins.most_common() if n / DRAWS >= TOLD}
 
 
 def _parts(problem: Problem, before: Fit, after: Fit) -> str:

@@ -135,7 +135,7 @@ class Jumper:
     def differing(self) -> tuple[str, ...]:
         """Parameters of the model that are not the same in all experiments."""
         names = type(self.model.parameters).__dataclass_fields__
-        return tuple(n for n in names if len({getattr(j.model.parameters, n) for j in self.jumps}) > 1)
+        return tuple(n for n in names if len({getattr(j.model.parameters, n, None) for j in self.jumps}) > 1)
 
     def model_of(self, model: Model, jump: Jump, values: Mapping[str, float]) -> Model:
         """The model with what is a jump's own: its bed, robot and parameters where they are not fitted; no lag of the
