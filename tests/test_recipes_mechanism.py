@@ -57,9 +57,9 @@ from jumpvision.planning.jumper import Drive, Jumper
 assert registry.__file__.startswith(sys.argv[1]), registry.__file__
 robot = json.loads(sys.argv[2])
 out = {}
-spec, problems = model_of({"terms": ["rail_drag"], "c_q": 20.0}, "x [model]")
+spec, problems = model_of({"terms": ["rail_drag"], "c_q": 20.0}, "x [model]", {}, {})
 assert not problems
-out["wrong"] = model_of({"terms": ["rail_drag"], "c_q": -1.0}, "x [model]")[1]
+out["wrong"] = model_of({"terms": ["rail_drag"], "c_q": -1.0}, "x [model]", {}, {})[1]
 model = Model("hard", spec.terms, registry.ModelParameters(**spec.parameters), **robot)
 out["printed"] = str(model)
 out["held"] = float(Jumper(model, Drive(), np).rail(-0.5))
