@@ -13,7 +13,7 @@ from scipy.optimize import minimize
 
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
-from jumpvision.diagnosis.fitting import Problem, Whitening, log_volume
+from jumpvision.diagnosis.fitting import Problem, log_volume
 from jumpvision.diagnosis.naming import held_out_score
 from jumpvision.diagnosis.noise.noise import (
     Noise,
@@ -26,6 +26,7 @@ from jumpvision.diagnosis.noise.noise import (
     spread_of,
     step_apart,
 )
+from jumpvision.diagnosis.noise.whitening import Whitening
 from jumpvision.diagnosis.proposing import apex, expected_log10_odds, ratio_interval
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 

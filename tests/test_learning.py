@@ -11,13 +11,14 @@ import pytest
 from benchmarks.diagnosis import jumps_of
 from jumpvision.diagnosis.detect import Span, detect, directions
 from jumpvision.diagnosis.diagnose import fit_baseline
-from jumpvision.diagnosis.fitting import Problem, _joined, axes
+from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper import jumps as apparatus
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Measured, Shared, known
 from jumpvision.diagnosis.noise import readings
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
+from jumpvision.diagnosis.noise.whitening import axes, joined
 from jumpvision.diagnosis.system import Parameter
 from jumpvision.lab.blind import Nuisance, campaign, draw
 
@@ -310,7 +311,7 @@ def test_a_measurement_sharpens_the_fit_and_stands_in_its_residuals(clean):
 def test_axes_of_scatter_and_wander_are_those_of_both_together():
     rng = np.random.default_rng(7)
     slow, scatter = rng.standard_normal((50, 4)), rng.standard_normal((50, 2)) * 5.0
-    q, size = _joined(scatter, axes(slow))
+    q, size = joined(scatter, axes(slow))
     both = np.hstack([scatter, slow])
     assert q.T @ q == pytest.approx(np.eye(size.size), abs=1e-12)
     assert (q * size**2) @ q.T == pytest.approx(both @ both.T, abs=1e-10)

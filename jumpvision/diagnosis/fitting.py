@@ -4,92 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.normal import log_box
 from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
-from jumpvision.diagnosis.noise.noise import Noise, whiten
-from jumpvision.diagnosis.noise.readings import shapes
+from jumpvision.diagnosis.noise.noise import Noise
+from jumpvision.diagnosis.noise.whitening import Whitening, axes, joined
 
-from .system import Block, Costly, Observation, Parameter, System, parameters
+from .system import Costly, Parameter, System, parameters
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
 DAMPED, DAMPED_COSTLY = 12, 5  # steps tried in an iteration, ever shorter
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 ROUGH = 1e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
-DROWNED = 0.05  # noise units: a wander of less is not seen beside the noise
 VALLEY = 0.02  # nor is a damped one, unless the free step promised more than this: then it creeps along a valley
 
 
 Frame = list[tuple[Array, Array]]  # by observation: orthonormal directions of its scatter and wander, and their size
-
-
-class Whitening:
-    """An observation's noise, as what makes residuals independent and of unit variance."""
-
-    def __init__(self, noise: Noise, o: Observation) -> None:
-        blocks = o.blocks or (Block(slice(0, o.t.size), noise),)
-        self.weights = _weights(blocks, o)
-        levels, columns = [], []
-        for b in blocks:
-            one = np.zeros(o.t.size)
-            one[b.readings] = 1.0
-            if np.isinf(b.zero):
-                white = whiten(*self.weights, one)
-                levels.append(white / np.linalg.norm(white))
-            elif b.zero > 0:
-                columns.append(b.zero * one[:, None])
-            if b.noise.drift > 0:
-                slow = shapes(o.t[b.readings], b.noise.reach) * b.noise.drift
-                columns.append(np.zeros((o.t.size, slow.shape[1])))
-                columns[-1][b.readings] = slow
-        self.levels = np.stack(levels, axis=1) if levels else np.zeros((o.t.size, 0))
-        self.wander = self.levelled(np.hstack(columns) if columns else np.zeros((o.t.size, 0)))
-
-    def levelled(self, r: Array) -> Array:
-        """Columns r (n,) or (n, k) whitened, their unknown zero levels projected out."""
-        white = whiten(*self.weights, r)
-        return white - self.levels @ (self.levels.T @ white)
-
-    def whitened(self, r: Array, frame: tuple[Array, Array]) -> Array:
-        """The same, also shrunk along what scatters from trial to trial, so that all of it has unit variance."""
-        white = self.levelled(r)
-        q, size = frame
-        if not size.size:
-            return white
-        shrink = 1.0 / np.sqrt(1.0 + size * size) - 1.0
-        return white + q @ ((shrink[:, None] if white.ndim == 2 else shrink) * (q.T @ white))
-
-
-def _weights(blocks: Sequence[Block], o: Observation) -> tuple[Array, Array]:
-    """Weights of `whiten` over all readings: no noise goes over from one instrument to the next."""
-    a, b = np.zeros(o.t.size), np.zeros(o.t.size - 1)
-    for block in blocks:
-        first, last, _ = block.readings.indices(o.t.size)
-        spread = None if o.spread is None else o.spread[block.readings]
-        a[first:last], b[first : last - 1] = block.noise.weights(o.t[block.readings], spread)
-    return a, b
-
-
-def axes(columns: Array) -> tuple[Array, Array]:
-    """Orthonormal directions (n, k) of what is spread along columns (n, m), and how far (k,); not those that the noise
-    drowns."""
-    q, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return q[:, size > DROWNED], size[size > DROWNED]
-
-
-def _joined(columns: Array, axes: tuple[Array, Array]) -> tuple[Array, Array]:
-    """The axes of what is spread along columns (n, m) and, independently, along given axes (n, k)."""
-    q, size = axes
-    along = q.T @ columns
-    rest, upper = np.linalg.qr(columns - q @ along)
-    turned, sizes, _ = np.linalg.svd(np.block([[along, np.diag(size)], [upper, np.zeros((upper.shape[0], size.size))]]))
-    sizes = sizes[: turned.shape[1]]
-    return np.hstack([q, rest]) @ turned[:, : sizes.size], sizes
 
 
 @dataclass
@@ -168,7 +104,7 @@ class Problem:
         out: Frame = []
         for k, i in enumerate(which):
             columns = [np.nan_to_num(effects[n][k]) * s for n, s in self.scattered.items() if n in effects]
-            out.append(_joined(self.whitening[i].levelled(np.stack(columns, axis=1)), self.steady[i]))
+            out.append(joined(self.whitening[i].levelled(np.stack(columns, axis=1)), self.steady[i]))
         return out
 
     def residuals(
@@ -315,7 +251,6 @@ class Problem:
 BROAD = 100.0  # ranges: standard deviation, as of a parameter that nothing else says anything of
 HARD = 3.0  # conditional standard deviations by which a parameter's best value lies beyond the end of its range
 NEAR_END = 6.0  # standard deviations: an end of a range that is further off cuts nothing from the posterior
-SOBOL = 8  # log2 of the points by which more than one end is integrated over
 
 
 def log_volume(free: Sequence[Parameter], x: Array, hessian: Array, slope: Array) -> float:
@@ -346,79 +281,6 @@ def log_volume(free: Sequence[Parameter], x: Array, hessian: Array, slope: Array
         )
         out += log_box(mean[cut], covariance[np.ix_(cut, cut)], lows[cut], highs[cut])
     return out
-
-
-def log_interval(low: Array, high: Array) -> Array:
-    """ln of the probability of a standard normal between low and high, far into its tails too."""
-    flip = low + high > 0  # the tail where the logarithm keeps its digits
-    a, b = np.where(flip, -high, low), np.where(flip, -low, high)
-    below, above = scipy.special.log_ndtr(a), scipy.special.log_ndtr(b)
-    with np.errstate(divide="ignore"):
-        return np.asarray(above + np.log(-np.expm1(np.minimum(below - above, -1e-300))))
-
-
-def log_box(mean: Array, covariance: Array, low: Array, high: Array) -> float:
-    """ln of the probability of a box (k,) under a normal distribution: one variable after the other, given those before
-    it (Geweke, Hajivassiliou and Keane), over points of a Sobol sequence."""
-    if mean.size == 0:
-        return 0.0
-    root = np.linalg.cholesky(covariance)
-    a, b = (low - mean) / np.diag(root), (high - mean) / np.diag(root)
-    points = scipy.stats.qmc.Sobol(mean.size, seed=0).random_base2(SOBOL if mean.size > 1 else 0)
-    drawn, log = np.zeros(points.shape), np.zeros(len(points))
-    for k in range(mean.size):
-        off = drawn[:, :k] @ root[k, :k] / root[k, k]
-        lo, hi = a[k] - off, b[k] - off
-        inside = log_interval(lo, hi)
-        log += inside
-        flip = lo + hi > 0
-        start = np.where(flip, -hi, lo)
-        share = np.logaddexp(scipy.special.log_ndtr(start), np.log(points[:, k]) + inside)
-        drawn[:, k] = np.where(flip, -1.0, 1.0) * scipy.special.ndtri_exp(np.minimum(share, -1e-300))
-    return float(np.logaddexp.reduce(log) - math.log(len(log)))
-
-
-def left_of(problem: Problem, fit: Fit, scores: Array) -> float:
-    """chi^2 beyond what noise leaves, 0 or more: of all residuals, or in the direction of the greatest score."""
-    top = float(np.max(np.abs(scores))) if scores.size else 0.0
-    return max(fit.chi2 - problem.n, top * top, 0.0)
-
-
-BINS = 40  # of a motion, for what residuals of one kind have in common
-
-
-def widened(problem: Problem, fit: Fit) -> tuple[Fit, float]:
-    """(the fit with its covariance widened for misfit that it leaves, median factor on its standard uncertainties).
-
-    A discrepancy is as large, along what the parameters do, as along any other of the few directions in which the
-    residuals of one kind of motion vary: their excess of chi^2 is shared out over the participation ratio of the
-    spectrum of their course in time, which is 1 where all motions of a kind are wrong alike.
-    """
-    observations = problem.system.observations
-    kinds: dict[str, list[int]] = {}
-    for i, o in enumerate(observations):
-        kinds.setdefault(str(o.labels.get("kind")), []).append(i)
-    inner = fit.known.precision.astype(float)
-    for mine in kinds.values():
-        excess = sum(float(fit.residuals[i] @ fit.residuals[i]) - observations[i].t.size + 1 for i in mine)
-        course = np.stack([_course(fit.residuals[i]) for i in mine])
-        spectrum = np.linalg.svd(course, compute_uv=False) ** 2
-        directions = float(spectrum.sum() ** 2 / max(float(np.sum(spectrum**2)), 1e-300))
-        factor = 1.0 + max(excess, 0.0) / directions
-        inner = inner + factor * sum(fit.jacobian[i].T @ fit.jacobian[i] for i in mine)
-    covariance = fit.covariance @ inner @ fit.covariance
-    if not fit.parameters:
-        return fit, 1.0
-    before, after = np.sqrt(np.diag(fit.covariance)), np.sqrt(np.diag(covariance))
-    wide = np.maximum(after, before)
-    covariance = covariance * np.outer(wide / after, wide / after)
-    return replace(fit, covariance=covariance), float(np.median(wide / before))
-
-
-def _course(residual: Array) -> Array:
-    """A residual (n,) as means over BINS equal parts of its motion."""
-    parts = np.array_split(residual, BINS)
-    return np.array([p.mean() * math.sqrt(p.size) if p.size else 0.0 for p in parts])
 
 
 class Axes:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.base.arrays import Z90
+from jumpvision.base.arrays import Z90, Array
+from jumpvision.base.normal import log_interval
 
 from .detect import Detection, Span
-from .fitting import Fit, Problem, left_of, log_interval, widened
+from .fitting import Fit, Problem
 from .search import Key, Search, Start, limits, log_prior
 
 CONFIDENCE = 0.9  # of the set of models that is kept
@@ -267,3 +268,46 @@ def likely(naming: Naming, at_least: float = 1e-4) -> list[str]:
     fitted = {m for e in naming.tried for m in e.mechanisms}
     chance = {m: naming.probability(m) for m in fitted}
     return [m for m, p in sorted(chance.items(), key=lambda x: -x[1]) if p >= at_least or m in naming.named]
+
+
+def left_of(problem: Problem, fit: Fit, scores: Array) -> float:
+    """chi^2 beyond what noise leaves, 0 or more: of all residuals, or in the direction of the greatest score."""
+    top = float(np.max(np.abs(scores))) if scores.size else 0.0
+    return max(fit.chi2 - problem.n, top * top, 0.0)
+
+
+BINS = 40  # of a motion, for what residuals of one kind have in common
+
+
+def widened(problem: Problem, fit: Fit) -> tuple[Fit, float]:
+    """(the fit with its covariance widened for misfit that it leaves, median factor on its standard uncertainties).
+
+    A discrepancy is as large, along what the parameters do, as along any other of the few directions in which the
+    residuals of one kind of motion vary: their excess of chi^2 is shared out over the participation ratio of the
+    spectrum of their course in time, which is 1 where all motions of a kind are wrong alike.
+    """
+    observations = problem.system.observations
+    kinds: dict[str, list[int]] = {}
+    for i, o in enumerate(observations):
+        kinds.setdefault(str(o.labels.get("kind")), []).append(i)
+    inner = fit.known.precision.astype(float)
+    for mine in kinds.values():
+        excess = sum(float(fit.residuals[i] @ fit.residuals[i]) - observations[i].t.size + 1 for i in mine)
+        course = np.stack([_course(fit.residuals[i]) for i in mine])
+        spectrum = np.linalg.svd(course, compute_uv=False) ** 2
+        directions = float(spectrum.sum() ** 2 / max(float(np.sum(spectrum**2)), 1e-300))
+        factor = 1.0 + max(excess, 0.0) / directions
+        inner = inner + factor * sum(fit.jacobian[i].T @ fit.jacobian[i] for i in mine)
+    covariance = fit.covariance @ inner @ fit.covariance
+    if not fit.parameters:
+        return fit, 1.0
+    before, after = np.sqrt(np.diag(fit.covariance)), np.sqrt(np.diag(covariance))
+    wide = np.maximum(after, before)
+    covariance = covariance * np.outer(wide / after, wide / after)
+    return replace(fit, covariance=covariance), float(np.median(wide / before))
+
+
+def _course(residual: Array) -> Array:
+    """A residual (n,) as means over BINS equal parts of its motion."""
+    parts = np.array_split(residual, BINS)
+    return np.array([p.mean() * math.sqrt(p.size) if p.size else 0.0 for p in parts])

@@ -17,7 +17,7 @@ import scipy
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.diagnosis.fitting import Whitening, axes
+from jumpvision.diagnosis.noise.whitening import Whitening, axes
 from jumpvision.diagnosis.system import Block, Candidate, Observation, Parameter
 
 from .learn import Readings
