@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from jumpvision.base.schema import InputError
 from jumpvision.campaign.folder import Run, results_of, run_folder
-from jumpvision.diagnosis.study.runs import How
+from jumpvision.diagnosis.study.processes import How
 from jumpvision.diagnosis.study.study import Channel as Channel
 from jumpvision.diagnosis.study.study import Mechanism as Mechanism
 from jumpvision.diagnosis.study.study import Parameter as Parameter

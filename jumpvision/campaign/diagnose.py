@@ -30,8 +30,9 @@ from jumpvision.results.diagnosis import Diagnosis, Unexplained, WithoutFilms
 from jumpvision.workflow.run import Outcome
 
 from .discovered import law_gain, law_of
-from .document import document, model_toml, told, unexplained_of, values
+from .document import document, model_toml, unexplained_of, values
 from .films import Film, confirmation, energies, films, jumps_alone
+from .findings import told
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
@@ -157,7 +158,10 @@ def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw |
         law=law,
     )
     known = law.system if law else system
-    write_aside(entry / MODEL, model_toml(told(found, law), known, data.sentence + " Made by jumpvision diagnose."))
+    write_aside(
+        entry / MODEL,
+        model_toml(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose."),
+    )
     if draw:
         (entry / PICTURE).write_bytes(draw(found, system, data))
     write_aside(entry / Diagnosis.file, data.text)  # last: the entry is whole

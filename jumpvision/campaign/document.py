@@ -7,19 +7,16 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
-from jumpvision.base.arrays import Z90
 from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.fitting import Fit
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import is_common
-from jumpvision.diagnosis.naming import Explanation, Naming, likely
+from jumpvision.diagnosis.naming import Explanation
 from jumpvision.diagnosis.noise.learning import Learned
-from jumpvision.diagnosis.proposing import Gain, apex
-from jumpvision.diagnosis.search import MOST
+from jumpvision.diagnosis.proposing import apex
 from jumpvision.diagnosis.unexplained import Unexplained
 from jumpvision.mechanisms.own import bare
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
@@ -28,8 +25,7 @@ from jumpvision.results import diagnosis as record
 from jumpvision.results.diagnosis import Diagnosis
 
 from .discovered import Law, discovered_of, law_toml
-
-TOP = 12  # cells of "where"
+from .findings import Teller, agreement, interval, rms, told
 
 
 def document(
@@ -46,80 +42,42 @@ def document(
 
     law: of no vocabulary, where one was found: the extended model has it.
     """
-    n, system = d.naming, law.system if law else learned.system
-    best = told(d, law)
-    extended = best is not d.baseline
+    system = law.system if law else learned.system
+    best = law.fit if law else told(d)
     heights = heights_of(d, system, best)
-    out = Diagnosis(
-        verdict="adequate" if d.adequate else "discrepant",
-        p_value=d.detection.p_value,
-        baseline=record.Baseline(
-            terms=system.model.terms,
-            parameters=values(d.baseline, system),
-            rmse_height_m=rms([h.simulated_m - h.measured_m for h in heights]),
-            rmse_track_m=rmse_track(d.baseline, system),
-            chi2_per_dof=d.detection.chi2_per_dof,
-        ),
-        where=tuple(
-            record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
-            for c in d.where[:TOP]
-        ),
+    out = teller(system).record(d, best, noise_of(learned, d))
+    out = replace(
+        out,
+        baseline=replace(out.baseline, rmse_height_m=rms([h.simulated_m - h.measured_m for h in heights])),
         heights=heights,
-        causes=causes(n, system) if n else (),
-        named=law.fit.mechanisms[:-1] if law else n.named if n else (),
-        status=law.status if law else n.status if n else "complete",
-        left_over=left_over(d, law),
-        detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
-        indistinguishable=n.twins if n and not law else (),
-        closest=closest(d, system) if n and not n.named and not law else None,
-        discovered=discovered_of(law) if law else None,
         unexplained=unexplained,
-        extended_model=record.Model(system.build(best.mechanisms, best.named).terms, values(best, system)),
-        gain=gain_of(d.gain) if extended and d.gain else None,
-        selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
-        extrapolation={k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if extended else {},
         next_experiment=proposal(d),
-        priors=priors(d) if n else None,
-        noise=noise_of(learned, d),
-        common=common_of(d),
+        common=common_of(told(d)),
         energy=tuple(energy),
         confirmation=tuple(confirmation),
         without_films=without_films,
-        sentence="",
-        confirmed=None,
     )
+    if law:
+        out = replace(
+            out,
+            named=law.fit.mechanisms[:-1],
+            status=law.status,
+            left_over=record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0),
+            indistinguishable=(),
+            closest=None,
+            discovered=discovered_of(law),
+        )
     lacks = {m.name: m.lacks for m in system.model.own}
     return replace(out, sentence=sentence(out, lacks), confirmed=confirmed(out))
 
 
-def left_over(d: Findings, law: Law | None) -> record.LeftOver | None:
-    """What the model that is told leaves; None where the baseline is adequate."""
-    n = d.naming
-    if n is None:
-        return None
-    if law:
-        return record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0)
-    if not n.named:
-        return record.LeftOver(d.detection.chi2_per_dof, 1.0, 1.0)
-    test = n.best.detection
-    return record.LeftOver(test.chi2_per_dof if test else math.nan, n.left, n.widened)
+def teller(system: Jumper) -> Teller:
+    """How models of jumps are told."""
 
+    def model(fit: Fit) -> record.Model:
+        return record.Model(system.build(fit.mechanisms, fit.named).terms, values(fit, system))
 
-def priors(d: Findings) -> record.Priors:
-    """What was taken of causes and parameters before the data."""
-    assert d.naming
-    most, found = MOST, {p.name: p for e in d.naming.tried for p in e.fit.parameters}
-    return record.Priors(
-        tuple([1.0 / (most + 1)] * (most + 1)),
-        {p.name: record.Prior(p.low, p.high, p.start, p.sigma, p.unit or "1") for p in found.values()},
-    )
-
-
-def told(d: Findings, law: Law | None = None) -> Fit:
-    """The fit that the findings stand by: with the discovered law, of the named mechanisms, else the baseline."""
-    if law:
-        return law.fit
-    return d.naming.best.fit if d.naming and d.naming.named else d.baseline
+    return Teller(system, model, lambda e, mechanism: parameters_of(e, mechanism, system))
 
 
 def heights_of(d: Findings, system: Jumper, best: Fit) -> tuple[record.Height, ...]:
@@ -145,7 +103,6 @@ def unexplained_of(found: Unexplained | None) -> record.Unexplained:
 
 
 HEAVY = 30.0  # degrees of freedom from which Student's t is as good as normal
-LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
 
 
 def noise_of(learned: Learned, d: Findings) -> record.Noise:
@@ -167,25 +124,6 @@ def noise_of(learned: Learned, d: Findings) -> record.Noise:
     )
 
 
-def agreement(d: Findings) -> list[str]:
-    """Warnings where the best model agrees with the data too well, or not as well as the noise says."""
-    best = d.naming.best if d.naming and d.naming.named else None
-    test = best.detection if best else d.detection
-    if test is None:
-        return []
-    if test.chi2_per_dof < LOOSE:
-        return [
-            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.2g}: the noise is taken too large, "
-            "and effects may hide in it; look at where it was learned (`sources`)"
-        ]
-    if best and test.discrepant:
-        return [
-            f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.3g} (p = {test.p_value:.2g}): more "
-            "is left than the noise explains"
-        ]
-    return []
-
-
 def unrepeated(learned: Learned, d: Findings) -> list[str]:
     """The warning that a misfit may be what differs from trial to trial, where no trial was repeated."""
     if d.adequate or learned.sources.get("repeats"):
@@ -196,9 +134,8 @@ def unrepeated(learned: Learned, d: Findings) -> list[str]:
     ]
 
 
-def common_of(d: Findings) -> tuple[record.CommonError, ...]:
+def common_of(fit: Fit) -> tuple[record.CommonError, ...]:
     """What an apparatus has wrong in common: as stated before, and as the jumps have it."""
-    fit = told(d)
     return tuple(
         record.CommonError(p.name, p.start, p.sigma, fit.named[p.name], fit.sigma(p.name), p.unit)
         for p in fit.parameters
@@ -206,38 +143,12 @@ def common_of(d: Findings) -> tuple[record.CommonError, ...]:
     )
 
 
-def closest(d: Findings, system: Jumper) -> record.Closest | None:
-    """The likeliest model where none passes the test; None where that is the baseline."""
-    assert d.naming
-    e = d.naming.best
-    if not e.mechanisms:
-        return None
-    found = {name: value for m in e.mechanisms for name, value in parameters_of(e, m, system).items()}
-    gain = gain_of(d.gain) if d.gain else None
-    return record.Closest(e.mechanisms, e.probability, found, rmse_track(e.fit, system), gain)
-
-
-def causes(n: Naming, system: Jumper) -> tuple[record.Cause, ...]:
-    """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
-    out = []
-    for mechanism in likely(n)[:8]:
-        e = next(e for e in n.tried if mechanism in e.mechanisms)
-        others = tuple(m for m in e.mechanisms if m != mechanism)
-        parameters = parameters_of(e, mechanism, system)
-        chances = n.probabilities[mechanism]
-        spread = (min(chances), max(chances))
-        out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, parameters))
-    return tuple(out)
-
-
 def parameters_of(e: Explanation, mechanism: str, system: Jumper) -> dict[str, record.Parameter]:
     """Parameters of a mechanism by name, the ends of a 90 % interval within its range."""
     out = {}
     for p in e.fit.parameters:
         if p.name in (own := system.model.mechanism(mechanism)).names:
-            value, half = e.fit.named[p.name], Z90 * e.fit.sigma(p.name)
-            name = bare(own, p.name) if own.written else p.name
-            out[name] = record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
+            out[bare(own, p.name) if own.written else p.name] = interval(e.fit, p)
     return out
 
 
@@ -247,32 +158,6 @@ def values(fit: Fit, system: Jumper) -> dict[str, float]:
     names = dict.fromkeys(n for t in model.terms for n in model.mechanism(t).names)
     out = {n: float(getattr(model.parameters, n)) for n in names}
     return out | {n: v for n, v in fit.named.items() if n in ROBOT}
-
-
-def rmse_track(fit: Fit, system: Jumper) -> float:
-    """Root mean square of measured minus predicted height over all tracks [m]."""
-    predicted = system.predict(fit.mechanisms, fit.named, range(len(system.observations)))
-    return rms(np.concatenate([o.y - y for o, y in zip(system.observations, predicted)]))
-
-
-def rms(x: Any) -> float:
-    x = np.asarray(x, float)
-    x = x[np.isfinite(x)]
-    return float(np.sqrt(np.mean(x * x))) if x.size else math.nan
-
-
-def gain_of(g: Gain) -> record.Gain:
-    """The gain on jumps held out."""
-    return record.Gain(
-        g.held_out,
-        g.height_before,
-        g.height_after,
-        g.track_before,
-        g.track_after,
-        g.ratio,
-        g.ratio_ci95,
-        g.claimed,
-    )
 
 
 def proposal(d: Findings) -> record.NextExperiment | None:

@@ -9,16 +9,15 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from jumpvision.base.arrays import Z90
 from jumpvision.base.schema import InputError, read
 from jumpvision.diagnosis.diagnose import Findings, diagnose
 from jumpvision.diagnosis.fitting import Fit
-from jumpvision.diagnosis.naming import Explanation, likely
-from jumpvision.diagnosis.proposing import Gain
+from jumpvision.diagnosis.naming import Explanation
 from jumpvision.diagnosis.study.learn import Readings, learn_readings
-from jumpvision.diagnosis.study.runs import How, Runs, described
+from jumpvision.diagnosis.study.processes import How, described
+from jumpvision.diagnosis.study.runs import Runs
 from jumpvision.diagnosis.study.study import Recording, Study
-from jumpvision.diagnosis.study.system import Studied
+from jumpvision.diagnosis.study.system import DUMMY, Studied
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog
@@ -30,12 +29,10 @@ from jumpvision.stages.simulate import driver
 from jumpvision.workflow.run import Outcome
 from jumpvision.workflow.stage import StageWarning
 
-from .document import left_over, priors, told
+from .findings import Teller, agreement, interval, told
 from .jumps import states_noise
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-TOP = 12  # cells of "where"
-LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
 
 
 def question_study(recordings: Sequence[Recording], study: Study | None, how: How) -> Diagnosis:
@@ -117,52 +114,31 @@ def recordings_problems(recordings: Sequence[Recording]) -> list[str]:
 
 def document(d: Findings, system: Studied, readings: Readings) -> Diagnosis:
     """The record of the findings; keys that end in _m are in `unit`."""
-    n, best = d.naming, told(d)
-    extended = best is not d.baseline
-    count = system.runs.count
-    out = Diagnosis(
-        verdict="adequate" if d.adequate else "discrepant",
-        p_value=d.detection.p_value,
-        baseline=record.Baseline(
-            terms=(model_name(system),),
-            parameters=shown(d.baseline),
-            rmse_height_m=math.nan,
-            rmse_track_m=rmse(d.baseline, system),
-            chi2_per_dof=d.detection.chi2_per_dof,
-        ),
-        where=tuple(
-            record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
-            for c in d.where[:TOP]
-        ),
-        heights=(),
-        causes=tuple(cause(d, m, system) for m in likely(n)[:8]) if n else (),
-        named=n.named if n else (),
-        status=n.status if n else "complete",
-        left_over=left_over(d, None),
-        detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
-        indistinguishable=n.twins if n else (),
-        closest=closest(d, system) if n and not n.named else None,
-        unexplained=record.Unexplained() if n and not n.named else None,
-        extended_model=record.Model((model_name(system), *best.mechanisms), shown(best)),
-        gain=gain_of(d.gain) if extended and d.gain else None,
-        selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
-        extrapolation={k: gain_of(g) for k, g in (d.extrapolation or {}).items()} if extended else {},
-        next_experiment=None,
-        priors=priors(d) if n else None,
-        noise=noise_of(d, system, readings),
-        common=(),
-        energy=(),
-        confirmation=(),
-        unit=system.study.channels[0].unit or "1" if len(system.study.channels) == 1 else "noise",
+    best, count, channels = told(d), system.runs.count, system.study.channels
+    out = replace(
+        teller(system).record(d, best, noise_of(d, system, readings)),
+        unexplained=record.Unexplained() if d.naming and not d.naming.named else None,
+        unit=channels[0].unit or "1" if len(channels) == 1 else "noise",
         fitted=intervals(best, [p.name for p in best.parameters]),
         lacks={name: m.lacks for name, m in system.mechanisms.items()},
         runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
-        sentence="",
-        confirmed=None,
     )
     out = replace(out, sentence=sentence(out))
     object.__setattr__(out, "traces", traces(d, system))
     return out
+
+
+def teller(system: Studied) -> Teller:
+    """How models of a user's simulator are told."""
+
+    def model(fit: Fit) -> record.Model:
+        values = {n: v for n, v in fit.named.items() if not n.startswith(DUMMY)}
+        return record.Model((model_name(system), *fit.mechanisms), values)
+
+    def own(e: Explanation, mechanism: str) -> dict[str, record.Parameter]:
+        return intervals(e.fit, [p.name for p in system.candidates[mechanism].parameters])
+
+    return Teller(system, model, own, heights=False)
 
 
 def model_name(system: Studied) -> str:
@@ -170,56 +146,9 @@ def model_name(system: Studied) -> str:
     return system.study.name or getattr(system.study.simulate, "__name__", "simulate").strip("_")
 
 
-def shown(fit: Fit) -> dict[str, float]:
-    """The fitted values by name, without what does nothing."""
-    return {n: v for n, v in fit.named.items() if not n.startswith("chosen_")}
-
-
 def intervals(fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
-    """Parameters by name, the ends of a 90 % interval within their ranges."""
-    out = {}
-    for p in fit.parameters:
-        if p.name in names and not p.name.startswith("chosen_"):
-            value, half = fit.named[p.name], Z90 * fit.sigma(p.name)
-            out[p.name] = record.Parameter(value, max(value - half, p.low), min(value + half, p.high), p.unit or "1")
-    return out
-
-
-def own(e: Explanation, mechanism: str, system: Studied) -> dict[str, record.Parameter]:
-    """The parameters of a mechanism in a model."""
-    return intervals(e.fit, [p.name for p in system.candidates[mechanism].parameters])
-
-
-def cause(d: Findings, mechanism: str, system: Studied) -> record.Cause:
-    """A mechanism in the likeliest model that has it."""
-    assert d.naming
-    e = next(e for e in d.naming.tried if mechanism in e.mechanisms)
-    others = tuple(m for m in e.mechanisms if m != mechanism)
-    chances = d.naming.probabilities[mechanism]
-    spread, found = (min(chances), max(chances)), own(e, mechanism, system)
-    return record.Cause(mechanism, others, d.naming.probability(mechanism), spread, e.delta_score, found)
-
-
-def closest(d: Findings, system: Studied) -> record.Closest | None:
-    """The likeliest model where none passes; None where that is the baseline."""
-    assert d.naming
-    e = d.naming.best
-    if not e.mechanisms:
-        return None
-    found = {name: value for m in e.mechanisms for name, value in own(e, m, system).items()}
-    return record.Closest(e.mechanisms, e.probability, found, rmse(e.fit, system), gain_of(d.gain) if d.gain else None)
-
-
-def rmse(fit: Fit, system: Studied) -> float:
-    """Root mean square of measured minus simulated [unit]."""
-    predicted = system.predict(fit.mechanisms, fit.named, range(len(system.observations)))
-    every = np.concatenate([o.y - y for o, y in zip(system.observations, predicted)])
-    return float(np.sqrt(np.mean(every * every)))
-
-
-def gain_of(g: Gain) -> record.Gain:
-    """The gain on recordings held out; there are no heights."""
-    return record.Gain(g.held_out, math.nan, math.nan, g.track_before, g.track_after, g.ratio, g.ratio_ci95, g.claimed)
+    """Parameters by name with their 90 % intervals, without what does nothing."""
+    return {p.name: interval(fit, p) for p in fit.parameters if p.name in names and not p.name.startswith(DUMMY)}
 
 
 def noise_of(d: Findings, system: Studied, readings: Readings) -> record.Noise:
@@ -243,18 +172,6 @@ def noise_of(d: Findings, system: Studied, readings: Readings) -> record.Noise:
         outliers=(),
         warnings=(*readings.warnings, *agreement(d)),
     )
-
-
-def agreement(d: Findings) -> list[str]:
-    """The warning that the noise is taken too large."""
-    best = d.naming.best if d.naming and d.naming.named else None
-    test = best.detection if best else d.detection
-    if test is None or test.chi2_per_dof >= LOOSE:
-        return []
-    return [
-        f"chi^2 per degree of freedom of the best model is {test.chi2_per_dof:.2g}: the noise is taken too large, and "
-        "effects may hide in it; state a smaller one, or leave it to be learned"
-    ]
 
 
 def traces(d: Findings, system: Studied) -> tuple[Trace, ...]:

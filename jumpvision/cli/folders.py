@@ -262,7 +262,7 @@ def diagnose(
 def _foreign(path: Path, simulator: str, limit: float, budget: int | None, options: Options) -> int:
     """A simulator that is not ours, on the tracks of a campaign."""
     from jumpvision.campaign.study import question_study, recordings_of
-    from jumpvision.diagnosis.study.runs import How, outside
+    from jumpvision.diagnosis.study.processes import How, outside
     from jumpvision.report.pages.study import write_study
 
     from . import terminal

@@ -11,6 +11,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, estimate, frame_of, powers, rounding_step, whitened
 from jumpvision.diagnosis.noise.readings import kurtosis, learn, reach_of
+from jumpvision.diagnosis.noise.sources import Source
 
 from .study import Channel, Recording, Study
 
@@ -19,15 +20,6 @@ DEGREE = 5  # of the polynomial that a smooth course is over a window
 WINDOWS = (14, 20, 28, 40, 56, 80)  # samples
 ROUGH = 6.0  # times the median power: a window with a kink, which tells nothing of the noise
 MORE = 1.3  # times the power of the shortest windows: over a longer one the course is no such polynomial
-
-
-@dataclass(frozen=True)
-class Source:
-    """What one kind of evidence says of a channel's noise [unit of the channel]; log_sigma of its logarithm."""
-
-    sigma: float
-    log_sigma: float
-    n: int
 
 
 @dataclass(frozen=True)

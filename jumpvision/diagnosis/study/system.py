@@ -21,7 +21,8 @@ from jumpvision.diagnosis.noise.whitening import Whitening, axes
 from jumpvision.diagnosis.system import Block, Candidate, Observation, Parameter
 
 from .learn import Readings
-from .runs import Ask, Runs
+from .processes import Ask
+from .runs import Runs
 from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
 
 SCOUTS = 2  # recordings over which first values are compared

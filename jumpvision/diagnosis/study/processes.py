@@ -1,0 +1,343 @@
+"""Where a user's simulator runs: in this process, or in others that may crash or hang, or alone may import it."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import inspect
+import multiprocessing
+import os
+import pickle
+import sys
+import threading
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from jumpvision.base.progress import end_with_parent
+from jumpvision.base.schema import InputError
+
+from .study import Recording, Study
+
+START = 120.0  # s that a process may take to import a simulator
+FORM = "--simulator {}: must be MODULE:NAME, as in pendulum:study or lab/pendulum.py:study"
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Ask:
+    """One run: which of the study's functions, which recording, with what."""
+
+    function: int
+    recording: int
+    parameters: Values
+
+
+@dataclass(frozen=True)
+class How:
+    """How runs are made. workers: other processes (0: this one, which then cannot outlive a crash or a hang).
+
+    limit: seconds that a run may take. budget: most runs. keep: file that keeps every run, from which a later call goes
+    on. avoid: take a failed run for parameters that cannot be followed instead of stopping. progress: told of the
+    count, in words, every second. source: MODULE:NAME of the study, imported by the other processes alone.
+    """
+
+    workers: int = 0
+    limit: float | None = None
+    budget: int | None = None
+    keep: Path | None = None
+    avoid: bool = False
+    progress: Callable[[str], None] | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a run gave nothing."""
+
+    why: str
+
+
+class Maker(Protocol):
+    def made(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+        """(place in the list, what the function gave or a Failure) as they come."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Here:
+    """Runs in this process."""
+
+    def __init__(self, study: Study, recordings: Sequence[Recording]) -> None:
+        self.study, self.recordings = study, recordings
+
+    def made(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+        if not self.study.batch:
+            for k, a in enumerate(asked):
+                yield k, _run(self.study, self.recordings, a)
+            return
+        for f in dict.fromkeys(a.function for a in asked):
+            mine = [k for k, a in enumerate(asked) if a.function == f]
+            yield from zip(mine, _batch(self.study, self.recordings, [asked[k] for k in mine]))
+
+    def close(self) -> None:
+        pass
+
+
+def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Any:
+    """One run; what the function raises is a failure with its place."""
+    try:
+        return study.functions[ask.function](dict(ask.parameters), recordings[ask.recording])
+    except Exception as e:  # a user's function may raise anything
+        return Failure(_raised(e))
+
+
+def _batch(study: Study, recordings: Sequence[Recording], asked: Sequence[Ask]) -> list[Any]:
+    """Runs of one function at once."""
+    try:
+        given = [dict(a.parameters) for a in asked], [recordings[a.recording] for a in asked]
+        out = list(study.functions[asked[0].function](*given))
+    except Exception as e:
+        return [Failure(_raised(e))] * len(asked)
+    if len(out) != len(asked):
+        return [Failure(f"gave {len(out)} results for {len(asked)} runs (batch=True)")] * len(asked)
+    return out
+
+
+def _raised(e: Exception) -> str:
+    """An exception in one line, with the line of the user's code that raised it."""
+    place = traceback.extract_tb(e.__traceback__)[-1]
+    return f"raised {type(e).__name__}: {e} (line {place.lineno} of {Path(place.filename).name})"
+
+
+class Others:
+    """Runs in other processes, which may die or hang; each then begins anew."""
+
+    def __init__(self, study: Study, recordings: Sequence[Recording], how: How, workers: int) -> None:
+        self.given = (how.source or study, list(recordings))
+        self.limit, self.context = how.limit, _context(study, how.source)
+        self.processes: list[_Process] = []
+        try:
+            self.processes = [_Process(self.context, self.given) for _ in range(workers)]
+        except BaseException:
+            self.close()
+            raise
+
+    def made(self, asked: Sequence[Ask]) -> Iterator[tuple[int, Any]]:
+        waiting = deque(enumerate(asked))
+        while waiting or any(p.busy for p in self.processes):
+            for i, p in enumerate(self.processes):
+                if p.dead:
+                    self.processes[i] = p = _Process(self.context, self.given)
+                if not p.busy and waiting:
+                    p.begin(*waiting.popleft())
+            yield from self._results()
+
+    def _results(self) -> Iterator[tuple[int, Any]]:
+        busy = {p.connection: p for p in self.processes if p.busy}
+        left = None
+        if self.limit is not None:
+            left = max(0.0, min(p.began for p in busy.values()) + self.limit - time.perf_counter())
+        for ready in wait(list(busy), left):
+            p = busy[ready]
+            k = p.at
+            yield k, p.result()
+        for p in busy.values():
+            if p.busy and self.limit is not None and time.perf_counter() - p.began >= self.limit:
+                k = p.at
+                p.end()
+                yield k, Failure(f"took longer than {self.limit:g} s (limit)")
+
+    def close(self) -> None:
+        for p in self.processes:
+            p.end()
+
+
+class _Process:
+    """One other process and what it is busy with."""
+
+    def __init__(self, context: Any, given: tuple[Study | str, list[Recording]]) -> None:
+        self.connection, child = context.Pipe()
+        self.process = context.Process(target=_serve, args=(child, os.getcwd(), given), daemon=True)
+        self.at, self.busy, self.dead, self.began = -1, False, False, 0.0
+        self.process.start()
+        child.close()
+        try:
+            said = self.connection.recv() if self.connection.poll(START) else f"was not imported within {START:g} s"
+        except EOFError:
+            said = "cannot be imported in another process; see its message above"
+        if said is not None:
+            self.end()
+            raise InputError([said if said.startswith("--simulator") else f"the simulator {said}"])
+
+    def begin(self, at: int, ask: Ask) -> None:
+        self.connection.send(ask)
+        self.at, self.busy, self.began = at, True, time.perf_counter()
+
+    def result(self) -> Any:
+        self.busy = False
+        try:
+            return self.connection.recv()
+        except (EOFError, ConnectionError):
+            self.process.join(5.0)
+            code = self.process.exitcode
+            self.end()
+            died = f"by signal {-code}" if code is not None and code < 0 else f"with exit status {code}"
+            return Failure(f"died {died}")
+
+    def end(self) -> None:
+        self.busy, self.dead = False, True
+        self.connection.close()
+        if self.process.is_alive():
+            self.process.kill()
+        self.process.join(5.0)
+
+
+def _context(study: Study, source: str) -> Any:
+    """Processes that begin anew, or copies of this one where functions live only here (a notebook's cell)."""
+    spawn = multiprocessing.get_context("spawn")
+    if source:
+        return spawn
+    interactive = any(f.__module__ == "__main__" for f in study.functions) and not hasattr(
+        sys.modules["__main__"], "__file__"
+    )
+    try:
+        pickle.dumps(study)
+    except (pickle.PicklingError, AttributeError, TypeError) as e:
+        interactive, why = True, str(e)
+    else:
+        why = "its function lives in a notebook"
+    if not interactive:
+        return spawn
+    if "fork" not in multiprocessing.get_all_start_methods():
+        raise InputError(
+            [f"workers or limit: the simulator cannot be sent to another process ({why}); put it in a module"]
+        )
+    return multiprocessing.get_context("fork")
+
+
+def _serve(connection: Connection, folder: str, given: tuple[Study | str, list[Recording]]) -> None:
+    """The other process: runs what it is asked for until nobody asks any more."""
+    threading.Thread(target=end_with_parent, daemon=True).start()
+    os.dup2(2, 1)  # what a simulator prints must not stand in the command's result
+    source, recordings = given
+    try:
+        study = study_at(source, folder) if isinstance(source, str) else source
+    except Exception as e:  # a user's module may raise anything
+        connection.send(e.problems[0] if isinstance(e, InputError) else _raised(e))
+        return
+    connection.send(None)
+    while True:
+        try:
+            asked = connection.recv()
+        except EOFError:
+            return
+        if isinstance(asked, Ask):
+            result = _batch(study, recordings, [asked])[0] if study.batch else _run(study, recordings, asked)
+            connection.send(result if isinstance(result, Failure) else _portable(result))
+        else:
+            connection.send(_description(study, recordings))
+
+
+@dataclass(frozen=True)
+class _Known:
+    """First value of a parameter that every recording has for itself, by the recording's name."""
+
+    values: Mapping[str, float]
+
+    def __call__(self, recording: Recording) -> float:
+        return self.values[recording.name]
+
+
+def _description(study: Study, recordings: Sequence[Recording]) -> Study | Failure:
+    """The study without its functions; its version tells their source."""
+    try:
+        given = [
+            replace(p, start=_Known({r.name: float(p.start(r)) for r in recordings})) if callable(p.start) else p
+            for p in study.parameters
+        ]
+    except Exception as e:
+        return Failure(_raised(e))
+    text = "".join(source_of(f) for f in study.functions)
+    version = hashlib.sha256(f"{study.version} {text}".encode()).hexdigest()
+    return replace(study.without_functions(), parameters=given, version=version)
+
+
+def described(source: str, recordings: Sequence[Recording]) -> Study:
+    """The study MODULE:NAME as another process tells of it: nothing of the user's is imported here."""
+    process = _Process(multiprocessing.get_context("spawn"), (source, list(recordings)))
+    try:
+        process.connection.send("describe")
+        found = process.connection.recv()
+    except EOFError:
+        found = Failure("died when it was asked for its parameters")
+    finally:
+        process.end()
+    if isinstance(found, Failure):
+        raise InputError([f"--simulator {source}: {found.why}"])
+    return found
+
+
+def _portable(value: Any) -> Any:
+    """What a simulator gave as plain arrays, which any process can read."""
+    if hasattr(value, "columns"):
+        return {str(c): np.asarray(value[c], float) for c in value.columns}
+    try:
+        return {k: np.asarray(v, float) for k, v in value.items()} if isinstance(value, Mapping) else np.asarray(value)
+    except Exception as e:
+        return Failure(_raised(e))
+
+
+def study_at(source: str, folder: str) -> Study:
+    """The Study called NAME in MODULE (a name that Python can import from `folder`, or a file), imported here."""
+    module, _, name = source.rpartition(":")
+    if not module or not name:
+        raise InputError([FORM.format(source)])
+    if module.endswith(".py"):
+        path = Path(folder, module)
+        if not path.exists():
+            raise InputError([f"--simulator {source}: no file {path}"])
+        folder, module = str(path.parent), path.stem
+    sys.path.insert(0, folder)
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as e:
+        raise InputError([f"--simulator {source}: {e}"]) from None
+    if not isinstance(found, Study):
+        raise InputError([f"--simulator {source}: is a {type(found).__name__}, not a jumpvision Study"])
+    return found
+
+
+def outside(source: str, folder: Path) -> None:
+    """Raises InputError where the file of MODULE:NAME lies in a folder of recordings, which must hold no code."""
+    module, _, name = source.rpartition(":")
+    if not module or not name:
+        raise InputError([FORM.format(source)])
+    file = Path(module) if module.endswith(".py") else Path(*module.split(".")).with_suffix(".py")
+    inside = Path.cwd() == folder.resolve() or folder.resolve() in file.resolve().parents
+    if inside and (file.exists() or file.with_suffix("").is_dir()):
+        raise InputError(
+            [
+                f"--simulator {source}: {file} lies in the folder of recordings {folder}, from which nothing is "
+                "imported; move it out"
+            ]
+        )
+
+
+def source_of(function: Callable[..., Any]) -> str:
+    """The text of the module that holds a function, of the function alone where there is none."""
+    try:
+        return inspect.getsource(sys.modules[function.__module__])
+    except (OSError, TypeError, KeyError):
+        try:
+            return inspect.getsource(function)
+        except (OSError, TypeError):
+            return f"{function.__module__}.{getattr(function, '__qualname__', repr(function))}"
