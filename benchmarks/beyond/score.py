@@ -137,7 +137,8 @@ def inner(found: Found, c: Cloud, values: Mapping[str, float] | None) -> Array:
     """Its internal state u (n,) along the motion, 0 at the start of every jump; Heun."""
     assert found.state
     n, rule = c.acts.size // c.starts.size, replace(found, law=found.state)
-    at = {k: x.reshape(-1, n) for k, x in c.symbols.items()}
+    moving = {"v": np.where(c.acts, c.symbols["v"], 0.0)} if found.acts_on == "foot" else {}
+    at = {k: x.reshape(-1, n) for k, x in {**c.symbols, **moving}.items()}
     u = np.zeros((c.starts.size, n))
     for i in range(n - 1):
         now, then = ({k: x[:, j] for k, x in at.items()} for j in (i, i + 1))

@@ -13,6 +13,7 @@ from jumpvision.diagnosis.discovery import Discovery, ceiling, discover
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.forms import forms, seen_by
 from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.naming import Naming
 from jumpvision.diagnosis.proposing import Gain, gain
 from jumpvision.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
 from jumpvision.mechanisms.record import Mechanism
@@ -20,13 +21,15 @@ from jumpvision.physics.passivity import POSITIONS, RATES, is_passive
 from jumpvision.results import diagnosis as record
 
 NAME = "discovered_1"
+SEVERAL = 2  # mechanisms that pass only together: one law may do in their place
 BUMPS = 5  # of the force surface, along each argument
 SEED = 2
 
 
 @dataclass(frozen=True)
 class Law:
-    """A discovered law as a mechanism. system, fit: the jumps with it in their vocabulary, and the model with it."""
+    """A discovered law as a mechanism. system, fit: the jumps with it in their vocabulary, and the model with it.
+    instead: known mechanisms that explain as much together, but are less likely."""
 
     law: Mechanism
     found: Discovery
@@ -35,6 +38,7 @@ class Law:
     seen: dict[str, tuple[float, float]]
     passive: bool | None
     ceiling: float | None
+    instead: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -43,19 +47,31 @@ class Law:
 
 
 def law_of(d: Findings, problem: Problem, system: Jumper, say: Callable[[str], None]) -> Law | None:
-    """The law that explains what the vocabulary leaves over; None where it leaves nothing, or no law is found."""
-    if d.naming is None or d.naming.status == "complete":
+    """The law that explains what the vocabulary leaves over, or what takes it several mechanisms; None where one
+    mechanism is enough, or no law is found."""
+    if d.naming is None or (d.naming.status == "complete" and len(d.naming.named) < SEVERAL):
         return None
-    say("no mechanism of the vocabulary explains all of it: searching for a law")
+    known = d.naming.best.fit if d.naming.status == "complete" else None
+    if known:
+        say(f"it takes {len(known.mechanisms)} mechanisms of the vocabulary: searching for one law instead")
+    else:
+        say("no mechanism of the vocabulary explains all of it: searching for a law")
     library = forms(system.model)
     wide = system.considering(list(library.values()))
     rng = np.random.default_rng(SEED)
     whole = Problem(wide, problem.noise, problem.scattered, problem.measured)
-    beside = [d.baseline, d.naming.best.fit] if d.naming.named else [d.baseline]
-    found = discover(whole, d.baseline, beside, list(library), rng)
+    beside = [d.baseline]
+    if d.naming.named:
+        beside.append(d.naming.best.fit if known is None else _alone(d.naming))
+    found = discover(whole, d.baseline, beside, list(library), rng, known)
     if found is None:
         return None
-    return _named(found, library[found.form], system, problem)
+    return replace(_named(found, library[found.form], system, problem), instead=known.mechanisms if known else ())
+
+
+def _alone(naming: Naming) -> Fit:
+    """The best fit of one mechanism by itself."""
+    return min((e.fit for e in naming.tried if len(e.mechanisms) == 1), key=lambda f: f.chi2)
 
 
 def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) -> Law:
@@ -136,6 +152,7 @@ def discovered_of(law: Law) -> record.Discovered:
         beside=law.fit.mechanisms[:-1],
         stability=dict(law.found.stability),
         rivals=law.found.rivals,
+        instead_of=law.instead,
     )
 
 

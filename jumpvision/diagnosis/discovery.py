@@ -7,6 +7,7 @@ arguments could explain stands beside it (`ceiling`).
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,13 +17,15 @@ import numpy as np
 from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
 from .naming import held_out_score
-from .search import FEW, Start, race, some, start_of
+from .search import FEW, Start, log_prior, race, some, start_of
 
 SHAPES = 2  # sets of shape parameters of a form from which it starts
 ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
 LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
 ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
 DRAWS = 500  # of the groups, for how often a form wins
+UNLISTED = 0.01  # chance, before the data, that what a set of known mechanisms explains is a law of no vocabulary
+BEHIND = 0.5  # share of what that set explains; a form that has less of it after the first laps is not followed
 TOLD = 0.05  # share of the draws from which a form is told
 
 
@@ -46,18 +49,25 @@ class Discovery:
 
 
 def discover(
-    problem: Problem, base: Fit, fits: Sequence[Fit], forms: Sequence[str], rng: np.random.Generator
+    problem: Problem,
+    base: Fit,
+    fits: Sequence[Fit],
+    forms: Sequence[str],
+    rng: np.random.Generator,
+    instead: Fit | None = None,
 ) -> Discovery | None:
     """The form that explains what the fits leave over; None where none explains ENOUGH of it.
 
-    problem: of a system that has the forms among its candidates. fits: models beside which they are tried.
+    problem: of a system that has the forms among its candidates. fits: models beside which they are tried. instead: a
+    set of known mechanisms that leaves nothing over; a law must be likelier than it, by UNLISTED.
     """
     limit = max(held_out_score(problem, f) for f in (base, *fits))
     tried: list[tuple[Fit, Fit]] = []
     for fit in {f.mechanisms: f for f in fits}.values():
         columns = directions(problem, fit, forms)
         if columns:
-            tried += [(fit, f) for f in race(problem, _starts(problem, fit, detect(problem, fit, columns, rng)))]
+            begun = _starts(problem, fit, detect(problem, fit, columns, rng), instead)
+            tried += [(fit, f) for f in race(problem, begun)]
     better = [(a, b, held_out_score(problem, b)) for a, b in tried]
     better = [(a, b, s) for a, b, s in better if s > limit]
     if not better:
@@ -69,6 +79,8 @@ def discover(
     if r2 < ENOUGH:
         return None
     test = detect(problem, best, directions(problem, best, _listed(problem, forms)), rng)
+    if instead is not None and (test.discrepant or not likelier(problem, best, instead, len(forms))):
+        return None
     return Discovery(
         best.mechanisms[-1],
         before,
@@ -79,6 +91,13 @@ def discover(
         tuple(f.mechanisms[-1] for _, f, _ in level if f is not best),
         test,
     )
+
+
+def likelier(problem: Problem, law: Fit, known: Fit, forms: int) -> bool:
+    """Whether a law of no vocabulary is likelier than a set of known mechanisms that passes as well."""
+    listed = len(problem.system.candidates) - forms
+    prior = log_prior(len(law.mechanisms) - 1, listed) - math.log(forms) + math.log(UNLISTED)
+    return law.log_evidence + prior > known.log_evidence + log_prior(len(known.mechanisms), listed)
 
 
 def at_end(fit: Fit) -> bool:
@@ -113,8 +132,9 @@ def _listed(problem: Problem, forms: Sequence[str]) -> list[str]:
     return [m for m in problem.system.candidates if m not in forms]
 
 
-def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
-    """Starts of the forms that come furthest in short fits over a share of the conditions, fewer each round.
+def _starts(problem: Problem, fit: Fit, found: Detection, instead: Fit | None) -> list[Start]:
+    """Starts of the forms that come furthest in short fits over a share of the conditions, fewer each round; none
+    where all of them stay far behind the set `instead`.
 
     Each form begins at the shapes that the residuals ask for most, its strength by the linear estimate.
     """
@@ -126,12 +146,16 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
         for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
             starts.append(((*fit.mechanisms, form), start_of(problem, fit, d, z)))
     few = some(problem, FEW)
+    limit = math.inf
+    if instead is not None:
+        before, after = (problem.cost(f.mechanisms, f.named, few) for f in (fit, instead))
+        limit = before - BEHIND * (before - after)
     for iterations, kept in ROUNDS:
         fits = [f for m, s in starts if (f := problem.fit(m, s, few, iterations)) is not None]
         best: dict[tuple[str, ...], Fit] = {}
         for f in sorted(fits, key=lambda f: f.chi2):
             best.setdefault(f.mechanisms, f)
-        starts = [(f.mechanisms, f.named) for f in list(best.values())[:kept]]
+        starts = [(f.mechanisms, f.named) for f in list(best.values())[:kept] if f.chi2 < limit]
     return starts
 
 

@@ -76,6 +76,7 @@ Z_FADING = _decaying("z", "l", (0.004, 0.012, 0.03), "m")
 Z_RISING = _decaying("z", "l", (0.004, 0.012, 0.03), "m", rising=True)
 SINCE = _decaying("contact_s", "tau", (0.02, 0.1, 0.4), "s")
 RAIL_V = _power("v_m", "v_0", SPEED, "m/s", "p", True)
+RAIL_LINEAR_V = Factor("v_m / v_0", (_fixed("v_0", SPEED, "m/s"),))
 RAIL_SATURATING = _saturating("v_m", "v_1", (0.05, 0.3), "m/s")
 RAIL_DRY = Factor("sign(v_m)")
 RAIL_X = _power("x_m", "x_0", DEPTH, "m", "n", False)
@@ -86,6 +87,13 @@ RAIL_EXP = Factor(
 )
 RAIL_LINEAR = Factor(
     "(1 + s * x_m / x_0)", (drawn("s", 0.5, -20.0, 20.0, "", scale=0.3, grid=(-1.0, 1.0)), _fixed("x_0", DEPTH, "m"))
+)
+RAIL_PATCH = Factor(
+    "exp(-((x_m - a) / w)**2)",
+    (
+        drawn("a", 0.01, -0.05, 0.15, "m", scale=0.003, grid=(0.0, 0.01, 0.02, 0.04)),
+        drawn("w", 0.01, 0.001, 0.2, "m", scale=0.003, grid=(0.004, 0.012)),
+    ),
 )
 STRETCH_POWER = _power("stretch", "s_0", STRETCH, "m", "n", True)
 STRETCH_EVEN = _power("stretch", "s_0", STRETCH, "m", "n", False)
@@ -110,7 +118,12 @@ def forms(model: Model) -> dict[str, Mechanism]:
         out.append(_relaxing("foot_relaxing", "foot", "-r * u", "v - u / tau", "m", size / DEPTH, "N/m"))
         out += [_mass(name, place) for name, place in _DEPTHS]
     out += _combined(
-        "rail", (("v", RAIL_V), ("sat", RAIL_SATURATING), ("dry", RAIL_DRY)), _PLACES, (("", ONE),), size, "-"
+        "rail",
+        (("v", RAIL_V), ("lin", RAIL_LINEAR_V), ("sat", RAIL_SATURATING), ("dry", RAIL_DRY)),
+        _PLACES,
+        (("", ONE),),
+        size,
+        "-",
     )
     spring = SHARE * model.k_s * STRETCH
     out += [
@@ -125,7 +138,14 @@ def forms(model: Model) -> dict[str, Mechanism]:
 
 _DEPTHS = (("", ONE), ("z", Z), ("fading", Z_FADING), ("rising", Z_RISING))
 _MEMORY = (("", ONE), ("since", SINCE))
-_PLACES = (("", ONE), ("x", RAIL_X), ("height", RAIL_HEIGHT), ("exp", RAIL_EXP), ("linear", RAIL_LINEAR))
+_PLACES = (
+    ("", ONE),
+    ("x", RAIL_X),
+    ("height", RAIL_HEIGHT),
+    ("exp", RAIL_EXP),
+    ("linear", RAIL_LINEAR),
+    ("patch", RAIL_PATCH),
+)
 _BODY = {"foot": "foot", "rail": "carriage"}
 
 Named = Sequence[tuple[str, Factor]]
@@ -136,6 +156,8 @@ def _combined(body: str, rates: Named, places: Named, memories: Named, size: flo
     for (a, rate), (b, place), (c, memory) in product(rates, places, memories):
         if rate.free + place.free + memory.free > COMPLEX or (a, b, c) == ("dry", "", ""):
             continue  # the dry friction of the rail is the vocabulary's
+        if a == "lin" and place is not RAIL_PATCH:
+            continue  # a power has it
         name = "_".join(n for n in (body, a, b, c) if n)
         out.append(force(name, _BODY[body], (rate, place, memory), size, sign))
     return out

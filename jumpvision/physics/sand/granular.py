@@ -235,6 +235,8 @@ def rhs(
         k[i, INNER] = 0.0
         if p.own_rate > 0:
             z, v, stretch, rate = -s[XF], s[VF], x_r - s[XF], v_r - s[VF]
+            if mode == AIR:
+                v = 0.0  # what a bed remembers is of the foot that moves in it
             contact, at = t - memory[CONTACT], p.own_rate
             k[i, INNER] = value(
                 p,
