@@ -9,18 +9,22 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from benchmarks.rows import Row, gather, share
 from jumpvision.lab import write
@@ -29,12 +33,13 @@ from jumpvision.lab.campaign import carry_out, defaults
 
 from . import peers
 from .fit import Seen, bounds, fit, predicted, seen
-from .motion import Array, Law
-from .score import HELD_OUT, INSTRUMENTS, Found, evaluated, read, score
-from .worlds import BARRED, NAMES, NOISES, START, World, times, tracks, world, write_folder
+from .motion import Array, Command, Law, follow
+from .score import HELD_OUT, INSTRUMENTS, Found, read, score
+from .worlds import AMPLITUDE, BARRED, NAMES, NOISES, START, SWEEPS, World, moved, times, tracks, world, write_folder
 
 WHO = ("ours", "sindy", "genetic")
 MODULES = {"sindy": "pysindy", "genetic": "gplearn"}
+SWEPT, FINE = 7, np.arange(0.0, 2.5, 1e-3)  # frequencies; times of the true motion [s]
 MINUTES = 3.0  # bar
 ENTRY = "import sys; from jumpvision.cli import main; main(sys.argv[1:])"
 
@@ -89,22 +94,47 @@ def ours(w: World) -> tuple[Found, Row]:
         try:
             fresh = write_folder(w, out, fresh=True)
             command("simulate", str(fresh), "--results", str(later), "--model", str(results / "model.toml"))
-            found = replace(found, fresh_rms=unseen(w, found, fresh, later))
+            found = replace(found, fresh_rms=unseen(w, fresh, later))
+            told |= in_use(w, results, out)
         except (RuntimeError, FileNotFoundError, ValueError) as e:  # the row says that its model cannot be used
             told["fresh_failed"] = str(e)[-200:]
         return found, told
 
 
-def unseen(w: World, found: Found, fresh: Path, results: Path) -> float:
-    """rms [m] of the fresh tracks about the simulation, filmed as the answer says."""
-    camera = Camera(found)
+def in_use(w: World, results: Path, out: Path) -> Row:
+    """What the truth makes of a plan and of a sweep with the answer's model: heights of the rod over rest [m]."""
+    one = next(d for d in sorted((out / w.name).iterdir()) if d.is_dir())
+    highest = max(float(np.ptp(moved(w, s).rod)) for s in w.shots if s.kind == "single")
+    given = ("--experiment", str(one), "--model", str(results / "model.toml"))
+    low, high = SWEEPS[w.ground][0][2]
+    axes = ("--frequency", f"{low + 0.3}:{high - 0.3}:{SWEPT}", "--phase", f"{1.5 * np.pi}")
+    command("sweep", w.ground, *given, *axes, "--results", str(out / "sweep"), "--no-pictures", "--workers", "1")
+    with xr.open_dataset(out / "sweep" / "sweep.nc") as data:
+        swept = data["jump_height_m"].squeeze()
+        shots = [Command(AMPLITUDE[w.ground], float(f), 1.5 * np.pi, START) for f in swept["frequency"]]
+        true = [float(np.max(m.rod - m.rod[0])) for m in (follow(w.jumper, c, w.law, FINE) for c in shots)]
+        told: Row = {"sweep_rms": float(np.sqrt(np.mean((swept.to_numpy() - true) ** 2)))}
+    apex = f"{0.8 * highest:.4f}"
+    try:
+        command("plan", "--ground", w.ground, "--apex", apex, *given, "--results", str(out / "plan"), "--no-pictures")
+    except RuntimeError as e:
+        return told | {"plan_failed": str(e)[-200:]}
+    plan = json.loads((out / "plan" / "plan.json").read_text(encoding="utf-8"))
+    table = pd.read_csv(out / "plan" / "plan.csv")
+    t, x = table["time_s"].to_numpy(), table["command_m"].to_numpy()
+    path = np.stack([t, x, CubicSpline(t, x)(t, 1)], axis=1)
+    m = follow(w.jumper, Command(0.0, 1.0, 0.0, 0.0, path=path), w.law, FINE)
+    reached = float(np.max(m.rod - m.rod[0]))
+    return told | {"plan_m": float(apex), "plan_reached": reached, "plan_spread": plan["apex_spread_m"]}
+
+
+def unseen(w: World, fresh: Path, results: Path) -> float:
+    """rms [m] of the fresh tracks about the simulation, which is as the answer's camera films it."""
     rest = []
     for one, y in zip(sorted(d for d in fresh.iterdir() if d.is_dir()), in_order(w)):
         s = pd.read_csv(results / one.name / "simulation.csv")
         t, rod = s["time_s"].to_numpy(), s["rod_m"].to_numpy()
-        shown = times() + camera.delay(times())
-        h = np.interp(shown, t, rod) - rod[0]
-        h = camera.height(h)
+        h = np.interp(times(), t, rod) - rod[0]
         rest.append(y - (h - h[times() < START].mean()))
     return float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
 
@@ -114,21 +144,6 @@ def in_order(w: World) -> list[Array]:
     names = [f"{kind}-{c.frequency:g}Hz-{n:02d}" for n, (kind, c) in enumerate(w.fresh)]
     found = dict(zip(names, tracks(w, w.fresh)))
     return [found[n] for n in sorted(names)]
-
-
-@dataclass(frozen=True)
-class Camera:
-    """What the answer says that the film has wrong."""
-
-    found: Found
-
-    def delay(self, t: Array) -> Array:
-        """Time shown less time stamped [s]."""
-        return evaluated(self.found, {"time_s": t}, t.shape) if self.found.acts_on == "film_time" else 0.0 * t
-
-    def height(self, h: Array) -> Array:
-        """Height as it is shown [m]."""
-        return h + evaluated(self.found, {"h": h}, h.shape) if self.found.acts_on == "film_height" else h
 
 
 # --------------------------------------------------------------------------------------------------------------- peers
@@ -157,9 +172,14 @@ def control(number: int) -> Row:
     """A campaign of the vocabulary as the hidden-effect game writes it: what is named, whether a law is discovered."""
     rng = np.random.default_rng([22, number])
     ground = ("granular", "hard")[number % 2]
-    hidden = choices(ground)[number // 2 % len(choices(ground))]
-    noise = NOISES[number // 2 % 2]
-    setting = draw(rng, ground=ground, hidden=(hidden,), nuisance=Nuisance(noise, 0.0, 0.0))
+    every = choices(ground)
+    first, noise = every[number // 2 % len(every)], NOISES[number // 2 % 2]
+    beside = [[]] if number // 4 % 2 == 0 else [[str(h)] for h in rng.permutation([h for h in every if h != first])]
+    for other in beside:  # the first that can act together with it
+        hidden = [first, *other]
+        with suppress(ValueError):
+            setting = draw(rng, ground=ground, hidden=hidden, nuisance=Nuisance(noise, 0.0, 0.0))
+            break
     with tempfile.TemporaryDirectory() as where:
         out = Path(where)
         folder = out / "campaign"
@@ -235,12 +255,29 @@ def _bars(who: str, mine: list[Row]) -> Iterator[str]:
         wrong = sum(r.get("passive_wrong", False) for r in mine)
         yield f"| energy-creating laws called passive | 0 | {wrong} of {len(active)} |"
         yield f"| passive laws called active | - | {sum(r.get('active_wrong', False) for r in forms)} of {n} |"
+        yield from _used(mine)
         took = [r["cpu_s"] / 60.0 for r in mine if "cpu_s" in r]
         if took:
             yield (
                 f"| processor time a campaign | <= {2 * MINUTES:g} min ({MINUTES:g} on 2 cores) "
                 f"| median {np.median(took):.1f}, worst {max(took):.1f} min |"
             )
+
+
+def _used(mine: list[Row]) -> Iterator[str]:
+    """What the truth makes of sweeps and plans with the models of laws that were right."""
+    swept = [1e3 * r["sweep_rms"] for r in mine if r.get("right") and "sweep_rms" in r]
+    if swept:
+        text = f"median {np.median(swept):.3f}, worst {max(swept):.3f}"
+        yield f"| sweeps with right laws: rms of the heights, mm | - | {text} |"
+    planned = [r for r in mine if r.get("right") and "plan_reached" in r]
+    off = [abs(r["plan_reached"] - r["plan_m"]) for r in planned]
+    within = sum(d <= 3 * (r["plan_spread"] or 0.0) for d, r in zip(off, planned))
+    failed = sum("plan_failed" in r for r in mine if r.get("right"))
+    if planned or failed:
+        text = f"median {1e3 * np.median(off):.3f}, worst {1e3 * max(off):.3f}; " if off else ""
+        text += f"{within} of {len(off)} within, {failed} no plan"
+        yield f"| plans with right laws: the truth's apex off by, mm | within 3 sigma | {text} |"
 
 
 def _against(rows: list[Row]) -> Iterator[str]:

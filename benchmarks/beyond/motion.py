@@ -69,17 +69,21 @@ class Law(NamedTuple):
 
 
 class Command(NamedTuple):
-    """X_m = A [sin(w t + phase) - sin(phase)] for one cycle from `start`, held for `delay` after the first half."""
+    """X_m = A [sin(w t + phase) - sin(phase)] for one cycle from `start`, held for `delay` after the first half; or,
+    where it has rows (n, 3), the `path` through times, X_m and X_m' [s, m, m/s], cubic between, held after it."""
 
     amplitude: float
     frequency: float
     phase: float
     start: float
     delay: float = 0.0
+    path: Array = np.zeros((0, 3))
 
     @property
     def edges(self) -> tuple[float, float, float, float]:
         """Start, middle, second start, stop [s]."""
+        if len(self.path):
+            return self.path[0, 0], *(3 * (float(self.path[-1, 0]),))
         half = self.start + 0.5 / self.frequency
         return self.start, half, half + self.delay, half + self.delay + 0.5 / self.frequency
 
@@ -89,8 +93,24 @@ compiled = nb.njit(cache=True, error_model="numpy", _nrt=False)
 
 
 @compiled
+def _along(t, piece, path):  # type: ignore[no-untyped-def]
+    """The same of a path through knots, by Hermite's cubics."""
+    if piece != 1:
+        return path[0 if piece == 0 else -1, 1], 0.0
+    i = min(max(np.searchsorted(path[:, 0], t, side="right") - 1, 0), path.shape[0] - 2)
+    h = path[i + 1, 0] - path[i, 0]
+    s = (t - path[i, 0]) / h
+    x0, x1, v0, v1 = path[i, 1], path[i + 1, 1], path[i, 2] * h, path[i + 1, 2] * h
+    c, d = 3.0 * (x1 - x0) - 2.0 * v0 - v1, 2.0 * (x0 - x1) + v0 + v1
+    return x0 + s * (v0 + s * (c + s * d)), (v0 + s * (2.0 * c + 3.0 * s * d)) / h
+
+
+@compiled
 def _motor(t, piece, command, edges):  # type: ignore[no-untyped-def]
     """X_m and X_m' on a piece: before, first half, held, second half, after."""
+    path = command[5]
+    if path.shape[0] > 0:
+        return _along(t, piece, path)
     A, f, phase = command[0], command[1], command[2]
     w = 2.0 * math.pi * f
     if piece == 0:
@@ -352,7 +372,9 @@ def follow(jumper: Jumper, command: Command, law: Law, t: Array, *, step: float 
     middle = np.append(0.5 * (times[:-1] + times[1:]), times[-1] + 1e-12)
     pieces = np.searchsorted(edges, middle, side="right")
     out = np.empty((t.size, 9))
-    rows = _run(times, keep, pieces, tuple(map(float, command)), edges, jumper, law, np.zeros((7, 5)), out)
+    rows = _run(
+        times, keep, pieces, (*map(float, command[:5]), command.path), edges, jumper, law, np.zeros((7, 5)), out
+    )
     if rows != t.size:
         raise RuntimeError(f"motion: the foot chatters without end, {jumper}, {law.p}")
     return Motion(t, *np.ascontiguousarray(out.T))
