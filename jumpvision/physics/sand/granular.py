@@ -43,6 +43,7 @@ NEAR = 1e-6  # m, over which the slope of a law of the user's own is taken
 FLOOR, HOLE, PAUSE, HELD, CONTACT, N_MEMORY = range(6)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
 foot last came down [s]."""
+QUICK = 5e-5  # s: a lag so short is the start of its series in tau; as an equation it would be stiff
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
 LOSSES = [[m for m in acting(body) if not m.energy] for body in LOST]
@@ -106,10 +107,10 @@ def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, flo
     if p.kp > 0.0:
         return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
     x, v, a = drive(kind, row, t)
-    if p.tau > 0.0:
+    if p.tau > QUICK:
         rate = (x - s[X]) / p.tau
         return s[X], rate, (v - rate) / p.tau
-    return x, v, a
+    return x - p.tau * (v - p.tau * a), v - p.tau * a, a
 
 
 @kernel
@@ -226,7 +227,7 @@ def rhs(
             resist += own_foot(t, z, s[VF], s, memory, p)
         k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
     if s.size > X:
-        k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > 0.0 else 0.0
+        k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > QUICK else 0.0
     if s.size > V:
         k[i, V] = 0.0
     if p.kp > 0.0:
