@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import copy_aside, write_aside
-from jumpvision.diagnosis.diagnose import Findings, diagnose
+from jumpvision.diagnosis.diagnose import Findings, explain, foretell
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper.forms import Shaped
 from jumpvision.diagnosis.jumper.jumper import Jumper, content
@@ -36,7 +37,7 @@ from .findings import told
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 8  # of the method: another one asks again
+VERSION = 9  # of the method: another one asks again
 MODEL, PICTURE = "model.toml", "diagnosis.png"
 
 Say = Callable[[str], None]
@@ -128,22 +129,16 @@ def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw |
         raise InputError([f"{path}: {e}"]) from None
     system = learned.system
     laws = [law for e in asked.experiments if (law := e.section(Actuation)) is not None and law.moves]
-    found = diagnose(
-        system,
-        learned.noise,
+    problem, rng, by = (
+        Problem(system, learned.noise, learned.scatter, asked.measured),
         np.random.default_rng(SEED),
-        scatter=learned.scatter,
-        measured=asked.measured,
-        by=("kind",),
-        stops=[j.stop for j in jumps],
-        runnable=proposals(system, laws),
-        say=say,
+        ("kind",),
     )
-    problem = Problem(system, learned.noise, learned.scatter, asked.measured)
+    found = explain(problem, rng, by=by, say=say)
     law = law_of(found, problem, system, say)
-    if law:
-        whole = Problem(law.system, learned.noise, learned.scatter, asked.measured)
-        found = replace(found, gain=law_gain(law, whole))
+    gained = partial(law_gain, law, problem) if law else None
+    stops, runnable = [j.stop for j in jumps], proposals(system, laws)
+    found = foretell(problem, found, rng, by=by, stops=stops, runnable=runnable, say=say, gained=gained)
     left = None if law else leftover(found, problem, system, say)
     alone = jumps_alone(told(found), problem)
     rows = confirmation(alone, system, asked.films, asked.measured)

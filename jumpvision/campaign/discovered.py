@@ -13,7 +13,6 @@ from jumpvision.diagnosis.discovery import Discovery, ceiling, discover
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.forms import forms, seen_by
 from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.naming import Naming
 from jumpvision.diagnosis.proposing import Gain, gain
 from jumpvision.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
 from jumpvision.mechanisms.record import Mechanism
@@ -61,17 +60,12 @@ def law_of(d: Findings, problem: Problem, system: Jumper, say: Callable[[str], N
     rng = np.random.default_rng(SEED)
     whole = Problem(wide, problem.noise, problem.scattered, problem.measured)
     beside = [d.baseline]
-    if d.naming.named:
-        beside.append(d.naming.best.fit if known is None else _alone(d.naming))
+    if d.naming.named and known is None:
+        beside.append(d.naming.best.fit)
     found = discover(whole, d.baseline, beside, list(library), rng, known)
     if found is None:
         return None
     return replace(_named(found, library[found.form], system, problem), instead=known.mechanisms if known else ())
-
-
-def _alone(naming: Naming) -> Fit:
-    """The best fit of one mechanism by itself."""
-    return min((e.fit for e in naming.tried if len(e.mechanisms) == 1), key=lambda f: f.chi2)
 
 
 def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) -> Law:
@@ -119,7 +113,11 @@ def surface(law: Mechanism, seen: dict[str, tuple[float, float]], size: float) -
 
 
 def law_gain(law: Law, problem: Problem) -> Gain | None:
-    """The gain on conditions held out: baseline and law fitted without them, the form of the law as it was found."""
+    """The gain on conditions held out: baseline and law fitted without them, the form of the law as it was found.
+
+    problem: as it was asked, without the law.
+    """
+    problem = Problem(law.system, problem.noise, problem.scattered, problem.measured)
 
     def fitted(part: Problem, base: Fit, rng: np.random.Generator) -> Fit:
         own = {p.name: p.prior(None) for p in law.law.parameters}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,32 +55,60 @@ def diagnose(
     runnable: Sequence[Runnable] = (),
     say: Say = lambda text: None,
 ) -> Findings:
-    """Questions a system. by: labels of the observations to report by. stops: time after which each one's apex counts.
+    """Questions a system: what is wrong and why (`explain`), then what that is worth (`foretell`).
+
     scatter: standard deviations of what differs from trial to trial (System.scatter). measured: of parameters, by other
     means.
+    """
+    problem = Problem(system, noise, scatter, measured)
+    return foretell(problem, explain(problem, rng, by=by, say=say), rng, by=by, stops=stops, runnable=runnable, say=say)
+
+
+def explain(problem: Problem, rng: np.random.Generator, *, by: Sequence[str], say: Say) -> Findings:
+    """Whether a model is wrong, where, and which mechanisms explain it. by: labels of the observations to report by.
 
     Raises ValueError when the baseline cannot be followed on the data.
     """
-    problem = Problem(system, noise, scatter, measured)
+    system, noise = problem.system, problem.noise
     say("fitting the baseline")
     base = fit_baseline(problem, rng)
     say("testing it")
     found = detect(problem, base, directions(problem, base), rng)
     where = locate(problem, base, tuple(by), rng)
     if not found.discrepant:
-        return Findings(noise, base, found, where, detectable=tuple(detectable(problem, base, found, rng)))
+        return Findings(noise, base, found, where)
     say(f"discrepant (p = {found.p_value:.2g}): trying {len(system.candidates)} mechanisms")
-    naming = name(problem, base, found, rng)
+    return Findings(noise, base, found, where, name(problem, base, found, rng))
+
+
+def foretell(
+    problem: Problem,
+    d: Findings,
+    rng: np.random.Generator,
+    *,
+    by: Sequence[str],
+    stops: Sequence[float] | None,
+    runnable: Sequence[Runnable],
+    say: Say,
+    gained: Callable[[], Gain | None] | None = None,
+) -> Findings:
+    """What is explained, with its gain on conditions held out, the next experiment, and what might yet be hidden.
+
+    stops: time after which each observation's apex counts. gained: in place of the gain by the vocabulary.
+    """
+    base, found, naming = d.baseline, d.detection, d.naming
+    if naming is None:
+        return replace(d, detectable=tuple(detectable(problem, base, found, rng)))
     say("predicting held-out conditions")
-    times = stops if stops is not None else [float(o.t[0]) for o in system.observations]
+    times = stops if stops is not None else [float(o.t[0]) for o in problem.system.observations]
     best = naming.best.fit
-    gained = gain(problem, fit_baseline, times, rng, NEIGHBOURS)
+    gain_of = gained or (lambda: gain(problem, fit_baseline, times, rng, NEIGHBOURS))
     beyond = extrapolation(problem, base, best, by[0], times) if by else {}
     second = next((e.fit for e in naming.tried if e is not naming.best), base)
-    proposal = propose(runnable, best, second, noise) if runnable else None
+    proposal = propose(runnable, best, second, problem.noise) if runnable else None
     seen = naming.best.detection if naming.named else found
     hidden = detectable(problem, best if naming.named else base, seen or found, rng)
-    return Findings(noise, base, found, where, naming, gained, beyond, proposal, tuple(hidden))
+    return replace(d, gain=gain_of(), extrapolation=beyond, next_experiment=proposal, detectable=tuple(hidden))
 
 
 def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:

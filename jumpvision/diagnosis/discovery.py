@@ -25,6 +25,7 @@ LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
 ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
 DRAWS = 500  # of the groups, for how often a form wins
 UNLISTED = 0.01  # chance, before the data, that what a set of known mechanisms explains is a law of no vocabulary
+RIVALS = 12  # forms that are tried in the place of such a set
 BEHIND = 0.5  # share of what that set explains; a form that has less of it after the first laps is not followed
 TOLD = 0.05  # share of the draws from which a form is told
 
@@ -141,6 +142,9 @@ def _starts(problem: Problem, fit: Fit, found: Detection, instead: Fit | None) -
     asked: dict[str, list[tuple[float, Direction]]] = {}
     for d, z in zip(found.directions, found.score):
         asked.setdefault(d.mechanism, []).append((float(z), d))
+    if instead is not None:  # the forms that the residuals ask for most are enough: another would not pass
+        most = sorted(asked, key=lambda form: -max(abs(z) for z, _ in asked[form]))
+        asked = {form: asked[form] for form in most[:RIVALS]}
     starts: list[Start] = []
     for form, each in asked.items():
         for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
