@@ -13,10 +13,13 @@ from jumpvision.campaign.document import law_in_words, model_toml
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import Findings, fit_baseline
 from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.jumper.forms import forms
 from jumpvision.diagnosis.naming import Explanation, Naming
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.inputs.model import read_model
-from jumpvision.mechanisms.own import parameters_with
+from jumpvision.mechanisms.own import acts_on, bare, parameters_with, read_own
+from jumpvision.mechanisms.registry import ModelParameters
+from jumpvision.physics.model import Model
 
 TRUE = 300.0  # N s/m^2, of a drag in proportion to depth and speed
 
@@ -49,6 +52,25 @@ def test_the_law_is_found_with_its_exponents(found):
     assert law.status == "complete"
     assert 0.0 < told.seen["z"][1] < 0.1 and told.seen["v"][0] < -0.05
     assert "p = 1.0" in law_in_words(told) or "p = 0.9" in law_in_words(told)
+
+
+@pytest.mark.parametrize("ground", ["granular", "hard"])
+def test_every_form_can_be_read_from_a_file(ground):
+    """What a search may find is what [mechanism.NAME] takes: symbols, names, units."""
+    foot = {"foot_radius": 0.0381} if ground == "granular" else {}
+    robot = {"motor_mass": 1.0, "rod_mass": 0.2, "spring_stiffness": 3300.0, "spring_damping": 1.0, "gravity": 9.81}
+    terms = ("linear_penetration",) if foot else ()
+    library = forms(Model(ground, terms, ModelParameters(k=2000.0), foot_mass=0.04 * len(foot), **robot, **foot))
+    assert len(library) > 15
+    for m in library.values():
+        priors = {bare(m, p.name): (p.unit, p.prior(None)) for p in m.parameters}
+        values = {n: {"unit": u, "start": q.start, "range": [q.low, q.high]} for n, (u, q) in priors.items()}
+        for n, (_, q) in priors.items():
+            if q.low >= q.high:
+                del values[n]["range"]
+        state = {"state": m.rate.text, "state_unit": "m"} if m.rate else {}
+        table = {"acts_on": acts_on(m), "law": m.equation, "words": "found", "parameters": values, **state}
+        assert read_own({"discovered_1": table}, "a file")[1] == [], m.name
 
 
 def test_the_law_is_written_and_read_again(found, tmp_path):

@@ -41,7 +41,7 @@ WHO = ("ours", "sindy", "genetic")
 MODULES = {"sindy": "pysindy", "genetic": "gplearn"}
 SWEPT, FINE = 7, np.arange(0.0, 2.5, 1e-3)  # frequencies; times of the true motion [s]
 MINUTES = 3.0  # bar
-ENTRY = "import sys; from jumpvision.cli import main; main(sys.argv[1:])"
+ENTRY = "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
 @dataclass(frozen=True)

@@ -89,9 +89,9 @@ RAIL_LINEAR = Factor(
     "(1 + s * x_m / x_0)", (drawn("s", 0.5, -20.0, 20.0, "", scale=0.3, grid=(-1.0, 1.0)), _fixed("x_0", DEPTH, "m"))
 )
 RAIL_PATCH = Factor(
-    "exp(-((x_m - a) / w)**2)",
+    "exp(-((x_m - x_1) / w)**2)",
     (
-        drawn("a", 0.01, -0.05, 0.15, "m", scale=0.003, grid=(0.0, 0.01, 0.02, 0.04)),
+        drawn("x_1", 0.01, -0.05, 0.15, "m", scale=0.003, grid=(0.0, 0.01, 0.02, 0.04)),
         drawn("w", 0.01, 0.001, 0.2, "m", scale=0.003, grid=(0.004, 0.012)),
     ),
 )
