@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_unexplained import campaign
 
-from jumpvision.campaign.discovered import Law, discovered_of, law_of
+from jumpvision.campaign.discovered import Law, Laws, discovered_of
 from jumpvision.campaign.document import law_in_words, model_toml
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import Findings, fit_baseline
@@ -33,7 +33,7 @@ def found() -> tuple[Law, Problem]:
     base = fit_baseline(problem, rng)
     test = detect(problem, base, directions(problem, base), rng)
     nothing = Naming((), "undetermined", Explanation(base, 1.0, 0.0), (), (), 1.0, {})
-    law = law_of(Findings(learned.noise, base, test, [], nothing), problem, system, lambda text: None)
+    law = Laws(problem, system, lambda text: None).law(Findings(learned.noise, base, test, [], nothing))
     assert law is not None
     return law, problem
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jumpvision.campaign.diagnose import leftover
-from jumpvision.campaign.discovered import law_of
+from jumpvision.campaign.discovered import Laws
 from jumpvision.campaign.document import document
-from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
+from jumpvision.diagnosis.diagnose import explain, fit_baseline, foretell
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump
@@ -50,9 +50,11 @@ def ours(task: Task) -> Answer:
     learned = learn_noise(Jumper(task.jumps, task.ranges, task.priors, workers=1))
     system, stops = learned.system, [j.stop for j in task.jumps]
     rng = np.random.default_rng(1)
-    found = diagnose(system, learned.noise, rng, scatter=learned.scatter, by=("kind",), stops=stops)
-    problem = Problem(system, learned.noise, learned.scatter)
-    law = law_of(found, problem, system, lambda text: None)
+    problem, say = Problem(system, learned.noise, learned.scatter), lambda text: None
+    laws = Laws(problem, system, say)
+    found = explain(problem, rng, by=("kind",), say=say, enough=laws.alone)
+    law = laws.law(found)
+    found = foretell(problem, found, rng, by=("kind",), stops=stops, runnable=(), say=say)
     left = None if law else leftover(found, problem, system, lambda text: None)
     d = document(found, learned, left, law=law)
     chances = {c.mechanism: c.probability for c in d.causes}

@@ -30,7 +30,7 @@ from jumpvision.physics.forcing import delayed, sinusoid
 from jumpvision.results.diagnosis import Diagnosis, Unexplained, WithoutFilms
 from jumpvision.workflow.run import Outcome
 
-from .discovered import law_gain, law_of
+from .discovered import Laws, law_gain
 from .document import document, model_toml, unexplained_of, values
 from .films import Film, confirmation, energies, films, jumps_alone
 from .findings import told
@@ -128,16 +128,19 @@ def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw |
     except ValueError as e:
         raise InputError([f"{path}: {e}"]) from None
     system = learned.system
-    laws = [law for e in asked.experiments if (law := e.section(Actuation)) is not None and law.moves]
     problem, rng, by = (
         Problem(system, learned.noise, learned.scatter, asked.measured),
         np.random.default_rng(SEED),
         ("kind",),
     )
-    found = explain(problem, rng, by=by, say=say)
-    law = law_of(found, problem, system, say)
+    laws = Laws(problem, system, say)
+    found = explain(problem, rng, by=by, say=say, enough=laws.alone)
+    law = laws.law(found)
     gained = partial(law_gain, law, problem) if law else None
-    stops, runnable = [j.stop for j in jumps], proposals(system, laws)
+    stops, runnable = (
+        [j.stop for j in jumps],
+        proposals(system, [law for e in asked.experiments if (law := e.section(Actuation)) is not None and law.moves]),
+    )
     found = foretell(problem, found, rng, by=by, stops=stops, runnable=runnable, say=say, gained=gained)
     left = None if law else leftover(found, problem, system, say)
     alone = jumps_alone(told(found), problem)

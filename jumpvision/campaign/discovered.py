@@ -13,7 +13,9 @@ from jumpvision.diagnosis.discovery import Discovery, ceiling, discover
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.forms import forms, seen_by
 from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.naming import held_out_score
 from jumpvision.diagnosis.proposing import Gain, gain
+from jumpvision.diagnosis.search import Search
 from jumpvision.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
 from jumpvision.mechanisms.record import Mechanism
 from jumpvision.physics.passivity import POSITIONS, RATES, is_passive
@@ -45,27 +47,53 @@ class Law:
         return "partial" if self.found.detection.discrepant else "complete"
 
 
-def law_of(d: Findings, problem: Problem, system: Jumper, say: Callable[[str], None]) -> Law | None:
-    """The law that explains what the vocabulary leaves over, or what takes it several mechanisms; None where one
-    mechanism is enough, or no law is found."""
-    if d.naming is None or (d.naming.status == "complete" and len(d.naming.named) < SEVERAL):
-        return None
-    known = d.naming.best.fit if d.naming.status == "complete" else None
-    if known:
-        say(f"it takes {len(known.mechanisms)} mechanisms of the vocabulary: searching for one law instead")
-    else:
-        say("no mechanism of the vocabulary explains all of it: searching for a law")
-    library = forms(system.model)
-    wide = system.considering(list(library.values()))
-    rng = np.random.default_rng(SEED)
-    whole = Problem(wide, problem.noise, problem.scattered, problem.measured)
-    beside = [d.baseline]
-    if d.naming.named and known is None:
-        beside.append(d.naming.best.fit)
-    found = discover(whole, d.baseline, beside, list(library), rng, known)
-    if found is None:
-        return None
-    return replace(_named(found, library[found.form], system, problem), instead=known.mechanisms if known else ())
+class Laws:
+    """The search for a law that no vocabulary lists, beside the search for mechanisms: where no two of them pass the
+    test, before more are tried together (`alone`), and at its end (`law`)."""
+
+    def __init__(self, problem: Problem, system: Jumper, say: Callable[[str], None]) -> None:
+        self.problem, self.system, self.say = problem, system, say
+        self.library = forms(system.model)
+        wide = system.considering(list(self.library.values()))
+        self.whole = Problem(wide, problem.noise, problem.scattered, problem.measured)
+        self.asked, self.found = False, None
+
+    asked: bool  # whether forms were tried beside the baseline
+    found: Discovery | None  # there
+
+    def alone(self, search: Search) -> bool:
+        """Whether one law beside the baseline leaves nothing over: then larger sets are not tried."""
+        self.say("no two mechanisms of the vocabulary explain all of it: searching for a law")
+        self.asked, self.found = True, self._beside(search.base, search.base)
+        return self.found is not None and not self.found.detection.discrepant
+
+    def law(self, d: Findings) -> Law | None:
+        """The law that explains what the vocabulary leaves over, or what takes it several mechanisms; None where one
+        mechanism is enough, or no law is found."""
+        n = d.naming
+        complete = n is not None and n.status == "complete"
+        if n is None or (complete and (self.asked or len(n.named) < SEVERAL)):
+            return None
+        if complete:
+            known = n.best.fit
+            self.say(f"it takes {len(known.mechanisms)} mechanisms of the vocabulary: searching for one law instead")
+            found = self._beside(d.baseline, d.baseline, known)
+            return replace(self._law(found), instead=known.mechanisms) if found else None
+        if not self.asked:
+            self.say("no mechanism of the vocabulary explains all of it: searching for a law")
+            self.asked, self.found = True, self._beside(d.baseline, d.baseline)
+        tried = [self.found]
+        if n.named and (self.found is None or self.found.detection.discrepant):
+            tried.append(self._beside(d.baseline, n.best.fit))
+        good = [x for x in tried if x]
+        best = max(good, key=lambda x: (not x.detection.discrepant, held_out_score(self.whole, x.fit)), default=None)
+        return self._law(best) if best else None
+
+    def _beside(self, base: Fit, fit: Fit, instead: Fit | None = None) -> Discovery | None:
+        return discover(self.whole, base, fit, list(self.library), np.random.default_rng(SEED), instead)
+
+    def _law(self, found: Discovery) -> Law:
+        return _named(found, self.library[found.form], self.system, self.problem)
 
 
 def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) -> Law:

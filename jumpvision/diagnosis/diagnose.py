@@ -14,6 +14,7 @@ from .detect import Cell, Detectable, Detection, detect, detectable, directions,
 from .fitting import Fit, Problem
 from .naming import Naming, name
 from .proposing import Gain, Proposal, Runnable, extrapolation, gain, propose
+from .search import Enough
 from .system import Costly, Parameter, System
 
 STARTS = 6  # of the baseline's fit, over the ranges of its parameters
@@ -64,8 +65,11 @@ def diagnose(
     return foretell(problem, explain(problem, rng, by=by, say=say), rng, by=by, stops=stops, runnable=runnable, say=say)
 
 
-def explain(problem: Problem, rng: np.random.Generator, *, by: Sequence[str], say: Say) -> Findings:
+def explain(
+    problem: Problem, rng: np.random.Generator, *, by: Sequence[str], say: Say, enough: Enough | None = None
+) -> Findings:
     """Whether a model is wrong, where, and which mechanisms explain it. by: labels of the observations to report by.
+    enough: see `Search.run`.
 
     Raises ValueError when the baseline cannot be followed on the data.
     """
@@ -78,7 +82,7 @@ def explain(problem: Problem, rng: np.random.Generator, *, by: Sequence[str], sa
     if not found.discrepant:
         return Findings(noise, base, found, where)
     say(f"discrepant (p = {found.p_value:.2g}): trying {len(system.candidates)} mechanisms")
-    return Findings(noise, base, found, where, name(problem, base, found, rng))
+    return Findings(noise, base, found, where, name(problem, base, found, rng, enough))
 
 
 def foretell(

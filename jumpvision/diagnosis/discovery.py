@@ -26,7 +26,7 @@ ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to
 DRAWS = 500  # of the groups, for how often a form wins
 UNLISTED = 0.01  # chance, before the data, that what a set of known mechanisms explains is a law of no vocabulary
 RIVALS = 12  # forms that are tried in the place of such a set
-BEHIND = 0.5  # share of what that set explains; a form that has less of it after the first laps is not followed
+BEHIND = 0.5  # share of what could be explained; a form that has less of it after the first laps is not followed
 TOLD = 0.05  # share of the draws from which a form is told
 
 
@@ -52,30 +52,27 @@ class Discovery:
 def discover(
     problem: Problem,
     base: Fit,
-    fits: Sequence[Fit],
+    fit: Fit,
     forms: Sequence[str],
     rng: np.random.Generator,
     instead: Fit | None = None,
 ) -> Discovery | None:
-    """The form that explains what the fits leave over; None where none explains ENOUGH of it.
+    """The form that explains what a fit leaves over; None where none explains ENOUGH of what the baseline gets wrong.
 
-    problem: of a system that has the forms among its candidates. fits: models beside which they are tried. instead: a
+    problem: of a system that has the forms among its candidates. fit: the model beside which they are tried. instead: a
     set of known mechanisms that leaves nothing over; a law must be likelier than it, by UNLISTED.
     """
-    limit = max(held_out_score(problem, f) for f in (base, *fits))
-    tried: list[tuple[Fit, Fit]] = []
-    for fit in {f.mechanisms: f for f in fits}.values():
-        columns = directions(problem, fit, forms)
-        if columns:
-            begun = _starts(problem, fit, detect(problem, fit, columns, rng), instead)
-            tried += [(fit, f) for f in race(problem, begun)]
-    better = [(a, b, held_out_score(problem, b)) for a, b in tried]
-    better = [(a, b, s) for a, b, s in better if s > limit]
+    columns = directions(problem, fit, forms)
+    if not columns:
+        return None
+    limit = max(held_out_score(problem, f) for f in (base, fit))
+    tried = race(problem, _starts(problem, fit, detect(problem, fit, columns, rng), instead))
+    better = [(f, s) for f in tried if (s := held_out_score(problem, f)) > limit]
     if not better:
         return None
-    top = max(s for _, _, s in better)
-    level = [(a, b, s) for a, b, s in better if s >= top - LEVEL]
-    before, best, _ = min(level, key=lambda x: (at_end(x[1]), len(x[1].parameters), -x[2]))
+    top = max(s for _, s in better)
+    level = [(f, s) for f, s in better if s >= top - LEVEL]
+    best, _ = min(level, key=lambda x: (at_end(x[0]), len(x[0].parameters), -x[1]))
     r2 = explained(problem, base, best.chi2)
     if r2 < ENOUGH:
         return None
@@ -84,12 +81,12 @@ def discover(
         return None
     return Discovery(
         best.mechanisms[-1],
-        before,
+        fit,
         best,
         r2,
         None,
-        wins(problem, [f for _, f, _ in better], rng, TOLD),
-        tuple(f.mechanisms[-1] for _, f, _ in level if f is not best),
+        wins(problem, [f for f, _ in better], rng, TOLD),
+        tuple(f.mechanisms[-1] for f, _ in level if f is not best),
         test,
     )
 
@@ -135,7 +132,7 @@ def _listed(problem: Problem, forms: Sequence[str]) -> list[str]:
 
 def _starts(problem: Problem, fit: Fit, found: Detection, instead: Fit | None) -> list[Start]:
     """Starts of the forms that come furthest in short fits over a share of the conditions, fewer each round; none
-    where all of them stay far behind the set `instead`.
+    where all of them stay far behind the set `instead`, or the noise.
 
     Each form begins at the shapes that the residuals ask for most, its strength by the linear estimate.
     """
@@ -150,10 +147,13 @@ def _starts(problem: Problem, fit: Fit, found: Detection, instead: Fit | None) -
         for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
             starts.append(((*fit.mechanisms, form), start_of(problem, fit, d, z)))
     few = some(problem, FEW)
-    limit = math.inf
-    if instead is not None:
-        before, after = (problem.cost(f.mechanisms, f.named, few) for f in (fit, instead))
-        limit = before - BEHIND * (before - after)
+    before = problem.cost(fit.mechanisms, fit.named, few)
+    after = (
+        problem.cost(instead.mechanisms, instead.named, few)
+        if instead
+        else sum(problem.system.observations[i].t.size for i in few)
+    )
+    limit = before - BEHIND * max(before - after, 0.0)
     for iterations, kept in ROUNDS:
         fits = [f for m, s in starts if (f := problem.fit(m, s, few, iterations)) is not None]
         best: dict[tuple[str, ...], Fit] = {}

@@ -13,7 +13,7 @@ from jumpvision.base.normal import log_interval
 
 from .detect import Detection, Span
 from .fitting import Fit, Problem
-from .search import Key, Search, Start, limits, log_prior
+from .search import Enough, Key, Search, Start, limits, log_prior
 
 CONFIDENCE = 0.9  # of the set of models that is kept
 ESTABLISHED = 0.03  # of what a mechanism alone explains: more may not be left where it is named though misfit is left
@@ -61,10 +61,12 @@ class Naming:
         return self.probabilities.get(mechanism, (0.0, 0.0, 0.0))[PRIORS.index(1.0)]
 
 
-def name(problem: Problem, base: Fit, found: Detection, rng: np.random.Generator) -> Naming:
-    """Searches over sets of mechanisms, and names those that the data establish."""
+def name(
+    problem: Problem, base: Fit, found: Detection, rng: np.random.Generator, enough: Enough | None = None
+) -> Naming:
+    """Searches over sets of mechanisms, and names those that the data establish. enough: see `Search.run`."""
     search = Search(problem, base, found, rng)
-    search.run()
+    search.run(enough)
     passing = search.passing()
     key = passing[0] if passing else established(search)
     if key:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from .detect import Detection, Direction, detect, directions
 from .fitting import Fit, Problem
 from .system import Costly, Parameter
 
+PAIR = 2  # mechanisms that are tried together before a law of no vocabulary is
 MOST = 4  # mechanisms in a set
 ROUTES = 3  # sets of each size that are built upon
 QUICK = 4  # single mechanisms that a quick search tries
@@ -29,11 +30,13 @@ NEAR = 30.0  # of chi^2: a set that loses no more without one of its mechanisms 
 LAP, LAPS = 4, 6  # iterations of a fit before it is compared with the others, and how often
 FEW = 8  # conditions that the first lap goes over
 BEHIND, CLOSE = 3.0, 50.0  # a fit goes on while its chi^2 is less than this many laps, or this much, behind the best
-LEADING = 8  # sets of those that are tried together go on after the first lap, and all that are CLOSE to the best
+LEADING, FIRST = 8, 3  # sets that go on after the first lap, in a quick search; beside all that are CLOSE to the best
 FALL = 0.1  # of the excess of chi^2 by which a larger set must lower it for still larger ones to be tried
 
 Start = tuple[tuple[str, ...], dict[str, float]]
 Key = frozenset[str]
+
+Enough = Callable[["Search"], bool]
 
 
 def log_prior(size: int, vocabulary: int) -> float:
@@ -57,8 +60,11 @@ class Search:
         self.fits: dict[Key, Fit] = {frozenset(): base}
         self.tests: dict[Key, Detection] = {frozenset(): found}
 
-    def run(self) -> None:
-        """Sets of one mechanism, then of one more until one passes, or none is likelier than the smaller ones."""
+    def run(self, enough: Enough | None = None) -> None:
+        """Sets of one mechanism, then of one more until one passes, or none is likelier than the smaller ones.
+
+        enough: asked where no set of PAIR passes, whether larger ones need not be tried.
+        """
         found, asked = self.tests[frozenset()], list(self.problem.system.candidates)
         if self.quick:
             top = sorted(zip(map(abs, found.score), (d.mechanism for d in found.directions)), reverse=True)
@@ -68,6 +74,8 @@ class Search:
             if size > 1:
                 self.race([*self.forward(size)])
             if not self.ranked(size) or self.settled(size):
+                return
+            if size == PAIR and enough is not None and enough(self):
                 return
             before, after = (self.fits[self.ranked(k)[0]] for k in (size - 1, size))
             if before.chi2 - after.chi2 < FALL * (before.chi2 - self.problem.n):
@@ -107,7 +115,7 @@ class Search:
 
     # -- what is tried ---------------------------------------------------------------------------------------------
     def race(self, tried: Sequence[Start]) -> None:
-        for fit in race(self.problem, tried):
+        for fit in race(self.problem, tried, FIRST if self.quick else LEADING):
             self.keep(fit)
 
     def settled(self, size: int) -> bool:
@@ -231,18 +239,18 @@ def limits(problem: Problem, fit: Fit, d: Direction) -> tuple[float, float]:
     return min(low, 0.0), max(high, 0.0)
 
 
-def race(problem: Problem, starts: Sequence[Start]) -> list[Fit]:
+def race(problem: Problem, starts: Sequence[Start], leading: int = LEADING) -> list[Fit]:
     """The best fit of every set of mechanisms, the likeliest first; those that cannot win are not fitted to the end.
 
     The first lap goes over a few conditions only; who leads there goes on.
     """
     few = some(problem, FEW)
     first = sorted((f for m, s in starts if (f := problem.fit(m, s, few, LAP)) is not None), key=lambda f: f.chi2)
-    leading: dict[Key, Fit] = {}
+    lap: dict[Key, Fit] = {}
     for fit in first:
-        leading.setdefault(frozenset(fit.mechanisms), fit)
-    ahead = list(leading.values())[:LEADING]
-    ahead += [f for f in leading.values() if f.chi2 < ahead[0].chi2 + CLOSE and f not in ahead]
+        lap.setdefault(frozenset(fit.mechanisms), fit)
+    ahead = list(lap.values())[:leading]
+    ahead += [f for f in lap.values() if f.chi2 < ahead[0].chi2 + CLOSE and f not in ahead]
     running = [f for g in ahead if (f := problem.fit(g.mechanisms, g.named, iterations=LAP)) is not None]
     for _ in range(LAPS):
         best = min((f.chi2 for f in running), default=0.0)
