@@ -112,7 +112,7 @@ def in_use(w: World, results: Path, out: Path) -> Row:
     with xr.open_dataset(out / "sweep" / "sweep.nc") as data:
         swept = data["jump_height_m"].squeeze()
         shots = [Command(AMPLITUDE[w.ground], float(f), 1.5 * np.pi, START) for f in swept["frequency"]]
-        true = [float(np.max(m.rod - m.rod[0])) for m in (follow(w.jumper, c, w.law, FINE) for c in shots)]
+        true = [height(w, c) for c in shots]
         told: Row = {"sweep_rms": float(np.sqrt(np.mean((swept.to_numpy() - true) ** 2)))}
     apex = f"{0.8 * highest:.4f}"
     try:
@@ -123,9 +123,14 @@ def in_use(w: World, results: Path, out: Path) -> Row:
     table = pd.read_csv(out / "plan" / "plan.csv")
     t, x = table["time_s"].to_numpy(), table["command_m"].to_numpy()
     path = np.stack([t, x, CubicSpline(t, x)(t, 1)], axis=1)
-    m = follow(w.jumper, Command(0.0, 1.0, 0.0, 0.0, path=path), w.law, FINE)
-    reached = float(np.max(m.rod - m.rod[0]))
+    reached = height(w, Command(0.0, 1.0, 0.0, 0.0, path=path))
     return told | {"plan_m": float(apex), "plan_reached": reached, "plan_spread": plan["apex_spread_m"]}
+
+
+def height(w: World, c: Command) -> float:
+    """The true jump height of a command [m]: of the rod over rest, once the motor has stopped."""
+    m = follow(w.jumper, c, w.law, FINE)
+    return float(np.max((m.rod - m.rod[0])[FINE >= c.edges[3]]))
 
 
 def unseen(w: World, fresh: Path, results: Path) -> float:
