@@ -66,6 +66,7 @@ def work(
         whole=stages is None,
         pictures=PICTURES if options.pictures else (),
         verify=options.verify,
+        fresh=options.fresh_if_versions_differ,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
@@ -117,6 +118,8 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
         single=done.single,
         diagnosis=done.diagnosis,
     )
+    for text in done.notes:
+        terminal.line(f"note: {text}")
     return FAILED if done.failed else DONE
 
 
@@ -133,6 +136,7 @@ def _hand_over(
     passed = [x for text in options.set for x in ("--set", text)]
     passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
+    passed += ["--fresh-if-versions-differ"] if options.fresh_if_versions_differ else []
     return hand_over(opened, plan, profile, options=passed, jobs=options.workers)
 
 
