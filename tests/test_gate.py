@@ -385,3 +385,15 @@ def test_a_diagnosis_of_other_versions_is_asked_again_on_demand(asking, monkeypa
     assert ask()[0] == 1
     assert ask(fresh=True)[0] == 2
     assert ask(fresh=True)[0] == 2
+
+
+def test_the_model_of_a_diagnosis_outlives_a_stage_run_with_it(tmp_path):
+    """simulate --model results/model.toml is the way on from a diagnosis: it must not take the file away."""
+    for name in ("model.toml", "jumps.csv"):
+        (tmp_path / name).write_text(name)
+    provenance.settle_tables(tmp_path, {"a": "1"}, ["model.toml", "jumps.csv"], "run")
+    (note,) = provenance.settle_tables(tmp_path, {"a": "2"}, [], "simulate", lasting=["model.toml"])
+    assert "model.toml in" in note and "of other values" in note
+    assert (tmp_path / "model.toml").exists() and not (tmp_path / "jumps.csv").exists()
+    assert provenance.settle_tables(tmp_path, {"a": "3"}, [], "run") == []
+    assert not (tmp_path / "model.toml").exists()

@@ -37,11 +37,12 @@ from .discovered import law_gain, law_of
 from .document import document, model_toml, unexplained_of, values
 from .films import Film, confirmation, energies, films, jumps_alone
 from .findings import told
+from .folder import MODEL, PICTURE
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
 VERSION = 8  # of the method: another one asks again
-STAGE, MODEL, PICTURE = "diagnose", "model.toml", "diagnosis.png"
+STAGE = "diagnose"
 
 Say = Callable[[str], None]
 Draw = Callable[[Findings, Jumper, Diagnosis], bytes]

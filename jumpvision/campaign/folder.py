@@ -110,7 +110,9 @@ def run_folder(
         run.files += _craters(run)
     finally:
         made_of = {o.name: _digest(campaign[o.name], o) for o in run.outcomes}
-        run.notes = settle_tables(plan.results, made_of, [f.name for f in (*written, *run.files)], plan.command)
+        names = [f.name for f in (*written, *run.files)]
+        lasting = () if plan.whole else (MODEL, PICTURE, DIAGNOSIS)
+        run.notes = settle_tables(plan.results, made_of, names, plan.command, lasting=lasting)
     return run
 
 
@@ -170,7 +172,7 @@ def _craters(run: Run) -> list[Path]:
     return write_craters(craters, zero_crossing(craters), run.plan.results)
 
 
-JUMPS = "jumps.csv"
+JUMPS, DIAGNOSIS, MODEL, PICTURE = "jumps.csv", "diagnosis.json", "model.toml", "diagnosis.png"
 JUMP_COLUMNS = (
     "jump_height_m",
     "sigma_m",

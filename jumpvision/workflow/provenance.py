@@ -168,11 +168,14 @@ def _without_repeats(made: Made, used: Mapping[str, set[str]]) -> Made:
     return {"key": made["key"], "files": made["files"], "versions": own}
 
 
-def settle_tables(results: Path, made_of: Mapping[str, str], written: Iterable[str], command: str) -> list[str]:
+def settle_tables(
+    results: Path, made_of: Mapping[str, str], written: Iterable[str], command: str, *, lasting: Iterable[str] = ()
+) -> list[str]:
     """End a campaign's run, and say so in campaign.json: tables of earlier runs stay only while the experiments are
     what they were made of.
 
-    made_of: digest of each experiment by name; written: names of this run's tables. Returns notes on what was left.
+    made_of: digest of each experiment by name; written: names of this run's tables; lasting: of those that stay though
+    they are of other values. Returns notes on what was left.
     """
     file = results / TABLES
     try:
@@ -192,10 +195,12 @@ def settle_tables(results: Path, made_of: Mapping[str, str], written: Iterable[s
             continue
         if not _is(old, earlier[name]):
             notes.append(_put_by(old))
-        elif then == made_of:
+        elif then == made_of or name in lasting:
             tables[name] = earlier[name]
         else:
             old.unlink(missing_ok=True)
+    if of_others := sorted(set(lasting) & tables.keys() - set(written)) if then != made_of else []:
+        notes.append(f"{', '.join(of_others)} in {results}: of other values than these results; they were left alone")
     told = {"tables": tables, "experiments": dict(sorted(made_of.items())), "command": command}
     known = before if earlier or then else {}
     if told != known and (tables or known):
