@@ -34,7 +34,8 @@ from jumpvision.inputs.experiment import Campaign, Experiment, open_folder, over
 from jumpvision.inputs.sections import NotApplicable
 from jumpvision.report.figures import PICTURES, drawn_diagnosis
 from jumpvision.results import Record
-from jumpvision.workflow.run import Plan, write_provenance
+from jumpvision.workflow.provenance import settle
+from jumpvision.workflow.run import Plan
 from jumpvision.workflow.stage import STAGES
 from jumpvision.workflow.workspace import Workspace
 
@@ -261,7 +262,8 @@ def _make(folder: Folder, output: type[R], results: PathLike | None) -> R:
         raise InputError([f"{experiment.path}: a campaign; give one of its experiments: campaign[name] ({names}, ...)"])
     workspace = Workspace(experiment, *_places(experiment, results))
     record: R = workspace.make(output)
-    write_provenance(workspace, f"jumpvision.{STAGES[output].name}()")
+    for text in settle(workspace, f"jumpvision.{STAGES[output].name}()"):
+        warnings.warn(text, stacklevel=3)
     for step in workspace.steps:
         for text in step.warnings:
             warnings.warn(f"{step.stage}: {text}", stacklevel=3)

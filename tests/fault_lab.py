@@ -43,12 +43,14 @@ def write_campaign(root: Path, n: int, *, seed: int = 1) -> Path:
 
 
 def results_of(folder: Path) -> dict[str, bytes]:
-    """Every result file by its path; of provenance.json what does not change from run to run."""
+    """Every result file by its path; of provenance.json and campaign.json what does not change from run to run."""
     found = {}
     for f in sorted(folder.rglob("*")):
         name = f.relative_to(folder).as_posix()
         if f.is_file() and not name.startswith(".cache/") and f.name != "report.html":
             found[name] = f.read_bytes()
+            if f.name == "campaign.json":
+                found[name] = json.dumps(json.loads(found[name])["tables"]).encode()
             if f.name == "provenance.json":
                 data = json.loads(found[name])
                 found[name] = json.dumps({k: data[k] for k in ("inputs", "outputs", "parameters")}).encode()

@@ -6,6 +6,7 @@ import http.client
 import json
 import math
 import signal
+import socket
 import statistics
 import subprocess
 import sys
@@ -58,7 +59,8 @@ def connection(server):
 
 
 def post(connection, path, question) -> tuple[int, dict]:
-    connection.request("POST", path, question if isinstance(question, bytes) else json.dumps(question))
+    body = question if isinstance(question, bytes) else json.dumps(question)
+    connection.request("POST", path, body, {"Content-Type": "application/json"})
     reply = connection.getresponse()
     return reply.status, json.loads(reply.read())
 
@@ -235,6 +237,40 @@ def test_other_names_and_other_machines_are_refused(server, connection):
     assert server.server_address[0] == "127.0.0.1"
     connection.request("GET", "/", headers={"Host": "example.org:80"})
     assert connection.getresponse().status == 403
+
+
+JSON = "Content-Type: application/json\r\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "body", "status"),
+    [
+        (JSON + "Content-Length: 2\r\n", "{}", 400),  # heard: a jump without a ground
+        (JSON + "Content-Length: 2\r\nOrigin: http://127.0.0.1:PORT\r\n", "{}", 400),
+        (JSON + "Content-Length: 2\r\nOrigin: https://elsewhere.example\r\n", "{}", 403),
+        (JSON + "Content-Length: 2\r\nOrigin: http://127.0.0.1:1\r\n", "{}", 403),
+        (JSON + "Content-Length: 2\r\nOrigin: null\r\n", "{}", 403),
+        (JSON + "Content-Length: 2\r\nHost: localhost:PORT\r\n", "{}", 403),  # two of them
+        ("Content-Type: text/plain\r\nContent-Length: 2\r\n", "{}", 415),
+        (JSON, "{}", 413),
+        (JSON + "Content-Length: 2\r\nContent-Length: 3\r\n", "{}", 413),
+        (JSON + "Content-Length: \u00b2\r\n", "{}", 413),
+        (JSON + "Content-Length: -1\r\n", "{}", 413),
+        (JSON + "Content-Length: 2000001\r\n", "{}", 413),
+        (JSON + "Content-Length: 2\r\nTransfer-Encoding: chunked\r\n", "{}", 413),
+        (JSON + "Content-Length: 9\r\n", "{}", 400),  # the rest never comes
+    ],
+)
+def test_only_this_page_may_ask_and_lengths_are_kept(server, head, body, status):
+    with socket.create_connection(server.server_address, timeout=10) as s:
+        port = str(server.server_port)
+        s.sendall(
+            f"POST /api/jump HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{head}\r\n{body}".replace("PORT", port).encode(
+                "latin-1"
+            )
+        )
+        s.shutdown(socket.SHUT_WR)
+        assert s.makefile("rb").readline().split()[1] == str(status).encode()
 
 
 def test_a_taken_port_is_said_so(server):

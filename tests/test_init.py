@@ -212,6 +212,10 @@ def server(film):
         s.shutdown()
 
 
+def asked(address, body, **headers):
+    return urllib.request.Request(address, body, {"Content-Type": "application/json", **headers})
+
+
 def test_the_page_serves_what_it_lists_and_refuses_the_rest(server):
     page = json.loads(urllib.request.urlopen(server.address + "api/pictures").read())
     shapes = {p["section"]: p["shape"] for p in page["pictures"]}
@@ -221,11 +225,17 @@ def test_the_page_serves_what_it_lists_and_refuses_the_rest(server):
     wrong = (b"[]", b"{", b'{"rod_video": {"ball": ["a", 1]}}', b'{"rod_video": {"ball": [1]}}')
     for path, body in (("picture/../pick.py", None), *(("api/picks", w) for w in wrong)):
         with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(server.address + path, data=body)
+            urllib.request.urlopen(asked(server.address + path, body))
         assert refused.value.code in (400, 404) and json.loads(refused.value.read())["problems"]
-    other = urllib.request.Request(server.address, headers={"Host": "elsewhere.example:80"})
-    with pytest.raises(urllib.error.HTTPError):
-        urllib.request.urlopen(other)
+    good = b'{"rod_video": {"ball": [25, 54], "ball_diameter": [9.5]}}'
+    for path, body, headers in (
+        ("", None, {"Host": "elsewhere.example:80"}),
+        ("api/picks", good, {"Origin": "https://elsewhere.example"}),  # a page that is open beside ours
+        ("api/picks", good, {"Content-Type": "text/plain"}),
+    ):
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(asked(server.address + path, body, **headers))
+        assert refused.value.code in (403, 415)
     assert not server.answered.is_set()
 
 

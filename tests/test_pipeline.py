@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import textwrap
+import time
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -302,13 +302,30 @@ def test_killed_at_any_moment_it_resumes_with_a_whole_result(lab):
 def test_what_a_killed_process_left_is_swept_though_nobody_asked_for_its_exit_status(tmp_path):
     child = subprocess.Popen([sys.executable, "-c", "pass"])
     os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)  # it has ended, and stays a zombie
-    mine, dead = (tmp_path / f"writing-{socket.gethostname()}-{pid}-0" for pid in (os.getpid(), child.pid))
-    mine.mkdir()
-    dead.mkdir()
+    mine, other = storage.aside_folder(tmp_path), storage.aside_folder(tmp_path)
+    dead = other.rename(other.with_name(other.name.replace(f"-{os.getpid()}-", f"-{child.pid}-")))
     storage.sweep_leftovers(tmp_path, tmp_path)
     child.wait()
     assert mine.exists()
     assert not dead.exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="asks processes as POSIX does")
+def test_what_another_machine_writes_is_swept_by_age_alone(tmp_path, monkeypatch):
+    """Another container's process has a number that here is nobody's; names that are not ours stay for ever."""
+    monkeypatch.setattr(storage, "_owner", lambda: "0123456789ab")
+    monkeypatch.setattr(os, "getpid", lambda: 2**22 + 5)  # beyond any process here
+    theirs, old = storage.aside_folder(tmp_path), storage.aside_folder(tmp_path)
+    file = storage._aside_file(tmp_path / "fit.json")
+    foreign = [tmp_path / "writing-HOST-old", tmp_path / ".notes-a-b.tmp", tmp_path / ".a-1-2.tmp"]
+    for f in (file, *foreign):
+        f.write_text("x")
+    monkeypatch.undo()
+    for f in (old, *foreign):
+        os.utime(f, (time.time() - 2 * storage.ABANDONED,) * 2)
+    storage.sweep_leftovers(tmp_path, tmp_path)
+    assert theirs.exists() and file.exists() and all(f.exists() for f in foreign)
+    assert not old.exists()
 
 
 def test_the_registry_of_the_package_is_not_touched_by_these_tests():

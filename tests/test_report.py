@@ -8,7 +8,6 @@ import re
 import time
 import tracemalloc
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -29,6 +28,7 @@ from jumpvision.results.diagnosis import Baseline, Cause, Cell, Gain, Height, No
 from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome
+from jumpvision.workflow.workspace import Step
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
 SENTENCE = "The simulation over-predicts stutter jumps by 14.0 ± 0.1 mm because it lacks: added mass."
@@ -158,7 +158,7 @@ def pages(tmp_path_factory):
     campaign, outcomes, results = campaign_of(folder, picture=png())
     grains_into(outcomes[1].results)
     rows = jumps_table(campaign, outcomes)
-    outcomes[0].steps.append(SimpleNamespace(stage="track", state="computed", warnings=["<script>alert(1)</script>"]))
+    outcomes[0].steps.append(Step("track", "computed", 0.0, ["<script>alert(1)</script>"], "", {}, {}))
     write_report(campaign, outcomes, rows, results, single=False, diagnosis=diagnosis_of(rows))
     return results
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
@@ -38,7 +39,7 @@ class LocalServer(ThreadingHTTPServer):
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that leaves in the middle of an answer is no error."""
-        if not isinstance(sys.exc_info()[1], ConnectionError):
+        if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
     @property
@@ -46,15 +47,59 @@ class LocalServer(ThreadingHTTPServer):
         return f"http://{HOST}:{self.server_port}/"
 
 
+class Refused(Exception):
+    """A request that is not answered; status: of HTTP."""
+
+    def __init__(self, status: int, text: str):
+        self.status, self.text = status, text
+        super().__init__(text)
+
+
 class LocalHandler(BaseHTTPRequestHandler):
     """One connection of a browser."""
 
     protocol_version = "HTTP/1.1"
     disable_nagle_algorithm = True
+    timeout = 60.0  # s without a byte, after which a connection is given up
+    server: LocalServer
 
-    def asked_here(self) -> bool:
-        """Whether the browser asked for this machine by name: another site's name may be pointed here."""
-        return self.headers.get("Host", "").rpartition(":")[0] in (HOST, "localhost")
+    def check_asker(self) -> None:
+        """Refused unless our own page, or a program on this machine, asks.
+
+        Another site's name may be pointed here (Host), and any page that is open in the browser may send here (Origin).
+        """
+        port = self.server.server_port
+        here = [f"{name}:{port}" for name in (HOST, "localhost")]
+        if port == 80:
+            here += [HOST, "localhost"]
+        hosts, origins = self.headers.get_all("Host", []), self.headers.get_all("Origin", [])
+        if len(hosts) != 1 or hosts[0].lower() not in here:
+            self.close_connection = True
+            raise Refused(403, f"Host: must be {' or '.join(here)}")
+        if any(o.lower() not in [f"http://{h}" for h in here] for o in origins):
+            self.close_connection = True
+            raise Refused(403, f"Origin: must be this page (http://{here[0]}); no other page may ask")
+        if self.command != "POST" and (self.headers.get("Content-Length", "0") != "0" or self._chunked):
+            self.close_connection = True
+            raise Refused(400, f"{self.command}: has no body")
+
+    @property
+    def _chunked(self) -> bool:
+        return "Transfer-Encoding" in self.headers
+
+    def body(self, largest: int) -> bytes:
+        """What was sent, JSON by its own word; Refused where its length [bytes] is not given, too large or not kept."""
+        said = self.headers.get_all("Content-Length", [])
+        self.close_connection = True  # what is not read is not the next request
+        if self._chunked or len(said) != 1 or not re.fullmatch("[0-9]{1,12}", said[0]) or int(said[0]) > largest:
+            raise Refused(413, f"Content-Length: must be given once and at most {largest} bytes")
+        if self.headers.get_content_type() != "application/json":
+            raise Refused(415, "Content-Type: must be application/json")
+        body = self.rfile.read(int(said[0]))
+        if len(body) != int(said[0]):
+            raise Refused(400, f"Content-Length: {said[0]} bytes, but {len(body)} came")
+        self.close_connection = self.headers.get("Connection", "").lower() == "close"
+        return body
 
     def send(self, status: int, kind: str, body: bytes) -> None:
         self.send_response(status)

@@ -2,22 +2,53 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
+import functools
 import hashlib
 import json
 import os
+import re
 import shutil
 import socket
+import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 
 def aside_folder(cache: Path) -> Path:
-    """A new folder to write a cache entry in before it is renamed; its name says which process owns it."""
-    aside = cache / f"writing-{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+    """A new folder to write a cache entry in before it is renamed; its name says who owns it."""
+    aside = cache / f"writing-{_signed()}"
     aside.mkdir(parents=True)
     return aside
+
+
+@functools.cache
+def _owner() -> str:
+    """This machine and its numbering of processes: two containers share a disk, perhaps a name, never both of these."""
+    told = [socket.gethostname()]
+    for file in ("/proc/sys/kernel/random/boot_id", "/proc/self/ns/pid"):
+        with contextlib.suppress(OSError):
+            told.append(os.readlink(file) if "/ns/" in file else Path(file).read_text().strip())
+    return hashlib.sha256("\n".join(told).encode()).hexdigest()[:12]
+
+
+def _signed() -> str:
+    """HOST-OWNER-PID-RANDOM: the host for people, the rest for `sweep_leftovers`."""
+    host = re.sub(r"[^A-Za-z0-9.]", "_", socket.gethostname())[:40]
+    return f"{host}-{_owner()}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
+
+
+SIGNED = r"[A-Za-z0-9._]*-(?P<owner>[0-9a-f]{12})-(?P<pid>\d+)-[0-9a-f]{8}"
+ASIDE_FOLDER, ASIDE_FILE = re.compile(rf"writing-{SIGNED}"), re.compile(rf"\..*-{SIGNED}\.tmp")
+ABANDONED = 24 * 3600.0  # s without a change, after which what another machine was writing is given up
+
+
+def _aside_file(target: Path) -> Path:
+    """Where a file is written before it takes its place; a long name is cut, as names have an end."""
+    return target.with_name(f".{target.name[:60]}-{_signed()}.tmp")
 
 
 def companions(path: Path) -> list[Path]:
@@ -32,6 +63,28 @@ def sha256(path: Path) -> str:
     """SHA-256 of a file's content, in hex."""
     with path.open("rb") as f:
         return hashlib.file_digest(f, "sha256").hexdigest()
+
+
+Stamp = tuple[int, ...]
+
+
+def stamp(path: Path) -> Stamp:
+    """What changes with a file's content: size, dates and number.
+
+    The time of the last change of any kind (on Windows: of creation) tells also an edit that keeps size and date, or a
+    clock set back.
+    """
+    s = path.stat()
+    return s.st_size, s.st_mtime_ns, s.st_ctime_ns, s.st_ino
+
+
+FRESH = 2.0  # s; disks and network drives date changes no finer: a file just changed may change again unseen
+
+
+def settled(at: Stamp) -> bool:
+    """Whether a later change of a file with this stamp would give it another stamp."""
+    changed = at[1] if os.name == "nt" else at[2]
+    return time.time() - changed / 1e9 > FRESH
 
 
 def sealed(content: Mapping[str, object]) -> str:
@@ -51,25 +104,51 @@ def _seal(content: Mapping[str, object]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
+class ChangedFile(OSError):
+    """A file is not what it was said to be."""
+
+
 def write_aside(path: Path, text: str) -> None:
-    """Write a text file in one step: it is whole, old or new, at any moment."""
+    """Write a text file in one step: it is whole, old or new, at any moment. Lines end alike on all systems."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
+    aside = _aside_file(path)
     try:
-        aside.write_text(text, encoding="utf-8")
-        os.replace(aside, path)
+        aside.write_text(text, encoding="utf-8", newline="\n")
+        replace(aside, path)
     finally:
         aside.unlink(missing_ok=True)
 
 
-def copy_aside(source: Path, target: Path) -> None:
-    """Copy a file in one step."""
-    aside = target.with_name(f".{target.name}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp")
+def copy_aside(source: Path, target: Path, digest: str) -> None:
+    """Copy a file in one step. digest: the SHA-256 that the copy must have; ChangedFile otherwise."""
+    aside = _aside_file(target)
     try:
         shutil.copyfile(source, aside)
-        os.replace(aside, target)
+        if sha256(aside) != digest:
+            raise ChangedFile(errno.EIO, "changed while it was copied", str(source))
+        replace(aside, target)
     finally:
         aside.unlink(missing_ok=True)
+
+
+PATIENCE = (0.05, 0.1, 0.2, 0.4, 0.8)  # s; virus scanners and previews hold a file for a moment
+
+
+def replace(source: Path, target: Path) -> None:
+    """`os.replace`, though Windows refuses it while another program has the target open."""
+    for pause in PATIENCE:
+        try:
+            os.replace(source, target)
+            return
+        except PermissionError:
+            if os.name != "nt":
+                raise
+            time.sleep(pause)
+    try:
+        os.replace(source, target)
+    except PermissionError:
+        said = "open in another program (a table in Excel, a page in a browser?); close it there"
+        raise PermissionError(errno.EACCES, said, str(target)) from None
 
 
 def sync(folder: Path) -> None:
@@ -94,24 +173,29 @@ def remove_aside(folder: Path, cache: Path) -> None:
 
 
 def sweep_leftovers(results: Path, cache: Path) -> None:
-    """Remove what killed runs of this machine left behind: aside folders and files of processes that are gone."""
-    for f in [*cache.glob(f"writing-{socket.gethostname()}-*"), *_tmp_files(results), *_tmp_files(cache / "hashes")]:
-        pid = int(f.name.split("-")[-2])
-        if not _alive(pid):
-            shutil.rmtree(f, ignore_errors=True) if f.is_dir() else f.unlink(missing_ok=True)
+    """Remove what killed runs left: asides of processes of this machine that are gone, and of others' long untouched.
+
+    Names that `aside_folder` and `write_aside` do not give are left alone.
+    """
+    files = [f for folder in (results, cache / "hashes") for p in (".*.tmp", "*/.*.tmp") for f in folder.glob(p)]
+    for pattern, found in ((ASIDE_FOLDER, cache.glob("writing-*")), (ASIDE_FILE, files)):
+        for f in found:
+            signed = pattern.fullmatch(f.name)
+            if signed and not f.is_symlink() and not _alive(f, signed["owner"], int(signed["pid"])):
+                shutil.rmtree(f, ignore_errors=True) if f.is_dir() else f.unlink(missing_ok=True)
 
 
-def _tmp_files(folder: Path) -> Iterator[Path]:
-    for pattern in (".*-*-*.tmp", "*/.*-*-*.tmp"):
-        yield from (f for f in folder.glob(pattern) if f.name.split("-")[-2].isdigit())
-
-
-def _alive(pid: int) -> bool:
-    if os.name == "nt":  # no harmless signal there: such a file is removed by `jumpvision cache`
-        return True
+def _alive(aside: Path, owner: str, pid: int) -> bool:
+    """Whether somebody may still write there: on this machine the process is asked, of others the age tells."""
+    if owner != _owner() or os.name == "nt":  # no harmless signal there
+        try:
+            changed = max(f.stat().st_mtime for f in (aside, *(aside.iterdir() if aside.is_dir() else ())))
+        except OSError:  # it is under way: its owner lives
+            return True
+        return time.time() - changed < ABANDONED
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):
         return False
     except OSError:
         return True

@@ -56,9 +56,9 @@ class Driven:
 def driven(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[Driven]:
     """Those of a campaign, by frequency."""
     rows = []
-    results = {o.name: o.results for o in outcomes if any(s.stage == "fit" for s in o.steps)}
+    results = {o.name: o.results for o in outcomes if o.made(Fits)}
     for e in campaign.experiments:
-        if e.name not in results or not (results[e.name] / Fits.file).exists():
+        if e.name not in results:
             continue
         fits = Fits.load(results[e.name])
         if fits.get("actuator_ratio") is None:

@@ -18,6 +18,7 @@ from jumpvision.estimate.crater import TWO_HALVES, ZeroCrossing, critical_fracti
 from jumpvision.estimate.estimate import independent
 from jumpvision.results import plain
 from jumpvision.results.values import CraterShape
+from jumpvision.workflow.run import Outcome
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,14 @@ class Crater:
 COLUMNS = tuple(f.name for f in fields(Crater))
 
 
+def measured_in(outcomes: Sequence[Outcome]) -> list[Crater]:
+    """Those that a run has measured."""
+    return craters_of({o.name: o.results for o in outcomes if o.made(CraterShape)})
+
+
 def craters_of(results: Mapping[str, Path]) -> list[Crater]:
-    """Those of the experiments that have one; results: folder of results by name."""
-    found = {n: CraterShape.load(f).values for n, f in results.items() if (f / CraterShape.file).exists()}
+    """Those of experiments that have one; results: folder of results by name."""
+    found = {n: CraterShape.load(f).values for n, f in results.items()}
     return [Crater(name, *(values.get(c) for c in COLUMNS[1:])) for name, values in found.items()]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -14,7 +15,7 @@ import numpy as np
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.base.storage import copy_aside, write_aside
+from jumpvision.base.storage import ChangedFile, copy_aside
 from jumpvision.diagnosis.diagnose import Findings, explain, foretell
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper.forms import Shaped
@@ -28,17 +29,20 @@ from jumpvision.inputs.sections import PHASES, Actuation
 from jumpvision.mechanisms.record import Mechanism
 from jumpvision.physics.forcing import delayed, sinusoid
 from jumpvision.results.diagnosis import Diagnosis, Unexplained, WithoutFilms
+from jumpvision.workflow import entries
 from jumpvision.workflow.run import Outcome
+from jumpvision.workflow.stage import StageWarning
 
 from .discovered import Laws, law_gain
 from .document import document, model_toml, unexplained_of, values
 from .films import Film, confirmation, energies, films, jumps_alone
 from .findings import told
+from .folder import MODEL, PICTURE
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
 VERSION = 9  # of the method: another one asks again
-MODEL, PICTURE = "model.toml", "diagnosis.png"
+STAGE = "diagnose"
 
 Say = Callable[[str], None]
 Draw = Callable[[Findings, Jumper, Diagnosis], bytes]
@@ -61,14 +65,15 @@ class Question(NamedTuple):
     def digest(self) -> str:
         """Of everything that the diagnosis depends on."""
         own = [(m.name, m.acts_on, m.written, m.rate, m.parameters) for m in self.own]
-        beside = [repr(x) for x in (self.films, self.measured, own)]  # arrays to the last bit that repr shows
+        measured = [(m.names, m.source, m.values.tobytes(), m.covariance.tobytes()) for m in self.measured]
+        beside = [repr(x) for x in (self.films, measured, own)]
         digest = hashlib.sha256(f"{VERSION} {__version__} {self.ranges} {self.priors} {beside}".encode())
         for j in self.jumps:
             said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()))
             arrays = (j.t, j.y, j.sigma, j.shared.lens)
             digest.update(repr(said).encode() + b"".join(b"-" if a is None else a.tobytes() for a in arrays))
             digest.update(content(j.forcing) + repr(replace(j.shared, lens=None)).encode())
-        return digest.hexdigest()[:24]
+        return digest.hexdigest()
 
 
 def question(
@@ -80,22 +85,50 @@ def question(
     workers: int,
     draw: Draw | None,
     say: Say,
+    fresh: bool = False,
 ) -> tuple[Diagnosis, list[Path]]:
     """(the diagnosis, the files written into `results`); from the cache when nothing has changed.
 
-    Raises InputError when there is too little to question.
+    fresh: not where other versions of the packages made it. Raises InputError when there is too little to question.
     """
     asked = asked_of(campaign, outcomes, say)
-    entry = cache / "diagnose" / asked.digest()
-    names = (Diagnosis.file, MODEL, PICTURE)[: 3 if draw else 2]
-    if not all((entry / n).exists() for n in names):
-        _answer(asked, campaign.path, entry, workers, draw, say)
-    for n in names:
-        copy_aside(entry / n, results / n)
-    data = Diagnosis.load(entry)
+    digest = asked.digest()
+    for attempt in range(entries.ATTEMPTS):
+        drawn = [digest + PICTURE] if draw else [digest + PICTURE, digest]  # one with its picture answers both
+        held = next((found for found in map(partial(_kept, cache, fresh=fresh), drawn) if found), None)
+        if held is None:
+            answer = _answer(asked, campaign.path, workers, draw, say)
+            held = _keep(cache, drawn[0] if draw else digest, answer, fresh=fresh), answer.data
+        receipt, data = held
+        names = [n for n in receipt["outputs"] if draw or n != PICTURE]
+        try:
+            for n in names:
+                copy_aside(entries.place(cache, STAGE, receipt["key"]) / n, results / n, receipt["outputs"][n])
+            break
+        except (FileNotFoundError, ChangedFile):  # pruned, or mended by another run, in between
+            if attempt == entries.ATTEMPTS - 1:
+                raise
     for warning in data.noise.warnings:
         say(f"warning: {warning}")
     return data, [results / n for n in names]
+
+
+def _kept(cache: Path, asked: str, *, fresh: bool) -> tuple[entries.Receipt, Diagnosis] | None:
+    """The answer of an earlier run, where it is whole."""
+    key = _key(asked)
+    try:
+        with entries.opened(cache, STAGE, key) as receipt:
+            found = receipt, Diagnosis.load(entries.place(cache, STAGE, key))
+        return None if fresh and receipt["versions"] != entries.versions() else found
+    except FileNotFoundError:
+        return None
+    except entries.CorruptEntry as e:
+        warnings.warn(f"{e}; asked again", StageWarning, stacklevel=3)
+        return None
+
+
+def _key(asked: str) -> str:
+    return hashlib.sha256(asked.encode()).hexdigest()
 
 
 def asked_of(campaign: Campaign, outcomes: Mapping[str, Outcome], say: Say) -> Question:
@@ -120,8 +153,37 @@ def asked_of(campaign: Campaign, outcomes: Mapping[str, Outcome], say: Say) -> Q
     return Question(experiments, jumps, ranges, priors, films(outcomes), beside, own)
 
 
-def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw | None, say: Say) -> None:
-    """Diagnose, and write the files of an entry of the cache. path: of the campaign, for messages."""
+class Answer(NamedTuple):
+    """What the files of a diagnosis hold. model: model.toml; picture: a PNG."""
+
+    data: Diagnosis
+    model: str
+    picture: bytes | None
+
+
+def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Receipt:
+    """Keep the files in the cache."""
+
+    def fill(folder: Path) -> None:
+        (folder / Diagnosis.file).write_text(answer.data.text, encoding="utf-8", newline="\n")
+        (folder / MODEL).write_text(answer.model, encoding="utf-8", newline="\n")
+        if answer.picture is not None:
+            (folder / PICTURE).write_bytes(answer.picture)
+
+    return entries.keep(
+        cache,
+        STAGE,
+        _key(asked),
+        fill,
+        version=VERSION,
+        warnings=[],
+        not_applicable=[],
+        good=lambda: _kept(cache, asked, fresh=fresh) is not None,
+    )
+
+
+def _answer(asked: Question, path: Path, workers: int, draw: Draw | None, say: Say) -> Answer:
+    """Diagnose. path: of the campaign, for messages."""
     jumps = asked.jumps
     try:
         learned = learn_noise(Jumper(jumps, asked.ranges, asked.priors, workers, asked.own))
@@ -156,13 +218,8 @@ def _answer(asked: Question, path: Path, entry: Path, workers: int, draw: Draw |
         law=law,
     )
     known = law.system if law else system
-    write_aside(
-        entry / MODEL,
-        model_toml(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose."),
-    )
-    if draw:
-        (entry / PICTURE).write_bytes(draw(found, system, data))
-    write_aside(entry / Diagnosis.file, data.text)  # last: the entry is whole
+    model = model_toml(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose.")
+    return Answer(data, model, draw(found, system, data) if draw else None)
 
 
 def leftover(d: Findings, problem: Problem, system: Jumper, say: Say) -> Unexplained | None:

@@ -47,7 +47,7 @@ def films(outcomes: Mapping[str, Outcome]) -> list[Film]:
     """
     out = []
     for name, outcome in outcomes.items():
-        if not all((outcome.results / r.file).exists() for r in (Flow, Fits)):
+        if not (outcome.made(Flow) and outcome.made(Fits)):
             continue
         fits = Fits.load(outcome.results)
         seen = fits.get("added_mass_kg")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from jumpvision.base.schema import FileSection, InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
+from jumpvision.workflow.provenance import digest_of_results, settle_tables
 from jumpvision.workflow.run import Outcome, Plan, run_campaign, run_single
 
 if TYPE_CHECKING:
@@ -40,6 +43,7 @@ class Run:
     outcomes: list[Outcome]
     diagnosis: Diagnosis | None = None
     files: list[Path] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # on what earlier runs left
 
     @functools.cached_property
     def rows(self) -> list[dict[str, Any]]:
@@ -84,26 +88,47 @@ def run_folder(
     say: is told what the questioning finds on its way.
     """
     campaign = as_campaign(opened)
+    _apart(campaign, plan.results, single=isinstance(opened, Experiment))
     run = Run(campaign, isinstance(opened, Experiment), plan, _outcomes(opened, plan, workers, watcher, elsewhere))
     if run.single:
         return run
-    if plan.whole:
-        write_jumps(run.rows, plan.results)
-    if ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)):
-        from .diagnose import question
+    written = _tables(run)
+    try:
+        if ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)):
+            from .diagnose import question
 
-        run.diagnosis, written = question(
-            campaign,
-            {o.name: o for o in run.outcomes},
-            plan.results,
-            plan.cache,
-            workers=workers,
-            draw=draw,
-            say=say,
-        )
-        run.files += written
-    run.files += _tables(run)
+            run.diagnosis, run.files = question(
+                campaign,
+                {o.name: o for o in run.outcomes},
+                plan.results,
+                plan.cache,
+                workers=workers,
+                draw=draw,
+                say=say,
+                fresh=plan.fresh,
+            )
+        run.files += _craters(run)
+    finally:
+        made_of = {o.name: _digest(campaign[o.name], o) for o in run.outcomes}
+        names = [f.name for f in (*written, *run.files)]
+        lasting = () if plan.whole else (MODEL, PICTURE, DIAGNOSIS)
+        run.notes = settle_tables(plan.results, made_of, names, plan.command, lasting=lasting)
     return run
+
+
+def _apart(campaign: Campaign, results: Path, *, single: bool) -> None:
+    """Recordings and results may not lie in one folder: a table of ours would take the place of a recording."""
+    there = {results.resolve()} if single else {(results / e.name).resolve() for e in campaign.experiments}
+    both = [e.path for e in campaign.experiments if e.path.resolve() in there]
+    if both:
+        raise InputError([f"--results {results}: {both[0]} holds recordings; name another folder for results"])
+
+
+def _digest(e: Experiment, o: Outcome) -> str:
+    """Of all of an experiment that tables of a campaign may show."""
+    sections = {n: replace(s, path=Path()) if isinstance(s, FileSection) else s for n, s in e.sections.items()}
+    told = [repr(sorted(sections.items())), repr(e.params), repr(e.header), *o.errors]
+    return hashlib.sha256("\n".join([*told, digest_of_results(o.results)]).encode()).hexdigest()
 
 
 def _outcomes(
@@ -127,20 +152,27 @@ def _worth_asking(campaign: Campaign) -> bool:
 
 
 def _tables(run: Run) -> list[Path]:
-    """What the experiments show together: intrusions, the actuator, craters; the files that a person opens."""
+    """What the experiments show together, for programs: jumps, intrusions, the actuator."""
     from .actuator import write_actuator
     from .intrusions import write_intrusions
 
-    write_intrusions(run.campaign, run.outcomes, run.plan.results)
-    write_actuator(run.campaign, run.outcomes, run.plan.results)
+    results = run.plan.results
+    written = [write_jumps(run.rows, results)] if run.plan.whole else []
+    written += write_intrusions(run.campaign, run.outcomes, results)
+    return written + write_actuator(run.campaign, run.outcomes, results)
+
+
+def _craters(run: Run) -> list[Path]:
+    """The critical packing, for people."""
     if not run.plan.whole and "crater" not in (run.plan.stages or ()):
         return []
-    from .craters import craters_of, write_craters, zero_crossing
+    from .craters import measured_in, write_craters, zero_crossing
 
-    craters = craters_of({o.name: o.results for o in run.outcomes})
+    craters = measured_in(run.outcomes)
     return write_craters(craters, zero_crossing(craters), run.plan.results)
 
 
+JUMPS, DIAGNOSIS, MODEL, PICTURE = "jumps.csv", "diagnosis.json", "model.toml", "diagnosis.png"
 JUMP_COLUMNS = (
     "jump_height_m",
     "sigma_m",
@@ -188,12 +220,13 @@ def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, A
     return rows
 
 
-def write_jumps(rows: list[dict[str, Any]], results: Path) -> None:
-    """jumps.csv."""
+def write_jumps(rows: list[dict[str, Any]], results: Path) -> Path:
+    """jumps.csv; the file."""
     import io
 
     import pandas as pd
 
     text = io.StringIO()
     pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
-    write_aside(results / "jumps.csv", text.getvalue())
+    write_aside(results / JUMPS, text.getvalue())
+    return results / JUMPS

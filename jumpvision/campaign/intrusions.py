@@ -79,10 +79,10 @@ def number(value: float | None) -> float:
 
 def slow_intrusions(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[SlowIntrusion]:
     """Those of the experiments in which the stage has run."""
-    ran = {o.name: o for o in outcomes if any(s.stage == "intrusion" for s in o.steps)}
+    ran = {o.name: o for o in outcomes if o.made(Intrusion)}
     out = []
     for e in campaign.experiments:
-        if e.name not in ran or not (ran[e.name].results / Intrusion.file).exists():
+        if e.name not in ran:
             continue
         summary, robot, bed = ran[e.name].summary, e.sections.get("robot"), e.sections.get("bed")
         radius, given = robot.foot_radius if robot else None, bed.volume_fraction if bed else None

@@ -7,7 +7,6 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -78,11 +77,10 @@ def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -
                 ]
             )
         outcome = outcomes[e.name]
-        file = outcome.results / RodMotion.file
-        if not file.exists():
+        if not outcome.made(RodMotion):
             left_out.append(f"{e.name}: {outcome.errors[0] if outcome.errors else 'no track'}")
             continue
-        jumps.append(_jump(e, outcome.results))
+        jumps.append(_jump(e, outcome))
     conditions = {j.condition for j in jumps}
     if len(jumps) < FEWEST or len(conditions) < CONDITIONS:
         raise InputError(
@@ -104,15 +102,15 @@ def spec_of(e: Experiment) -> ModelSpec:
     raise InputError([f"{e.path / 'experiment.toml'}: [model]: missing; on granular ground its parameters are needed"])
 
 
-def _jump(e: Experiment, results: Path) -> Jump:
+def _jump(e: Experiment, outcome: Outcome) -> Jump:
     law, log, section = e.section(Actuation), e.section(MotorLog), e.section(Bed)
-    bed = BedHeight.load(results) if (results / BedHeight.file).exists() else None
+    bed = BedHeight.load(outcome.results) if outcome.made(BedHeight) else None
     p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
         model = build_model(e, e.section(Robot), spec_of(e), section, bed)
         forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams())
-    rod = RodMotion.load(results)
+    rod = RodMotion.load(outcome.results)
     t, y, sigma = rod.arrays
     phi = packing(section, bed)[0]
     labels = {
@@ -181,7 +179,7 @@ def measurements(
     found: dict[str, list[tuple[str, Measured, np.ndarray[Any, Any]]]] = {}
     for e in experiments:
         outcome = outcomes.get(e.name)
-        if outcome is None or not (outcome.results / Fits.file).exists() or not _alike(e, robot, phi):
+        if outcome is None or not outcome.made(Fits) or not _alike(e, robot, phi):
             continue
         fits = Fits.load(outcome.results)
         kinds = {"film": CONE, "spring test": _own("spring_stiffness")}

@@ -38,6 +38,9 @@ class Options:
     json: Annotated[bool, Parameter(negative="", help="Machine-readable result on stdout.")] = False
     workers: Annotated[int | None, Parameter(help="Processes for a campaign; default: the cores.")] = None
     verify: Annotated[bool, Parameter(negative="", help="Hash every input again, whatever its date says.")] = False
+    fresh_if_versions_differ: Annotated[
+        bool, Parameter(negative="", help="Compute again what other versions of jumpvision or its packages have made.")
+    ] = False
     pictures: Annotated[bool, Parameter(help="Draw figures beside the results.")] = True
     debug: Annotated[bool, Parameter(negative="", help="Show the traceback of an unexpected error.")] = False
 

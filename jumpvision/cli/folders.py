@@ -66,6 +66,7 @@ def work(
         whole=stages is None,
         pictures=PICTURES if options.pictures else (),
         verify=options.verify,
+        fresh=options.fresh_if_versions_differ,
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
@@ -117,6 +118,8 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
         single=done.single,
         diagnosis=done.diagnosis,
     )
+    for text in done.notes:
+        terminal.line(f"note: {text}")
     return FAILED if done.failed else DONE
 
 
@@ -133,6 +136,7 @@ def _hand_over(
     passed = [x for text in options.set for x in ("--set", text)]
     passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
+    passed += ["--fresh-if-versions-differ"] if options.fresh_if_versions_differ else []
     return hand_over(opened, plan, profile, options=passed, jobs=options.workers)
 
 
@@ -180,8 +184,8 @@ for _stage in declared().values():
 
 @app.command
 def check(path: Path, /, *, options: Options = OPTIONS) -> int:
-    """Validate a folder: every problem with file, section, key, value and remedy; walls, floor and air of the bed;
-    a scale that is taken as exact.
+    """Validate a folder: every problem with file, section, key, value and remedy, also those that a run would find in
+    the recordings; units, clocks, marks and names that look wrong; walls, floor and air; a scale taken as exact.
 
     Example: jumpvision check data_samples/loose_sand
     """
@@ -190,24 +194,35 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     campaign = open_folder(path, options)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
+    from jumpvision.base.schema import InputError
     from jumpvision.inputs.experiment import exact_scales
     from jumpvision.stages.bed.geometry import check_geometry
+    from jumpvision.stages.preflight import preflight
 
+    before = {e.name: preflight(e) for e in campaign.experiments}
+    odd = [f"{n}: {text}" for n, (_, texts) in before.items() for text in texts]
+    if problems := [p for found, _ in before.values() for p in found]:
+        for text in odd:
+            terminal.line(f"warning: {text}")
+        raise InputError(problems)
     found = {e.name: check_geometry(e) for e in campaign.experiments}
+    notes = [*odd, *(f"{n}: {text}" for n, (_, texts) in found.items() for text in texts)]
+    numbers = {n: values for n, (values, _) in found.items() if values is not None}
+    exact = [text for text in (exact_scales(campaign.experiments),) if text]
     data = {
         "path": str(path),
         "problems": [],
         "experiments": rows,
-        "geometry": (numbers := {n: values for n, (values, _) in found.items() if values is not None}),
-        "warnings": [f"{n}: {text}" for n, (_, texts) in found.items() for text in texts],
-        "notes": [text for text in (exact_scales(campaign.experiments),) if text],
+        "geometry": numbers,
+        "warnings": notes,
+        "notes": exact,
     }
     terminal.result(data, rows, as_json=options.json)
     if not options.json:
         terminal.geometry(numbers)
-    for text in data["warnings"]:
+    for text in notes:
         terminal.line(f"warning: {text}")
-    for text in data["notes"]:
+    for text in exact:
         terminal.line(f"note: {text}")
     return DONE
 

@@ -208,6 +208,13 @@ def outcome(
     for o in outcomes:
         for text in o.warnings:
             line(f"warning: {o.name}: {text}")
+    older = {o.name: o.older for o in outcomes if o.older}
+    if older:
+        of = "; ".join(dict.fromkeys(text for texts in older.values() for text in texts))
+        line(
+            f"note: results of {len(older)} of {len(outcomes)} experiments were made with other versions ({of}); "
+            "--fresh-if-versions-differ computes them again"
+        )
     for name, why in campaign.excluded.items():
         line(f"excluded: {name}: {why}")
     if single and not as_json:

@@ -12,7 +12,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
-from jumpvision.base.local_page import HOST, LocalHandler, LocalServer, static_files
+from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.schema import InputError
 
 from . import controls, jumper
@@ -35,7 +35,10 @@ class Handler(LocalHandler):
 
     def do_GET(self) -> None:
         path = self.path.partition("?")[0]
-        if not self._local():
+        try:
+            self.check_asker()
+        except Refused as e:
+            self._problem(e.status, e.text)
             return
         if path == "/api/page":
             self.send(200, "application/json", self.server.page)
@@ -45,13 +48,11 @@ class Handler(LocalHandler):
             self._problem(404, f"{path}: there is no such page")
 
     def do_POST(self) -> None:
-        size = self.headers.get("Content-Length", "")
-        if not size.isdigit() or int(size) > LARGEST:
-            self.close_connection = True
-            self._problem(413, f"Content-Length: must be given and at most {LARGEST} bytes")
-            return
-        body = self.rfile.read(int(size))
-        if not self._local():
+        try:
+            self.check_asker()
+            body = self.body(LARGEST)
+        except Refused as e:
+            self._problem(e.status, e.text)
             return
         answer = QUESTIONS.get(self.path)
         if answer is None:
@@ -69,12 +70,6 @@ class Handler(LocalHandler):
         except Exception:
             traceback.print_exc()
             self._problem(500, "the solver failed; the terminal of `jumpvision demo` says where")
-
-    def _local(self) -> bool:
-        if self.asked_here():
-            return True
-        self._problem(403, f"Host: must be {HOST} or localhost")
-        return False
 
     def _problem(self, status: int, text: str) -> None:
         self._json(status, {"problems": [{"keys": [], "text": text}]})

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.local_page import LocalHandler, LocalServer, static_files
+from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.schema import InputError
 from jumpvision.inputs.sections import PHASES
 from jumpvision.vision.camera import READING, marks_share
@@ -256,18 +256,25 @@ class Handler(LocalHandler):
     server: Server
 
     def do_GET(self) -> None:
-        found = self.server.files.get(self.path.partition("?")[0]) if self.asked_here() else None
+        try:
+            self.check_asker()
+        except Refused as e:
+            self._problems(e.status, [e.text])
+            return
+        found = self.server.files.get(self.path.partition("?")[0])
         if found:
             self.send(200, *found)
         else:
             self._problems(404, [f"{self.path}: there is no such page"])
 
     def do_POST(self) -> None:
-        size = self.headers.get("Content-Length", "")
-        body = self.rfile.read(int(size)) if size.isdigit() and int(size) <= LARGEST else b""
-        if not body or self.path != "/api/picks" or not self.asked_here():
-            self.close_connection = True
-            self._problems(400, ["answer: must be sent to /api/picks of this machine, as JSON of a few lines"])
+        try:
+            self.check_asker()
+            body = self.body(LARGEST)
+            if self.path != "/api/picks":
+                raise Refused(404, f"{self.path}: an answer goes to /api/picks")
+        except Refused as e:
+            self._problems(e.status, [e.text])
             return
         try:
             self.server.take(json.loads(body))

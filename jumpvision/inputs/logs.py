@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,9 @@ from jumpvision.base.schema import InputError, closest
 
 if TYPE_CHECKING:
     import pandas as pd
+
+PACKED = {".gz", ".bz2", ".xz", ".zip", ".zst", ".tar"}
+LARGEST = 200e6  # bytes of a log, as text some 2 GB in memory
 
 
 def read_log(
@@ -21,20 +25,7 @@ def read_log(
     import numpy as np
     import pandas as pd
 
-    try:
-        raw = pd.read_csv(path, dtype=str, skipinitialspace=True, encoding="utf-8-sig", keep_default_na=False)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as e:
-        text = str(e).strip().splitlines()[-1]
-        raise InputError([f"{path}: not a CSV table ({text}); expected the header {','.join(columns)}"]) from None
-    raw.columns = [str(c).strip() for c in raw.columns]
-    missing = [c for c in columns if c not in raw.columns]
-    if missing:
-        raise InputError(
-            [
-                f"{path}: column {c} missing; the header is '{','.join(raw.columns)}'{closest(c, raw.columns)}"
-                for c in missing
-            ]
-        )
+    raw = _cells(path, columns, optional)
     if len(raw) < at_least:
         raise InputError([f"{path}: {len(raw)} rows; at least {at_least} are needed"])
     problems, out = [], {}
@@ -60,3 +51,39 @@ def read_log(
     if problems:
         raise InputError(problems)
     return pd.DataFrame(out)
+
+
+def _cells(path: Path, columns: tuple[str, ...], optional: tuple[str, ...]) -> pd.DataFrame:
+    """The table as text, a column for each name of the header; a row that does not fit the header is refused."""
+    import pandas as pd
+
+    if path.suffix.lower() in PACKED:
+        raise InputError([f"{path}: compressed; unpack it, and name the table itself"])
+    if (size := path.stat().st_size) > LARGEST:
+        raise InputError(
+            [f"{path}: {size / 1e9:.1f} GB; logs of at most {LARGEST / 1e9:g} GB are read: keep the part that matters"]
+        )
+    try:
+        # the header is read as a row: given one, pandas takes the first value of rows that are longer for a label
+        raw = pd.read_csv(
+            path,
+            header=None,
+            dtype=str,
+            skipinitialspace=True,
+            encoding="utf-8-sig",
+            keep_default_na=False,
+            compression=None,
+        )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as e:
+        text = str(e).strip().splitlines()[-1]
+        if longer := re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", text):
+            text = f"line {longer[2]} has {longer[3]} values, the header {longer[1]}"
+        raise InputError([f"{path}: not a CSV table ({text}); expected the header {','.join(columns)}"]) from None
+    header = [str(c).strip() for c in raw.iloc[0]]
+    missing = [c for c in columns if c not in header]
+    if missing:
+        said = f"the header is '{','.join(header)}'"
+        raise InputError([f"{path}: column {c} missing; {said}{closest(c, header)}" for c in missing])
+    if twice := [c for c in (*columns, *optional) if header.count(c) > 1]:
+        raise InputError([f"{path}: column {c} is there {header.count(c)} times; rename or remove one" for c in twice])
+    return raw[1:].reset_index(drop=True).set_axis(header, axis=1)

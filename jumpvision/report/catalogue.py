@@ -21,7 +21,7 @@ from jumpvision.report.studies.sweeps import read_sweep, sweep_figure
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.results.tables import RodMotion, Simulation
-from jumpvision.results.values import Intrusion
+from jumpvision.results.values import CraterShape, Intrusion
 from jumpvision.studies.compute import setting
 from jumpvision.studies.study import studies
 
@@ -103,7 +103,7 @@ def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
                 lambda F: resistances(rows, intrusion_laws(rows), F),
             ),
         )
-    craters = [c for c in craters_of(r.experiments) if c.volume_fraction is not None]
+    craters = [c for c in craters_of(r.having(CraterShape.file)) if c.volume_fraction is not None]
     if len(craters) > 1:
         yield (
             "craters",

@@ -29,7 +29,7 @@ from jumpvision.stages.grains.cone import cone_fits, grown_cone, mass_fits
 from jumpvision.workflow.stage import Inputs, StageWarning, stage
 
 from .recordings import scaled, timed
-from .rod import commanded, hanging_foot, position_at, read_motor, total_mass
+from .rod import commanded, hanging_foot, other_spring, position_at, read_motor, total_mass
 
 NAN = math.nan
 
@@ -249,6 +249,8 @@ def ring_fits(
     if not ring.reason and limit is not None and ring.amplitude > limit:
         reason = f"amplitude {ring.amplitude:.2g} m above M g/k = {limit:.2g} m: still hopping"
         return {"zeta": Estimate(NAN, NAN, "", ring.n, ring.chi2, reason)}
+    if k and mass and not ring.reason and (doubt := other_spring(ring.frequency, k, mass)):
+        warnings.warn(f"ring-down: {doubt}", StageWarning, stacklevel=2)
     rate = clock.rate_sigma if clock else 0.0
     out = {k: scaled(e, rate) if e.unit in ("Hz", "rad/s") else e for k, e in ring.estimates().items()}
     if not ring.reason:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -101,3 +103,17 @@ def hanging_foot(robot: Robot | None) -> tuple[float, float, float, float] | Non
     if robot is None or mass is None or not (robot.foot_mass and robot.spring_stiffness):
         return None
     return robot.spring_stiffness, robot.foot_mass, mass, robot.gravity
+
+
+OTHER_SPRING = 1.3  # ratio of frequencies that no foot or damping makes: a stiffness off by 1.7
+
+
+def other_spring(frequency: float, k: float, mass: float) -> str:
+    """What to doubt where a ring-down [Hz] is none of this spring [N/m] under this mass [kg]; "" where it may be."""
+    expected = math.sqrt(k / mass) / (2.0 * math.pi)
+    if 1.0 / OTHER_SPRING < frequency / expected < OTHER_SPRING:
+        return ""
+    return (
+        f"rings at {frequency:.3g} Hz, spring_stiffness = {k:g} N/m under {mass:g} kg at {expected:.3g} Hz: the spring "
+        f"would have {mass * (2.0 * math.pi * frequency) ** 2:.4g} N/m; check units and masses"
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
 from jumpvision.estimate.estimate import finite
@@ -10,8 +12,9 @@ from jumpvision.inputs.sections import Actuation, Bed
 from jumpvision.results.tables import Simulation
 from jumpvision.results.values import BedHeight, Fits, Summary
 from jumpvision.stages.bed.height import packing, packing_common
-from jumpvision.workflow.stage import stage
+from jumpvision.workflow.stage import StageWarning, stage
 
+FAR = 5.0  # factor between measured and simulated height that no model's error makes
 FROM_FITS = {  # key of summary.json: name in fits.json
     "flight_height_m": "flight_height_m",
     "flight_time_s": "flight_time_s",
@@ -62,7 +65,14 @@ def summary(
     }
     for key, name in FROM_FITS.items():
         out |= zip((key, f"{key}_sigma", f"{key}_sigma_common"), parts(name))
-    out["simulated_height_m"] = simulated_height(simulation, law) if simulation else None
+    out["simulated_height_m"] = modelled = simulated_height(simulation, law) if simulation else None
+    if height and modelled and not 1.0 / FAR < height / modelled < FAR:
+        warnings.warn(
+            f"measured height {height:.3g} m, simulated {modelled:.3g} m ({height / modelled:.3g} times): check units, "
+            "scale and masses",
+            StageWarning,
+            stacklevel=2,
+        )
     return Summary(out)
 
 

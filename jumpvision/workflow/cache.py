@@ -1,6 +1,7 @@
 """The cache of a results folder: how large it is, stage by stage, and making it smaller.
 
-An entry is moved out of sight before it is deleted, so a run beside it finds it whole or computes it again.
+Nothing is deleted but sealed entries of a marked cache. An entry is moved out of sight first, so a run beside it finds
+it whole or computes it again.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jumpvision.base.schema import InputError
-from jumpvision.base.storage import remove_aside, sweep_leftovers
+from jumpvision.base.storage import remove_aside, sweep_leftovers, unsealed
+
+from .entries import RECEIPT, CorruptEntry, marked, receipt_of
 
 SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 7 * 86400.0}
 BYTES = {"": 1, "B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
@@ -31,27 +34,38 @@ class Entry:
 
 def caches_of(path: Path) -> list[Path]:
     """The cache of a results folder, those of the results folders in it, or `path` itself; InputError for none."""
-    if path.is_dir() and (path.name == ".cache" or (path / "hashes").is_dir()):
+    if marked(path):
         return [path]
-    found = [c for c in (path / ".cache", *sorted(path.glob("*/.cache"))) if c.is_dir()]
+    found = [c for c in (path / ".cache", *sorted(path.glob("*/.cache"))) if marked(c)]
     if not found:
-        raise InputError([f"{path}: no cache here; give a results folder (with .cache) or the folder of --cache"])
+        raise InputError(
+            [
+                f"{path}: no cache of jumpvision here (a folder with its CACHEDIR.TAG); give a results folder (with "
+                ".cache) or the folder of --cache"
+            ]
+        )
     return found
 
 
 def entries_of(cache: Path) -> list[Entry]:
-    """Every entry that is there, whole or not; one that vanishes meanwhile is left out."""
+    """The whole entries: folders with a sealed receipt of this place and, beside it, only the files it names.
+
+    One that vanishes meanwhile is left out, and so is whatever else lies in the folder.
+    """
     found = []
-    for receipt_folder in cache.glob("*/*"):
-        if not receipt_folder.is_dir() or receipt_folder.parent.name.startswith("writing-"):
+    for folder in cache.glob("*/*"):
+        if folder.is_symlink() or folder.parent.is_symlink() or not folder.is_dir():
             continue
         try:
-            stats = [f.stat() for f in receipt_folder.iterdir()]
-            used = max([s.st_mtime for s in stats], default=receipt_folder.stat().st_mtime)
-        except FileNotFoundError:
+            names = receipt_of(folder)["outputs"].keys() | {RECEIPT}
+            files = list(folder.iterdir())
+            if any(f.name not in names or f.is_symlink() or not f.is_file() for f in files):
+                continue
+            stats = [f.stat() for f in files]
+        except (CorruptEntry, FileNotFoundError, NotADirectoryError):
             continue
-        size = sum(s.st_size for s in stats)
-        found.append(Entry(cache, receipt_folder, receipt_folder.parent.name, size, used))
+        used = max(s.st_mtime for s in stats)
+        found.append(Entry(cache, folder, folder.parent.name, sum(s.st_size for s in stats), used))
     return found
 
 
@@ -87,6 +101,10 @@ def tidy(cache: Path) -> None:
     """Remove what killed runs left, and what was remembered of files that are gone or changed since."""
     sweep_leftovers(cache.parent, cache)
     for memo in (cache / "hashes").glob("*.json"):
+        try:
+            unsealed(memo.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            continue
         memo.unlink(missing_ok=True)  # made again at the next run, at the cost of hashing
 
 

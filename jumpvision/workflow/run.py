@@ -6,28 +6,27 @@ A failed stage is reported with its reason; stages that do not depend on it, and
 from __future__ import annotations
 
 import contextlib
-import functools
 import importlib
 import multiprocessing
-import platform
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from jumpvision import __version__
 from jumpvision.base.progress import HOOK, SPAWN, WORKERS, Hook, one_thread
 from jumpvision.base.schema import InputError, closest
-from jumpvision.base.storage import sha256, sweep_leftovers, write_aside
+from jumpvision.base.storage import sweep_leftovers
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.sections import NotApplicable
-from jumpvision.results import plain
+from jumpvision.results import Record
 from jumpvision.results.values import Summary
 
+from .entries import versions
+from .provenance import settle
 from .stage import STAGES, declared, results_stages
 from .workspace import NotCached, Step, Workspace
 
@@ -44,6 +43,7 @@ class Plan:
     whole: bool = True  # also the tables of a campaign; not for a single stage
     pictures: tuple[str, ...] = ()  # modules whose stages draw figures of the results
     verify: bool = False
+    fresh: bool = False  # compute again what other versions made
     debug: bool = False
     command: str = ""
 
@@ -85,6 +85,7 @@ class Outcome:
     not_run: list[str] = field(default_factory=list)  # stages without inputs, and why
     seconds: float = 0.0
     summary: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)  # on files of earlier runs that had to stay
 
     @property
     def computed(self) -> int:
@@ -92,7 +93,18 @@ class Outcome:
 
     @property
     def warnings(self) -> list[str]:
-        return [f"{s.stage}: {w}" for s in self.steps for w in s.warnings]
+        return [*(f"{s.stage}: {w}" for s in self.steps for w in s.warnings), *self.notes]
+
+    @property
+    def older(self) -> list[str]:
+        """Packages of which another version than that of today made a result, as `numpy 2.1.0, now 2.2.3`."""
+        now = versions()
+        then = {(p, v) for s in self.steps for p, v in s.versions.items() if now.get(p) != v}
+        return [f"{p} {v}, now {now.get(p, 'not installed')}" for p, v in sorted(then)]
+
+    def made(self, record: type[Record]) -> bool:
+        """Whether this run made the record: what else lies in the folder is no result of it."""
+        return any(record.file in s.files for s in self.steps)
 
 
 def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_cached: bool = False) -> Outcome:
@@ -103,7 +115,9 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
     for module in plan.pictures:
         importlib.import_module(module)
     began = time.perf_counter()
-    workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, only_cached=only_cached)
+    workspace = Workspace(
+        experiment, results, plan.cache, verify=plan.verify, only_cached=only_cached, fresh=plan.fresh
+    )
     outcome = Outcome(experiment.name, results)
     blamed: set[int] = set()
     for output, made in wanted(plan):
@@ -122,8 +136,6 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
         except Exception as e:
             if plan.debug and not isinstance(e, InputError):
                 raise
-            with contextlib.suppress(OSError):  # a results folder that cannot be written has been said already
-                workspace.withdraw(output)
             if id(e) not in blamed:  # a stage below failed already: said once
                 blamed.add(id(e))
                 said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
@@ -132,9 +144,8 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
     if Summary in workspace.made:
         outcome.summary = workspace.made[Summary].values
     try:
-        if workspace.made:
-            write_provenance(workspace, plan.command)
-    except OSError as e:
+        outcome.notes = settle(workspace, plan.command)
+    except (OSError, InputError) as e:
         said = explain(e, "provenance", experiment.path)
         outcome.errors += [text for text in said if text not in outcome.errors]
     outcome.seconds = time.perf_counter() - began
@@ -159,40 +170,6 @@ def explain(error: Exception, stage: str, path: Path) -> list[str]:
     if isinstance(error, ValueError):
         return [where + str(error)]
     return [f"{where}unexpected {type(error).__name__}: {error} (run again with --debug to see where)"]
-
-
-@functools.cache  # reading the packages' metadata takes longer than most stages
-def _versions() -> dict[str, str]:
-    from importlib.metadata import version
-
-    packages = ("numpy", "scipy", "pandas", "xarray", "numba", "opencv-python-headless", "scikit-image", "av")
-    return {p: version(p) for p in packages}
-
-
-def write_provenance(workspace: Workspace, command: str) -> None:
-    """provenance.json: versions, parameters, inputs and outputs with SHA-256, command."""
-    stages = {s.name: s for s in STAGES.values()}
-    done = [stages[s.stage] for s in workspace.steps]
-    data = {
-        "versions": {
-            "jumpvision": __version__,
-            "python": platform.python_version(),
-            **_versions(),
-            "stages": {s.name: s.version for s in done if not s.picture},
-        },
-        "parameters": {s.name: asdict(workspace.parameters(s)) for s in done if s.params},
-        "inputs": dict(sorted(workspace.inputs.items())),
-        "outputs": {
-            f.name: sha256(f)
-            for f in sorted(workspace.results.iterdir())
-            if f.is_file() and f.name in workspace.outputs
-        },
-        "warnings": [f"{s.stage}: {w}" for s in workspace.steps for w in s.warnings],
-        "command": command,
-    }
-    import json
-
-    write_aside(workspace.results / "provenance.json", json.dumps(plain(data), indent=1) + "\n")
 
 
 def run_campaign(

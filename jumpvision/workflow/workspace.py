@@ -1,74 +1,58 @@
 """Stages run on an experiment, their results kept.
 
 `Workspace.make(Track)` walks back from the wanted record, computes what is missing or changed and keeps each result
-under the hash of its inputs, parameters and version. An entry is written aside and renamed, so a killed run leaves
-either a whole entry or none; checksums are verified when an entry is read.
+under the hash of its inputs, parameters and version (`entries`). A recording that changes while it is read is no input.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import json
 import os
-import shutil
 import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
-from jumpvision.base.schema import read
+from jumpvision.base.schema import InputError, read
 from jumpvision.base.storage import (
-    aside_folder,
+    ChangedFile,
+    Stamp,
     companions,
     copy_aside,
-    remove_aside,
     sealed,
+    settled,
     sha256,
-    sync,
+    stamp,
     unsealed,
     write_aside,
 )
 from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.sections import MissingKey, NotApplicable, Section
 
+from . import entries
+from .entries import ATTEMPTS, CorruptEntry, Receipt
 from .stage import STAGES, Input, Stage, StageWarning
-
-
-class Receipt(TypedDict):
-    """What lies beside the files of a cache entry: who made it, of what, and what there was to say."""
-
-    stage: str
-    version: int
-    key: str
-    warnings: list[str]
-    not_applicable: list[str]  # why there is no record; empty where there is one
-    outputs: dict[str, str]  # file: SHA-256
-
-
-ATTEMPTS = 3  # at an entry that vanishes before its files are copied
 
 
 @dataclass
 class Step:
-    """What became of one stage in a run."""
+    """What became of one stage in a run. versions: of the packages that made it; files: its results."""
 
     stage: str
     state: str  # "computed" | "cached"
     seconds: float
     warnings: list[str]
     key: str
+    versions: Mapping[str, str]
+    files: Mapping[str, str]  # name: SHA-256
 
 
 class NotCached(Exception):
     """A stage would have to be computed where only what is there already was asked for."""
-
-
-class CorruptEntry(Exception):
-    """A cached file does not have the checksum of its receipt."""
 
 
 class Workspace:
@@ -77,18 +61,28 @@ class Workspace:
     results: folder of the result files. cache: folder shared by the experiments of a campaign.
     verify: hash every input again instead of trusting an unchanged size and modification time.
     only_cached: raise NotCached instead of computing a stage.
+    fresh: compute again what other versions of jumpvision, of Python or of a package have made.
     """
 
     def __init__(
-        self, experiment: Experiment, results: Path, cache: Path, *, verify: bool = False, only_cached: bool = False
+        self,
+        experiment: Experiment,
+        results: Path,
+        cache: Path,
+        *,
+        verify: bool = False,
+        only_cached: bool = False,
+        fresh: bool = False,
     ):
         self.experiment, self.results, self.cache, self.verify = experiment, Path(results), Path(cache), verify
-        self.only_cached = only_cached
+        self.only_cached, self.fresh = only_cached, fresh
         self.steps: list[Step] = []
         self.inputs: dict[str, str] = {}  # relative path -> SHA-256
-        self.outputs: set[str] = set()  # names of the result files made
         self._made: dict[type, tuple[str, Any]] = {}
         self._failed: dict[type, Exception] = {}
+        self._read: dict[Path, dict[Path, Stamp]] = {}  # recording -> its files as they were hashed
+        self._published: dict[Path, Stamp] = {}
+        self._hashes: dict[Path, tuple[str, Stamp]] = {}
 
     # -- what can be made ------------------------------------------------------------------------------------
 
@@ -123,9 +117,62 @@ class Workspace:
         """The records made so far, by type."""
         return {output: record for output, (_, record) in self._made.items()}
 
-    def withdraw(self, output: type) -> None:
-        """Remove the result file of an earlier run, which is no result of the inputs as they are now."""
-        (self.results / output.file).unlink(missing_ok=True)  # type: ignore[attr-defined]
+    @property
+    def failed(self) -> set[type]:
+        """Records that could not be made, or of which there are none."""
+        return set(self._failed)
+
+    def key(self, output: type) -> str:
+        """The key that `output` has for the inputs and parameters as they are; nothing is computed.
+
+        Raises MissingKey or InputError where it cannot be made.
+        """
+        if output in self._made:
+            return self._made[output][0]
+        made = STAGES[output]
+        if why := self.missing(output):
+            raise MissingKey([why])
+        return self._hashed(made, {i.name: self._identity(i) for i in made.inputs})
+
+    def _identity(self, i: Input) -> Any:
+        if i.type not in STAGES:
+            return self._input(i)[0]
+        if self._lack(i.type) or (i.optional and self._nothing_to_do(i.type)):
+            return None
+        return self.key(i.type)
+
+    def _nothing_to_do(self, output: type) -> bool:
+        """Whether it is known that the stage finds nothing to do."""
+        if output in self._failed:
+            return isinstance(self._failed[output], NotApplicable)
+        try:
+            entry = entries.place(self.cache, STAGES[output].name, self.key(output))
+            return bool(entries.receipt_of(entry)["not_applicable"])
+        except (CorruptEntry, OSError):
+            return False
+
+    @property
+    def outputs(self) -> dict[str, str]:
+        """SHA-256 of the result files made, by name."""
+        return {name: digest for s in self.steps for name, digest in s.files.items()}
+
+    def confirm(self) -> None:
+        """Put back what was removed or overwritten since: when a run ends its results lie there, and only its own."""
+        for _ in range(ATTEMPTS):
+            lost = [s for s in self.steps if any(not self._untouched(name) for name in s.files)]
+            if not lost:
+                return
+            for s in lost:
+                self._publish(entries.place(self.cache, s.stage, s.key), s.files)
+        raise InputError(
+            [f"{self.results}: another run, or a program, changes the results while they are written; run again"]
+        )
+
+    def _untouched(self, name: str) -> bool:
+        try:
+            return stamp(self.results / name) == self._published.get(self.results / name)
+        except OSError:
+            return False
 
     def _make(self, output: type) -> tuple[str, Any]:
         if output in self._made:
@@ -150,30 +197,36 @@ class Workspace:
             keys[i.name], arguments[i.name] = self._input(i)
         if made.params:
             arguments["p"] = self.parameters(made)
-            keys["p"] = dataclasses.asdict(arguments["p"])
-        text = json.dumps([made.name, made.version, keys], sort_keys=True, default=str)
-        key = hashlib.sha256(text.encode()).hexdigest()
-        entry = self.cache / made.name / key[:24]
+        key = self._hashed(made, keys)
+        entry = entries.place(self.cache, made.name, key)
         began = time.perf_counter()
         for attempt in range(ATTEMPTS):
             try:
-                record, receipt = self._load(entry, output)
+                record, receipt = self._load(key, output)
                 state = "cached"
             except (FileNotFoundError, CorruptEntry) as e:
                 if self.only_cached:
                     raise NotCached(made.name) from None
                 if isinstance(e, CorruptEntry):
                     warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)
-                record, receipt = self._compute(made, arguments, entry, key)
+                record, receipt = self._compute(made, arguments, key)
                 state = "computed"
             try:
-                self._publish(entry, receipt)
+                self._publish(entry, receipt["outputs"])
                 break
-            except FileNotFoundError:  # the entry was pruned, or mended by another run, in between
-                if entry.exists() or attempt == ATTEMPTS - 1:
+            except (FileNotFoundError, ChangedFile):  # the entry was pruned, or mended by another run, in between
+                if attempt == ATTEMPTS - 1:
                     raise
-        self.steps.append(Step(made.name, state, time.perf_counter() - began, receipt["warnings"], key))
+        seconds, notes = time.perf_counter() - began, receipt["warnings"]
+        self.steps.append(Step(made.name, state, seconds, notes, key, receipt["versions"], receipt["outputs"]))
         return key, record
+
+    def _hashed(self, made: Stage, keys: Mapping[str, Any]) -> str:
+        """The key of a stage whose inputs have these."""
+        if made.params:
+            keys = {**keys, "p": dataclasses.asdict(self.parameters(made))}
+        text = json.dumps([made.name, made.version, keys], sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
 
     def parameters(self, made: Stage) -> Any:
         """The parameters of a stage: defaults, then what the experiment gives."""
@@ -203,7 +256,7 @@ class Workspace:
                 return None, None
             raise
 
-    def _compute(self, made: Stage, arguments: Mapping[str, Any], entry: Path, key: str) -> tuple[Any, Receipt]:
+    def _compute(self, made: Stage, arguments: Mapping[str, Any], key: str) -> tuple[Any, Receipt]:
         record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
@@ -221,71 +274,49 @@ class Workspace:
         for w in caught:
             if not issubclass(w.category, StageWarning):
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
-        aside = aside_folder(self.cache)
-        try:
-            if record is not None:
-                record.save(aside)
-            receipt: Receipt = {
-                "stage": made.name,
-                "version": made.version,
-                "key": key,
-                "warnings": notes,
-                "not_applicable": nothing_to_do,
-                "outputs": {f.name: sha256(f) for f in sorted(aside.iterdir())},
-            }
-            (aside / "receipt.json").write_text(sealed(receipt), encoding="utf-8")
-            sync(aside)
-            entry.parent.mkdir(parents=True, exist_ok=True)
-            for attempt in range(ATTEMPTS):
-                try:
-                    os.rename(aside, entry)
-                    break
-                except OSError:  # there already: made by a faster run, or damaged
-                    if self._whole(entry, made.output):
-                        break
-                    if attempt == ATTEMPTS - 1 or not entry.exists():
-                        raise
-                    remove_aside(entry, self.cache)
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
+        self._read_what_was_hashed(made)
+        receipt = entries.keep(
+            self.cache,
+            made.name,
+            key,
+            lambda folder: record.save(folder) if record is not None else None,
+            version=made.version,
+            warnings=notes,
+            not_applicable=nothing_to_do,
+            good=lambda: self._good(key, made.output),
+        )
         if nothing_to_do:
             raise NotApplicable(nothing_to_do)
         return record, receipt
 
-    def _load(self, entry: Path, output: type) -> tuple[Any, Receipt]:
+    def _load(self, key: str, output: type) -> tuple[Any, Receipt]:
         """The record and receipt of a whole, undamaged entry; NotApplicable where it says that there is none."""
-        try:
-            receipt: Receipt = unsealed((entry / "receipt.json").read_text(encoding="utf-8"))
-            for name, digest in receipt["outputs"].items():
-                if sha256(entry / name) != digest:
-                    raise CorruptEntry(f"{entry / name}: damaged in the cache")
-            with contextlib.suppress(OSError):  # when it was last used, for pruning by age
-                os.utime(entry / "receipt.json")
-            if receipt["not_applicable"]:
-                raise NotApplicable(receipt["not_applicable"])
-            return output.load(entry), receipt  # type: ignore[attr-defined]
-        except (FileNotFoundError, NotApplicable):
-            raise
-        except (ValueError, KeyError, OSError) as e:
-            raise CorruptEntry(f"{entry}: unreadable in the cache ({type(e).__name__})") from e
+        with entries.opened(self.cache, STAGES[output].name, key) as receipt:
+            if self.fresh and receipt["versions"] != entries.versions():
+                raise FileNotFoundError
+            folder = entries.place(self.cache, receipt["stage"], key)
+            record = None if receipt["not_applicable"] else output.load(folder)  # type: ignore[attr-defined]
+        if receipt["not_applicable"]:
+            raise NotApplicable(receipt["not_applicable"])
+        return record, receipt
 
-    def _whole(self, entry: Path, output: type) -> bool:
+    def _good(self, key: str, output: type) -> bool:
         try:
-            self._load(entry, output)
+            self._load(key, output)
         except NotApplicable:
             return True
         except (FileNotFoundError, CorruptEntry):
             return False
         return True
 
-    def _publish(self, entry: Path, receipt: Receipt) -> None:
-        """The result file beside the others; replaced in one step when it differs."""
+    def _publish(self, entry: Path, outputs: Mapping[str, str]) -> None:
+        """The result files beside the others; replaced in one step where they differ."""
         self.results.mkdir(parents=True, exist_ok=True)
-        for name, digest in receipt["outputs"].items():
+        for name, digest in outputs.items():
             target = self.results / name
-            self.outputs.add(name)
-            if not target.exists() or self._hash_file(target) != digest:
-                copy_aside(entry / name, target)
+            if not target.exists() or self._hash_file(target)[0] != digest:
+                copy_aside(entry / name, target, digest)
+            self._published[target] = stamp(target)
 
     # -- hashes ----------------------------------------------------------------------------------------------
 
@@ -297,25 +328,53 @@ class Workspace:
             files = sorted(f for f in path.iterdir() if f.is_file())
         else:
             files = sorted(path.parent.glob(path.name))
-        digests = {}
+        digests, self._read[path] = {}, {}
         for f in files:
-            digests[f.name] = self._hash_file(f)
-            self.inputs[os.path.relpath(f, self.experiment.path).replace(os.sep, "/")] = digests[f.name]
+            digests[f.name], self._read[path][f] = self._hash_file(f)
+            self.inputs[self._relative(f)] = digests[f.name]
         return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()
 
-    def _hash_file(self, path: Path) -> str:
-        """SHA-256 of a file, remembered while its size and modification time stay."""
-        s = path.stat()
+    def _relative(self, file: Path) -> str:
+        """A recording's name in provenance.json; whole where it lies on another drive."""
+        try:
+            return os.path.relpath(file, self.experiment.path).replace(os.sep, "/")
+        except ValueError:
+            return file.as_posix()
+
+    def _read_what_was_hashed(self, made: Stage) -> None:
+        """What a stage has read is what its key says: a recording that was exchanged meanwhile is another one."""
+        for i in made.inputs:
+            section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
+            for f, at in self._read.get(getattr(section, "path", None), {}).items():  # type: ignore[arg-type]
+                try:
+                    same = stamp(f) == at or sha256(f) == self.inputs[self._relative(f)]
+                except OSError:
+                    same = False
+                if not same:
+                    raise InputError([f"{f}: changed while stage '{made.name}' read it; run again when it is whole"])
+
+    def _hash_file(self, path: Path) -> tuple[str, Stamp]:
+        """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
         memo = self.cache / "hashes" / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
-        # the time of the last change of any kind tells also an edit that keeps size and date, or a clock set back
-        stamp = [s.st_size, s.st_mtime_ns, s.st_ctime_ns]
+        at = stamp(path)
+        if path in self._hashes and self._hashes[path][1] == at:
+            return self._hashes[path]
         if not self.verify:
             try:
                 known = unsealed(memo.read_text(encoding="utf-8"))
-                if known["stamp"] == stamp:
-                    return str(known["sha256"])
-            except (OSError, ValueError, KeyError):
+                if known["file"] == str(path.absolute()) and tuple(known["stamp"]) == at:
+                    return str(known["sha256"]), at
+            except (OSError, ValueError, KeyError, TypeError):
                 pass
-        digest = sha256(path)
-        write_aside(memo, sealed({"stamp": stamp, "sha256": digest}))
-        return digest
+        for _ in range(ATTEMPTS):
+            digest, before = sha256(path), at
+            at = stamp(path)
+            if at == before:
+                break
+        else:
+            raise InputError([f"{path}: changes while it is read; run again when it is whole"])
+        if settled(at):
+            entries.mark(self.cache)
+            write_aside(memo, sealed({"file": str(path.absolute()), "stamp": at, "sha256": digest}))
+        self._hashes[path] = digest, at
+        return digest, at

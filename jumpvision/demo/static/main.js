@@ -15,7 +15,11 @@ const states = { hard: fresh("hard"), granular: fresh("granular") };
 let state = states.hard, answer = null, time = 0, playing = !still.matches, rested = 0, before = 0, dirty = true;
 
 async function post(path, question) {
-  const reply = await fetch(path, { method: "POST", body: JSON.stringify(question) });
+  const reply = await fetch(path, {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify(question),
+  });
   return { ok: reply.ok, ...(await reply.json()) };
 }
 

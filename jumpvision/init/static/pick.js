@@ -102,7 +102,11 @@ document.querySelector("#save").addEventListener("click", async () => {
       if (values.length) answer[section][t.key] = t.numbers === 1 ? values[0] : values;
     }
   }
-  const reply = await fetch("api/picks", { method: "POST", body: JSON.stringify(answer) });
+  const reply = await fetch("api/picks", {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify(answer),
+  });
   if (reply.ok) {
     said.textContent = "Written. This page can be closed.";
     document.querySelector("#save").disabled = true;

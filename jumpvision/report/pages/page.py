@@ -18,7 +18,7 @@ from jumpvision import __version__
 from jumpvision.base.arrays import measured
 from jumpvision.base.storage import write_aside
 from jumpvision.campaign.actuator import actuator_bandwidth, driven
-from jumpvision.campaign.craters import craters_of, zero_crossing
+from jumpvision.campaign.craters import measured_in, zero_crossing
 from jumpvision.campaign.intrusions import intrusion_laws, slow_intrusions
 from jumpvision.campaign.truth import (
     Truth,
@@ -103,7 +103,7 @@ def write_campaign(
     key: str,
 ) -> None:
     """The page of a campaign."""
-    craters = craters_of({o.name: o.results for o in outcomes})
+    craters = measured_in(outcomes)
     crossing = zero_crossing(craters) if craters else None
     packed = crossing is not None and any(c.volume_fraction is not None for c in craters)
     intruded = slow_intrusions(campaign, outcomes)

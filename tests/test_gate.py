@@ -1,0 +1,399 @@
+"""Nothing false: results are this run's, tables read them alone, a cache cannot be fooled and deletes only its own.
+
+(About 15 s.)
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from diagnosis_sample import diagnosis
+from fault_lab import results_of, run_here, write_campaign
+
+from jumpvision.base.schema import InputError
+from jumpvision.cli import main
+from jumpvision.inputs.experiment import open_experiment
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.parameters import FitParams
+from jumpvision.inputs.sections import MotorLog
+from jumpvision.results.values import CraterShape, Values
+from jumpvision.workflow import entries, provenance, workspace
+from jumpvision.workflow import stage as stage_module
+from jumpvision.workflow.run import Outcome
+from jumpvision.workflow.stage import StageWarning, stage
+from jumpvision.workflow.workspace import Workspace
+
+
+@pytest.fixture(scope="module")
+def calm(tmp_path_factory) -> Path:
+    """A campaign of two experiments and its results: folder/campaign, folder/results. Not to be changed."""
+    folder = tmp_path_factory.mktemp("calm")
+    assert run_here(write_campaign(folder / "campaign", 2), folder / "results") == 0
+    return folder
+
+
+@pytest.fixture
+def work(calm, tmp_path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(calm, tmp_path / "work"))
+
+
+# ---- the cache deletes its own alone ---------------------------------------------------------------------------------
+
+
+def test_a_folder_that_only_looks_like_a_cache_is_refused(tmp_path, capsys):
+    """`.cache` of a home folder, and folders beside one called hashes, hold other programs' files."""
+    home = tmp_path / "home"
+    for f in (home / ".cache" / "thumbnails" / "large" / "a.png", tmp_path / "data" / "films" / "2024" / "a.avi"):
+        f.parent.mkdir(parents=True)
+        f.write_text("precious")
+    (tmp_path / "data" / "hashes").mkdir()
+    for place in (home, home / ".cache", tmp_path / "data"):
+        assert main(["cache", str(place), "--all"]) == 2
+        assert "no cache of jumpvision here" in capsys.readouterr().err
+    assert (home / ".cache" / "thumbnails" / "large" / "a.png").exists()
+    assert (tmp_path / "data" / "films" / "2024" / "a.avi").exists()
+
+
+def test_in_a_cache_only_sealed_entries_are_deleted(work):
+    """--cache may be a folder that holds other things too."""
+    store = work / "results" / ".cache"
+    whole = next((store / "fit").iterdir())
+    beside = shutil.copytree(whole, store / "fit" / "0123456789abcdef01234567")  # the entry of another place
+    (noted := next((store / "rod").iterdir())).joinpath("notes.txt").write_text("mine")
+    foreign = [store / "films" / "2024" / "a.avi", store / "writing-HOST-old" / "x" / "y", beside / entries.RECEIPT]
+    foreign += [noted / "notes.txt", noted / "rod.csv", store / "hashes" / "list.json", store / "fit" / "linked"]
+    outside = work / "outside"
+    shutil.copytree(whole, outside)
+    for f in foreign:
+        f.parent.mkdir(parents=True, exist_ok=True)
+        if f.name == "linked":
+            f.symlink_to(outside)
+        elif not f.exists():
+            f.write_text("{}")
+    assert main(["cache", str(work / "results"), "--all"]) == 0
+    assert not whole.exists()
+    assert all(f.exists() for f in foreign) and (outside / "fits.json").exists()
+    assert run_here(work / "campaign", work / "results") == 0  # a folder writing-HOST-old is in nobody's way
+
+
+# ---- results are exactly this run's ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rows", [["0.0,0.01,3738", "0.1,0.02,3738"], ["0.0,0.01", "0.1,0.02", "0.2,0.03,9"]])
+def test_a_row_longer_than_the_header_is_refused(tmp_path, rows):
+    """A value more in every row moved all columns by one: the time was taken for a label."""
+    (tmp_path / "a.csv").write_text("\n".join(["time_s,position_m", *rows]) + "\n")
+    with pytest.raises(InputError, match=r"a\.csv: .*line \d has 3 values, the header 2"):
+        read_log(tmp_path / "a.csv", "time_s", "position_m")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "says"),
+    [
+        ("a.csv", "time_s,position_m,position_m\n0,1,2\n1,2,3\n", "there 2 times"),
+        ("a.csv.gz", "time_s,position_m\n0,1\n1,2\n", "compressed"),
+    ],
+)
+def test_logs_that_could_be_read_in_two_ways_are_refused(tmp_path, name, text, says):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=says):
+        read_log(tmp_path / name, "time_s", "position_m")
+
+
+def test_a_section_that_is_removed_takes_its_results_along(work):
+    results, toml = work / "results" / "jump-0000", work / "campaign" / "jump-0000" / "experiment.toml"
+    assert (results / "rod.csv").exists() and (results / "fits.json").exists()
+    (results / "notes.txt").write_text("mine")
+    toml.write_text(toml.read_text().replace("[rod_track]\nfile", "#"))
+    run_here(work / "campaign", work / "results")
+    assert not (results / "rod.csv").exists()
+    assert not (results / "fits.json").exists()
+    assert (results / "notes.txt").read_text() == "mine"
+    assert not (results / "provenance.json").exists()
+
+
+def test_an_earlier_result_that_was_edited_is_put_by_and_said(work, capsys):
+    results, toml = work / "results" / "jump-0000", work / "campaign" / "jump-0000" / "experiment.toml"
+    (results / "rod.csv").write_text("edited by hand")
+    toml.write_text(toml.read_text().replace("[rod_track]\nfile", "#"))
+    run_here(work / "campaign", work / "results")
+    assert not (results / "rod.csv").exists()
+    assert (results / "rod.csv.old").read_text() == "edited by hand"
+    assert "rod.csv: of an earlier run and changed since" in capsys.readouterr().err
+
+
+def test_two_runs_with_different_values_do_not_mix(work):
+    """One stage run alone with other values: what no longer fits it goes, what still does stays, and all is told."""
+    experiment, results = work / "campaign" / "jump-0000", work / "one"
+    assert run_here(experiment, results) == 0
+    whole = results_of(results)
+    assert main(["rod", str(experiment), "--results", str(results), "--no-pictures"]) == 0
+    assert {k: v for k, v in results_of(results).items() if k != "provenance.json"} == {
+        k: v for k, v in whole.items() if k != "provenance.json"
+    }
+    assert (
+        main(["fit", str(experiment), "--results", str(results), "--set", "fit.debounce=0.013", "--no-pictures"]) == 0
+    )
+    assert (results / "fits.json").exists() and (results / "rod.csv").exists()
+    assert not (results / "summary.json").exists()  # it was made of other fits
+    told = json.loads((results / "provenance.json").read_text())
+    assert told["parameters"]["fit"]["debounce"] == 0.013
+    there = {f.name for f in results.iterdir() if f.is_file()} - {"provenance.json", "report.html"}
+    assert set(told["outputs"]) == there
+
+
+def test_tables_of_a_campaign_do_not_outlive_its_experiments(work, capsys):
+    """jumps.csv of other values is no table of these; a table that still holds stays."""
+    table = work / "results" / "jumps.csv"
+    assert main(["rod", str(work / "campaign"), "--results", str(work / "results"), "--workers", "1"]) == 0
+    assert table.exists()
+    call = ["fit", str(work / "campaign"), "--results", str(work / "results"), "--workers", "1"]
+    assert main([*call, "--set", "robot.motor_mass=1.1"]) == 0
+    assert not table.exists()
+    shutil.rmtree(work / "campaign" / "jump-0001")
+    capsys.readouterr()
+    assert run_here(work / "campaign", work / "results") == 0
+    assert "jump-0001: results of an experiment that the campaign no longer has" in capsys.readouterr().err
+    assert "jump-0001" not in table.read_text()
+
+
+def test_a_stale_crater_is_in_no_table(tmp_path):
+    from jumpvision.campaign.craters import measured_in
+
+    CraterShape({"volume_m3": 1.0, "sigma_m3": 0.1}).save(tmp_path)
+    assert measured_in([Outcome("a", tmp_path)]) == []
+
+
+def test_results_removed_in_mid_run_are_put_back(calm, tmp_path, monkeypatch):
+    """From the last stage's end to the run's end somebody clears the folder."""
+    true = Workspace.confirm
+
+    def confirm(self):
+        shutil.rmtree(self.results)
+        true(self)
+
+    monkeypatch.setattr(Workspace, "confirm", confirm)
+    assert run_here(calm / "campaign", tmp_path / "results") == 0
+    assert results_of(tmp_path / "results") == results_of(calm / "results")
+
+
+def test_results_overwritten_in_mid_run_are_this_runs_at_its_end(calm, tmp_path, monkeypatch):
+    true = Workspace.confirm
+
+    def confirm(self):
+        for f in self.results.iterdir():
+            f.write_text("of a run with other values")
+        true(self)
+
+    monkeypatch.setattr(Workspace, "confirm", confirm)
+    assert run_here(calm / "campaign", tmp_path / "results") == 0
+    assert results_of(tmp_path / "results") == results_of(calm / "results")
+
+
+def test_results_do_not_go_among_the_recordings(work, capsys):
+    before = {f: f.read_bytes() for f in (work / "campaign").rglob("*") if f.is_file()}
+    assert run_here(work / "campaign", work / "campaign") == 2
+    assert "holds recordings" in capsys.readouterr().err
+    assert {f: f.read_bytes() for f in (work / "campaign").rglob("*") if f.is_file()} == before
+
+
+# ---- a cache that cannot be fooled -----------------------------------------------------------------------------------
+
+
+class First(Values):
+    file = "first.json"
+
+
+@pytest.fixture
+def lab(tmp_path, monkeypatch):
+    """(experiment folder, make): one stage that reads a log slowly enough for it to be exchanged in between."""
+    monkeypatch.setattr(workspace, "STAGES", {})
+    monkeypatch.setattr(stage_module, "STAGES", workspace.STAGES)
+    monkeypatch.setattr(provenance, "STAGES", workspace.STAGES)
+    folder, meanwhile = tmp_path / "exp", []
+    folder.mkdir()
+    (folder / "experiment.toml").write_text("[motor_log]\nfile = 'motor.csv'\n")
+    (folder / "motor.csv").write_text("before")
+
+    def fit(log: MotorLog, *, p: FitParams) -> First:
+        for act in meanwhile:
+            act()
+        return First({"text": log.path.read_text(), "debounce": p.debounce})
+
+    fit.__annotations__ = {"log": MotorLog, "p": FitParams, "return": First}
+    stage(version=1)(fit)
+
+    def make(**options):
+        params = options.pop("params", {})
+        experiment = open_experiment(folder, overrides={"params": {"fit": params}})
+        w = Workspace(experiment, tmp_path / "results", tmp_path / "cache", **options)
+        return w.make(First).values, w
+
+    return folder, make, meanwhile
+
+
+def test_a_recording_that_is_exchanged_while_it_is_read_is_no_result(lab):
+    folder, make, meanwhile = lab
+    meanwhile.append(lambda: (folder / "motor.csv").write_text("after!"))
+    with pytest.raises(InputError, match=r"motor\.csv: changed while stage 'fit' read it"):
+        make()
+    meanwhile.clear()
+    assert make()[0]["text"] == "after!"
+
+
+def test_a_recording_that_is_only_touched_while_it_is_read_is_the_same(lab):
+    folder, make, meanwhile = lab
+    meanwhile.append(lambda: os.utime(folder / "motor.csv"))
+    assert make()[0]["text"] == "before"
+
+
+def test_swapped_entries_are_not_taken(lab, tmp_path):
+    _, make, _ = lab
+    make(params={"debounce": 0.02})
+    make(params={"debounce": 0.03})
+    one, two = (tmp_path / "cache" / "fit").iterdir()
+    for a, b in ((one, tmp_path / "aside"), (two, one), (tmp_path / "aside", two)):
+        a.rename(b)
+    for value in (0.02, 0.03):
+        with pytest.warns(StageWarning, match="entry of another key"):
+            assert make(params={"debounce": value})[0]["debounce"] == value
+
+
+def test_an_entry_that_changes_between_its_check_and_its_reading_is_not_taken(lab, tmp_path, monkeypatch):
+    _, make, _ = lab
+    make()
+    true, forged = First.load.__func__, []
+
+    def load(cls, folder):
+        record = true(cls, folder)
+        if not forged:
+            forged.append((folder / cls.file).write_text('{"text": "forged", "debounce": 1}'))
+        return record
+
+    monkeypatch.setattr(First, "load", classmethod(load))
+    with pytest.warns(StageWarning, match="changed while it was read"):
+        assert make()[0]["text"] == "before"
+    assert json.loads((tmp_path / "results" / "first.json").read_text())["text"] == "before"
+
+
+def test_what_was_hashed_as_it_was_written_is_hashed_again(lab, tmp_path):
+    """A disk dates changes coarsely: a file that has just changed may change again without another date."""
+    folder, make, _ = lab
+    make()
+    memo = tmp_path / "cache" / "hashes"
+    assert not list(memo.glob("*"))
+    os.utime(folder / "motor.csv", (1e9, 1e9))  # leaves the time of the change as it is
+    make()
+    assert not list(memo.glob("*"))
+
+
+# ---- provenance ------------------------------------------------------------------------------------------------------
+
+
+def test_versions_are_those_that_made_the_results(work, monkeypatch, capsys):
+    """Yesterday's results under today's libraries: the versions stay, are said to differ, and are redone on demand."""
+    before = results_of(work / "results")
+    then = entries.versions()
+    now = {**then, "numpy": "99.0"}
+    monkeypatch.setattr(entries, "versions", lambda: now)
+    for name in ("jumpvision.workflow.provenance.versions", "jumpvision.workflow.run.versions"):
+        monkeypatch.setattr(name, lambda: now)
+    assert run_here(work / "campaign", work / "results") == 0
+    err = capsys.readouterr().err
+    assert f"made with other versions (numpy {then['numpy']}, now 99.0)" in err
+    told = work / "results" / "jump-0000" / "provenance.json"
+    assert json.loads(told.read_text())["versions"]["numpy"] == then["numpy"]
+    shutil.rmtree(next((work / "results" / ".cache" / "summary").iterdir()))
+    assert run_here(work / "campaign", work / "results") == 0
+    mixed = [json.loads(f.read_text()) for f in (work / "results").glob("jump-*/provenance.json")]
+    assert {m["versions"]["numpy"] for m in mixed} == {then["numpy"], f"{then['numpy']}, 99.0"}
+    one = next(m for m in mixed if "99.0" in m["versions"]["numpy"])
+    assert one["made"]["summary"]["versions"]["numpy"] == "99.0"
+    assert one["made"]["fit"]["versions"]["numpy"] == then["numpy"]
+    capsys.readouterr()
+    assert run_here(work / "campaign", work / "results", "--fresh-if-versions-differ") == 0
+    assert "other versions" not in (err := capsys.readouterr().err) and "nothing recomputed" not in err
+    assert json.loads(told.read_text())["versions"]["numpy"] == "99.0"
+    assert results_of(work / "results") == before
+    assert run_here(work / "campaign", work / "results", "--fresh-if-versions-differ") == 0
+    assert "nothing recomputed" in capsys.readouterr().err
+
+
+# ---- the diagnosis' cache --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def asking(tmp_path, monkeypatch):
+    """(ask, entry): a diagnosis whose answer is given; `ask` says how often it had to be found."""
+    from jumpvision.campaign import diagnose
+
+    found = []
+
+    class Asked:
+        def digest(self):
+            return "of everything"
+
+    def answer(asked, path, workers, draw, say):
+        found.append(draw is not None)
+        return diagnose.Answer(diagnosis(), "[model]\n", b"picture" if draw else None)
+
+    monkeypatch.setattr(diagnose, "asked_of", lambda *_: Asked())
+    monkeypatch.setattr(diagnose, "_answer", answer)
+    campaign = SimpleNamespace(path=tmp_path)
+
+    def ask(draw=True, **options):
+        how = {"workers": 1, "draw": (lambda *_: b"") if draw else None, "say": print, **options}
+        _, files = diagnose.question(campaign, {}, tmp_path, tmp_path / "cache", **how)
+        assert json.loads((tmp_path / "diagnosis.json").read_text())["sentence"] == "Said."
+        assert (tmp_path / "model.toml").read_text() == "[model]\n"
+        return len(found), {f.name for f in files}
+
+    return ask, lambda: next((tmp_path / "cache" / "diagnose").iterdir())
+
+
+def test_a_diagnosis_is_kept_with_and_without_its_picture(asking):
+    ask, _ = asking
+    assert ask(draw=False) == (1, {"diagnosis.json", "model.toml"})
+    assert ask() == (2, {"diagnosis.json", "model.toml", "diagnosis.png"})
+    assert ask() == (2, {"diagnosis.json", "model.toml", "diagnosis.png"})
+    assert ask(draw=False) == (2, {"diagnosis.json", "model.toml"})
+
+
+@pytest.mark.parametrize("name", ["model.toml", "diagnosis.json", "diagnosis.png", "receipt.json"])
+@pytest.mark.parametrize("damage", [lambda b: b + b"#", lambda b: b[: len(b) // 2]])
+def test_an_edited_or_torn_entry_of_a_diagnosis_is_asked_again(asking, name, damage):
+    """An edited model.toml was published again and again, a torn JSON ended in a traceback."""
+    ask, entry = asking
+    ask()
+    file = entry() / name
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.warns(StageWarning, match="asked again"):
+        assert ask()[0] == 2
+    assert ask()[0] == 2
+
+
+def test_a_diagnosis_of_other_versions_is_asked_again_on_demand(asking, monkeypatch):
+    ask, _ = asking
+    ask()
+    monkeypatch.setattr(entries, "versions", lambda: {"numpy": "99.0"})
+    assert ask()[0] == 1
+    assert ask(fresh=True)[0] == 2
+    assert ask(fresh=True)[0] == 2
+
+
+def test_the_model_of_a_diagnosis_outlives_a_stage_run_with_it(tmp_path):
+    """simulate --model results/model.toml is the way on from a diagnosis: it must not take the file away."""
+    for name in ("model.toml", "jumps.csv"):
+        (tmp_path / name).write_text(name)
+    provenance.settle_tables(tmp_path, {"a": "1"}, ["model.toml", "jumps.csv"], "run")
+    (note,) = provenance.settle_tables(tmp_path, {"a": "2"}, [], "simulate", lasting=["model.toml"])
+    assert "model.toml in" in note and "of other values" in note
+    assert (tmp_path / "model.toml").exists() and not (tmp_path / "jumps.csv").exists()
+    assert provenance.settle_tables(tmp_path, {"a": "3"}, [], "run") == []
+    assert not (tmp_path / "model.toml").exists()
