@@ -201,7 +201,7 @@ def _answer(asked: Question, path: Path, workers: int, draw: Draw | None, say: S
     gained = partial(law_gain, law, problem) if law else None
     stops, runnable = (
         [j.stop for j in jumps],
-        proposals(system, [law for e in asked.experiments if (law := e.section(Actuation)) is not None and law.moves]),
+        proposals(system, [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]),
     )
     found = foretell(problem, found, rng, by=by, stops=stops, runnable=runnable, say=say, gained=gained)
     left = None if law else leftover(found, problem, system, say)
