@@ -330,3 +330,12 @@ def test_the_drag_of_a_campaign_is_the_one_put_in(tmp_path, capsys):
         assert float(data.value[0]) == pytest.approx(17.2, rel=0.05) and 0.0 < float(data.value_sigma[0]) < 0.5
     assert (tmp_path / "r" / "drag-fit.png").stat().st_size > 5000
     assert main(call[:4]) == 2 and "--analysis drag-fit: go together" in capsys.readouterr().err
+
+
+def test_a_diagnosis_gives_the_robot_that_it_fitted(tmp_path):
+    """[robot] of model.toml goes over the experiment's: a stiffness half a per cent off is a quarter of a millimetre."""
+    file = tmp_path / "model.toml"
+    file.write_text("[model]\nterms = ['linear_penetration']\nk = 2000.0\n[robot]\nspring_stiffness = 3210.0\n")
+    assert machine("granular", None, {}, model_file=file).model.k_s == 3210.0
+    given = {"robot": {"spring_stiffness": 3000.0}}
+    assert machine("granular", None, given, model_file=file).model.k_s == 3000.0

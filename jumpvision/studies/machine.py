@@ -11,7 +11,7 @@ from typing import Any
 
 from jumpvision.base.schema import InputError, closest, read
 from jumpvision.inputs.experiment import Experiment, merged, open_experiment
-from jumpvision.inputs.model import ModelSpec, read_model
+from jumpvision.inputs.model import ModelSpec, model_tables, read_model
 from jumpvision.inputs.sections import Actuation, Bed, Header, Robot
 from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.registry import ModelParameters
@@ -86,9 +86,12 @@ def machine(
 ) -> Machine:
     """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place.
 
-    model_file: a TOML file whose [model] replaces the other.
+    model_file: a TOML file whose [model] replaces the other; its [robot], as a diagnosis fitted it, goes over the
+    robot's.
     """
     overrides = {name: table for name, table in overrides.items() if table}  # "params" is always there
+    if model_file is not None and (fitted := model_tables(model_file).get("robot")):
+        overrides["robot"] = {**fitted, **overrides.get("robot", {})}
     if experiment is not None:
         folder = experiment.parent if experiment.name == "experiment.toml" else experiment
         e = open_experiment(folder, overrides=overrides)
