@@ -103,7 +103,7 @@ def ours(w: World) -> tuple[Found, Row]:
 
 def in_use(w: World, results: Path, out: Path) -> Row:
     """What the truth makes of a plan and of a sweep with the answer's model: heights of the rod over rest [m]."""
-    one = next(d for d in sorted((out / w.name).iterdir()) if d.is_dir())
+    one = next(d for d in sorted((out / w.name).iterdir()) if d.name.startswith("single"))
     highest = max(float(np.ptp(moved(w, s).rod)) for s in w.shots if s.kind == "single")
     given = ("--experiment", str(one), "--model", str(results / "model.toml"))
     low, high = SWEEPS[w.ground][0][2]
