@@ -22,15 +22,13 @@ from jumpvision.physics.passivity import POSITIONS, RATES, is_passive
 from jumpvision.results import diagnosis as record
 
 NAME = "discovered_1"
-SEVERAL = 2  # mechanisms that pass only together: one law may do in their place
 BUMPS = 5  # of the force surface, along each argument
 SEED = 2
 
 
 @dataclass(frozen=True)
 class Law:
-    """A discovered law as a mechanism. system, fit: the jumps with it in their vocabulary, and the model with it.
-    instead: known mechanisms that explain as much together, but are less likely."""
+    """A discovered law as a mechanism. system, fit: the jumps with it in their vocabulary, and the model with it."""
 
     law: Mechanism
     found: Discovery
@@ -39,7 +37,6 @@ class Law:
     seen: dict[str, tuple[float, float]]
     passive: bool | None
     ceiling: float | None
-    instead: tuple[str, ...] = ()
 
     @property
     def status(self) -> str:
@@ -68,17 +65,10 @@ class Laws:
         return self.found is not None and not self.found.detection.discrepant
 
     def law(self, d: Findings) -> Law | None:
-        """The law that explains what the vocabulary leaves over, or what takes it several mechanisms; None where one
-        mechanism is enough, or no law is found."""
+        """The law that explains what the vocabulary leaves over; None where it leaves nothing, or no law is found."""
         n = d.naming
-        complete = n is not None and n.status == "complete"
-        if n is None or (complete and (self.asked or len(n.named) < SEVERAL)):
+        if n is None or n.status == "complete":
             return None
-        if complete:
-            known = n.best.fit
-            self.say(f"it takes {len(known.mechanisms)} mechanisms of the vocabulary: searching for one law instead")
-            found = self._beside(d.baseline, d.baseline, known)
-            return replace(self._law(found), instead=known.mechanisms) if found else None
         if not self.asked:
             self.say("no mechanism of the vocabulary explains all of it: searching for a law")
             self.asked, self.found = True, self._beside(d.baseline, d.baseline)
@@ -89,8 +79,8 @@ class Laws:
         best = max(good, key=lambda x: (not x.detection.discrepant, held_out_score(self.whole, x.fit)), default=None)
         return self._law(best) if best else None
 
-    def _beside(self, base: Fit, fit: Fit, instead: Fit | None = None) -> Discovery | None:
-        return discover(self.whole, base, fit, list(self.library), np.random.default_rng(SEED), instead)
+    def _beside(self, base: Fit, fit: Fit) -> Discovery | None:
+        return discover(self.whole, base, fit, list(self.library), np.random.default_rng(SEED))
 
     def _law(self, found: Discovery) -> Law:
         return _named(found, self.library[found.form], self.system, self.problem)
@@ -178,7 +168,6 @@ def discovered_of(law: Law) -> record.Discovered:
         beside=law.fit.mechanisms[:-1],
         stability=dict(law.found.stability),
         rivals=law.found.rivals,
-        instead_of=law.instead,
     )
 
 

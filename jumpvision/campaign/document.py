@@ -205,10 +205,7 @@ def sentence(d: Diagnosis, lacks: Mapping[str, str] = MappingProxyType({})) -> s
     over = "over-predicts" if mean > 0 else "under-predicts"
     text = f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
     if not d.named:
-        if d.discovered and d.discovered.instead_of:
-            text += f", and one law is likelier than {words(d.discovered.instead_of)} together"
-        else:
-            text += ", and no mechanism of the vocabulary explains all that it gets wrong"
+        text += ", and no mechanism of the vocabulary explains all that it gets wrong"
         if d.discovered:
             return text + law_in_words(d.discovered) + "."
         if near := d.closest:

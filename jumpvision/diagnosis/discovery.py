@@ -7,7 +7,6 @@ arguments could explain stands beside it (`ceiling`).
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,15 +16,13 @@ import numpy as np
 from .detect import Detection, Direction, Span, detect, directions
 from .fitting import Fit, Problem
 from .naming import held_out_score
-from .search import FEW, Start, log_prior, race, some, start_of
+from .search import FEW, Start, race, some, start_of
 
 SHAPES = 2  # sets of shape parameters of a form from which it starts
 ROUNDS = ((3, 16), (5, 7))  # iterations of a fit in each of them, and forms that go on
 LEVEL = 2.0  # of log likelihood: forms that predict alike; the simpler is taken
 ENOUGH = 0.9  # share of what the baseline gets wrong that a law must explain to be told
 DRAWS = 500  # of the groups, for how often a form wins
-UNLISTED = 0.01  # chance, before the data, that what a set of known mechanisms explains is a law of no vocabulary
-RIVALS = 12  # forms that are tried in the place of such a set
 BEHIND = 0.5  # share of what could be explained; a form that has less of it after the first laps is not followed
 TOLD = 0.05  # share of the draws from which a form is told
 
@@ -55,18 +52,16 @@ def discover(
     fit: Fit,
     forms: Sequence[str],
     rng: np.random.Generator,
-    instead: Fit | None = None,
 ) -> Discovery | None:
     """The form that explains what a fit leaves over; None where none explains ENOUGH of what the baseline gets wrong.
 
-    problem: of a system that has the forms among its candidates. fit: the model beside which they are tried. instead: a
-    set of known mechanisms that leaves nothing over; a law must be likelier than it, by UNLISTED.
+    problem: of a system that has the forms among its candidates. fit: the model beside which they are tried.
     """
     columns = directions(problem, fit, forms)
     if not columns:
         return None
     limit = max(held_out_score(problem, f) for f in (base, fit))
-    tried = race(problem, _starts(problem, fit, detect(problem, fit, columns, rng), instead))
+    tried = race(problem, _starts(problem, fit, detect(problem, fit, columns, rng)))
     better = [(f, s) for f in tried if (s := held_out_score(problem, f)) > limit]
     if not better:
         return None
@@ -77,8 +72,6 @@ def discover(
     if r2 < ENOUGH:
         return None
     test = detect(problem, best, directions(problem, best, _listed(problem, forms)), rng)
-    if instead is not None and (test.discrepant or not likelier(problem, best, instead, len(forms))):
-        return None
     return Discovery(
         best.mechanisms[-1],
         fit,
@@ -89,13 +82,6 @@ def discover(
         tuple(f.mechanisms[-1] for f, _ in level if f is not best),
         test,
     )
-
-
-def likelier(problem: Problem, law: Fit, known: Fit, forms: int) -> bool:
-    """Whether a law of no vocabulary is likelier than a set of known mechanisms that passes as well."""
-    listed = len(problem.system.candidates) - forms
-    prior = log_prior(len(law.mechanisms) - 1, listed) - math.log(forms) + math.log(UNLISTED)
-    return law.log_evidence + prior > known.log_evidence + log_prior(len(known.mechanisms), listed)
 
 
 def at_end(fit: Fit) -> bool:
@@ -130,29 +116,22 @@ def _listed(problem: Problem, forms: Sequence[str]) -> list[str]:
     return [m for m in problem.system.candidates if m not in forms]
 
 
-def _starts(problem: Problem, fit: Fit, found: Detection, instead: Fit | None) -> list[Start]:
+def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
     """Starts of the forms that come furthest in short fits over a share of the conditions, fewer each round; none
-    where all of them stay far behind the set `instead`, or the noise.
+    where all of them stay far from the noise.
 
     Each form begins at the shapes that the residuals ask for most, its strength by the linear estimate.
     """
     asked: dict[str, list[tuple[float, Direction]]] = {}
     for d, z in zip(found.directions, found.score):
         asked.setdefault(d.mechanism, []).append((float(z), d))
-    if instead is not None:  # the forms that the residuals ask for most are enough: another would not pass
-        most = sorted(asked, key=lambda form: -max(abs(z) for z, _ in asked[form]))
-        asked = {form: asked[form] for form in most[:RIVALS]}
     starts: list[Start] = []
     for form, each in asked.items():
         for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
             starts.append(((*fit.mechanisms, form), start_of(problem, fit, d, z)))
     few = some(problem, FEW)
     before = problem.cost(fit.mechanisms, fit.named, few)
-    after = (
-        problem.cost(instead.mechanisms, instead.named, few)
-        if instead
-        else sum(problem.system.observations[i].t.size for i in few)
-    )
+    after = sum(problem.system.observations[i].t.size for i in few)
     limit = before - BEHIND * max(before - after, 0.0)
     for iterations, kept in ROUNDS:
         fits = [f for m, s in starts if (f := problem.fit(m, s, few, iterations)) is not None]

@@ -228,7 +228,6 @@ class Discovered:
     same position and rate would explain, None where it is no force of both. passive: whether it gives no energy over
     any closed motion within the range seen; None for an instrument. beside: mechanisms that it stands beside.
     stability: how often each form of law wins when trials are drawn again. rivals: forms that predict as well.
-    instead_of: known mechanisms that together pass the test too, and are less likely.
     """
 
     law: str
@@ -242,7 +241,6 @@ class Discovered:
     stability: Mapping[str, float]
     rivals: tuple[str, ...]
     state: str | None = field(default=None, metadata=OPTIONAL)
-    instead_of: tuple[str, ...] = field(default=(), metadata=OPTIONAL)
 
 
 @dataclass(frozen=True)
