@@ -264,3 +264,21 @@ def test_lists_of_films_that_call_themselves_a_film_are_refused(tmp_path, script
 def test_small_stacks_are_read_as_ever(tmp_path):
     tifffile.imwrite(tmp_path / "a.tif", np.zeros((7, 8, 9), np.uint8), photometric="minisblack")
     assert len(open_frames(tmp_path / "a.tif", frame_rate=1.0)) == 7
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="mounts read-only as Linux does")
+def test_a_package_that_cannot_be_written_and_no_home(tmp_path):
+    """Compiled code goes to a folder of the user's own among the temporary files."""
+    package = Path(storage.__file__).parents[2]
+    code = "import os, jumpvision.frames.packed; print(os.environ['NUMBA_CACHE_DIR'])"
+    gone = {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"}
+    env = {k: v for k, v in os.environ.items() if k not in gone}
+    env |= {"HOME": "/proc/none", "TMPDIR": str(tmp_path), "PYTHONPATH": str(package)}
+    script = f'mount --bind "{package}" "{package}" && mount -o remount,ro,bind "{package}" && exec "$0" -c "$1"'
+    call = ["unshare", "-rm", "sh", "-c", script, sys.executable, code]
+    done = subprocess.run(call, capture_output=True, text=True, env=env, cwd=tmp_path)
+    if "unshare" in done.stderr or "mount" in done.stderr:
+        pytest.skip(f"no right to mount here: {done.stderr.strip()}")
+    assert done.returncode == 0, done.stderr
+    assert Path(done.stdout.strip()).parent == tmp_path
+    assert Path(done.stdout.strip()).stat().st_mode & 0o777 == 0o700
