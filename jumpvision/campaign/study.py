@@ -10,14 +10,15 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from jumpvision.base.schema import InputError, read
-from jumpvision.diagnosis.diagnose import Findings, diagnose
-from jumpvision.diagnosis.fitting import Fit
+from jumpvision.diagnosis.diagnose import Findings, diagnose, fit_baseline
+from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.naming import Explanation
 from jumpvision.diagnosis.study.learn import Readings, learn_readings
 from jumpvision.diagnosis.study.processes import How, described
 from jumpvision.diagnosis.study.runs import Runs
 from jumpvision.diagnosis.study.study import Recording, Study
 from jumpvision.diagnosis.study.system import DUMMY, Studied
+from jumpvision.diagnosis.study.walk import with_walks
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog
@@ -50,6 +51,10 @@ def question_study(recordings: Sequence[Recording], study: Study | None, how: Ho
         system.predict((), {p.name: p.start for p in system.baseline}, range(len(recordings)))
         if runs.count.failures:  # what the user himself gave must work, whatever may be avoided later
             raise runs.count.failures[0]
+        if any(c.process for c in study.channels):
+            problem = Problem(system, readings.noise, system.scatter_sigma)
+            readings = with_walks(system, fit_baseline(problem, np.random.default_rng(SEED)))
+            system = Studied(study, recordings, readings, runs)
         found = diagnose(
             system,
             readings.noise,
@@ -170,7 +175,7 @@ def noise_of(d: Findings, system: Studied, readings: Readings) -> record.Noise:
         scatter=system.scatter_sigma,
         tracks={c.name: n.s for c, n in zip(channels, readings.channels)} if len(channels) > 1 else {},
         outliers=(),
-        warnings=(*readings.warnings, *agreement(d)),
+        warnings=(*readings.warnings, *(() if any(c.process for c in channels) else agreement(d))),
     )
 
 

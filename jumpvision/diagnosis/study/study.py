@@ -191,6 +191,8 @@ class Channel:
     smooth the readings are. correlation: of the noise from one sample to the next, where noise is given.
     zero_sigma: how well the zero of a record is known (inf: not at all). scale_sigma, delay_sigma [s]: how well the
     instrument's scale and clock are known, for all recordings alike. consider: "scale", "delay": may be the cause.
+    process: the simulation itself errs by a random walk, as small random forces make it over a long record: learned
+    from repeats, each less its own simulation (in place of `noise`).
     """
 
     name: str = "value"
@@ -202,10 +204,13 @@ class Channel:
     scale_sigma: float = 0.0
     delay_sigma: float = 0.0
     consider: Sequence[str] = ()
+    process: bool = False
 
     def problems(self) -> list[str]:
         """What is wrong with it."""
         where, out = f"channel {self.name!r}", []
+        if self.process and self.noise is not None:
+            out.append(f"{where}: process=True learns the noise; leave noise out")
         if self.noise is not None and not self.noise > 0:
             out.append(f"{where}: noise = {self.noise!r} must be > 0 [{self.unit or 'its unit'}], or None to learn it")
         if not 0 <= self.correlation < 1:
