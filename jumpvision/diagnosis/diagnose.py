@@ -54,10 +54,11 @@ def diagnose(
     stops: Sequence[float] | None = None,
     runnable: Sequence[Runnable] = (),
     say: Say = lambda text: None,
+    known: Callable[[Findings], None] = lambda findings: None,
 ) -> Findings:
     """Questions a system. by: labels of the observations to report by. stops: time after which each one's apex counts.
     scatter: standard deviations of what differs from trial to trial (System.scatter). measured: of parameters, by other
-    means.
+    means. known: told what is known so far, for whoever may have to stop.
 
     Raises ValueError when the baseline cannot be followed on the data.
     """
@@ -69,8 +70,10 @@ def diagnose(
     where = locate(problem, base, tuple(by), rng)
     if not found.discrepant:
         return Findings(noise, base, found, where, detectable=tuple(detectable(problem, base, found, rng)))
+    known(Findings(noise, base, found, where))
     say(f"discrepant (p = {found.p_value:.2g}): trying {len(system.candidates)} mechanisms")
     naming = name(problem, base, found, rng)
+    known(Findings(noise, base, found, where, naming))
     say("predicting held-out conditions")
     times = stops if stops is not None else [float(o.t[0]) for o in system.observations]
     best = naming.best.fit

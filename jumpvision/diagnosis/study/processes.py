@@ -95,7 +95,7 @@ class Here:
 def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Any:
     """One run; what the function raises is a failure with its place."""
     try:
-        return study.functions[ask.function](dict(ask.parameters), recordings[ask.recording])
+        return study.functions[ask.function](*study.arguments(ask.parameters, recordings[ask.recording]))
     except Exception as e:  # a user's function may raise anything
         return Failure(_raised(e))
 
