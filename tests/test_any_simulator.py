@@ -10,14 +10,17 @@ import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 import jumpvision as jv
+from benchmarks import any_simulator, servo_axis
 from jumpvision.base.schema import InputError
 from jumpvision.diagnosis.study.runs import SimulatorError
+from jumpvision.diagnosis.study.walk import as_walk
 from jumpvision.results.diagnosis import Diagnosis
 
 T = np.arange(0.0, 2.0, 0.02)
@@ -202,6 +205,16 @@ def test_a_walk_needs_repeats():
         syrup(process=True, noise=1e-3)
 
 
+def test_constants_of_a_table_are_numbers():
+    import pandas as pd
+
+    table = pd.DataFrame({"recording": "a", "time_s": np.arange(5.0), "x": 0.0, "drop": 0.3, "force": np.arange(5.0)})
+    (only,) = jv.Recording.of_table(table, ["x"], inputs=["force"], constants=["drop"])
+    assert only.inputs["drop"] == 0.3 and only.inputs["force"].shape == (5,)
+    with pytest.raises(SimulatorError, match=r"KeyError: 'start' .*the recording has the inputs force, drop"):
+        jv.diagnose([only], jv.Study(swing, study().parameters, study().mechanisms, [jv.Channel("x", noise=1.0)]))
+
+
 def failing(p, r):
     if p["W"] > 50.0:
         raise ZeroDivisionError("no such pendulum")
@@ -355,6 +368,34 @@ def test_wrong_calls_say_what_is_allowed():
     short = jv.Recording("a", np.arange(10.0), np.zeros(9), {"start": 0.1})
     with pytest.raises(InputError, match=r"values of shape \(9,\); expected \(10, 1\)"):
         jv.diagnose([short], study())
+
+
+def test_discs_under_a_foot_are_questioned():
+    """Truth: Runge-Kutta of the benchmark; the study's simulator is jumpvision.dem's velocity Verlet."""
+    asked, whole = any_simulator.trembles({"tilt": 0.5}, np.random.default_rng(1))[:2], any_simulator.discs()
+    few = [m for m in whole.mechanisms if m.name in ("tilt", "viscous_drag")]
+    assert jv.diagnose(asked, jv.Study(whole.simulate, whole.parameters, few, whole.channels)).named == ("tilt",)
+
+
+def test_a_hopper_in_mujoco_is_questioned():
+    pytest.importorskip("mujoco")
+    asked = any_simulator.hops({"air_drag": 0.05}, np.random.default_rng(1))
+    assert jv.diagnose(asked, any_simulator.hopper()).named == ("air_drag",)
+
+
+def test_a_half_of_the_real_axis_is_predicted_from_the_other():
+    """Structure as diagnosed on the whole record, the walk as learned there; bar of the axis: 2.5 mm over 12 s."""
+    if not (real := os.environ.get("JUMPVISION_REAL_DATA")):
+        pytest.skip("JUMPVISION_REAL_DATA is not set")
+    halves = servo_axis.strokes(Path(real) / "emps")
+    walk = as_walk(4.23e-4, 7, 12.4, 0.01)
+    channel = jv.Channel("position", "m", noise=walk.s, correlation=walk.rho)
+    named = ("viscous_asymmetry", "friction_by_position", "offset_drift", "spring")
+    study, error = servo_axis.servo(), {}
+    for what in ((), named):
+        each = [servo_axis.by_study(a, b, study, what, channel) - a.values for a, b in (halves, halves[::-1])]
+        error[what] = servo_axis.rms(np.concatenate(each))
+    assert error[named] < 2.5 < error[()]
 
 
 SIMULATOR = """

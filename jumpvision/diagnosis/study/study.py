@@ -66,11 +66,13 @@ class Recording:
         cls, table: pd.DataFrame, channels: Sequence[str], *, by: str = "recording", time: str = "time_s", **more: Any
     ) -> list[Self]:
         """The recordings in a long table: a row a sample, the column `by` says of which recording. more: group=,
-        condition= name columns too; labels=, inputs= are lists of columns."""
+        condition= name columns too; labels= and constants= (inputs) are lists of columns of which the first row counts,
+        inputs= of those that are given whole, (n,)."""
         out = []
         for name, rows in table.groupby(by, sort=False):
             labels = {c: rows[c].iloc[0] for c in more.get("labels", ())}
             inputs = {c: rows[c].to_numpy() for c in more.get("inputs", ())}
+            inputs |= {c: rows[c].iloc[0] for c in more.get("constants", ())}
             like = {k: str(rows[c].iloc[0]) for k, c in more.items() if k in ("group", "condition")}
             out.append(cls(str(name), rows[time].to_numpy(), rows[list(channels)].to_numpy(), inputs, labels, **like))
         return out
