@@ -1,4 +1,7 @@
-"""Faults at length: 50 kills at random moments; a disk that is full, and one that becomes read-only, for real."""
+"""Faults at length: 100 kills at random moments; two containers on one folder; disks that are full or read-only.
+
+`python -m benchmarks.faults [kills] [pairs of containers]`
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-KILLS = 50
+KILLS, CONTAINERS = 100, 50
 
 DISK = """
 import os, subprocess, sys
@@ -43,10 +46,37 @@ print("RO", 0, locked, run_here(campaign, disk / "results"), results_of(disk / "
 """
 
 
-def main() -> None:
+CONTAINER = ["unshare", "-pfu", "--mount-proc", "sh", "-c", 'hostname "$0" && exec "$@"']
+RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1:]))", "run"]
+
+
+def containers(times: int) -> dict[str, int]:
+    """Two runs at once into one results folder, each with processes, numbers and a host name of its own."""
+    sys.path.insert(0, str(ROOT / "tests"))
+    from fault_lab import leftovers, results_of, run_here, write_campaign
+
+    failed = different = left = 0
+    with tempfile.TemporaryDirectory() as folder:
+        campaign = write_campaign(Path(folder) / "campaign", 2)
+        run_here(campaign, Path(folder) / "alone")
+        alone = results_of(Path(folder) / "alone")
+        for k in range(times):
+            results = Path(folder) / f"both-{k}"
+            call = [*RUN, str(campaign), "--results", str(results), "--workers", "1", "--no-pictures"]
+            quiet = {"cwd": ROOT, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            runs = [subprocess.Popen([*CONTAINER, name, *call], **quiet) for name in ("node-a", "node-b")]
+            codes = [r.wait() for r in runs]
+            failed += any(codes)
+            different += results_of(results) != alone
+            left += len(leftovers(results))
+            shutil.rmtree(results)
+    return {"pairs": times, "failed": failed, "different": different, "left": left}
+
+
+def main(kills: int = KILLS, pairs: int = CONTAINERS) -> None:
     """Print markdown."""
     with tempfile.TemporaryDirectory() as folder:
-        call = [sys.executable, "tests/fault_lab.py", "kill", folder, str(KILLS)]
+        call = [sys.executable, "tests/fault_lab.py", "kill", folder, str(kills)]
         done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     print(
@@ -55,8 +85,13 @@ def main() -> None:
         f"{len(found['left'])} temporary files left."
     )
     if shutil.which("unshare") is None:
-        print("\nDisks of a given size: left out, they need `unshare`.")
+        print("\nContainers and disks of a given size: left out, they need `unshare`.")
         return
+    both = containers(pairs)
+    print(
+        f"\nTwo containers at once on one folder, {both['pairs']} times: {both['failed']} with a run that failed, "
+        f"{both['different']} with results that differ from a run alone, {both['left']} temporary files left."
+    )
     with tempfile.TemporaryDirectory() as folder:
         call = ["unshare", "-rm", sys.executable, "-c", DISK, folder]
         done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True)
@@ -74,4 +109,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(int, sys.argv[1:]))

@@ -72,7 +72,7 @@ def test_the_error_survives_a_process_boundary():
 
 def test_excluded_frames_are_inclusive_and_carry_their_reason():
     film = RodVideo(file="a.avi", exclude_frames=("3:5 lamp flicker", "9"))
-    assert film.excluded() == {
+    assert film.excluded(20) == {
         **dict.fromkeys((3, 4, 5), "excluded: lamp flicker"),
         9: "excluded: by the user",
     }

@@ -333,7 +333,7 @@ def test_the_drag_of_a_campaign_is_the_one_put_in(tmp_path, capsys):
 
 
 def test_a_diagnosis_gives_the_robot_that_it_fitted(tmp_path):
-    """[robot] of model.toml goes over the experiment's: a stiffness half a per cent off is a quarter of a millimetre."""
+    """A stiffness half a per cent off is a quarter of a millimetre of height."""
     file = tmp_path / "model.toml"
     file.write_text("[model]\nterms = ['linear_penetration']\nk = 2000.0\n[robot]\nspring_stiffness = 3210.0\n")
     assert machine("granular", None, {}, model_file=file).model.k_s == 3210.0

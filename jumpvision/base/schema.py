@@ -30,6 +30,11 @@ class InputError(ValueError):
         return (type(self), (self.problems,))
 
 
+def harmless(text: str) -> str:
+    """Without what would steer a terminal: names and cells of other people's files are shown, not obeyed."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
+
+
 def param(
     default: Any,
     unit: str,
@@ -92,7 +97,10 @@ def check_value(value: Any, hint: Any, meta: Mapping[str, Any]) -> tuple[Any, st
     if base is float:
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             return value, f"must be a number ({meta['meaning']})"
-        value = float(value)
+        try:
+            value = float(value)
+        except OverflowError:  # a whole number beyond 1e308
+            value = math.inf
         low = value <= meta["lo"] if meta["open_lo"] else value < meta["lo"]
         if not math.isfinite(value) or low or value > meta["hi"]:
             return value, f"must be {allowed(meta)} ({meta['meaning']})"

@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import socket
+import stat
 import time
 import uuid
 from collections.abc import Mapping
@@ -49,6 +50,15 @@ ABANDONED = 24 * 3600.0  # s without a change, after which what another machine 
 def _aside_file(target: Path) -> Path:
     """Where a file is written before it takes its place; a long name is cut, as names have an end."""
     return target.with_name(f".{target.name[:60]}-{_signed()}.tmp")
+
+
+def irregular(path: Path) -> str:
+    """Why something that is there cannot be read as a file or folder: a pipe or device never ends; "" where it can."""
+    kind = path.stat().st_mode
+    if stat.S_ISREG(kind) or stat.S_ISDIR(kind):
+        return ""
+    what = "a pipe" if stat.S_ISFIFO(kind) else "a socket" if stat.S_ISSOCK(kind) else "a device"
+    return f"is {what}; only files are read: copy what comes from it into one"
 
 
 def companions(path: Path) -> list[Path]:

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
 
 from jumpvision.base.schema import InputError, read
-from jumpvision.diagnosis.diagnose import Findings, diagnose
-from jumpvision.diagnosis.fitting import Fit
+from jumpvision.diagnosis.diagnose import Findings, diagnose, fit_baseline
+from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.naming import Explanation
+from jumpvision.diagnosis.proposing import FEW_GROUPS
 from jumpvision.diagnosis.study.learn import Readings, learn_readings
 from jumpvision.diagnosis.study.processes import How, described
-from jumpvision.diagnosis.study.runs import Runs
+from jumpvision.diagnosis.study.runs import BudgetUsed, Runs
 from jumpvision.diagnosis.study.study import Recording, Study
 from jumpvision.diagnosis.study.system import DUMMY, Studied
+from jumpvision.diagnosis.study.walk import with_walks
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog
@@ -50,17 +52,32 @@ def question_study(recordings: Sequence[Recording], study: Study | None, how: Ho
         system.predict((), {p.name: p.start for p in system.baseline}, range(len(recordings)))
         if runs.count.failures:  # what the user himself gave must work, whatever may be avoided later
             raise runs.count.failures[0]
-        found = diagnose(
-            system,
-            readings.noise,
-            np.random.default_rng(SEED),
-            scatter=system.scatter_sigma,
-            by=("kind",),
-            say=how.progress or (lambda text: None),
-        )
-        return document(found, system, readings)
+        if any(c.process for c in study.channels):
+            problem = Problem(system, readings.noise, system.scatter_sigma)
+            readings = with_walks(system, fit_baseline(problem, np.random.default_rng(SEED)))
+            system = Studied(study, recordings, readings, runs)
+        so_far: list[Findings] = []
+        try:
+            found, stopped = _asked(system, how, so_far.append), ""
+        except BudgetUsed as e:
+            if not so_far:
+                raise
+            found, stopped = so_far[-1], e.problems[0]
+        return document(found, system, readings, stopped)
     finally:
         runs.close()
+
+
+def _asked(system: Studied, how: How, known: Callable[[Findings], None]) -> Findings:
+    return diagnose(
+        system,
+        system.readings.noise,
+        np.random.default_rng(SEED),
+        scatter=system.scatter_sigma,
+        by=("kind",),
+        say=how.progress or (lambda text: None),
+        known=known,
+    )
 
 
 FINE = 4  # values of the motor's position a frame
@@ -112,8 +129,8 @@ def recordings_problems(recordings: Sequence[Recording]) -> list[str]:
     return [f"two recordings are called {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1]
 
 
-def document(d: Findings, system: Studied, readings: Readings) -> Diagnosis:
-    """The record of the findings; keys that end in _m are in `unit`."""
+def document(d: Findings, system: Studied, readings: Readings, stopped: str = "") -> Diagnosis:
+    """The record of the findings; keys that end in _m are in `unit`. stopped: why they are not all there could be."""
     best, count, channels = told(d), system.runs.count, system.study.channels
     out = replace(
         teller(system).record(d, best, noise_of(d, system, readings)),
@@ -123,7 +140,9 @@ def document(d: Findings, system: Studied, readings: Readings) -> Diagnosis:
         lacks={name: m.lacks for name, m in system.mechanisms.items()},
         runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
     )
-    out = replace(out, sentence=sentence(out))
+    if stopped:
+        out = replace(out, status=out.status if out.named else "undetermined")
+    out = replace(out, sentence=sentence(out, stopped))
     object.__setattr__(out, "traces", traces(d, system))
     return out
 
@@ -170,7 +189,7 @@ def noise_of(d: Findings, system: Studied, readings: Readings) -> record.Noise:
         scatter=system.scatter_sigma,
         tracks={c.name: n.s for c, n in zip(channels, readings.channels)} if len(channels) > 1 else {},
         outliers=(),
-        warnings=(*readings.warnings, *agreement(d)),
+        warnings=(*readings.warnings, *(() if any(c.process for c in channels) else agreement(d))),
     )
 
 
@@ -189,14 +208,16 @@ def traces(d: Findings, system: Studied) -> tuple[Trace, ...]:
     return tuple(out)
 
 
-def sentence(d: Diagnosis) -> str:
-    """The verdict in plain words."""
+def sentence(d: Diagnosis, stopped: str = "") -> str:
+    """The verdict in plain words. stopped: what kept it from being whole."""
     unit = "" if d.unit in (None, "1") else f" {d.unit}"
     size = f"{d.baseline.rmse_track_m:.2g}" + (" times the noise" if d.unit == "noise" else unit)
     if d.adequate:
         return f"The simulation agrees with the recordings within their noise (p = {d.p_value:.2g})."
     lacks = d.lacks or {}
     text = f"The simulation misses the recordings by {size} rms"
+    if stopped and not d.causes:
+        return f"{text}; which mechanism it lacks is not known yet: {stopped}."
     if not d.named:
         text += ", and no mechanism of the study explains all that it gets wrong"
         if near := d.closest:
@@ -211,9 +232,10 @@ def sentence(d: Diagnosis) -> str:
     if d.gain:
         it = "it" if len(d.named) == 1 else "them"
         text += f"; with {it} the error on recordings held out falls {d.gain.ratio:.3g}x"
+        text += "" if math.isfinite(d.gain.ratio_ci95[1]) else f" ({FEW_GROUPS} groups are needed for its interval)"
     if d.status == "partial" and d.left_over:
         text += f"; {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays, beyond the noise"
-    return text + "."
+    return text + (f"; not tried on recordings held out: {stopped}." if stopped else ".")
 
 
 def words(mechanisms: Sequence[str], lacks: Mapping[str, str]) -> str:

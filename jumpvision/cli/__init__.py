@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 
@@ -17,15 +18,18 @@ for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point: 0 done, 1 something failed, 2 wrong call or bad input."""
-    from jumpvision.base.schema import InputError
+    from jumpvision.base.schema import InputError, harmless
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a terminal, or LANG=C, without a letter is no reason to fail
+            stream.reconfigure(errors="backslashreplace")
     try:
         return int(app(argv, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
     except InputError as e:
-        print("\n".join(f"jumpvision: {p}" for p in e.problems), file=sys.stderr)
+        print("\n".join(f"jumpvision: {harmless(p)}" for p in e.problems), file=sys.stderr)
         return BAD_CALL
     except CycloptsError as e:
-        print(f"jumpvision: {e}; see jumpvision --help", file=sys.stderr)
+        print(f"jumpvision: {harmless(str(e))}; see jumpvision --help", file=sys.stderr)
         return BAD_CALL
     except BrokenPipeError:
         return FAILED

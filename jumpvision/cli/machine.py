@@ -184,7 +184,7 @@ EXTRAS = {  # package: what it is for, the extra that installs it
     "snakemake": ("run --profile", "workflow"),
 }
 CODECS = ("ffv1", "h264", "hevc", "mjpeg", "png", "rawvideo", "vp8", "vp9")
-FILMS = "libvpx-vp9"  # writes track.webm and piv.webm
+FILMS = "libvpx"  # writes track.webm and piv.webm
 LITTLE = 2.0  # GB of free disk, below which a campaign's cache may not fit
 Finding = tuple[str, str, str]  # what, found, remedy ("" where nothing lacks)
 

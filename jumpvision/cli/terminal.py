@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from jumpvision.base.schema import harmless
 from jumpvision.campaign.truth import confirmation_rows, coverage_words, details, overview, parameter_rows
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.results import plain
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 def line(text: str) -> None:
     """One line on stderr."""
-    print(text, file=sys.stderr, flush=True)
+    print(harmless(text), file=sys.stderr, flush=True)
 
 
 class Progress:
@@ -84,7 +85,7 @@ def table(rows: Sequence[Mapping[str, object]], title: str | None = None) -> Non
             Text(key), justify="right" if key in numeric else "left", no_wrap=key in numeric, overflow="fold"
         )
     for row in rows:
-        out.add_row(*(Text("" if v is None else str(v)) for v in row.values()))
+        out.add_row(*(Text("" if v is None else harmless(str(v))) for v in row.values()))
     console = Console()
     if not console.is_terminal:
         console = Console(width=200)
@@ -124,7 +125,7 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
     if as_json:
         print(json.dumps(found.values, indent=1))
         return
-    print("\n".join(verdict(found)))
+    print(harmless("\n".join(verdict(found))))
     if found.unit is None:
         beside_truth(found, campaign)
     rows = [

@@ -44,6 +44,9 @@ class Findings:
         return not self.detection.discrepant
 
 
+Known = Callable[[Findings], None]  # is told what is known so far, for whoever may have to stop
+
+
 def diagnose(
     system: System,
     noise: Noise,
@@ -55,6 +58,7 @@ def diagnose(
     stops: Sequence[float] | None = None,
     runnable: Sequence[Runnable] = (),
     say: Say = lambda text: None,
+    known: Known = lambda findings: None,
 ) -> Findings:
     """Questions a system: what is wrong and why (`explain`), then what that is worth (`foretell`).
 
@@ -62,27 +66,36 @@ def diagnose(
     means.
     """
     problem = Problem(system, noise, scatter, measured)
-    return foretell(problem, explain(problem, rng, by=by, say=say), rng, by=by, stops=stops, runnable=runnable, say=say)
+    found = explain(problem, rng, by=by, say=say, known=known)
+    return foretell(problem, found, rng, by=by, stops=stops, runnable=runnable, say=say)
 
 
 def explain(
-    problem: Problem, rng: np.random.Generator, *, by: Sequence[str], say: Say, enough: Enough | None = None
+    problem: Problem,
+    rng: np.random.Generator,
+    *,
+    by: Sequence[str],
+    say: Say,
+    known: Known = lambda findings: None,
+    enough: Enough | None = None,
 ) -> Findings:
     """Whether a model is wrong, where, and which mechanisms explain it. by: labels of the observations to report by.
     enough: see `Search.run`.
 
     Raises ValueError when the baseline cannot be followed on the data.
     """
-    system, noise = problem.system, problem.noise
     say("fitting the baseline")
     base = fit_baseline(problem, rng)
     say("testing it")
     found = detect(problem, base, directions(problem, base), rng)
-    where = locate(problem, base, tuple(by), rng)
+    d = Findings(problem.noise, base, found, locate(problem, base, tuple(by), rng))
     if not found.discrepant:
-        return Findings(noise, base, found, where)
-    say(f"discrepant (p = {found.p_value:.2g}): trying {len(system.candidates)} mechanisms")
-    return Findings(noise, base, found, where, name(problem, base, found, rng, enough))
+        return d
+    known(d)
+    say(f"discrepant (p = {found.p_value:.2g}): trying {len(problem.system.candidates)} mechanisms")
+    d = replace(d, naming=name(problem, base, found, rng, enough))
+    known(d)
+    return d
 
 
 def foretell(
@@ -107,12 +120,13 @@ def foretell(
     times = stops if stops is not None else [float(o.t[0]) for o in problem.system.observations]
     best = naming.best.fit
     gain_of = gained or (lambda: gain(problem, fit_baseline, times, rng, NEIGHBOURS))
+    worth = gain_of()
     beyond = extrapolation(problem, base, best, by[0], times) if by else {}
     second = next((e.fit for e in naming.tried if e is not naming.best), base)
     proposal = propose(runnable, best, second, problem.noise) if runnable else None
     seen = naming.best.detection if naming.named else found
     hidden = detectable(problem, best if naming.named else base, seen or found, rng)
-    return replace(d, gain=gain_of(), extrapolation=beyond, next_experiment=proposal, detectable=tuple(hidden))
+    return replace(d, gain=worth, extrapolation=beyond, next_experiment=proposal, detectable=tuple(hidden))
 
 
 def fit_baseline(problem: Problem, rng: np.random.Generator) -> Fit:

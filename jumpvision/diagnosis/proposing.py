@@ -73,7 +73,7 @@ def expected_log10_odds(r: Runnable, first: Fit, second: Fit, noise: Noise) -> f
 
 FOLDS = 4
 REFIT = 6  # iterations, from the full fit
-FEW_GROUPS = 2  # groups below which an interval is not stated
+FEW_GROUPS = 3  # groups below which an interval is not stated
 
 
 @dataclass(frozen=True)

@@ -108,6 +108,11 @@ class Hdf5Film(Film):
                 f"{path}: needs exactly one data set of (frame, y, x); found: {names}; save the film alone"
             )
         self._data = images[0]
+        if outside := self._elsewhere():
+            raise FrameError(
+                f"{path}: {self._data.name} lies in another file ({outside}), of which no change would be noticed; "
+                "save it in one file (h5repack, or np.asarray and create_dataset)"
+            )
         n, frame = stack_shape(path, self._data.shape, self._data.name)
         kind = native_type(self._data.dtype, path)
         if self._data.nbytes > MAX_COMPRESSION * self._data.id.get_storage_size():
@@ -120,6 +125,15 @@ class Hdf5Film(Film):
             warnings=[],
             meta={"format": "hdf5", "bit_depth": 8 * kind.itemsize, "data_set": self._data.name},
         )
+
+    def _elsewhere(self) -> str:
+        """The files beside this one that the data set is read from; "" where there are none."""
+        here = Path(self._data.file.filename) != Path(self._file.filename)
+        named = [self._data.file.filename] if here else []
+        named += [str(name) for name, *_ in self._data.external or ()]
+        if self._data.is_virtual:
+            named += [source.file_name for source in self._data.virtual_sources() if source.file_name != "."]
+        return ", ".join(dict.fromkeys(named[:3]))
 
     def _read(self, i: int) -> Image:
         try:

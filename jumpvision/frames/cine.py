@@ -86,7 +86,7 @@ class CineFilm(Film):
         self._flip = packing == 0 and signed_height > 0
         nbytes = frame_bytes(path, height, width, self._bits)
 
-        room = max(size - at_offsets, 0) // 8
+        room = min(max(size - at_offsets, 0) // 8, size // max(nbytes, 1))  # so many frames can be whole in the file
         self._file.seek(at_offsets)
         offsets = np.fromfile(self._file, "<i8", min(promised, room))
         pixels = pixel_offsets(self._file, offsets, nbytes, size)

@@ -32,6 +32,10 @@ def checksums_hold(packet: bytes) -> bool:
 
 
 MAX_PIXELS = 2**28
+# a text may call itself a film and name other files, or addresses (concat, HLS, DASH, SDP): none of these
+CONTAINERS = (
+    "avi,matroska,webm,mov,mp4,m4a,3gp,3g2,mj2,mpeg,mpegts,mpegvideo,h264,hevc,ivf,mxf,asf,flv,ogg,nut,rawvideo"
+)
 STRICT = {"err_detect": "explode+crccheck"}
 
 
@@ -50,7 +54,7 @@ def open_video(path: Path, threads: str) -> tuple[Any, Any]:
     # titles and comments in another encoding must not stop a film; from PyAV 19 on they never do
     tolerant: dict[str, Any] = {"metadata_errors": "ignore"} if int(av.__version__.split(".")[0]) < 19 else {}
     try:
-        container = av.open(str(path), **tolerant)
+        container = av.open(str(path), options={"format_whitelist": CONTAINERS}, **tolerant)
     except (av.FFmpegError, ValueError, OSError) as error:
         raise FrameError(f"{path}: not a film, or its header is lost: {error}; copy it again") from error
     try:

@@ -8,6 +8,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from jumpvision.base.storage import irregular
+
 from .base import Film, FrameError, Image
 from .pictures import SUFFIXES, ImageFilm, image_files
 
@@ -48,6 +50,8 @@ def open_frames(
         return ImageFilm(full, files=image_files(full), frame_rate=frame_rate, start=start)
     if not full.exists():
         raise FrameError(f"{full}: no such file; name a film, a folder of images or a pattern such as frames/*.png")
+    if problem := irregular(full):
+        raise FrameError(f"{full}: {problem}")
     if full.suffix.lower() not in READERS:
         allowed = " ".join(sorted(READERS))
         raise FrameError(f"{full}: unknown film format '{full.suffix}'; allowed: {allowed}; convert it to one of these")

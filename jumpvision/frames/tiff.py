@@ -12,6 +12,7 @@ import numpy as np
 
 from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel
 
+MOST_PAGES = 40_000  # looking one up takes 0.2 ms
 MAX_COMPRESSION = 2000  # pixel bytes a stored byte; a larger claim is a damaged header
 
 
@@ -74,6 +75,15 @@ class TiffFilm(Film):
     def _whole_pages(self, size: int) -> int:
         """Number of pages from the first that are whole in the file; self._seen counts all that it names."""
         self._seen = 0
+        try:
+            self._tiff.pages[MOST_PAGES]
+        except Exception:  # there are fewer; where the chain of pages is damaged is met below
+            pass
+        else:
+            raise FrameError(
+                f"{self._tiff.filehandle.path}: more than {MOST_PAGES} pages, each of which must be looked up; split "
+                "the stack, or save the film as .npy, .h5 or .avi (FFV1)"
+            )
         try:
             self._seen = len(self._tiff.pages)
             for i in range(self._seen):

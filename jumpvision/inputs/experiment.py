@@ -10,6 +10,7 @@ import glob
 import os
 import re
 import tomllib
+import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import Any
 
 from jumpvision.base import notebook as reprs
 from jumpvision.base.schema import InputError, closest, read
+from jumpvision.base.storage import irregular
 
 from .model import considered_of, model_of, model_tables, own_of, read_toml
 from .parameters import PARAMS
@@ -111,11 +113,12 @@ def open_campaign(
         problems += more
         if experiment is None:
             continue
-        if experiment.name in names:
+        if (same := alike(experiment.name)) in names:
             problems.append(
-                f"{file}: name = '{experiment.name}': also the name of {names[experiment.name]}; names must be unique"
+                f"{file}: name = '{experiment.name}': also the name of {names[same]}; names must be unique, for "
+                "every disk (upper and lower case count as the same)"
             )
-        names[experiment.name] = file
+        names[same] = file
         if experiment.header.exclude:
             excluded[experiment.name] = experiment.header.exclude
         else:
@@ -235,8 +238,8 @@ def _read(
     if header is None or problems:
         return None, problems
     name = header.name or folder.resolve().name
-    if not name.strip(". ") or any(c in name for c in '/\\:*?"<>|\0'):
-        return None, [f"{where} name = '{name}': must be usable as a folder name"]
+    if problem := _name_problem(name):
+        return None, [f"{where} name = {name!r}: {problem}; give name = ... in {file.name}"]
     return Experiment(folder, name, header, sections, tables.get("params", {}), campaign), []
 
 
@@ -253,13 +256,39 @@ def _other_schema(number: Any) -> str:
     return f"older than any format there was; write schema = {SCHEMA} and run jumpvision check on the folder"
 
 
+RESERVED = {"jumps.csv", "campaign.json", "diagnosis.json", "diagnosis.png", "model.toml", "report.html"}
+RESERVED |= {"craters.csv", "fits.json", "intrusion.csv", "intrusion_laws.json", "bed_laws.toml", "samples.csv"}
+RESERVED |= {"actuator.csv", "actuator_bandwidth.json", "provenance.json"}
+WINDOWS = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(1, 10))}
+
+
+def _name_problem(name: str) -> str:
+    """Why results cannot lie in a folder of this name, on every system; "" where they can."""
+    if not name.strip(". ") or name != name.rstrip(". ") or any(c in name for c in '/\\:*?"<>|'):
+        return "must be usable as a folder name"
+    if not name.isprintable():
+        return "must have no control characters"
+    if name.startswith("."):
+        return "must not begin with a dot: the cache and what is hidden lie there"
+    if alike(name) in RESERVED:
+        return "is the name of a file among a campaign's results"
+    if alike(name).partition(".")[0] in WINDOWS:
+        return "cannot be a folder's name on Windows"
+    return "must have at most 120 bytes" if len(name.encode("utf-8", "surrogateescape")) > 120 else ""
+
+
+def alike(name: str) -> str:
+    """Equal for names that some disks take for one: upper and lower case, composed and decomposed accents."""
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
 def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
     """Why a recording cannot be used; "" when it can."""
     if not file:
         return "must name a file"
     root = os.path.abspath(campaign or folder)
     target = os.path.abspath(folder / file)
-    if os.path.commonpath([root, target]) != root:
+    if not _within(root, target):
         return f"lies outside {root}; move the recording there, or put a link to it there"
     if any(c in file for c in "*?["):
         return "" if glob.glob(str(folder / file)) else f"no file in {folder} matches this pattern"
@@ -268,7 +297,14 @@ def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
         return f"no such file in {folder}{closest(file, [p.name for p in folder.iterdir()])}"
     if path.is_file() and path.stat().st_size == 0:
         return "is empty (0 bytes)"
-    return ""
+    return irregular(path)
+
+
+def _within(root: str, target: str) -> bool:
+    try:
+        return os.path.commonpath([root, target]) == root
+    except ValueError:  # on another drive
+        return False
 
 
 def _params(table: Mapping[str, Any], where: str) -> list[str]:
@@ -320,7 +356,7 @@ def overrides_of(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"v = {text}")["v"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return float(text) if re.fullmatch(r"\s*[-+]?(\d+\.|\.\d+)(e[-+]?\d+)?\s*", text, re.IGNORECASE) else text
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jumpvision.base.schema import InputError, closest
+from jumpvision.base.storage import irregular
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +60,8 @@ def _cells(path: Path, columns: tuple[str, ...], optional: tuple[str, ...]) -> p
 
     if path.suffix.lower() in PACKED:
         raise InputError([f"{path}: compressed; unpack it, and name the table itself"])
+    if problem := irregular(path):
+        raise InputError([f"{path}: {problem}"])
     if (size := path.stat().st_size) > LARGEST:
         raise InputError(
             [f"{path}: {size / 1e9:.1f} GB; logs of at most {LARGEST / 1e9:g} GB are read: keep the part that matters"]

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from jumpvision.base.schema import InputError, check_value, closest, param, read
+from jumpvision.base.storage import irregular
 
 from .sections import Section
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from jumpvision.mechanisms.record import Mechanism
     from jumpvision.physics.packing import Laws
 
+LARGEST = 10**6  # bytes of a TOML file
 OwnTables = Mapping[str, Any]  # the user's tables [mechanism.NAME], as TOML has them
 
 
@@ -92,11 +94,19 @@ def _with_line(problem: str, file: Path) -> str:
 
 def read_toml(file: Path) -> tuple[dict[str, Any], list[str]]:
     try:
+        if problem := irregular(file):
+            return {}, [f"{file}: {problem}"]
+        if (size := file.stat().st_size) > LARGEST:
+            return {}, [f"{file}: {size} bytes; at most {LARGEST} are read: put tables into recordings, not keys"]
         return tomllib.loads(file.read_text(encoding="utf-8-sig")), []
     except tomllib.TOMLDecodeError as e:
         return {}, [f"{file}: not valid TOML: {e}"]
+    except RecursionError:
+        return {}, [f"{file}: not valid TOML: lists or tables within each other more than some hundred deep"]
     except UnicodeDecodeError as e:
         return {}, [f"{file}: not UTF-8 text (byte {e.start}); save it as UTF-8"]
+    except ValueError as e:  # a number of more digits than Python reads
+        return {}, [f"{file}: not valid TOML: {e}"]
     except OSError as e:
         return {}, [f"{file}: cannot be read: {e.strerror}"]
 

@@ -78,20 +78,22 @@ class RodVideo(FileSection):
         """Every entry reads 'first:last reason' or 'frame reason'."""
         bad = [e for e in self.exclude_frames if not _EXCLUDE.match(e)]
         return scale_problems(self) + [
-            f"exclude_frames entry {e!r}: must read 'first:last reason', e.g. '120:135 lamp flicker'" for e in bad
+            f"exclude_frames entry {e[:60]!r}: must read 'first:last reason', e.g. '120:135 lamp flicker', "
+            "with numbers of at most nine digits"
+            for e in bad
         ]
 
-    def excluded(self) -> dict[int, str]:
-        """Reason by frame number."""
+    def excluded(self, frames: int) -> dict[int, str]:
+        """Reason by frame number, of a film of so many frames."""
         out = {}
         for entry in self.exclude_frames:
             first, last, reason = _EXCLUDE.match(entry).groups()  # type: ignore[union-attr]
-            for i in range(int(first), int(last or first) + 1):
+            for i in range(int(first), min(int(last or first) + 1, frames)):
                 out[i] = "excluded: " + (reason.strip() or "by the user")
         return out
 
 
-_EXCLUDE = re.compile(r"^\s*(\d+)(?::(\d+))?((?:\s.*)?)$")
+_EXCLUDE = re.compile(r"^\s*(\d{1,9})(?::(\d{1,9}))?((?:\s.*)?)$")
 
 
 @dataclass(frozen=True)

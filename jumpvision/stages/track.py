@@ -92,9 +92,8 @@ def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], vie
     """Columns of Track for one ball. time: (n,) mid-exposure [s]; number: of the ball, from 1."""
     n, which = len(found.x), f"ball {number}: " if number > 1 else ""
     flag = np.array(found.flag, dtype=object)
-    for i, reason in film.excluded().items():
-        if i < n:
-            flag[i] = reason
+    for i, reason in film.excluded(n).items():
+        flag[i] = reason
     bad = flag != ""
     if bad.all():
         raise ValueError(

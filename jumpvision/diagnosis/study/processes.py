@@ -95,9 +95,10 @@ class Here:
 def _run(study: Study, recordings: Sequence[Recording], ask: Ask) -> Any:
     """One run; what the function raises is a failure with its place."""
     try:
-        return study.functions[ask.function](dict(ask.parameters), recordings[ask.recording])
+        return study.functions[ask.function](*study.arguments(ask.parameters, recordings[ask.recording]))
     except Exception as e:  # a user's function may raise anything
-        return Failure(_raised(e))
+        has = f"; the recording has the inputs {', '.join(recordings[ask.recording].inputs) or '(none)'}"
+        return Failure(_raised(e) + (has if isinstance(e, KeyError) else ""))
 
 
 def _batch(study: Study, recordings: Sequence[Recording], asked: Sequence[Ask]) -> list[Any]:

@@ -45,6 +45,10 @@ class Count:
     failures: list[SimulatorError] = field(default_factory=list)
 
 
+class BudgetUsed(InputError):
+    """No more runs may be made."""
+
+
 class Runs:
     """The runs of a study. `many` gives results (n, channels); NaN where a failure is to be avoided."""
 
@@ -65,7 +69,7 @@ class Runs:
             self.store.close()
 
     def many(self, asked: Sequence[Ask]) -> list[Array]:
-        """Results in the order asked. Raises SimulatorError, or InputError when the budget is used up."""
+        """Results in the order asked. Raises SimulatorError, or BudgetUsed."""
         keys = [self._key(a) for a in asked]
         found: dict[bytes, Array] = {}
         new: dict[bytes, Ask] = {}
@@ -79,7 +83,7 @@ class Runs:
                 new[key] = ask
         if self.how.budget is not None and self.count.made + len(new) > self.how.budget:
             kept = f"; {self.how.keep} keeps them" if self.store else ""
-            raise InputError(
+            raise BudgetUsed(
                 [
                     f"the budget of {self.how.budget} runs is used up{kept}: raise it, leave out candidates, or give "
                     "closer first values and narrower ranges"
@@ -157,7 +161,8 @@ class Runs:
 
 def _digest_of(recording: Recording, study: Study) -> str:
     """Of all that a run depends on besides its parameters: the functions' source, the recording's times and inputs."""
-    digest = hashlib.sha256(f"{study.name} {study.version} {[c.name for c in study.channels]}".encode())
+    laws = [(m.name, m.law, m.null) for m in study.mechanisms if m.law]
+    digest = hashlib.sha256(f"{study.name} {study.version} {[c.name for c in study.channels]} {laws or ''}".encode())
     for f in study.functions:
         digest.update(source_of(f).encode())
     digest.update(recording.t.tobytes() + recording.name.encode())

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.diagnosis.system import Parameter as Free
+from jumpvision.mechanisms.expression import Expression, LawError, parse
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,11 +66,13 @@ class Recording:
         cls, table: pd.DataFrame, channels: Sequence[str], *, by: str = "recording", time: str = "time_s", **more: Any
     ) -> list[Self]:
         """The recordings in a long table: a row a sample, the column `by` says of which recording. more: group=,
-        condition= name columns too; labels=, inputs= are lists of columns."""
+        condition= name columns too; labels= and constants= (inputs) are lists of columns of which the first row counts,
+        inputs= of those that are given whole, (n,)."""
         out = []
         for name, rows in table.groupby(by, sort=False):
             labels = {c: rows[c].iloc[0] for c in more.get("labels", ())}
             inputs = {c: rows[c].to_numpy() for c in more.get("inputs", ())}
+            inputs |= {c: rows[c].iloc[0] for c in more.get("constants", ())}
             like = {k: str(rows[c].iloc[0]) for k, c in more.items() if k in ("group", "condition")}
             out.append(cls(str(name), rows[time].to_numpy(), rows[list(channels)].to_numpy(), inputs, labels, **like))
         return out
@@ -150,7 +153,8 @@ class Mechanism:
 
     parameters: the first is its strength, absent at `null`; the others its shape. words: what is lacking, as in "it
     lacks ...". shapes: sets of shape parameters at which its effect is tried first. function: another `simulate` that
-    takes the place of the study's (then there is no null; it may have no parameter at all).
+    takes the place of the study's (then there is no null; it may have no parameter at all). law: a force in one line
+    of its parameters and of the study's `symbols`, as in [mechanism.NAME] of a campaign, that `simulate` asks for.
     """
 
     name: str
@@ -159,6 +163,7 @@ class Mechanism:
     null: float = 0.0
     shapes: Sequence[Sequence[float]] = ((),)
     function: Simulate | None = None
+    law: str = ""
 
     @property
     def lacks(self) -> str:
@@ -171,6 +176,8 @@ class Mechanism:
         out = [f"{where}: {p}" for x in self.parameters for p in x.problems()]
         if self.function is None and not self.parameters:
             out.append(f"{where}: needs a parameter (its strength, absent at null) or a function of its own")
+        elif self.function is not None and self.law:
+            out.append(f"{where}: give a law, or a function of its own, not both")
         elif self.function is None and self.parameters and not out:
             first = self.parameters[0].free()
             if not first.low <= self.null <= first.high:
@@ -191,6 +198,8 @@ class Channel:
     smooth the readings are. correlation: of the noise from one sample to the next, where noise is given.
     zero_sigma: how well the zero of a record is known (inf: not at all). scale_sigma, delay_sigma [s]: how well the
     instrument's scale and clock are known, for all recordings alike. consider: "scale", "delay": may be the cause.
+    process: the simulation itself errs by a random walk, as small random forces make it over a long record: learned
+    from repeats, each less its own simulation (in place of `noise`).
     """
 
     name: str = "value"
@@ -202,10 +211,13 @@ class Channel:
     scale_sigma: float = 0.0
     delay_sigma: float = 0.0
     consider: Sequence[str] = ()
+    process: bool = False
 
     def problems(self) -> list[str]:
         """What is wrong with it."""
         where, out = f"channel {self.name!r}", []
+        if self.process and self.noise is not None:
+            out.append(f"{where}: process=True learns the noise; leave noise out")
         if self.noise is not None and not self.noise > 0:
             out.append(f"{where}: noise = {self.noise!r} must be > 0 [{self.unit or 'its unit'}], or None to learn it")
         if not 0 <= self.correlation < 1:
@@ -231,6 +243,8 @@ class Study:
     may re-fit; mechanisms: what may be missing. batch: simulate takes lists, of parameters and of recordings, and gives
     a list. step: of a derivative, as a share of a parameter's scale: larger where the simulator is rough. version:
     change it when the simulator's numbers change, so that kept runs of the former one are not used.
+    symbols: the state by which laws are written, as ("x", "v"); simulate then takes a third argument, the force of all
+    laws that are present, which it calls as force(x=..., v=...).
     """
 
     simulate: Simulate
@@ -241,12 +255,20 @@ class Study:
     batch: bool = False
     step: float = 1e-3
     version: str = ""
+    symbols: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         problems = [] if callable(self.simulate) else [f"study: simulate = {self.simulate!r} is no function"]
         given: list[Parameter | Mechanism | Channel] = [*self.parameters, *self.mechanisms, *self.channels]
         problems += [t for x in given for t in x.problems()]
         problems += ["study: channels is empty"] if not self.channels else []
+        problems += ["study: symbols: a batch takes no forces; leave batch out"] if self.symbols and self.batch else []
+        for m in self.mechanisms:
+            try:
+                self.law_of(m)
+            except LawError as e:
+                known = ", ".join(self.symbols) or "none: give Study(symbols=...)"
+                problems.append(f"mechanism {m.name!r}: law = {m.law!r}: {e} (symbols of the study: {known})")
         shared = [*(p.name for p in self.parameters), *(c.name_of(n) for c in self.channels for n in INSTRUMENT)]
         own = [p.name for m in self.mechanisms for p in m.parameters]
         for what, names in (
@@ -258,6 +280,25 @@ class Study:
         problems += [f"study: {n!r} is a parameter of a mechanism and of the baseline" for n in set(own) & set(shared)]
         if problems:
             raise InputError(problems)
+
+    def law_of(self, m: Mechanism) -> Expression | None:
+        """The law of a mechanism; None where it has none. Raises LawError."""
+        names = [*self.symbols, *(p.name for p in m.parameters)]
+        return parse(m.law, dict(zip(names, names))) if m.law else None
+
+    def arguments(self, parameters: Mapping[str, float], recording: Recording) -> tuple[Any, ...]:
+        """What the simulator is called with."""
+        given = dict(parameters)
+        if not self.symbols:
+            return given, recording
+        laws = [(m, law) for m in self.mechanisms if (law := self.law_of(m)) is not None]
+        present = [law for m, law in laws if given[m.parameters[0].name] != m.null]
+
+        def force(**state: float) -> float:
+            known = {**given, **state}
+            return float(sum(law(np, **{n: known[n] for n in law.symbols}) for law in present))
+
+        return given, recording, force
 
     @property
     def functions(self) -> tuple[Simulate, ...]:

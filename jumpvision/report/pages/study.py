@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -51,7 +52,8 @@ def facts(d: Diagnosis) -> list[tuple[str, str, str]]:
     out = [(f"{d.baseline.rmse_track_m:.3g}", unit, "error of the simulation, rms")]
     if d.gain:
         low, high = d.gain.ratio_ci95
-        out.append((f"{d.gain.ratio:.3g}×", "", f"smaller error on recordings held out ({low:.3g} to {high:.3g})"))
+        sure = f" ({low:.3g} to {high:.3g})" if math.isfinite(high) else ""
+        out.append((f"{d.gain.ratio:.3g}×", "", f"smaller error on recordings held out{sure}"))
     out.append((f"{d.p_value:.2g}", "", "probability of such residuals by noise alone"))
     return out
 

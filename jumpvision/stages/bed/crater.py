@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+import zipfile
 from typing import NamedTuple
 
 import numpy as np
@@ -107,6 +108,9 @@ def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None
     return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, None
 
 
+LARGEST = 10**9  # bytes of an unpacked .npz
+
+
 def read_map(section: CraterDepth) -> Array:
     """The 2-D array of a depth map as it is stored; ValueError where the file holds none, or more than one."""
     path = section.path
@@ -114,6 +118,11 @@ def read_map(section: CraterDepth) -> Array:
         with open_frames(path, frame_rate=1.0) as film:
             return film[0].astype(float)
     try:
+        if path.suffix.lower() == ".npz":
+            with zipfile.ZipFile(path) as packed:
+                claimed = sum(i.file_size for i in packed.infolist())
+            if claimed > LARGEST:
+                raise ValueError(f"{claimed} bytes unpacked; at most {LARGEST} are read: save the map alone")
         loaded = np.load(path, allow_pickle=False)
         maps = [loaded] if isinstance(loaded, np.ndarray) else [a for a in map(loaded.get, loaded.files) if a.ndim == 2]
     except Exception as e:  # of a damaged file numpy, zip and zlib raise what their parsing meets, MemoryError included

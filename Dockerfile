@@ -1,0 +1,7 @@
+# docker build -t jumpvision . && docker run --rm -v "$PWD:/data" jumpvision run /data/my_jumps --results /data/results
+FROM python:3.12-slim
+COPY . /src
+RUN pip install --no-cache-dir "/src[hdf5,plan]" && rm -rf /src
+# any user, also one without a home; compiled code is kept in /tmp of the container
+WORKDIR /data
+ENTRYPOINT ["jumpvision"]
