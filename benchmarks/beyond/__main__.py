@@ -129,8 +129,9 @@ def in_use(w: World, results: Path, out: Path) -> Row:
 
 def height(w: World, c: Command) -> float:
     """The true jump height of a command [m]: of the rod over rest, once the motor has stopped."""
-    m = follow(w.jumper, c, w.law, FINE)
-    return float(np.max((m.rod - m.rod[0])[c.edges[3] <= FINE]))
+    stop = c.edges[3]  # where it may be falling already
+    m = follow(w.jumper, c, w.law, np.unique(np.append(FINE, stop)))
+    return float(np.max((m.rod - m.rod[0])[m.t >= stop]))
 
 
 def unseen(w: World, fresh: Path, results: Path) -> float:
