@@ -31,7 +31,7 @@ from jumpvision.diagnosis.noise.learning import Learned
 from jumpvision.diagnosis.system import Parameter
 from jumpvision.lab.blind import campaign
 from jumpvision.lab.seal import answer_of, score
-from jumpvision.results.diagnosis import Unexplained
+from jumpvision.results.findings import Unexplained
 
 from .diagnosis import jumps_of
 from .noise import questioned

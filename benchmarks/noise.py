@@ -29,7 +29,7 @@ from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.lab.blind import Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.recordings import NU
 from jumpvision.lab.seal import answer_of, score
-from jumpvision.results.diagnosis import Unexplained
+from jumpvision.results.findings import Unexplained
 
 from .diagnosis import jumps_of
 from .oracle import Oracle, Unreachable, level_for

@@ -18,11 +18,11 @@ from benchmarks.diagnosis import Case, run
 from jumpvision.campaign.document import sentence
 from jumpvision.cli import main
 from jumpvision.results import RecordError
-from jumpvision.results.diagnosis import (
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import (
     Closest,
     Coefficient,
     CommonError,
-    Diagnosis,
     Gain,
     Height,
     LeftOver,

@@ -24,8 +24,8 @@ from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
 from jumpvision.report.pages.charts import heights_chart
 from jumpvision.report.pages.page import NAME, write_report
 from jumpvision.report.pages.words import experiment_words
-from jumpvision.results.diagnosis import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.results.fields import Column, ColumnGeometry
+from jumpvision.results.findings import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome
 from jumpvision.workflow.workspace import Step

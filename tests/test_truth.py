@@ -17,7 +17,7 @@ from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, 
 from jumpvision.cli import terminal as show
 from jumpvision.inputs.experiment import open_campaign
 from jumpvision.report.pages.page import causes_shown
-from jumpvision.results.diagnosis import Cause
+from jumpvision.results.findings import Cause
 from jumpvision.workflow.run import Outcome
 
 SAND = SAMPLES / "loose_sand"

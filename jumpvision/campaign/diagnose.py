@@ -28,7 +28,8 @@ from jumpvision.inputs.model import Considered
 from jumpvision.inputs.sections import PHASES, Actuation
 from jumpvision.mechanisms.record import Mechanism
 from jumpvision.physics.forcing import delayed, sinusoid
-from jumpvision.results.diagnosis import Diagnosis, Unexplained, WithoutFilms
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import Unexplained, WithoutFilms
 from jumpvision.workflow import entries
 from jumpvision.workflow.run import Outcome
 from jumpvision.workflow.stage import StageWarning

@@ -19,7 +19,7 @@ from jumpvision.diagnosis.search import Search
 from jumpvision.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
 from jumpvision.mechanisms.record import Mechanism
 from jumpvision.physics.passivity import POSITIONS, RATES, is_passive
-from jumpvision.results import diagnosis as record
+from jumpvision.results import findings as record
 
 NAME = "discovered_1"
 BUMPS = 5  # of the force surface, along each argument

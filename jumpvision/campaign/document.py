@@ -21,7 +21,7 @@ from jumpvision.diagnosis.unexplained import Unexplained
 from jumpvision.mechanisms.own import bare
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import ROBOT
-from jumpvision.results import diagnosis as record
+from jumpvision.results import findings as record
 from jumpvision.results.diagnosis import Diagnosis
 
 from .discovered import Law, discovered_of, law_toml

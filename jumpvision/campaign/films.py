@@ -17,8 +17,8 @@ from jumpvision.mechanisms.cone import cone_mass
 from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.energy import energy_ledger
 from jumpvision.physics.model import ROBOT, Model
-from jumpvision.results.diagnosis import Confirmation, Energies
 from jumpvision.results.fields import Flow
+from jumpvision.results.findings import Confirmation, Energies
 from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome
 

@@ -16,7 +16,7 @@ from jumpvision.diagnosis.naming import Explanation, likely
 from jumpvision.diagnosis.proposing import Gain
 from jumpvision.diagnosis.search import MOST
 from jumpvision.diagnosis.system import Parameter, System
-from jumpvision.results import diagnosis as record
+from jumpvision.results import findings as record
 from jumpvision.results.diagnosis import Diagnosis
 
 TOP, CAUSES = 12, 8  # cells of "where", and causes, that are told

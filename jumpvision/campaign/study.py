@@ -24,8 +24,9 @@ from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog
 from jumpvision.physics.forcing import Loop
-from jumpvision.results import diagnosis as record
-from jumpvision.results.diagnosis import Diagnosis, Trace
+from jumpvision.results import findings as record
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import Trace
 from jumpvision.results.tables import RodMotion
 from jumpvision.stages.simulate import driver
 from jumpvision.workflow.run import Outcome

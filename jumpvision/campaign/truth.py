@@ -15,7 +15,8 @@ from jumpvision.base.arrays import Z95, measured, plain_number, with_digits_of
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Bed, Robot
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.results.diagnosis import Cause, Confirmation, Diagnosis, Parameter
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import Cause, Confirmation, Parameter
 from jumpvision.workflow.run import Outcome
 
 INSIDE, OUTSIDE, ABSENT = "inside 95 %", "outside 95 %", "does not act"

@@ -16,7 +16,8 @@ from jumpvision.mechanisms.expression import parse
 from jumpvision.mechanisms.own import LONG_AGO
 from jumpvision.mechanisms.record import STATE
 from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL, QUIET, SIGNED, styled
-from jumpvision.results.diagnosis import Diagnosis, Discovered
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import Discovered
 
 from .pictures import png
 

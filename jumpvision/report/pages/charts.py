@@ -10,7 +10,8 @@ from typing import Any, NotRequired, TypedDict, Unpack
 import numpy as np
 
 from jumpvision.diagnosis.detect import LEVEL
-from jumpvision.results.diagnosis import Cell, Diagnosis, Gain
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import Cell, Gain
 from jumpvision.results.values import Fits
 
 Numbers = list[float | None]

@@ -37,7 +37,8 @@ from jumpvision.report.figures.diagnosis import discovered_law
 from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.report.figures.pictures import drawn
 from jumpvision.results import plain
-from jumpvision.results.diagnosis import Cause, Diagnosis
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import Cause
 from jumpvision.results.values import Fits, Intrusion
 from jumpvision.workflow.run import Outcome
 

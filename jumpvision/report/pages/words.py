@@ -11,7 +11,8 @@ import numpy as np
 
 from jumpvision.base.arrays import measured
 from jumpvision.estimate.crater import ZeroCrossing
-from jumpvision.results.diagnosis import Diagnosis, Noise
+from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.findings import Noise
 from jumpvision.results.values import Fits
 
 from .charts import column
