@@ -331,6 +331,16 @@ def test_a_plan_knows_the_law():
         np.testing.assert_allclose(*rates, rtol=1e-12)
 
 
+def test_a_plan_knows_what_a_law_carries_at_rest():
+    """r exp(-z/l) is there before the foot moves; out of the ground, where a solver's iterates go, it does not grow."""
+    law = own("mine", "foot", "r * exp(-z / l)", {"r": (6.0, "N"), "l": (0.008, "m")})
+    plain, planner = (Planned(m, Drive(), np) for m in (SAND, having(SAND, law)))
+    more = planner.yield_force(Memory(0.01)) - plain.yield_force(Memory(0.01))
+    assert more == pytest.approx(6.0 * np.exp(-0.01 / 0.008), rel=1e-12)
+    above = State(y=0.0, w=0.0, x_f=9.0, v_f=-0.1)
+    assert np.isfinite(planner.equations(INTRUDE, above, (0.0, 0.0, 0.0), Memory(0.01)).rates).all()
+
+
 def test_a_plan_refuses_a_law_with_a_memory():
     law = own("relaxing", "foot", "q * z * exp(-contact_s / tau)", {"q": (50.0, "N/m"), "tau": (0.1, "s")})
     with pytest.raises(InputError, match="depends on contact_s"):

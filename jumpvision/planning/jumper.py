@@ -17,6 +17,7 @@ from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import equilibrium
+from jumpvision.physics.sand.program import REST
 
 STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
 SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign
@@ -139,6 +140,15 @@ class Jumper:
         force = self.sum_of(Body.STATIC, z=z, **stiffer)
         return force + self.sum_of(Body.OVERSHOOT, z=z, z_g=hole, z_stop=memory.pause)
 
+    def yield_force(self, memory: Memory) -> Any:
+        """What the ground carries at the floor before the foot moves [N]: own laws too, as motion begins."""
+        force = self.static_force(memory.floor, memory)
+        for law in self.model.acting(Body.FOOT):
+            if law.written:
+                given = {"v": -REST, "z_g": memory.hole, "z_stop": memory.pause}
+                force += self.model.force(law, xp=self.xp, z=memory.floor, **given)
+        return force
+
     def foot_inertia(self, z: Any) -> Any:
         """m_f + m_a(z) [kg]."""
         return self.model.m_f - self.sum_of(Body.INERTIA, z=z, a=1.0)
@@ -182,7 +192,9 @@ class Jumper:
             z = -x_f
             resist = self.static_force(z, memory)
             for law in m.acting(Body.DRAG, Body.FOOT):
-                resist += m.force(law, xp=self.xp, z=z, v=v_f, z_g=memory.hole, z_stop=memory.pause)
+                # a solver's iterates leave the ground, where a law in text such as exp(-z / l) overflows
+                depth = self.xp.maximum(z, 0.0) if law.written else z
+                resist += m.force(law, xp=self.xp, z=depth, v=v_f, z_g=memory.hole, z_stop=memory.pause)
             rates = rates._replace(v_f=(resist - push) / self.foot_inertia(z))
         return Dynamics(
             rates=rates.of(self.states(mode)),

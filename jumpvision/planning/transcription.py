@@ -243,7 +243,7 @@ class Programme:
         elif mode == STUCK:
             self.row(e.push, 0.0 if late else MARGIN * self.weight, math.inf, self.weight)
             if self.jumper.model.ground == "granular":
-                spare = self.jumper.static_force(memory.floor, memory) - e.push
+                spare = self.jumper.yield_force(memory) - e.push
                 self.row(spare, MARGIN * self.weight if memory.moved and not late else 0.0, math.inf, self.weight)
         elif mode == AIR:
             self.row(e.foot + memory.floor, 0.0, math.inf, 0.01)
@@ -266,7 +266,7 @@ class Programme:
         j = self.jumper
         m = j.model
         if mode == STUCK and following == INTRUDE:
-            self.row(e.push - j.static_force(memory.floor, memory), 0.0, 0.0, self.weight)
+            self.row(e.push - j.yield_force(memory), 0.0, 0.0, self.weight)
             return state._replace(x_f=-memory.floor, v_f=0.0), memory
         if mode == INTRUDE and following == STUCK:
             self.row(state.v_f, 0.0, 0.0, 0.5)
