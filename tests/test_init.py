@@ -94,7 +94,8 @@ def test_marks_foot_and_floor_become_scale_and_positions(film, capsys):
     assert written["bed_image"]["floor_row"] == 620.0
     assert (written["grain_video"]["axis_column"], written["grain_video"]["foot_row"]) == (195.5, 53.2)
     assert written["grain_video"]["roi"] == [60, 12, 340, 250]  # corners in any order
-    assert main(["check", str(film)]) == 0
+    assert main(["check", str(film)]) == 2  # as a run would find
+    assert "[rod_video] scale: missing" in capsys.readouterr().err
     assert main(["bed", str(film), "--no-pictures", "--set", "bed.solid_volume=0.045", "--set", "bed.length=0.56",
                  "--set", "bed.width=0.56"]) == 0  # fmt: skip
     bed = json.loads((film.parent / "results" / film.name / "bed.json").read_text())
