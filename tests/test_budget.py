@@ -56,7 +56,7 @@ from jumpvision.stages.summary import summary
 from jumpvision.stages.track import ball_motion, through, with_rest_zero
 from jumpvision.vision.camera import READING, camera
 
-FILM = Path(__file__).parents[1] / "data_samples/loose_sand/stutter-7.0Hz-film/rod.avi"
+RECORDED = Path(__file__).parents[1] / "data_samples/loose_sand/stutter-7.0Hz-film/rod.avi"
 
 SHAPE = (600, 200)  # rows, columns [px]
 FILM = RodVideo(file="rod.avi", scale=5e-4, ball_diameter=0.0095)
@@ -125,7 +125,7 @@ def test_check_says_once_that_a_scale_is_taken_as_exact(tmp_path, capsys):
     root = tmp_path / "c"
     for name, more in (("a", ""), ("b", ""), ("known", "scale_sigma = 2e-6\n")):
         (root / name).mkdir(parents=True)
-        shutil.copy(FILM, root / name / "rod.avi")
+        shutil.copy(RECORDED, root / name / "rod.avi")
         text = f'[rod_video]\nfile = "rod.avi"\nscale = 2e-4\n{more}'
         (root / name / "experiment.toml").write_text(text)
     assert main(["check", str(root)]) == 0
