@@ -8,14 +8,16 @@ import pytest
 import xarray as xr
 from scipy.io import savemat
 
-import jumpvision.stages  # noqa: F401  registers the stages
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
 from jumpvision.grains.column import follow_plug, scatter_sigma
 from jumpvision.grains.gradients import correlated_variance
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.results.fields import Flow, Piv
+from jumpvision.workflow.stage import results_stages
 from jumpvision.workflow.workspace import Workspace
+
+results_stages()  # registers them
 
 RATE, SCALE, STEP = 500.0, 2e-4, 12  # 1/s, m/px, px
 COLUMNS, ROWS = 30.0 + STEP * np.arange(41), 46.0 + STEP * np.arange(30)  # px, of the vectors; rows downwards
