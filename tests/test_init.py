@@ -286,7 +286,8 @@ def test_pick_writes_what_was_answered(film, tmp_path, monkeypatch):
     shutil.copy(film / "rod.avi", tmp_path)
 
     def answer(address: str) -> None:
-        urllib.request.urlopen(address + "api/picks", data=b'{"rod_video": {"ball": [25, 54], "ball_diameter": 9.5}}')
+        picks = b'{"rod_video": {"ball": [25, 54], "ball_diameter": 9.5}}'
+        urllib.request.urlopen(asked(address + "api/picks", picks))
 
     monkeypatch.setattr("webbrowser.open", lambda a: threading.Thread(target=answer, args=(a,)).start())
     assert main(["init", str(tmp_path), "--pick"]) == 0

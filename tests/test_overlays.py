@@ -53,7 +53,8 @@ def test_replaced_vectors_are_pink_and_missing_ones_absent():
 
 @pytest.mark.parametrize("quality", [LINES, FIELDS])
 def test_a_film_is_the_same_on_a_busy_machine(quality):
-    """The encoder's realtime mode leaves out what its clock does not allow: two of three films differed."""
+    """The encoder's realtime mode leaves out what its clock does not allow, unless its speed is told: of three films
+    two differed."""
     rng = np.random.default_rng(0)
     base = rng.integers(0, 255, (30, 20, 3), np.uint8).repeat(12, 0).repeat(12, 1)
     moving = [np.roll(base, (3 * k, k), axis=(0, 1)) for k in range(40)]
@@ -68,7 +69,7 @@ def test_a_film_is_the_same_on_a_busy_machine(quality):
         done.set()
         for thread in busy:
             thread.join()
-    assert quality.options["deadline"] == "good"
+    assert int(quality.options["cpu-used"]) < 0  # a speed, not a share of the time between two pictures
 
 
 def test_the_film_is_vp8_with_every_picture_and_the_same_each_time():

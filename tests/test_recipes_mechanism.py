@@ -62,7 +62,7 @@ assert not problems
 out["wrong"] = model_of({"terms": ["rail_drag"], "c_q": -1.0}, "x [model]", {}, {})[1]
 model = Model("hard", spec.terms, registry.ModelParameters(**spec.parameters), **robot)
 out["printed"] = str(model)
-out["held"] = float(Jumper(model, Drive(), np).rail(-0.5))
+out["held"] = float(Jumper(model, Drive(), np).rail(-0.5, 0.0, 0.0))
 m = simulate(model, sinusoid(4.0, 0.001, 0.5), t=np.linspace(0.0, 0.5, 51), rtol=1e-10, atol=1e-12)
 out["rod"], out["modes"] = m.rod.tolist(), sorted(set(m.mode.tolist()))
 bed = registry.ModelParameters(k1=2100.0, k2=1500.0, delta=0.009, alpha=40.0, c_q=20.0, c_b=2000.0)

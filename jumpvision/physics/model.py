@@ -59,7 +59,7 @@ class Model:
 
     def mechanism(self, name: str) -> Mechanism:
         """The record of one of its terms. Raises KeyError for a name that it does not know."""
-        return next((m for m in self.own if m.name == name), None) or MECHANISMS[name]
+        return MECHANISMS.get(name) or {m.name: m for m in self.own}[name]
 
     def _problems(self) -> Iterable[str]:
         records, every = ("parameters", "own"), {**MECHANISMS, **{m.name: m for m in self.own}}
@@ -176,8 +176,8 @@ class Model:
 
     def acting(self, *bodies: Body) -> list[Mechanism]:
         """Its mechanisms that act on these, in the order of its terms."""
-        own = {m.name: m for m in self.own}
-        return [m for t in self.terms if (m := own.get(t) or MECHANISMS.get(t)) and m.acts_on in bodies]
+        every = (MECHANISMS.get(t) or next((m for m in self.own if m.name == t), None) for t in self.terms)
+        return [m for m in every if m and m.acts_on in bodies]
 
     def _corrected(self, name: str) -> float:
         value: float = getattr(self, name)

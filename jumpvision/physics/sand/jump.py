@@ -318,8 +318,10 @@ class Tracks:
         t, out: as long as all times together, `places` says whose is what; NaN where a motion cannot be followed. rtol,
         atol as in `jump.simulate`. Lets other threads run.
         """
-        packed: dict[int, NDArray[Any]] = {}
-        constants = np.concatenate([packed.setdefault(id(m), pack(m)) for m in models])
+        packed = {key: pack(m) for key, m in {id(m): m for m in models}.items()}
+        constants = np.empty(len(models), granular.CONSTANTS)  # np.concatenate compares all fields of all
+        for k, m in enumerate(models):
+            constants[k] = packed[id(m)][0]
         for k, i in enumerate(which):
             forcing = self.forcings[i]
             if isinstance(forcing, Loop):
