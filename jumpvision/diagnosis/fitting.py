@@ -157,11 +157,15 @@ class Problem:
         return [np.stack(c, axis=1) for c in zip(*columns)] if free else [np.zeros((a.size, 0)) for a in at]
 
     def cost(
-        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int] | None = None
+        self,
+        mechanisms: tuple[str, ...],
+        values: Mapping[str, float],
+        which: Sequence[int] | None = None,
+        frame: Frame | None = None,
     ) -> float:
         """chi^2 of residuals and priors at some values, without a fit; inf where the model cannot be followed."""
         free = parameters(self.system, mechanisms)
-        r = self.residuals(mechanisms, {p.name: values.get(p.name, p.start) for p in free}, which)
+        r = self.residuals(mechanisms, {p.name: values.get(p.name, p.start) for p in free}, which, frame)
         pull = known(free, self.measured).pull(np.array([values.get(p.name, p.start) for p in free]))
         return math.inf if r is None else float(sum(a @ a for a in r) + pull @ pull)
 

@@ -207,7 +207,7 @@ class Search:
                         moved[p.name] = min(max(null + sign * factor * p.scale, p.low), p.high)
                     tries.append(moved)
         tries += [{**w, **{p.name: null + 0.3 * (w[p.name] - null) for p, null in strengths}} for w in warm]
-        return best_starts(self.problem, names, tries, 2)
+        return best_starts(self.problem, part, names, tries, 2)
 
 
 def combinations(
@@ -285,7 +285,7 @@ def starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> lis
         tries = _about(candidate.parameters, base.named) + _about(candidate.parameters, first)
         last = candidate.parameters[-1].name  # a place, such as the depth of a bend: each its own basin
         places = sorted({t[last] for t in tries})
-        return [s for x in places for s in best_starts(problem, (mechanism,), [t for t in tries if t[last] == x], 2)]
+        return [s for x in places for s in best_starts(problem, base, (mechanism,), [t for t in tries if t[last] == x], 2)]
     linear = [
         start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
     ]
@@ -299,7 +299,7 @@ def starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> lis
             value = base.named.get(strength.name, candidate.null) + factor * strength.scale
             if strength.low <= value <= strength.high:
                 tries.append({**base.named, **fixed, strength.name: value})
-    return best_starts(problem, (mechanism,), tries, 2)
+    return best_starts(problem, base, (mechanism,), tries, 2)
 
 
 def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str, float]]:
@@ -312,11 +312,12 @@ def _about(free: Sequence[Parameter], values: dict[str, float]) -> list[dict[str
 
 
 def best_starts(
-    problem: Problem, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int
+    problem: Problem, fit: Fit, mechanisms: tuple[str, ...], tries: Sequence[dict[str, float]], n: int
 ) -> list[Start]:
-    """The n starts of least cost over a few conditions; the one where runs are dear."""
+    """The n starts of least cost over a few conditions; the one where runs are dear. Trials scatter as about `fit`."""
     few = problem.scouts(some(problem, FEW))
-    cost = [problem.cost(mechanisms, t, few) for t in tries]
+    frame = [fit.frame[i] for i in few]
+    cost = [problem.cost(mechanisms, t, few, frame) for t in tries]
     n = 1 if isinstance(problem.system, Costly) else n
     return [(mechanisms, tries[i]) for i in np.argsort(cost)[:n] if math.isfinite(cost[i])]
 

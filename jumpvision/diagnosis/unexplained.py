@@ -115,7 +115,7 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
         full = start_of(problem, fit, d, float(z))
         r = problem.system.candidates[d.mechanism].parameters[0].name
         tries = [{**full, r: full[r] * share} for share in (1.0, 0.3)]
-        out += best_starts(problem, (*fit.mechanisms, d.mechanism), tries, 1)
+        out += best_starts(problem, fit, (*fit.mechanisms, d.mechanism), tries, 1)
     return out
 
 

@@ -49,6 +49,7 @@ class Jumper:
         self.model = knowing(self.jumps[0].model, own)
         self.scattering: tuple[str, ...] = SCATTER
         self.workers, self.pool = workers, ThreadPoolExecutor(workers)
+        self.latest: tuple[Any, list[Array]] = (None, [])  # what was predicted last: derivatives begin there
         free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
         self.baseline = (*free, *common(self.jumps))
         self.apparatus = groups(self.jumps)
@@ -84,6 +85,7 @@ class Jumper:
     def considering(self, own: Sequence[Mechanism]) -> Jumper:
         """The same jumps with these laws beside the vocabulary."""
         out = copy.copy(self)
+        out.latest = (None, [])
         out.model = knowing(self.model, own)
         out.candidates = {**self.candidates, **{m.name: candidate(m, out.model, {}) for m in own}}
         return out
@@ -148,6 +150,12 @@ class Jumper:
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """Heights above rest as the camera reports them [m]; NaN for a model that cannot be."""
+        asked = (mechanisms, dict(values), tuple(which))
+        if self.latest[0] != asked:
+            self.latest = (asked, self._simulated(mechanisms, values, which))
+        return self.latest[1]
+
+    def _simulated(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         try:
             model = self.build(mechanisms, values)
         except InputError:
@@ -190,7 +198,7 @@ class Jumper:
             return out
         at = self.predict(mechanisms, values, which)
         for name, step in steps.items():
-            moved = self.predict(mechanisms, {**values, name: step}, which)
+            moved = self._simulated(mechanisms, {**values, name: step}, which)
             out[name] = [(b - a) / step for a, b in zip(at, moved)]
         return out
 
