@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass, field
@@ -174,10 +175,12 @@ class Model:
         drag = sum(self.force(m, z=0.0, v=1.0) for m in self.acting(Body.DRAG))
         return drag - 0.5 * sum(self.force(m, "slope", z=0.0) for m in self.acting(Body.INERTIA))
 
-    def acting(self, *bodies: Body) -> list[Mechanism]:
+    def acting(self, *bodies: Body) -> tuple[Mechanism, ...]:
         """Its mechanisms that act on these, in the order of its terms."""
-        every = (MECHANISMS.get(t) or next((m for m in self.own if m.name == t), None) for t in self.terms)
-        return [m for m in every if m and m.acts_on in bodies]
+        own = {m.name: m for m in self.own if m.acts_on in bodies and m.name in self.terms}
+        if not own:
+            return _acting(self.terms, bodies)
+        return tuple(m for t in self.terms if (m := own.get(t) or MECHANISMS.get(t)) and m.acts_on in bodies)
 
     def _corrected(self, name: str) -> float:
         value: float = getattr(self, name)
@@ -244,6 +247,11 @@ class Model:
 BED = ("volume_fraction", "grain_density")
 ROBOT = tuple(f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters", "own", *BED))
 """The numbers of a Model beside its parameters, by whose they are."""
+
+
+@functools.lru_cache(1024)  # asked for dozens of times a simulation
+def _acting(terms: tuple[str, ...], bodies: tuple[Body, ...]) -> tuple[Mechanism, ...]:
+    return tuple(m for t in terms if (m := MECHANISMS.get(t)) and m.acts_on in bodies)
 
 
 def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:
