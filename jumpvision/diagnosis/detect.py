@@ -88,10 +88,12 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
     for name, candidate in problem.system.candidates.items():
         if name in fit.mechanisms or candidate.replaces or (among is not None and name not in among):
             continue
+        amount = 0.02 * candidate.parameters[0].scale
         for shape in candidate.shapes:
-            if (effect := _effect(problem, fit, name, candidate, shape)) is None:
+            if (effect := _effect(problem, fit, name, candidate, shape, amount)) is None:
                 continue
             parts, strength = effect
+            amount = abs(strength)  # what shows in one shape shows in the next
             column = span.stack(parts)
             length = float(np.linalg.norm(column))
             rest = span.off(column)
@@ -102,9 +104,9 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
 
 
 def _effect(
-    problem: Problem, fit: Fit, name: str, candidate: Candidate, shape: tuple[float, ...]
+    problem: Problem, fit: Fit, name: str, candidate: Candidate, shape: tuple[float, ...], amount: float
 ) -> tuple[list[Array], float] | None:
-    """Whitened change of the prediction by a weak mechanism, and how strong it was."""
+    """Whitened change of the prediction by a weak mechanism, and how strong it was. amount: tried first."""
     strength, *others = candidate.parameters
     fixed = dict(zip((p.name for p in others), shape or [p.start for p in others]))
     mechanisms = (*fit.mechanisms, name)
@@ -112,7 +114,6 @@ def _effect(
     base = at.get(strength.name, candidate.null) if strength.name in at else candidate.null
     room_up, room_down = strength.high - base, base - strength.low
     sign = 1.0 if room_up > 0 else -1.0
-    amount = 0.02 * strength.scale
     for _ in range(4):
         amount = min(amount, 0.9 * (room_up if sign > 0 else room_down))
         values = {**fixed, **at, strength.name: base + sign * amount}

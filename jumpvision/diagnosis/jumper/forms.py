@@ -116,7 +116,7 @@ def forms(model: Model) -> dict[str, Mechanism]:
         out += _combined("foot", (("v", V), ("sat", V_SATURATING)), _DEPTHS, _MEMORY, size, "-")
         out += _combined("foot", (("", ONE),), _DEPTHS[1:], _MEMORY, size, "")
         out.append(_relaxing("foot_relaxing", "foot", "-r * u", "v - u / tau", "m", size / DEPTH, "N/m"))
-        out += [_mass(name, place) for name, place in _DEPTHS]
+        out += [_mass(name, place) for name, place in _DEPTHS[1:]]  # the vocabulary has a constant one
     out += _combined(
         "rail",
         (("v", RAIL_V), ("lin", RAIL_LINEAR_V), ("sat", RAIL_SATURATING), ("dry", RAIL_DRY)),
@@ -167,7 +167,7 @@ def _mass(name: str, place: Factor) -> Mechanism:
     """A mass that moves with the foot; its strength r is the mass [kg] at the typical depth."""
     strength = drawn("r", 0.0, -2.0, 2.0, "kg", scale=0.02)
     text = " * ".join(t for t in ("r", place.text) if t)
-    return mechanism("_".join(n for n in ("foot_mass", name) if n), "foot_mass", text, [strength, *place.parameters])
+    return mechanism(f"foot_mass_{name}", "foot_mass", text, [strength, *place.parameters])
 
 
 def _relaxing(name: str, acts_on: str, law: str, state: str, state_unit: str, size: float, unit: str) -> Mechanism:

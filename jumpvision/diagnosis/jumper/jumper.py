@@ -119,7 +119,8 @@ class Jumper:
             if n not in extra and getattr(base.parameters, n) is None:
                 extra[n] = v
         robot: dict[str, Any] = {k: v for k, v in values.items() if k in ROBOT}
-        return replace(base, terms=tuple(terms), parameters=replace(base.parameters, **extra), **robot)
+        own = tuple(m for m in base.own if m.name in terms)
+        return replace(base, terms=tuple(terms), own=own, parameters=replace(base.parameters, **extra), **robot)
 
     def _shared_once(self, fitted: set[str]) -> None:
         """Raises InputError where a parameter that is fitted, one value for all, is given by several."""

@@ -50,7 +50,7 @@ from .within import dips, efforts, heights, inside, locate, peak, sample
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
 KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "motor_held", "motor_free")
 MAX_EVENTS = 4000
-MAX_STEPS = 10_000_000
+MAX_STEPS = 30_000  # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
 RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
 NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
 NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
@@ -184,7 +184,7 @@ def run(
                 v_old = motor(t, s, kind, row, p)[1]
                 break
             steps += 1
-            if steps > MAX_STEPS:
+            if steps > MAX_STEPS * (1.0 + end - edges[0]):
                 return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
             h, clear = min(h, longest), False
             if exact and armed[0]:
