@@ -117,24 +117,6 @@ def test_every_stage_is_a_function_with_its_help_and_its_parameters():
     assert shown.splitlines()[2].startswith("fit(experiment") and "Ring-down, flights" in shown and "debounce" in shown
 
 
-def test_the_diagnosis_of_a_notebook_is_that_of_the_command(tmp_path, capsys):
-    """To the last byte, and the film is in both."""
-    leave = shutil.ignore_patterns("*-2", "single-10*", "single-8*", "stutter-[45]*", "rod.avi")
-    for place in ("notebook", "command"):
-        shutil.copytree(SAMPLES / "loose_sand", tmp_path / place / "sand", ignore=leave)
-        toml = tmp_path / place / "sand" / "stutter-7.0Hz-film" / "experiment.toml"
-        toml.write_text(re.sub(r"\[rod_video\][^[]*", "", toml.read_text()))  # its ball takes long to follow
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        jv.diagnose(tmp_path / "notebook" / "sand", workers=2)
-    assert main(["diagnose", str(tmp_path / "command" / "sand"), "--no-pictures", "--workers", "2"]) == 0
-    capsys.readouterr()
-    for name in ("model.toml", "diagnosis.json"):
-        found = [(tmp_path / place / "results" / "sand" / name).read_bytes() for place in ("notebook", "command")]
-        assert found[0] == found[1], name
-    assert any(r["by_film"] is not None for r in json.loads(found[0])["confirmation"])
-
-
 def test_the_import_is_light():
     """Nothing heavy until a stage is asked for (0.05 s alone; the aim is 0.5 s)."""
     code = "import sys, jumpvision; print(sorted({'numpy','numba','pandas','cv2','xarray','scipy'} & set(sys.modules)))"

@@ -6,6 +6,7 @@ import json
 import math
 import shutil
 import tomllib
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from conftest import SAMPLES
 from diagnosis_sample import diagnosis, parameter
 
+import jumpvision as jv
 from benchmarks import stop_go
 from benchmarks.diagnosis import Case, run
 from jumpvision.campaign.document import sentence
@@ -72,6 +74,18 @@ def test_the_hidden_cone_of_the_samples_is_named(diagnosed):
     stutter = [h["simulated_m"] - h["measured_m"] for h in d["heights"] if h["kind"] == "stutter"]
     assert np.mean(stutter) > 5e-3
     assert "over-predicts stutter jumps" in d["sentence"]
+
+
+def test_the_diagnosis_of_a_notebook_is_that_of_the_command(campaign, diagnosed, tmp_path):
+    """To the last byte, and the film is in both."""
+    results, d = diagnosed
+    shutil.copytree(campaign, tmp_path / "sand")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        jv.diagnose(tmp_path / "sand", workers=1)
+    for name in ("model.toml", "diagnosis.json"):
+        assert (tmp_path / "results" / "sand" / name).read_bytes() == (results / name).read_bytes(), name
+    assert any(r["by_film"] is not None for r in d["confirmation"])
 
 
 def test_the_grain_film_confirms_the_mass_that_the_jumps_imply(diagnosed):

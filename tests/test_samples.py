@@ -236,11 +236,11 @@ def test_the_second_run_recomputes_nothing_and_says_so(results):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
 def test_killed_in_the_middle_it_finishes_with_the_same_numbers(results, tmp_path):
-    """Six experiments of the campaign, killed -9 at four moments, then run to the end."""
+    """Three experiments of the campaign (too few to diagnose), killed -9 at four moments, then run to the end."""
     part = tmp_path / "loose_sand"
     part.mkdir()
     shutil.copy(SAMPLES / "loose_sand" / "campaign.toml", part)
-    chosen = [*SAND[:5], "stutter-7.0Hz-film"]
+    chosen = [SAND[0], SAND[2], "stutter-7.0Hz-film"]
     for name in chosen:
         shutil.copytree(SAMPLES / "loose_sand" / name, part / name)
     out = tmp_path / "out"

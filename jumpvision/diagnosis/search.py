@@ -285,7 +285,9 @@ def starts(problem: Problem, base: Fit, found: Detection, mechanism: str) -> lis
         tries = _about(candidate.parameters, base.named) + _about(candidate.parameters, first)
         last = candidate.parameters[-1].name  # a place, such as the depth of a bend: each its own basin
         places = sorted({t[last] for t in tries})
-        return [s for x in places for s in best_starts(problem, base, (mechanism,), [t for t in tries if t[last] == x], 2)]
+        return [
+            s for x in places for s in best_starts(problem, base, (mechanism,), [t for t in tries if t[last] == x], 2)
+        ]
     linear = [
         start_of(problem, base, d, float(z)) for d, z in zip(found.directions, found.score) if d.mechanism == mechanism
     ]
