@@ -185,26 +185,27 @@ def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Re
 
 def _answer(asked: Question, path: Path, workers: int, draw: Draw | None, say: Say) -> Answer:
     """Diagnose. path: of the campaign, for messages."""
-    jumps = asked.jumps
     try:
-        learned = learn_noise(Jumper(jumps, asked.ranges, asked.priors, workers, asked.own))
+        learned = learn_noise(Jumper(asked.jumps, asked.ranges, asked.priors, workers, asked.own))
     except ValueError as e:
         raise InputError([f"{path}: {e}"]) from None
     system = learned.system
-    problem, rng, by = (
-        Problem(system, learned.noise, learned.scatter, asked.measured),
-        np.random.default_rng(SEED),
-        ("kind",),
-    )
+    problem = Problem(system, learned.noise, learned.scatter, asked.measured)
+    rng, by = np.random.default_rng(SEED), ("kind",)
     laws = Laws(problem, system, say)
     found = explain(problem, rng, by=by, say=say, enough=laws.alone)
     law = laws.law(found)
-    gained = partial(law_gain, law, problem) if law else None
-    stops, runnable = (
-        [j.stop for j in jumps],
-        proposals(system, [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]),
+    driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
+    found = foretell(
+        problem,
+        found,
+        rng,
+        by=by,
+        stops=[j.stop for j in asked.jumps],
+        runnable=proposals(system, driven),
+        say=say,
+        gained=partial(law_gain, law, problem) if law else None,
     )
-    found = foretell(problem, found, rng, by=by, stops=stops, runnable=runnable, say=say, gained=gained)
     left = None if law else leftover(found, problem, system, say)
     alone = jumps_alone(told(found), problem)
     rows = confirmation(alone, system, asked.films, asked.measured)

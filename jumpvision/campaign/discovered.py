@@ -46,7 +46,13 @@ class Law:
 
 class Laws:
     """The search for a law that no vocabulary lists, beside the search for mechanisms: where no two of them pass the
-    test, before more are tried together (`alone`), and at its end (`law`)."""
+    test, before more are tried together (`alone`), and at its end (`law`).
+
+    asked: whether forms were tried beside the baseline; found: the one that explains what it gets wrong.
+    """
+
+    asked: bool
+    found: Discovery | None
 
     def __init__(self, problem: Problem, system: Jumper, say: Callable[[str], None]) -> None:
         self.problem, self.system, self.say = problem, system, say
@@ -55,13 +61,10 @@ class Laws:
         self.whole = Problem(wide, problem.noise, problem.scattered, problem.measured)
         self.asked, self.found = False, None
 
-    asked: bool  # whether forms were tried beside the baseline
-    found: Discovery | None  # there
-
     def alone(self, search: Search) -> bool:
         """Whether one law beside the baseline leaves nothing over: then larger sets are not tried."""
         self.say("no two mechanisms of the vocabulary explain all of it: searching for a law")
-        self.asked, self.found = True, self._beside(search.base, search.base)
+        self._ask(search.base)
         return self.found is not None and not self.found.detection.discrepant
 
     def law(self, d: Findings) -> Law | None:
@@ -71,19 +74,19 @@ class Laws:
             return None
         if not self.asked:
             self.say("no mechanism of the vocabulary explains all of it: searching for a law")
-            self.asked, self.found = True, self._beside(d.baseline, d.baseline)
+            self._ask(d.baseline)
         tried = [self.found]
         if n.named and (self.found is None or self.found.detection.discrepant):
             tried.append(self._beside(d.baseline, n.best.fit))
         good = [x for x in tried if x]
         best = max(good, key=lambda x: (not x.detection.discrepant, held_out_score(self.whole, x.fit)), default=None)
-        return self._law(best) if best else None
+        return _named(best, self.library[best.form], self.system, self.problem) if best else None
+
+    def _ask(self, base: Fit) -> None:
+        self.asked, self.found = True, self._beside(base, base)
 
     def _beside(self, base: Fit, fit: Fit) -> Discovery | None:
         return discover(self.whole, base, fit, list(self.library), np.random.default_rng(SEED))
-
-    def _law(self, found: Discovery) -> Law:
-        return _named(found, self.library[found.form], self.system, self.problem)
 
 
 def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) -> Law:

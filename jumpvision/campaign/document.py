@@ -219,7 +219,8 @@ def sentence(d: Diagnosis, lacks: Mapping[str, str] = MappingProxyType({})) -> s
         text += (
             f", and {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
         )
-        text += f" (intervals are {d.left_over.widened:.2g} times wider for it)"
+        if (wider := d.left_over.widened) > 1.05:
+            text += f" (intervals are {wider:.2g} times wider for it)"
         text += generic(d, "describes it")
     if d.indistinguishable:
         twins = "; ".join(" or ".join(words([m]) for m in t) for t in d.indistinguishable)

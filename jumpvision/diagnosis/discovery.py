@@ -31,16 +31,14 @@ TOLD = 0.05  # share of the draws from which a form is told
 class Discovery:
     """A law and how well it holds. fit: of the model with it, last of its mechanisms, after those it stands beside.
 
-    r2: share of the baseline's excess over the noise that it explains; ceiling: what any smooth force of its arguments
-    would explain (None: not of a force). stability: how often each form wins when groups of trials are drawn again.
-    rivals: forms that predict as well, within LEVEL.
+    r2: share of the baseline's excess over the noise that it explains. stability: how often each form wins when groups
+    of trials are drawn again. rivals: forms that predict as well, within LEVEL.
     """
 
     form: str
     before: Fit
     fit: Fit
     r2: float
-    ceiling: float | None
     stability: Mapping[str, float]
     rivals: tuple[str, ...]
     detection: Detection
@@ -57,11 +55,13 @@ def discover(
 
     problem: of a system that has the forms among its candidates. fit: the model beside which they are tried.
     """
-    columns = directions(problem, fit, forms)
+    few = some(problem, FEW)  # a few conditions tell where to begin
+    part, near = problem.over(few), fit.over(few)
+    columns = directions(part, near, forms)
     if not columns:
         return None
     limit = max(held_out_score(problem, f) for f in (base, fit))
-    tried = race(problem, _starts(problem, fit, detect(problem, fit, columns, rng)))
+    tried = race(problem, _starts(problem, fit, detect(part, near, columns, rng), few))
     better = [(f, s) for f in tried if (s := held_out_score(problem, f)) > limit]
     if not better:
         return None
@@ -77,7 +77,6 @@ def discover(
         fit,
         best,
         r2,
-        None,
         wins(problem, [f for f, _ in better], rng, TOLD),
         tuple(f.mechanisms[-1] for f, _ in level if f is not best),
         test,
@@ -116,7 +115,7 @@ def _listed(problem: Problem, forms: Sequence[str]) -> list[str]:
     return [m for m in problem.system.candidates if m not in forms]
 
 
-def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
+def _starts(problem: Problem, fit: Fit, found: Detection, few: Sequence[int]) -> list[Start]:
     """Starts of the forms that come furthest in short fits over a share of the conditions, fewer each round; none
     where all of them stay far from the noise.
 
@@ -129,7 +128,6 @@ def _starts(problem: Problem, fit: Fit, found: Detection) -> list[Start]:
     for form, each in asked.items():
         for z, d in sorted(each, key=lambda x: -abs(x[0]))[:SHAPES]:
             starts.append(((*fit.mechanisms, form), start_of(problem, fit, d, z)))
-    few = some(problem, FEW)
     before = problem.cost(fit.mechanisms, fit.named, few)
     after = sum(problem.system.observations[i].t.size for i in few)
     limit = before - BEHIND * max(before - after, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -15,7 +15,7 @@ from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
 from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.diagnosis.noise.whitening import Whitening, axes, joined
 
-from .system import Costly, Parameter, System, parameters
+from .system import Costly, CostlyPart, Parameter, Part, System, parameters
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
@@ -50,6 +50,11 @@ class Fit:
     converged: bool = False
     known: Known = field(default_factory=lambda: Known(np.zeros((0, 0)), np.zeros(0)))
 
+    def over(self, kept: Sequence[int]) -> Fit:
+        """The same model beside some of its observations, not fitted to them anew."""
+        residuals, jacobian = ([rows[i] for i in kept] for rows in (self.residuals, self.jacobian))
+        return replace(self, residuals=residuals, jacobian=jacobian, frame=[self.frame[i] for i in kept])
+
     @property
     def at_low(self) -> dict[str, float]:
         """Every parameter at the low end of its range."""
@@ -83,6 +88,12 @@ class Problem:
         self.all = tuple(range(len(system.observations)))
         self.whitening = [Whitening(noise, o) for o in system.observations]
         self.steady = [axes(w.wander) for w in self.whitening]
+
+    def over(self, kept: Sequence[int]) -> Problem:
+        """The same for some observations."""
+        whole = self.system
+        part = CostlyPart(whole, tuple(kept)) if isinstance(whole, Costly) else Part(whole, tuple(kept))
+        return Problem(part, self.noise, self.scattered, self.measured)
 
     @property
     def n(self) -> int:

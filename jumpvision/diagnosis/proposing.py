@@ -17,7 +17,6 @@ from jumpvision.diagnosis.noise.noise import Noise
 from .detect import detect, directions
 from .fitting import STEP, Fit, Problem
 from .search import Search
-from .system import Candidate, Costly, Observation, Parameter, System
 
 
 class Runnable(Protocol):
@@ -113,49 +112,6 @@ def apex(t: Array, y: Array, after: float, half: int = 5) -> float:
     return float(c + b * at + a * at * at) if abs(at) <= (t[near][-1] - t[near][0]) else float(y[top])
 
 
-@dataclass(frozen=True)
-class Part:
-    """Some observations of a system, as a system."""
-
-    whole: System
-    kept: tuple[int, ...]
-
-    @property
-    def observations(self) -> Sequence[Observation]:
-        return [self.whole.observations[i] for i in self.kept]
-
-    @property
-    def baseline(self) -> tuple[Parameter, ...]:
-        return self.whole.baseline
-
-    @property
-    def candidates(self) -> Mapping[str, Candidate]:
-        return self.whole.candidates
-
-    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
-        return self.whole.predict(mechanisms, values, [self.kept[i] for i in which])
-
-    def scatter(
-        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
-    ) -> Mapping[str, list[Array]]:
-        return self.whole.scatter(mechanisms, values, [self.kept[i] for i in which])
-
-
-@dataclass(frozen=True)
-class CostlyPart(Part):
-    """Some observations of a system whose runs are dear."""
-
-    whole: Costly
-
-    def derivatives(
-        self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
-    ) -> list[Array]:
-        return self.whole.derivatives(mechanisms, free, values, [self.kept[i] for i in which])
-
-    def scouts(self, which: Sequence[int]) -> Sequence[int]:
-        return self.whole.scouts(which)
-
-
 Begin = Callable[[Problem, np.random.Generator], Fit]  # the baseline, from its own values
 Choose = Callable[[Problem, Fit, np.random.Generator], Fit]
 
@@ -184,10 +140,7 @@ def gain(
     chosen: Counter[tuple[str, ...]] = Counter()
     for fold in folds:
         held = [i for i, o in enumerate(observations) if o.condition in fold]
-        kept = tuple(i for i in problem.all if i not in held)
-        whole = problem.system
-        some = CostlyPart(whole, kept) if isinstance(whole, Costly) else Part(whole, kept)
-        part = Problem(some, problem.noise, problem.scattered, problem.measured)
+        part = problem.over([i for i in problem.all if i not in held])
         try:
             base = begin(part, rng)
         except ValueError:

@@ -147,3 +147,46 @@ def parameters(system: System, mechanisms: Sequence[str]) -> tuple[Parameter, ..
         for p in system.candidates[m].parameters:
             out[p.name] = p
     return tuple(out.values())
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some observations of a system, as a system."""
+
+    whole: System
+    kept: tuple[int, ...]
+
+    @property
+    def observations(self) -> Sequence[Observation]:
+        return [self.whole.observations[i] for i in self.kept]
+
+    @property
+    def baseline(self) -> tuple[Parameter, ...]:
+        return self.whole.baseline
+
+    @property
+    def candidates(self) -> Mapping[str, Candidate]:
+        return self.whole.candidates
+
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
+        return self.whole.predict(mechanisms, values, [self.kept[i] for i in which])
+
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> Mapping[str, list[Array]]:
+        return self.whole.scatter(mechanisms, values, [self.kept[i] for i in which])
+
+
+@dataclass(frozen=True)
+class CostlyPart(Part):
+    """Some observations of a system whose runs are dear."""
+
+    whole: Costly
+
+    def derivatives(
+        self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
+    ) -> list[Array]:
+        return self.whole.derivatives(mechanisms, free, values, [self.kept[i] for i in which])
+
+    def scouts(self, which: Sequence[int]) -> Sequence[int]:
+        return self.whole.scouts(which)

@@ -210,23 +210,25 @@ def _edge(t: Array, h: Array, sigma: Array, i: int, j: int, gravity: float) -> t
     if dof < 1:
         return crude
 
-    def design(edge: float, w: float) -> tuple[Array, Array]:
-        """Columns of value and velocity at d = 0, and the part that depends on neither."""
+    def design(edge: float, w: float | Array) -> tuple[Array, Array]:
+        """Columns of value and velocity at d = 0, and the part that depends on neither; w may be (k, 1)."""
         tau = np.maximum(d - edge, 0.0)
         lost = tau - np.sin(w * tau) / w
-        return np.stack([np.ones_like(d), d - lost], axis=1), gravity * (
+        return np.stack([np.ones_like(lost), d - lost], axis=-1), gravity * (
             edge * lost + 0.5 * tau**2 - (1.0 - np.cos(w * tau)) / w**2
         )
 
     last = d[j - 1 - i]
     best = (np.inf, 0.0, 0.0, np.zeros(2))
+    w = np.array(STIFFNESS)[:, None]
     for edge in np.arange(max(last - EARLIEST * dt, 2.0 * dt), last + 1.5 * dt, 0.25 * dt):
-        for w in STIFFNESS:
-            a, rest = design(edge, w)
-            p = np.linalg.lstsq(a / sigma[:, None], (y - rest) / sigma, rcond=None)[0]
-            chi2 = float(np.sum(((y - rest - a @ p) / sigma) ** 2))
-            if chi2 < best[0]:
-                best = (chi2, edge, w, p)
+        a, rest = design(edge, w)  # (5, n, 2), (5, n): the five at once
+        a, y_w = a / sigma[:, None], (y - rest) / sigma
+        p = np.linalg.solve(a.swapaxes(1, 2) @ a, a.swapaxes(1, 2) @ y_w[..., None])
+        chi2 = np.sum((y_w - (a @ p)[..., 0]) ** 2, axis=1)
+        least = int(np.argmin(chi2))
+        if chi2[least] < best[0]:
+            best = (float(chi2[least]), edge, STIFFNESS[least], p[least, :, 0])
 
     def residual(q: Array) -> Array:
         a, rest = design(q[2], q[3])
