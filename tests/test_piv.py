@@ -393,7 +393,8 @@ def test_film_streams():
     settings = SETTINGS | {"step": 24}
     fields = list(piv_film(film(), mask=None, gap=1, progress=done.append, **settings))
     assert len(fields) == 5 and done == [0, 1, 2, 3, 4] and most <= 2
-    assert np.array_equal(fields[2].u, piv_pair(*frames, **settings).u)
+    # the compiler may sum in another order where it compiled in between: 1e-8 px were seen
+    assert np.allclose(fields[2].u, piv_pair(*frames, **settings).u, rtol=0.0, atol=1e-6)
     assert len(list(piv_film(frames * 2, mask=lambda k: None, gap=2, **settings))) == 2
 
 
