@@ -68,7 +68,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     rate, tolerance = tolerances(
         p, granular.N_MOTION if p.own_rate > 0 else granular.V if p.tau > 0.0 else granular.X, atol
     )
-    s, space = np.empty(tolerance.size), events.workspace(tolerance.size)
+    s = np.empty(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
     height = -modes.squeeze(p) - deep
@@ -77,7 +77,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
         s[:] = 0.0
         s[granular.Y], s[granular.XF] = height, -deep  # the command starts at X_m = 0
         edges[n - 1] = stop + tail
-        status, n_log, depth, before, after, top = events.run(
+        status, n_log, depth, before, after, top = _one(
             constants,
             granular.SINE,
             rows,
@@ -93,7 +93,6 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
             tolerance,
             2.0 * math.pi / rate / STEPS_PER_PERIOD,
             peaks,
-            space,
         )
         out[STATUS] = status
         if status != events.OK:
@@ -132,19 +131,19 @@ def digest() -> str:
 
 @functools.cache
 def solver() -> Callable[..., Any]:
-    """`events.run` compiled, less its workspace."""
+    """`events.run` compiled once for all that follow jumps, less its workspace."""
     return _solver(digest())
 
 
 def _solver(key: str) -> Callable[..., Any]:
     @njit(cache=True, nogil=True)
     def solve(  # type: ignore[no-untyped-def]
-        constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step
+        constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, peaks
     ):
         key  # noqa: B018
-        space, no_peaks = events.workspace(s.size), np.empty(0)
+        space = events.workspace(s.size)
         return events.run(
-            constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, no_peaks, space
+            constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, peaks, space
         )
 
     return solve
@@ -172,7 +171,7 @@ def _tracks(key: str) -> Callable[..., Any]:
     @njit(cache=True, nogil=True)
     def solve(constants, which, about, rows, edges, t, rtol, atol, out):  # type: ignore[no-untyped-def]
         key  # noqa: B018
-        log = np.empty((events.MAX_EVENTS, 2))
+        log, no_peaks = np.empty((events.MAX_EVENTS, 2)), np.empty(0)
         for k in range(which.size):
             i = which[k]
             a, p, own = about[i], constants[k], constants[k : k + 1]
@@ -215,6 +214,7 @@ def _tracks(key: str) -> Callable[..., Any]:
                 rtol,
                 tolerance,
                 2.0 * math.pi / rate / STEPS_PER_PERIOD,
+                no_peaks,
             )[0]
             heights[driven:] = full[:, 0] - height
             if status != events.OK:
@@ -226,6 +226,8 @@ def _tracks(key: str) -> Callable[..., Any]:
 @functools.cache
 def batch_solver() -> Callable[..., Any]:
     """solve(constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in parallel."""
+    global _one
+    _one = solver()
     return _batch(digest())
 
 

@@ -121,6 +121,7 @@ def follow(
         rtol,
         tolerance,
         2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
+        np.empty(0),
     )
     if status != events.OK:
         what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
