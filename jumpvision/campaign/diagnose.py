@@ -42,7 +42,7 @@ from .folder import MODEL, PICTURE
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 9  # of the method: another one asks again
+VERSION = 10  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
