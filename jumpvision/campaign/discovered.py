@@ -58,7 +58,7 @@ class Laws:
         self.problem, self.system, self.say = problem, system, say
         self.library = forms(system.model)
         wide = system.considering(list(self.library.values()))
-        self.whole = Problem(wide, problem.noise, problem.scattered, problem.measured)
+        self.whole = problem.asked_of(wide)
         self.asked, self.found = False, None
 
     def alone(self, search: Search) -> bool:
@@ -102,7 +102,7 @@ def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) 
     law = mechanism(NAME, acts_on(form), text, parameters, state=state, state_unit="m" if state else "")
     law = replace(law, lacks=f"a law of no vocabulary on the {acts_on(law).replace('_', ' ')}, {text}")
     own = system.considering([law])
-    whole = Problem(own, problem.noise, problem.scattered, problem.measured)
+    whole = problem.asked_of(own)
     begin = {own_name(NAME, bare(form, n)) if n in form.names else n: v for n, v in values.items()}
     fit = whole.fit((*found.fit.mechanisms[:-1], NAME), begin)
     assert fit is not None  # it was fitted before
@@ -112,7 +112,7 @@ def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) 
     top = None
     if law.acts_on in RATES:
         bumps = surface(law, seen, size=0.1 * own.model.M * own.model.g)
-        full = Problem(own.considering(bumps), problem.noise, problem.scattered, problem.measured)
+        full = problem.asked_of(own.considering(bumps))
         top = ceiling(full, found.before, fit, [b.name for b in bumps])
     return Law(law, found, system.considering([law]), fit, seen, passive, top)
 
@@ -138,7 +138,7 @@ def law_gain(law: Law, problem: Problem) -> Gain | None:
 
     problem: as it was asked, without the law.
     """
-    problem = Problem(law.system, problem.noise, problem.scattered, problem.measured)
+    problem = problem.asked_of(law.system)
 
     def fitted(part: Problem, base: Fit, rng: np.random.Generator) -> Fit:
         own = {p.name: p.prior(None) for p in law.law.parameters}

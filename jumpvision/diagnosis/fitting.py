@@ -93,7 +93,11 @@ class Problem:
         """The same for some observations."""
         whole = self.system
         part = CostlyPart(whole, tuple(kept)) if isinstance(whole, Costly) else Part(whole, tuple(kept))
-        return Problem(part, self.noise, self.scattered, self.measured)
+        return self.asked_of(part)
+
+    def asked_of(self, system: System) -> Problem:
+        """The same noise and measurements with another system of these observations, or of some."""
+        return Problem(system, self.noise, self.scattered, self.measured)
 
     @property
     def n(self) -> int:
