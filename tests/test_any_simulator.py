@@ -444,6 +444,7 @@ def command(*words, cwd):
     return subprocess.run(run, capture_output=True, text=True, cwd=cwd, timeout=300)
 
 
+@pytest.mark.long
 def test_the_command_asks_a_simulator_that_is_named(campaign):
     done = command(
         "diagnose", str(campaign), "--simulator", "mine:study", "--json", "--workers", "1", cwd=campaign.parent

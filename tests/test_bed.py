@@ -87,6 +87,7 @@ def test_a_series_shows_the_settling_and_the_packing_of_its_last_picture(tmp_pat
     assert (first["volume_fraction"], first["picture"]) == (0.57, 0)
 
 
+@pytest.mark.long
 def test_the_sigma_of_a_change_is_its_error(tmp_path):
     """24 changes of one bed by parts of a pixel; 0.683 +- 3 * 0.095, and the rms of z about one."""
     rng = np.random.default_rng(0)

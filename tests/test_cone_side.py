@@ -52,6 +52,7 @@ def systematic(s):
     return math.degrees(math.hypot(s.theta_sigma, max(abs(s.shift_fitted), abs(s.shift_sharper))))
 
 
+@pytest.mark.long
 def test_the_side_is_where_grains_begin_to_lag_whatever_they_do_outside():
     """None of the five ways is the fitted expansion. 100 fields: 0.95 - 3 * 0.022 = 0.88 inside two sigma."""
     rng, inside, found = np.random.default_rng(3), [], {}

@@ -131,6 +131,7 @@ def write_line(folder, phi, volume, seed):
     )
 
 
+@pytest.mark.long
 def test_a_campaign_of_craters_gives_the_critical_packing(tmp_path):
     phis = (0.575, 0.59, 0.6, 0.61, 0.62, 0.63)
     true = {}

@@ -94,6 +94,7 @@ def test_each_law_is_named_and_no_other(law):
     assert found.count(law) >= 10
 
 
+@pytest.mark.long
 def test_the_rate_of_a_single_law_covers_the_truth():
     """30 draws of Coulomb friction: within one sigma 0.683 +- 3 * 0.085; averaged over the models, so rather more."""
     rng = np.random.default_rng(5)

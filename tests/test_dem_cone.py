@@ -62,6 +62,7 @@ def loop(tmp_path_factory):
     return cone_of_discs(SCENE, m), analysed(folder / "discs", folder / "results")["column"]
 
 
+@pytest.mark.long
 def test_the_front_of_the_film_is_that_of_the_discs(loop):
     """Grains of 1 mm: the places differ by less than one (rms), and mu by 2 sigma = 2 x 0.7 mm/(2.6 mm sqrt(15)) of the
     slope of 15 such places over 8.4 mm of depth: 0.14, 9 % of it."""

@@ -78,6 +78,7 @@ def test_grids_must_be_even():
         coarse_grain([0.0], [0.0], [0.0], [0.0], [1.0], grid_x=[0.0, 1.0], grid_y=[0.0, 1.0], width=0.0)
 
 
+@pytest.mark.long
 def test_the_stutter_jump_moves_the_most_grain_momentum():
     """Thesis Figs. 52 and 53: the stutter jump, which lands fastest, stands out; coarse discs of 2 mm."""
     scene, peak = Scene(grain=2e-3), {}

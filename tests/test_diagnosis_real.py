@@ -65,6 +65,7 @@ def test_dry_friction_of_a_drawn_pendulum_is_named():
     assert found.gain.ratio > 4
 
 
+@pytest.mark.long
 def test_friction_is_named_beside_a_small_fault_of_the_encoder():
     """An encoder that errs by 0.3 mrad once a turn of 10 mrad is in no vocabulary; it leaves 1/100 of the 3.4 mrad that
     friction makes, (1/100)^2 of chi^2: friction is named, the rest is said to be there. At 3 mrad nothing is."""
@@ -121,6 +122,7 @@ def test_a_wrong_scale_and_a_drag_are_declared_twins_only_where_the_falls_cannot
     assert beside & {"viscous_drag", "quadratic_drag"} if not told_apart else not beside
 
 
+@pytest.mark.long
 def test_the_real_pendulum_has_dry_friction(real_data):
     """Every model that is left has Coulomb friction; motions held out are predicted four times better and more."""
     body = real.swing(real_data / "kaheman_single_pendulum")

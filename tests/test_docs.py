@@ -30,9 +30,9 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "run data_samples/loose_sand --results results/loose_sand":
         "test_samples.test_jump_heights_of_the_campaign_lie_within_their_sigma",
     "diagnose data_samples/loose_sand":
-        "test_question.test_the_hidden_cone_of_the_samples_is_named",
+        "test_samples.test_the_hidden_cone_of_the_samples_is_named",
     "simulate data_samples/loose_sand --model results/loose_sand/model.toml":
-        "test_question.test_the_extended_model_is_taken_by_simulate",
+        "test_samples.test_the_extended_model_is_taken_by_simulate",
     "plan --apex 0.04 --ground granular --model results/loose_sand/model.toml":
         "test_plan.test_the_command_writes_its_files",
     "figures results/loose_sand --list":

@@ -69,6 +69,7 @@ def test_face(texture, rms, carry):
     assert abs(np.median(e)) < track.offset_sigma  # 0.3 px: half of the smallest grain's rise towards the face
 
 
+@pytest.mark.long
 def test_claimed_sigma_is_true_sigma():
     """A textured body against frame 0, whose noise its film shares: of 18 films with each its own share inside (sd 0.2)
     0.683 +- 0.05, of 270 frames +- 0.03; three of both."""

@@ -340,15 +340,15 @@ def asking(tmp_path, monkeypatch):
             return "of everything"
 
     def answer(asked, path, workers, draw, say):
-        found.append(draw is not None)
-        return diagnose.Answer(diagnosis(), "[model]\n", b"picture" if draw else None)
+        found.append(draw)
+        return diagnose.Answer(diagnosis(), "[model]\n", b"picture")
 
     monkeypatch.setattr(diagnose, "asked_of", lambda *_: Asked())
     monkeypatch.setattr(diagnose, "_answer", answer)
     campaign = SimpleNamespace(path=tmp_path)
 
-    def ask(draw=True, **options):
-        how = {"workers": 1, "draw": (lambda *_: b"") if draw else None, "say": print, **options}
+    def ask(**options):
+        how = {"workers": 1, "draw": lambda *_: b"", "say": print, **options}
         _, files = diagnose.question(campaign, {}, tmp_path, tmp_path / "cache", **how)
         assert json.loads((tmp_path / "diagnosis.json").read_text())["sentence"] == "Said."
         assert (tmp_path / "model.toml").read_text() == "[model]\n"
@@ -357,12 +357,11 @@ def asking(tmp_path, monkeypatch):
     return ask, lambda: next((tmp_path / "cache" / "diagnose").iterdir())
 
 
-def test_a_diagnosis_is_kept_with_and_without_its_picture(asking):
+def test_a_diagnosis_asked_without_its_picture_is_not_asked_again_with_it(asking):
     ask, _ = asking
-    assert ask(draw=False) == (1, {"diagnosis.json", "model.toml"})
-    assert ask() == (2, {"diagnosis.json", "model.toml", "diagnosis.png"})
-    assert ask() == (2, {"diagnosis.json", "model.toml", "diagnosis.png"})
-    assert ask(draw=False) == (2, {"diagnosis.json", "model.toml"})
+    assert ask(pictured=False) == (1, {"diagnosis.json", "model.toml"})
+    assert ask() == (1, {"diagnosis.json", "model.toml", "diagnosis.png"})
+    assert ask(pictured=False) == (1, {"diagnosis.json", "model.toml"})
 
 
 @pytest.mark.parametrize("name", ["model.toml", "diagnosis.json", "diagnosis.png", "receipt.json"])

@@ -101,6 +101,7 @@ def compared(folder, **overrides):
     return run(Call("hard", {}, compare.name, campaign=folder, results=folder.parent / "out", overrides=overrides))
 
 
+@pytest.mark.long
 def test_a_campaign_that_the_model_explains(tmp_path):
     """p is uniform over campaigns: of 10, Kolmogorov and Smirnov would refuse one set in a hundred."""
     p, least, z = [], [], []

@@ -26,6 +26,7 @@ def fitted(moves, grains, arm=ARM, seed=0, start=-0.006):
     return fresh, fit_penetration(in_bins(d["depth_m"], d["force_N"], fresh), rng=rng, significance=0.01)
 
 
+@pytest.mark.long
 def test_sigmas_of_both_slopes_bend_contact_and_weight_are_the_true_errors():
     """Load cell noise and grain fluctuations of 0.3 N over 1 mm: some 30 independent samples in the whole log.
 
@@ -44,6 +45,7 @@ def test_sigmas_of_both_slopes_bend_contact_and_weight_are_the_true_errors():
     assert np.mean(held) > 0.88
 
 
+@pytest.mark.long
 def test_the_second_slope_is_refused_where_there_is_none():
     """p is uniform under the null: of 40 logs 2 +- 1.4 below 0.05, and half below 0.5."""
     p = np.array([fitted(DOWN, Grains(fluctuation=0.3, k2=2000.0), seed=100 + i)[1].p_value for i in range(40)])
@@ -170,6 +172,7 @@ def test_a_bad_log_is_one_clear_error(folder, tmp_path, capsys, change, parts):
     assert not (tmp_path / "r" / "intrusion.json").exists()
 
 
+@pytest.mark.long
 def test_a_campaign_shows_the_foot_area_law_and_the_critical_packing(tmp_path):
     """13 logs: k1 = 0.46e6 A (...) bends at phi_c = 0.605 and the saw begins there; F ~ R^2 by construction."""
     assert main(["synth", "intrusion", str(tmp_path / "s")]) == 0

@@ -204,6 +204,7 @@ calibrated = true
 """
 
 
+@pytest.mark.long
 def test_the_faults_of_grain_film_and_bed_image(tmp_path):
     folder, root = filmed(tmp_path, FAULTY)
     true = told(folder)

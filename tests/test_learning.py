@@ -138,6 +138,7 @@ def test_flights_that_run_into_the_ground_are_not_taken_for_noise(clean):
     assert learned.sources["repeats"] is None
 
 
+@pytest.mark.long
 def test_a_null_of_single_trials_is_neither_discrepant_nor_too_good(clean):
     learned = learned_of(clean)
     problem = Problem(learned.system, learned.noise, learned.scatter)

@@ -17,6 +17,7 @@ from jumpvision.lab.blind import Nuisance, campaign, draw
 QUIET = Nuisance(5e-5, 0.0, 0.0)
 
 
+@pytest.mark.long
 def test_a_cause_is_named_over_two_beds_of_their_own_stiffness():
     """Dry friction of one size on two beds (k1 by [model], 1,900 to 2,400 N/m); each declared k1 is the true one."""
     jumps = []

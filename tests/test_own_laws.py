@@ -271,24 +271,25 @@ def test_dimensions_are_those_of_the_symbols():
 
 
 @pytest.mark.parametrize(
-    "acts_on, law, values, passive",
+    "acts_on, law, r, alone, part",
     [
-        ("carriage", "-r * sign(v_m) * abs(v_m / v_0)**0.7", {"r": 0.3}, True),
-        ("carriage", "r * v_m / v_0", {"r": 0.3}, False),
-        ("carriage", "-r * x_m / x_0", {"r": 0.3}, True),  # a spring of the rail: what it takes it gives back
-        ("carriage", "-r * sign(v_m) * (1 + x_m / x_0)", {"r": 0.3}, False),  # negative friction below -x_0
-        ("foot", "r * exp(-z / x_0)", {"r": 2.0}, True),
-        ("foot", "-r * exp(-z / x_0)", {"r": 30.0}, False),  # pulls the foot into the bed
-        ("spring", "-r * abs(stretch / x_0) * sign(stretch_rate)", {"r": 2.0}, True),
-        ("spring", "r * abs(stretch / x_0) * sign(stretch_rate)", {"r": 2.0}, False),
-        ("film_height", "r * (h / x_0)**2 * x_0", {"r": 2.0}, None),
+        ("carriage", "-r * sign(v_m) * abs(v_m / v_0)**0.7", 0.3, True, True),
+        ("carriage", "r * v_m / v_0", 0.3, False, False),
+        ("carriage", "-r * x_m / x_0", 0.3, True, True),  # a spring of the rail: what it takes it gives back
+        ("carriage", "-r * sign(v_m) * (1 + x_m / x_0)", 0.3, False, False),  # negative friction below -x_0
+        ("foot", "r * exp(-z / x_0)", 2.0, True, True),
+        ("foot", "-r * exp(-z / x_0)", 30.0, False, False),  # pulls the foot into the bed
+        ("foot", "-r * z / x_0", 0.1, False, True),  # a bed softer than the model's, which still resists
+        ("spring", "-r * abs(stretch / x_0) * sign(stretch_rate)", 2.0, True, True),
+        ("spring", "r * abs(stretch / x_0) * sign(stretch_rate)", 2.0, False, False),
+        ("film_height", "r * (h / x_0)**2 * x_0", 2.0, None, None),
     ],
 )
-def test_what_gives_energy_is_told(acts_on, law, values, passive):
+def test_what_gives_energy_is_told(acts_on, law, r, alone, part):
     """By the sign of the work over closed motions, which these laws show by eye."""
     sizes = {"v_0": (0.5, "m/s"), "x_0": (0.02, "m")}
     unit = "N" if acts_on != "film_height" else ""
-    given = {"r": (values["r"], unit), **{n: v for n, v in sizes.items() if n in law}}
+    given = {"r": (r, unit), **{n: v for n, v in sizes.items() if n in law}}
     m = own("mine", acts_on, law, given)
     seen = {
         "z": (0.0, 0.03),
@@ -299,7 +300,8 @@ def test_what_gives_energy_is_told(acts_on, law, values, passive):
         "stretch": (-0.02, 0.005),
         "stretch_rate": (-0.5, 0.5),
     }
-    assert is_passive(having(replace(SAND, spring_damping=0.0), m), m, seen) is passive
+    model = having(replace(SAND, spring_damping=0.0), m)
+    assert is_passive(model, m, seen, alone=True) is alone and is_passive(model, m, seen) is part
 
 
 @pytest.mark.parametrize("sign, passive", [("-", True), ("", False)])

@@ -41,6 +41,7 @@ def test_alone_no_process_is_started():
     assert list(in_parts(doubled, [1, 2], 0.0)) == [(2, os.getpid()), (4, os.getpid())]
 
 
+@pytest.mark.long
 def test_a_long_film_matched_by_two_processes_is_as_by_one(tmp_path):
     """70 frames of moving grains, more pairs than a part and a rest; every number of piv.nc is the same.
 

@@ -49,6 +49,7 @@ def test_the_file_holds_every_pair_and_goes_with_the_record(tmp_path):
     assert not folder.exists()
 
 
+@pytest.mark.long
 def test_only_a_few_pairs_are_held():
     alive: list[weakref.ref] = []
     most = 0

@@ -252,6 +252,7 @@ def test_stop_go_is_there_with_its_term_only():
     assert kinds[:5] == ["intrude", "stop", "intrude", "stop", "lift_off"]
 
 
+@pytest.mark.long
 def test_out_of_reach_is_said_with_the_limit_that_holds():
     planner = Planner(THESIS, LOOP, dataclasses.replace(LIMITS, stroke=0.008))
     plan = planner.plan(0.15)
@@ -275,6 +276,7 @@ def test_random_targets_are_reached_or_out_of_reach():
             assert plan.status == "infeasible" and plan.planned_apex < target
 
 
+@pytest.mark.long
 def test_a_jump_that_needs_pumping_is_found():
     """Under 25 W and 20 mm of stroke a start from one thrust ends at 75 mm or less; two in a row reach 90."""
     planner = Planner(rigid(CONE), LOOP, Limits(110.0, 2.5, 0.02, 25.0))

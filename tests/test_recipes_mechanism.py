@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from recipe import package_with, run_there
 
+pytestmark = pytest.mark.long
 RECORDS = '''"""Mechanisms of the recipe."""
 
 from .record import Body, Mechanism, Parameter, Prior, law

@@ -42,7 +42,7 @@ from .folder import MODEL, PICTURE
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 10  # of the method: another one asks again
+VERSION = 11  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
@@ -84,24 +84,25 @@ def question(
     cache: Path,
     *,
     workers: int,
-    draw: Draw | None,
+    draw: Draw,
+    pictured: bool = True,
     say: Say,
     fresh: bool = False,
 ) -> tuple[Diagnosis, list[Path]]:
     """(the diagnosis, the files written into `results`); from the cache when nothing has changed.
 
+    pictured: its picture is among them; it is drawn and kept in any case, for whoever asks the same again with it.
     fresh: not where other versions of the packages made it. Raises InputError when there is too little to question.
     """
     asked = asked_of(campaign, outcomes, say)
     digest = asked.digest()
     for attempt in range(entries.ATTEMPTS):
-        drawn = [digest + PICTURE] if draw else [digest + PICTURE, digest]  # one with its picture answers both
-        held = next((found for found in map(partial(_kept, cache, fresh=fresh), drawn) if found), None)
+        held = _kept(cache, digest, fresh=fresh)
         if held is None:
             answer = _answer(asked, campaign.path, workers, draw, say)
-            held = _keep(cache, drawn[0] if draw else digest, answer, fresh=fresh), answer.data
+            held = _keep(cache, digest, answer, fresh=fresh), answer.data
         receipt, data = held
-        names = [n for n in receipt["outputs"] if draw or n != PICTURE]
+        names = [n for n in receipt["outputs"] if pictured or n != PICTURE]
         try:
             for n in names:
                 copy_aside(entries.place(cache, STAGE, receipt["key"]) / n, results / n, receipt["outputs"][n])
@@ -159,7 +160,7 @@ class Answer(NamedTuple):
 
     data: Diagnosis
     model: str
-    picture: bytes | None
+    picture: bytes
 
 
 def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Receipt:
@@ -168,8 +169,7 @@ def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Re
     def fill(folder: Path) -> None:
         (folder / Diagnosis.file).write_text(answer.data.text, encoding="utf-8", newline="\n")
         (folder / MODEL).write_text(answer.model, encoding="utf-8", newline="\n")
-        if answer.picture is not None:
-            (folder / PICTURE).write_bytes(answer.picture)
+        (folder / PICTURE).write_bytes(answer.picture)
 
     return entries.keep(
         cache,
@@ -183,7 +183,7 @@ def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Re
     )
 
 
-def _answer(asked: Question, path: Path, workers: int, draw: Draw | None, say: Say) -> Answer:
+def _answer(asked: Question, path: Path, workers: int, draw: Draw, say: Say) -> Answer:
     """Diagnose. path: of the campaign, for messages."""
     try:
         learned = learn_noise(Jumper(asked.jumps, asked.ranges, asked.priors, workers, asked.own))
@@ -221,7 +221,7 @@ def _answer(asked: Question, path: Path, workers: int, draw: Draw | None, say: S
     )
     known = law.system if law else system
     model = model_toml(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose.")
-    return Answer(data, model, draw(found, system, data) if draw else None)
+    return Answer(data, model, draw(found, system, data))
 
 
 def leftover(d: Findings, problem: Problem, system: Jumper, say: Say) -> Unexplained | None:

@@ -36,6 +36,7 @@ class Law:
     fit: Fit
     seen: dict[str, tuple[float, float]]
     passive: bool | None
+    part_passive: bool | None
     ceiling: float | None
 
     @property
@@ -108,13 +109,14 @@ def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) 
     assert fit is not None  # it was fitted before
     seen = seen_by(own, law, fit.mechanisms, fit.named)
     law = replace(law, seen=seen)
-    passive = is_passive(own.build(fit.mechanisms, fit.named), law, seen)
+    built = own.build(fit.mechanisms, fit.named)
+    passive, part_passive = is_passive(built, law, seen, alone=True), is_passive(built, law, seen)
     top = None
     if law.acts_on in RATES:
         bumps = surface(law, seen, size=0.1 * own.model.M * own.model.g)
         full = problem.asked_of(own.considering(bumps))
         top = ceiling(full, found.before, fit, [b.name for b in bumps])
-    return Law(law, found, system.considering([law]), fit, seen, passive, top)
+    return Law(law, found, system.considering([law]), fit, seen, passive, part_passive, top)
 
 
 def surface(law: Mechanism, seen: dict[str, tuple[float, float]], size: float) -> list[Mechanism]:
@@ -167,6 +169,7 @@ def discovered_of(law: Law) -> record.Discovered:
         seen=law.seen,
         r2=law.found.r2,
         passive=law.passive,
+        part_passive=law.part_passive,
         ceiling_r2=law.ceiling,
         beside=law.fit.mechanisms[:-1],
         stability=dict(law.found.stability),

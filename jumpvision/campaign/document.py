@@ -253,7 +253,10 @@ def law_in_words(law: record.Discovered) -> str:
     text += f", {100 * law.r2:.3g} % of it"
     if law.ceiling_r2 is not None:
         text += f" (any smooth force of the same position and rate: {100 * law.ceiling_r2:.3g} %)"
-    return text + (", and it is active: it gives energy to what moves" if law.passive is False else "")
+    if law.passive is not False:
+        return text
+    text += ", and it is active: it gives energy to what moves"
+    return text + (", as a motor does or a resistance weaker than the model's" if law.part_passive else "")
 
 
 def generic(d: Diagnosis, does: str) -> str:

@@ -78,13 +78,15 @@ def run_folder(
     watcher: Watcher | None = None,
     elsewhere: Mapping[str, list[str]] | None = None,
     ask: bool | None = None,
-    draw: Draw | None = None,
+    draw: Draw,
+    pictured: bool = True,
     say: Callable[[str], None],
 ) -> Run:
     """Run the plan on every experiment, then write what only a campaign shows, and question its model.
 
     workers: processes at a time; of a single experiment they share a long film. elsewhere: as in run_campaign.
-    ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture.
+    ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture;
+    pictured: whether it is put among the results.
     say: is told what the questioning finds on its way.
     """
     campaign = as_campaign(opened)
@@ -104,6 +106,7 @@ def run_folder(
                 plan.cache,
                 workers=workers,
                 draw=draw,
+                pictured=pictured,
                 say=say,
                 fresh=plan.fresh,
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import sys
 from collections.abc import Mapping
@@ -48,7 +49,7 @@ def work(
     ask: bool | None = None,
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
-    from jumpvision.campaign.folder import results_of, run_folder
+    from jumpvision.campaign.folder import as_campaign, results_of, run_folder
     from jumpvision.inputs.experiment import Experiment, folder_of
     from jumpvision.report.figures import PICTURES, drawn_diagnosis
     from jumpvision.workflow.run import Pipeline, Plan, read_pipeline
@@ -71,6 +72,8 @@ def work(
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
+    if not stages and any(e.ground == "granular" for e in as_campaign(opened).experiments) and _uncompiled():
+        terminal.line("compiling for this machine, this once: the first jump on sand waits a minute or two for it")
     with terminal.Progress(1 if isinstance(opened, Experiment) else len(opened.experiments)) as progress:
         return run_folder(
             opened,
@@ -79,9 +82,19 @@ def work(
             watcher=progress,
             elsewhere=elsewhere,
             ask=ask,
-            draw=drawn_diagnosis if options.pictures else None,
+            draw=drawn_diagnosis,
+            pictured=options.pictures,
             say=lambda text: terminal.line(f"diagnose: {text}"),
         )
+
+
+def _uncompiled() -> bool:
+    """Whether the jumper on sand has never been compiled; False where that cannot be seen from its folder."""
+    given, here = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parents[1] / "physics" / "sand"
+    if not given and not os.access(here, os.W_OK):
+        return False  # numba keeps it in a folder of the user's
+    folders = Path(given).glob("sand_*") if given else [here / "__pycache__"]
+    return not any(True for f in folders for _ in f.glob("compiled._solver*.nbi"))
 
 
 def show(done: Run, options: Options, *, page: bool = False) -> int:

@@ -29,12 +29,14 @@ TOGETHER = {
 """What acts on a body as one part: the ground, the rail, the spring."""
 
 
-def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range]) -> bool | None:
+def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range], *, alone: bool = False) -> bool | None:
     """Whether the part that the law belongs to gives no energy over any closed motion within the range seen.
 
-    model: with the law among its terms. The foot meets the ground only on its way down: the ground's whole force must
-    not pull. Rail and spring: at each position no force on the way up may exceed the least on the way down, else a loop
-    between the two gains. A law with an internal state is driven through sinusoidal loops until it has settled.
+    alone: the law by itself instead. Beside a part that resists enough, a law that gives energy leaves it passive: a
+    motor, or a resistance that is weaker than the model's. model: with the law among its terms. The foot meets the
+    ground only on its way down: the ground's whole force must not pull. Rail and spring: at each position no force on
+    the way up may exceed the least on the way down, else a loop between the two gains. A law with an internal state is
+    driven through sinusoidal loops until it has settled.
     None for an instrument, which has no energy.
     """
     if law.acts_on in (Body.HEIGHT, Body.TIME):
@@ -44,7 +46,7 @@ def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range]) -> bool 
         return bool(np.all(model.m_f - sum(model.force(m, z=z, a=1.0) for m in model.acting(Body.INERTIA)) >= 0.0))
     if law.rate is not None:
         return _by_loops(model, law, seen)
-    part = model.acting(*TOGETHER[law.acts_on])
+    part = (law,) if alone else model.acting(*TOGETHER[law.acts_on])
     names, rate = POSITIONS[law.acts_on], RATES[law.acts_on]
     top = max(abs(x) for x in seen[rate])
     speed = top * np.r_[1e-6, np.linspace(0.02, 1.0, POINTS)]
@@ -58,7 +60,7 @@ def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range]) -> bool 
         def force(sign: float, contact: float = float(contact)) -> NDArray[np.float64]:
             state = at | {rate: sign * speed, "contact_s": contact}
             total = sum(np.asarray(model.force(m, **state), float) for m in part)
-            if law.acts_on is Body.SPRING:
+            if law.acts_on is Body.SPRING and not alone:
                 total = total - model.c_s * sign * speed
             return np.broadcast_to(total, (*grid[names[0]].shape, speed.size))
 

@@ -212,7 +212,8 @@ class Discovered:
     acts_on: as there. state: the rate of its internal state u, None without one. seen: range of its arguments that the
     jumps covered. r2: share of what the baseline gets wrong that it explains; ceiling_r2: what any smooth force of the
     same position and rate would explain, None where it is no force of both. passive: whether it gives no energy over
-    any closed motion within the range seen; None for an instrument. beside: mechanisms that it stands beside.
+    any closed motion within the range seen, None for an instrument; part_passive: whether the ground, rail or spring
+    that it belongs to still gives none with it. beside: mechanisms that it stands beside.
     stability: how often each form of law wins when trials are drawn again. rivals: forms that predict as well.
     """
 
@@ -227,6 +228,7 @@ class Discovered:
     stability: Mapping[str, float]
     rivals: tuple[str, ...]
     state: str | None = field(default=None, metadata=OPTIONAL)
+    part_passive: bool | None = field(default=None, metadata=OPTIONAL)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from jumpvision.base.arrays import Array
-from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
+from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers, whiten
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 
 LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding")
@@ -31,6 +31,7 @@ AT_ONCE, TREMBLING = 1e-6, 3  # of a step: reversals closer than that, and how m
 LONGEST = 2e-3  # s, of a step of a body with a restoring force
 WANDER = 1e-4  # step of a derivative by what wanders
 NEAR = 1e-9  # of a start's typical size: the fit of a start has converged
+KEEPS = 0.1  # a step of that fit this much shorter than the last one was taken with derivatives that will do again
 
 
 @njit(cache=True, error_model="numpy")
@@ -144,25 +145,33 @@ class Body:
             x = path(float(start[1]) if self.swings else 0.0, float(start[0]), o.t, p, longest)
             return scale * x
 
+        weights = self.noise.weights(o.t, o.spread)
+
         def white(y: Array) -> Array:
-            return self.noise.whiten(o.t, y, o.spread)
+            return whiten(*weights, y)
 
         level = white(np.ones(o.t.size))
         at = shown(start)
+        matrix, last = None, math.inf
         for _ in range(12):
             if not np.all(np.isfinite(at)):
                 return np.full(o.t.size, np.nan)
-            columns = [level]
-            for k in range(start.size):
-                moved = start.copy()
-                moved[k] += 1e-5
-                columns.append(white((shown(moved) - at) / 1e-5))
-            matrix = np.stack(columns, axis=1)
+            if matrix is None:
+                columns = [level]
+                for k in range(start.size):
+                    moved = start.copy()
+                    moved[k] += 1e-5
+                    columns.append(white((shown(moved) - at) / 1e-5))
+                matrix = np.stack(columns, axis=1)
             change = np.linalg.lstsq(matrix, white(o.y - at), rcond=None)[0]
             start = start + change[1:]
             at = shown(start)
-            if float(np.max(np.abs(change[1:]))) < NEAR:
+            moved_by = float(np.max(np.abs(change[1:])))
+            if moved_by < NEAR:
                 break
+            if moved_by > KEEPS * last:  # else the derivatives of before are good enough
+                matrix = None
+            last = moved_by
         r = white(o.y - at)
         self.starts[i] = start
         return at + float(level @ r) / float(level @ level)

@@ -19,7 +19,13 @@ from jumpvision.mechanisms.registry import acting
 from . import scalar
 
 # `_nrt` is numba's name for its reference counting, an option that its documentation does not list
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "fastmath": {"contract", "arcp"}}
+OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "_nrt": False,
+    "fastmath": {"contract", "arcp"},
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
 
 
 def kernel(f: Callable[..., Any]) -> Any:
