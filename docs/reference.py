@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import jumpvision
+from jumpvision.api import OF_IMAGES
 from jumpvision.workflow.stage import results_stages
 
 TARGET = Path(__file__).with_name("api.md")
@@ -74,11 +76,19 @@ def module(file: Path) -> str:
     return "\n\n".join([f"### {name}", ast.get_docstring(tree) or "", *entries]) if entries else ""
 
 
+def _of_images(function: Callable[..., Any]) -> str:
+    """The signature of a function of images, as the stub has it."""
+    return str(inspect.signature(function)).replace("'", "")
+
+
 def stub() -> str:
     """jumpvision/__init__.pyi: the functions that are found when first used, as editors and type checkers see them."""
     stages = results_stages()
     lines = [
         "# made by `python docs/reference.py`",
+        "from typing import Any, overload",
+        "import pandas as pd",
+        "import xarray as xr",
         "from .api import Folder, PathLike",
         *(f"from .api import {verb} as {verb}" for verb in jumpvision.VERBS + jumpvision.TYPES),
         *(f"from {s.output.__module__} import {s.output.__name__}" for s in stages),
@@ -91,6 +101,18 @@ def stub() -> str:
         *(
             f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ..."
             for s in stages
+            if s.name not in OF_IMAGES
+        ),
+        *(
+            line
+            for s in stages
+            if s.name in OF_IMAGES
+            for line in (
+                "@overload",
+                f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ...",
+                "@overload",
+                f"def {s.name}{_of_images(OF_IMAGES[s.name])}: ...",
+            )
         ),
     ]
     return "\n".join(lines) + "\n"

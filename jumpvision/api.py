@@ -6,7 +6,8 @@
     jv.track(experiment).table
 
 What is computed is kept where the command line keeps it, so neither computes what the other has; `results` names
-another folder. Warnings are Python warnings here. Bad calls and folders raise jumpvision.base.schema.InputError.
+another folder. `jv.piv` and `jv.track` take images too, need no folder then and write nothing.
+Warnings are Python warnings here. Bad calls and folders raise jumpvision.base.schema.InputError.
 """
 
 from __future__ import annotations
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
 R = TypeVar("R", bound=Record)
+P = TypeVar("P")
 
 
 def open(
@@ -72,7 +74,14 @@ def stage_function(name: str) -> Callable[..., Record]:
 
     made = stage_named(name)
 
-    def function(experiment: Folder, *, results: PathLike | None = None) -> Record:
+    of_images = OF_IMAGES.get(name)
+
+    def function(experiment: Any, *more: Any, results: PathLike | None = None, **settings: Any) -> Any:
+        if of_images and not isinstance(experiment, Experiment | Campaign | str | os.PathLike):
+            return of_images(experiment, *more, **settings)
+        if more or settings:
+            given = ", ".join([*map(repr, more), *settings])
+            raise InputError([f"{name}: {given}: a folder's settings stand in its TOML, or in open(..., set=[...])"])
         return _make(experiment, made.output, results)
 
     function.__name__ = function.__qualname__ = name
@@ -80,11 +89,108 @@ def stage_function(name: str) -> Callable[..., Record]:
     function.__annotations__["return"] = made.output
     about = [made.help, *inspect.cleandoc(made.function.__doc__ or "").split("\n\n")[1:]]
     about.append("experiment: what `open` gave, or a folder's path. results: another folder than the command line's.")
+    if of_images:
+        about.append(f"Of images, without a folder:\n\n{inspect.cleandoc(of_images.__doc__ or '')}")
     if made.params:
         about.append(f"Parameters, in [params.{name}] of the folder or open(..., set=['{name}.NAME=value']):")
         about.append("\n".join(f"    {_parameter(row)}" for row in table_of(made.params)))
     function.__doc__ = "\n\n".join(about)
     return function
+
+
+def piv_of_images(
+    a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any
+) -> xr.Dataset:
+    """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
+
+    Images (H, W) grey, of any number type; NaN pixels count as masked. frame_rate [1/s]: default one frame a second,
+    so that speeds are px per frame. scale [m/px]: speeds are in m/s and places in m with it, in px without.
+    mask (H, W): True where usable. parameters: those of [params.piv], such as window=32, step=8.
+
+    Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
+    correlation, reason (0: measured as it stands); x right and y up from the first pixel. Raises InputError for a
+    parameter, ValueError for frames that differ in shape.
+    """
+    import numpy as np
+    import xarray as xr
+
+    from jumpvision.inputs.parameters import PivParams
+    from jumpvision.inputs.sections import GrainVideo
+    from jumpvision.stages.grains import piv as stage
+    from jumpvision.vision.piv.engine import best_prefilter, piv_film
+
+    p = _parameters(PivParams, "piv", parameters)
+    frames = [np.asarray(f) for f in (a if b is None else (a, b))]
+    if len(frames) <= p.gap or any(f.ndim != 2 for f in frames):
+        shapes = ", ".join(str(f.shape) for f in frames[:3])
+        raise ValueError(f"piv: {len(frames)} frame(s) {shapes}: give two grey images (H, W), or more in one stack")
+    use = None if mask is None else np.asarray(mask, bool)
+    film = GrainVideo("images", scale=scale)
+    how = stage.matching(p)
+    masks = None if use is None else (lambda k: use)
+    prefilter = best_prefilter(frames[0], frames[p.gap], mask=masks, gap=p.gap, **how)
+    time = np.arange(len(frames)) / frame_rate
+    head = stage.header(time, frames[0].shape, film, prefilter, p)
+    ways: dict[str, Any] = {"gap": p.gap, "baseline": p.baseline, "ensemble": p.ensemble, "prefilter": prefilter, **how}
+    fields = [stage.as_dataset(f, film, p.gap / frame_rate) for f in piv_film(frames, mask=masks, **ways)]
+    whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
+    return whole if len(frames) > 2 else whole.isel(t=0)
+
+
+def track_of_images(
+    frames: Any, *, frame_rate: float = 1.0, scale: float | None = None, window: int = 7, **parameters: Any
+) -> pd.DataFrame:
+    """A ball in every one of the frames (n, H, W), an array or a sequence of grey images: a row a frame.
+
+    frame_rate [1/s]: default one frame a second. scale [m/px]. window: frames of the parabola from which speed and
+    acceleration are taken; fewer where the acceleration changes within them. parameters: those of [params.track],
+    such as diameter=12 [px], polarity="dark", seed=(column, row).
+
+    Columns: frame, time_s, x_px right, y_px down, sigma_px (of either), flag ("" or why the ball is lost, all else NaN
+    then); vx, vy, v_sigma, ax, ay, a_sigma with the unit in their names: px, y down, or with a scale m, y up, and x_m,
+    y_m, sigma_m. Raises InputError for a parameter.
+    """
+    import numpy as np
+    import pandas as pd
+
+    from jumpvision.estimate.height import parabolas
+    from jumpvision.inputs.parameters import TrackParams
+    from jumpvision.vision.ball.film import track_film
+    from jumpvision.vision.ball.track import BallSettings
+
+    p = _parameters(TrackParams, "track", parameters)
+    images = [np.asarray(f) for f in frames]
+    if not images or any(f.ndim != 2 for f in images):
+        raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")
+    settings = BallSettings(p.diameter, p.polarity, p.method, p.search, tuple(p.seed) or None, False, 0.0)  # type: ignore[arg-type]
+    found = track_film(images, settings, scene=p.background == "static")[0]
+    n, lost = len(images), found.flag != ""
+    x, y, sigma = (np.where(lost, np.nan, c) for c in (found.x, found.y, found.sigma))
+    time = np.arange(n) / frame_rate
+    out = pd.DataFrame({"frame": range(n), "time_s": time, "x_px": x, "y_px": y, "sigma_px": sigma})
+    unit = "px" if scale is None else "m"
+    if scale is not None:
+        x, y, sigma = x * scale, -y * scale, sigma * scale
+        out = out.assign(x_m=x, y_m=y, sigma_m=sigma)
+    (vx, ax), (vy, ay), (dv, da) = parabolas(time, np.stack([x, y]), sigma, window)
+    out[[f"vx_{unit}_s", f"vy_{unit}_s", f"v_sigma_{unit}_s"]] = np.stack([vx, vy, dv], axis=1)
+    out[[f"ax_{unit}_s2", f"ay_{unit}_s2", f"a_sigma_{unit}_s2"]] = np.stack([ax, ay, da], axis=1)
+    return out.assign(flag=found.flag)
+
+
+OF_IMAGES: dict[str, Callable[..., Any]] = {"piv": piv_of_images, "track": track_of_images}
+
+
+def _parameters(cls: type[P], name: str, given: Mapping[str, Any]) -> P:
+    """Parameters of a stage from keywords. Raises InputError naming each that is wrong."""
+    from jumpvision.base.schema import read
+
+    table = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
+    made, problems = read(cls, table, f"jv.{name}")
+    if problems:
+        raise InputError(problems)
+    found: P = made
+    return found
 
 
 def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pictures: bool = True) -> pd.DataFrame:

@@ -16,6 +16,7 @@ import importlib.util
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -229,14 +230,18 @@ class Candidate(NamedTuple):
 def chosen(s: Seen, candidates: Sequence[Candidate], began: float) -> Peer | None:
     """The candidate that fits a quarter of the campaign best, through the simulation, then fitted to all of it."""
     few = replace(s, shots=s.shots[::4], tracks=s.tracks[::4])
-    tried = [(through_simulation(few, {}, c.body, c.tables, c.start)[0], c) for c in candidates]
-    if not tried:
-        return None
-    first, best = min(tried, key=lambda x: x[0].chi2)
-    start = [first.values[f"c{i}"] for i in range(len(best.tables))]
-    result, law = through_simulation(s, first.values, best.body, best.tables, start)
-    words = " + ".join(f"{result.values[f'c{i}']:.4g} * {w}" for i, w in enumerate(best.words))
-    return Peer(words, ACTS_ON[best.body], result.values, law, result.chi2, time.perf_counter() - began)
+    tried = []
+    for c in candidates:
+        with suppress(np.linalg.LinAlgError):  # a law beside which the robot cannot be followed
+            tried.append((through_simulation(few, {}, c.body, c.tables, c.start)[0], c))
+    for first, best in sorted(tried, key=lambda x: x[0].chi2):
+        start = [first.values[f"c{i}"] for i in range(len(best.tables))]
+        with suppress(np.linalg.LinAlgError):
+            result, law = through_simulation(s, first.values, best.body, best.tables, start)
+            words = " + ".join(f"{result.values[f'c{i}']:.4g} * {w}" for i, w in enumerate(best.words))
+            seconds = time.perf_counter() - began
+            return Peer(words, ACTS_ON[best.body], result.values, law, result.chi2, seconds)
+    return None
 
 
 def sindy(s: Seen, base: Fit, data: Mapping[int, list[Window]]) -> Peer | None:

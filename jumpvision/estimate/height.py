@@ -200,3 +200,28 @@ def shift_sigma(sigma: Array, time: Array, exposure: float) -> Array:
     """Standard uncertainty of height - exposure_shift from that of the heights, (n,), independent between frames."""
     part = (exposure / float(np.median(np.diff(time)))) ** 2 / 24.0  # of the second difference
     return np.asarray(sigma * np.sqrt((1.0 + 2.0 * part) ** 2 + 2.0 * part**2))
+
+
+def parabolas(t: Array, values: Array, sigma: Array, window: int) -> list[tuple[Array, Array]]:
+    """(rate, second derivative) of each of the values (k, n), then their sigma: by a parabola about every sample.
+
+    t: (n,) [s]; sigma: (n,) of every value. window: samples of a parabola, weighted by their sigma, NaN left out; at
+    the ends the nearest ones. NaN where fewer than three are good. The sigma is that of independent errors; what the
+    third derivative adds within the window is not in it.
+    """
+    n, half = t.size, window // 2
+    good = np.isfinite(values).all(axis=0) & np.isfinite(sigma)
+    rates, bends = (np.full((len(values) + 1, n), np.nan) for _ in range(2))
+    for i in range(n):
+        first = min(max(i - half, 0), max(n - window, 0))
+        use = np.flatnonzero(good[first : first + window]) + first
+        if use.size < 3:
+            continue
+        s = t[use] - t[i]
+        size = np.array([1.0, *(float(np.max(np.abs(s))) ** k for k in (1, 2))])  # columns of one size
+        design = np.stack([np.ones_like(s), s, s * s], axis=1) / size / sigma[use, None]
+        covariance = np.linalg.inv(design.T @ design)
+        found = covariance @ design.T @ (values[:, use] / sigma[use]).T
+        rates[:-1, i], bends[:-1, i] = found[1] / size[1], 2.0 * found[2] / size[2]
+        rates[-1, i], bends[-1, i] = np.sqrt(np.diag(covariance)[1:]) / size[1:] * (1.0, 2.0)
+    return list(zip(rates, bends))
