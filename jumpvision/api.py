@@ -131,8 +131,10 @@ def piv_of_images(
     prefilter = best_prefilter(frames[0], frames[p.gap], mask=masks, gap=p.gap, **how)
     time = np.arange(len(frames)) / frame_rate
     head = stage.header(time, frames[0].shape, film, prefilter, p)
-    ways: dict[str, Any] = {"gap": p.gap, "baseline": p.baseline, "ensemble": p.ensemble, "prefilter": prefilter, **how}
-    fields = [stage.as_dataset(f, film, p.gap / frame_rate) for f in piv_film(frames, mask=masks, **ways)]
+    found = piv_film(
+        frames, mask=masks, gap=p.gap, baseline=p.baseline, ensemble=p.ensemble, prefilter=prefilter, **how
+    )
+    fields = [stage.as_dataset(f, film, p.gap / frame_rate) for f in found]
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
     return whole if len(frames) > 2 else whole.isel(t=0)
 
