@@ -119,7 +119,7 @@ def piv_of_images(
     from jumpvision.stages.grains import piv as stage
     from jumpvision.vision.piv.engine import best_prefilter, piv_film
 
-    p = _parameters(PivParams, "piv", parameters)
+    p = _parameters(PivParams, "piv", parameters, frame_rate, scale, folder=("foot_rows",))
     frames = [np.asarray(f) for f in (a if b is None else (a, b))]
     if len(frames) <= p.gap or any(f.ndim != 2 for f in frames):
         shapes = ", ".join(str(f.shape) for f in frames[:3])
@@ -152,43 +152,36 @@ def track_of_images(
     then); vx, vy, v_sigma, ax, ay, a_sigma with the unit in their names: px, y down, or with a scale m, y up, and x_m,
     y_m, sigma_m. Raises InputError for a parameter.
     """
-    import numpy as np
-    import pandas as pd
-
-    from jumpvision.estimate.height import parabolas
     from jumpvision.inputs.parameters import TrackParams
-    from jumpvision.vision.ball.film import track_film
-    from jumpvision.vision.ball.track import BallSettings
+    from jumpvision.stages.track import of_images
 
-    p = _parameters(TrackParams, "track", parameters)
-    images = [np.asarray(f) for f in frames]
-    if not images or any(f.ndim != 2 for f in images):
-        raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")
-    settings = BallSettings(p.diameter, p.polarity, p.method, p.search, tuple(p.seed) or None, False, 0.0)  # type: ignore[arg-type]
-    found = track_film(images, settings, scene=p.background == "static")[0]
-    n, lost = len(images), found.flag != ""
-    x, y, sigma = (np.where(lost, np.nan, c) for c in (found.x, found.y, found.sigma))
-    time = np.arange(n) / frame_rate
-    out = pd.DataFrame({"frame": range(n), "time_s": time, "x_px": x, "y_px": y, "sigma_px": sigma})
-    unit = "px" if scale is None else "m"
-    if scale is not None:
-        x, y, sigma = x * scale, -y * scale, sigma * scale
-        out = out.assign(x_m=x, y_m=y, sigma_m=sigma)
-    (vx, ax), (vy, ay), (dv, da) = parabolas(time, np.stack([x, y]), sigma, window)
-    out[[f"vx_{unit}_s", f"vy_{unit}_s", f"v_sigma_{unit}_s"]] = np.stack([vx, vy, dv], axis=1)
-    out[[f"ax_{unit}_s2", f"ay_{unit}_s2", f"a_sigma_{unit}_s2"]] = np.stack([ax, ay, da], axis=1)
-    return out.assign(flag=found.flag)
+    p = _parameters(TrackParams, "track", parameters, frame_rate, scale, folder=("markers", "exposure_correction"))
+    if window < 3:
+        raise InputError([f"jv.track window = {window}: must be >= 3 frames"])
+    return of_images(list(frames), frame_rate, scale, window, p)
 
 
 OF_IMAGES: dict[str, Callable[..., Any]] = {"piv": piv_of_images, "track": track_of_images}
 
 
-def _parameters(cls: type[P], name: str, given: Mapping[str, Any]) -> P:
-    """Parameters of a stage from keywords. Raises InputError naming each that is wrong."""
+def _parameters(
+    cls: type[P],
+    name: str,
+    given: Mapping[str, Any],
+    frame_rate: float,
+    scale: float | None,
+    *,
+    folder: tuple[str, ...],
+) -> P:
+    """Parameters of a stage from keywords; `folder`: those that only a folder's stage heeds. Raises InputError."""
     from jumpvision.base.schema import read
 
     table = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
     made, problems = read(cls, table, f"jv.{name}")
+    problems += [f"jv.{name} {n}: not for images; it needs a folder (docs/notebook.md)" for n in folder if n in given]
+    for key, value in (("frame_rate", frame_rate), ("scale", scale)):
+        if value is not None and not 0.0 < value < float("inf"):
+            problems.append(f"jv.{name} {key} = {value!r}: must be a finite number > 0")
     if problems:
         raise InputError(problems)
     found: P = made

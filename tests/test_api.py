@@ -194,5 +194,12 @@ def test_wrong_images_and_parameters_are_named(samples):
         jv.piv(np.zeros((64, 64)))
     with pytest.raises(ValueError, match="give grey images"):
         jv.track(np.zeros((2, 8, 8, 3)))
+    for call, why in (
+        (lambda: jv.track(np.zeros((2, 8, 8)), markers=[[1, 2]]), "markers: not for images"),
+        (lambda: jv.track(np.zeros((2, 8, 8)), window=1), "window = 1: must be >= 3"),
+        (lambda: jv.piv(np.zeros((64, 64)), np.zeros((64, 64)), scale=0.0), "scale = 0.0: must be a finite"),
+    ):
+        with pytest.raises(InputError, match=why):
+            call()
     with pytest.raises(InputError, match="in its TOML"):
         jv.track(samples / "hard_ground", polarity="dark")

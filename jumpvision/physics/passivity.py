@@ -36,7 +36,7 @@ def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range], *, alone
     motor, or a resistance that is weaker than the model's. model: with the law among its terms. The foot meets the
     ground only on its way down: the ground's whole force must not pull. Rail and spring: at each position no force on
     the way up may exceed the least on the way down, else a loop between the two gains. A law with an internal state is
-    driven through sinusoidal loops until it has settled.
+    driven through sinusoidal loops until it has settled. Such a law, and a mass, is judged alike with `alone` and not.
     None for an instrument, which has no energy.
     """
     if law.acts_on in (Body.HEIGHT, Body.TIME):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jumpvision.estimate.height import at_rest, exposure_shift, shift_sigma
+from jumpvision.estimate.height import at_rest, exposure_shift, parabolas, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
 from jumpvision.inputs.parameters import TrackParams
@@ -197,3 +197,26 @@ class BallFilm:
     def exposure(self, frames: Film) -> float:
         """Exposure time [s], 0 where nobody knows it."""
         return self.film.exposure or float(frames.meta.get("exposure_s") or 0.0)
+
+
+def of_images(
+    frames: Sequence[NDArray[np.generic]], frame_rate: float, scale: float | None, window: int, p: TrackParams
+) -> pd.DataFrame:
+    """`jv.track` of images that belong to no folder, with its columns."""
+    images = [np.asarray(f) for f in frames]
+    if not images or any(f.ndim != 2 for f in images):
+        raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")
+    settings = BallSettings(p.diameter, p.polarity, p.method, p.search, tuple(p.seed) or None, False, 0.0)  # type: ignore[arg-type]
+    found = track_film(images, settings, scene=p.background == "static")[0]
+    n, lost = len(images), found.flag != ""
+    x, y, sigma = (np.where(lost, np.nan, c) for c in (found.x, found.y, found.sigma))
+    time = np.arange(n) / frame_rate
+    out = pd.DataFrame({"frame": range(n), "time_s": time, "x_px": x, "y_px": y, "sigma_px": sigma})
+    unit = "px" if scale is None else "m"
+    if scale is not None:
+        x, y, sigma = x * scale, -y * scale, sigma * scale
+        out = out.assign(x_m=x, y_m=y, sigma_m=sigma)
+    (vx, ax), (vy, ay), (dv, da) = parabolas(time, np.stack([x, y]), sigma, window)
+    out[[f"vx_{unit}_s", f"vy_{unit}_s", f"v_sigma_{unit}_s"]] = np.stack([vx, vy, dv], axis=1)
+    out[[f"ax_{unit}_s2", f"ay_{unit}_s2", f"a_sigma_{unit}_s2"]] = np.stack([ax, ay, da], axis=1)
+    return out.assign(flag=found.flag)
