@@ -159,6 +159,25 @@ def against_scipy(model: Model, count: int, repeats: int, seed: int) -> str:
     )
 
 
+MORE = {"motor_lag": {"tau": 0.002}, "coulomb_friction": {"F_c": 0.2}, "viscous_friction": {"c_v": 0.2}}
+
+
+def one_more(model: Model, count: int, repeats: int, seed: int) -> str:
+    """Rows: cost of a jump in a batch with one term more of the rail or the motor, over that without."""
+    rng = np.random.default_rng(seed)
+    rows = np.stack([sinusoid(rng.uniform(5, 10), A, rng.choice([0.5, 1.5]) * math.pi).rows for _ in range(count)])
+    numba.set_num_threads(1)
+    plain = cost(lambda: jump_batch(model, rows, tail=0.8), repeats)
+    out = []
+    for term, values in MORE.items():
+        more = dataclasses.replace(
+            model, terms=(*model.terms, term), parameters=dataclasses.replace(model.parameters, **values)
+        )
+        out.append(f"| {term} | {cost(lambda more=more: jump_batch(more, rows, tail=0.8), repeats) / plain:.2f} |")
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS)
+    return "\n".join(out)
+
+
 def random_values(rng: np.random.Generator, n: int) -> dict[str, NDArray]:
     """Random robots and beds, heavy feet, strong drag and soft ground among them."""
     ranges = {
@@ -233,6 +252,8 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for name, model in MODELS.items():
         print(f"| {name} {against_scipy(model, args.laws, args.repeats, args.seed)}", flush=True)
+    print("\nA jump of the cone with one term more, over one without, in a batch.\n\n| term | ratio |\n|---|---|")
+    print(one_more(CONE, 2000, args.repeats, args.seed), flush=True)
     rng = np.random.default_rng(args.seed)
     rows = sine_rows(rng.uniform(5, 10, args.jumps), A, 1.5 * math.pi, 1.0)
     print(f"\nA batch of {args.jumps} single jumps (cone, k1 varied), 0.6 s after the motor, wall time.\n")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import jumpvision
-from jumpvision.api import OF_IMAGES
+from jumpvision.api import without_folder
 from jumpvision.workflow.stage import results_stages
 
 TARGET = Path(__file__).with_name("api.md")
@@ -76,8 +76,8 @@ def module(file: Path) -> str:
     return "\n\n".join([f"### {name}", ast.get_docstring(tree) or "", *entries]) if entries else ""
 
 
-def _of_images(function: Callable[..., Any]) -> str:
-    """The signature of a function of images, as the stub has it."""
+def _of_arrays(function: Callable[..., Any]) -> str:
+    """The signature of a function of arrays, as the stub has it."""
     return str(inspect.signature(function)).replace("'", "")
 
 
@@ -101,17 +101,17 @@ def stub() -> str:
         *(
             f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ..."
             for s in stages
-            if s.name not in OF_IMAGES
+            if not without_folder(s.name)
         ),
         *(
             line
             for s in stages
-            if s.name in OF_IMAGES
+            if (of := without_folder(s.name))
             for line in (
                 "@overload",
                 f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ...",
                 "@overload",
-                f"def {s.name}{_of_images(OF_IMAGES[s.name])}: ...",
+                f"def {s.name}{_of_arrays(of)}: ...",
             )
         ),
     ]

@@ -6,7 +6,8 @@
     jv.track(experiment).table
 
 What is computed is kept where the command line keeps it, so neither computes what the other has; `results` names
-another folder. `jv.piv` and `jv.track` take images too, need no folder then and write nothing.
+another folder. `jv.piv`, `jv.track`, `jv.bed`, `jv.crater` and `jv.intrusion` take arrays too, as `jv.ringdown` does:
+they need no folder then and write nothing.
 Warnings are Python warnings here. Bad calls and folders raise jumpvision.base.schema.InputError.
 """
 
@@ -49,7 +50,6 @@ if TYPE_CHECKING:
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
 R = TypeVar("R", bound=Record)
-P = TypeVar("P")
 
 
 def open(
@@ -74,11 +74,11 @@ def stage_function(name: str) -> Callable[..., Record]:
 
     made = stage_named(name)
 
-    of_images = OF_IMAGES.get(name)
+    of_arrays = without_folder(name)
 
     def function(experiment: Any, *more: Any, results: PathLike | None = None, **settings: Any) -> Any:
-        if of_images and not isinstance(experiment, Experiment | Campaign | str | os.PathLike):
-            return of_images(experiment, *more, **settings)
+        if of_arrays and not isinstance(experiment, Experiment | Campaign | str | os.PathLike):
+            return of_arrays(experiment, *more, **settings)
         if more or settings:
             given = ", ".join([*map(repr, more), *settings])
             raise InputError([f"{name}: {given}: a folder's settings stand in its TOML, or in open(..., set=[...])"])
@@ -89,8 +89,8 @@ def stage_function(name: str) -> Callable[..., Record]:
     function.__annotations__["return"] = made.output
     about = [made.help, *inspect.cleandoc(made.function.__doc__ or "").split("\n\n")[1:]]
     about.append("experiment: what `open` gave, or a folder's path. results: another folder than the command line's.")
-    if of_images:
-        about.append(f"Of images, without a folder:\n\n{inspect.cleandoc(of_images.__doc__ or '')}")
+    if of_arrays:
+        about.append(f"Of arrays, without a folder:\n\n{inspect.cleandoc(of_arrays.__doc__ or '')}")
     if made.params:
         about.append(f"Parameters, in [params.{name}] of the folder or open(..., set=['{name}.NAME=value']):")
         about.append("\n".join(f"    {_parameter(row)}" for row in table_of(made.params)))
@@ -98,94 +98,29 @@ def stage_function(name: str) -> Callable[..., Record]:
     return function
 
 
-def piv_of_images(
-    a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any
-) -> xr.Dataset:
-    """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
+def without_folder(name: str) -> Callable[..., Any] | None:
+    """A stage's function of arrays: `of_arrays` of its module; None where it has none."""
+    from jumpvision.workflow.stage import stage_named
 
-    Images (H, W) grey, of any number type; NaN pixels count as masked. frame_rate [1/s]: default one frame a second,
-    so that speeds are px per frame. scale [m/px]: speeds are in m/s and places in m with it, in px without.
-    mask (H, W): True where usable. parameters: those of [params.piv], such as window=32, step=8.
-
-    Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
-    correlation, reason (0: measured as it stands); x right and y up from the first pixel. Raises InputError for a
-    parameter, ValueError for frames that differ in shape.
-    """
-    import numpy as np
-    import xarray as xr
-
-    from jumpvision.inputs.parameters import PivParams
-    from jumpvision.inputs.sections import GrainVideo
-    from jumpvision.stages.grains import piv as stage
-    from jumpvision.vision.piv.engine import best_prefilter, piv_film
-
-    p = _parameters(PivParams, "piv", parameters, frame_rate, scale, folder=("foot_rows",))
-    frames = [np.asarray(f) for f in (a if b is None else (a, b))]
-    if len(frames) <= p.gap or any(f.ndim != 2 for f in frames):
-        shapes = ", ".join(str(f.shape) for f in frames[:3])
-        raise ValueError(f"piv: {len(frames)} frame(s) {shapes}: give two grey images (H, W), or more in one stack")
-    use = None if mask is None else np.asarray(mask, bool)
-    film = GrainVideo("images", scale=scale)
-    how = stage.matching(p)
-    masks = None if use is None else (lambda k: use)
-    prefilter = best_prefilter(frames[0], frames[p.gap], mask=masks, gap=p.gap, **how)
-    time = np.arange(len(frames)) / frame_rate
-    head = stage.header(time, frames[0].shape, film, prefilter, p)
-    found = piv_film(
-        frames, mask=masks, gap=p.gap, baseline=p.baseline, ensemble=p.ensemble, prefilter=prefilter, **how
-    )
-    fields = [stage.as_dataset(f, film, p.gap / frame_rate) for f in found]
-    whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
-    return whole if len(frames) > 2 else whole.isel(t=0)
-
-
-def track_of_images(
-    frames: Any, *, frame_rate: float = 1.0, scale: float | None = None, window: int = 7, **parameters: Any
-) -> pd.DataFrame:
-    """A ball in every one of the frames (n, H, W), an array or a sequence of grey images: a row a frame.
-
-    frame_rate [1/s]: default one frame a second. scale [m/px]. window: frames of the parabola from which speed and
-    acceleration are taken; fewer where the acceleration changes within them. parameters: those of [params.track],
-    such as diameter=12 [px], polarity="dark", seed=(column, row).
-
-    Columns: frame, time_s, x_px right, y_px down, sigma_px (of either), flag ("" or why the ball is lost, all else NaN
-    then); vx, vy, v_sigma, ax, ay, a_sigma with the unit in their names: px, y down, or with a scale m, y up, and x_m,
-    y_m, sigma_m. Raises InputError for a parameter.
-    """
-    from jumpvision.inputs.parameters import TrackParams
-    from jumpvision.stages.track import of_images
-
-    p = _parameters(TrackParams, "track", parameters, frame_rate, scale, folder=("markers", "exposure_correction"))
-    if window < 3:
-        raise InputError([f"jv.track window = {window}: must be >= 3 frames"])
-    return of_images(list(frames), frame_rate, scale, window, p)
-
-
-OF_IMAGES: dict[str, Callable[..., Any]] = {"piv": piv_of_images, "track": track_of_images}
-
-
-def _parameters(
-    cls: type[P],
-    name: str,
-    given: Mapping[str, Any],
-    frame_rate: float,
-    scale: float | None,
-    *,
-    folder: tuple[str, ...],
-) -> P:
-    """Parameters of a stage from keywords; `folder`: those that only a folder's stage heeds. Raises InputError."""
-    from jumpvision.base.schema import read
-
-    table = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
-    made, problems = read(cls, table, f"jv.{name}")
-    problems += [f"jv.{name} {n}: not for images; it needs a folder (docs/notebook.md)" for n in folder if n in given]
-    for key, value in (("frame_rate", frame_rate), ("scale", scale)):
-        if value is not None and not 0.0 < value < float("inf"):
-            problems.append(f"jv.{name} {key} = {value!r}: must be a finite number > 0")
-    if problems:
-        raise InputError(problems)
-    found: P = made
+    found: Callable[..., Any] | None = getattr(importlib.import_module(stage_named(name).function.__module__), OF, None)
     return found
+
+
+OF = "of_arrays"
+
+
+def ringdown(time_s: Any, x: Any, sigma: Any = None) -> pd.DataFrame:
+    """What a free oscillation x (n,), in any unit, at time_s (n,) [s] tells: a row a fit, as in fits.json.
+
+    sigma: standard uncertainty of x, (n,) or one number; default: what a smooth curve leaves of neighbouring samples.
+    Rows: zeta, frequency_hz, omega0, ring_amplitude, ring_offset (unit of x), and the share of the energy lost to
+    viscous damping, quadratic drag and dry friction, with the chance of each alone. NaN samples are left out; a fit
+    that the data do not allow has its `reason`. Raises ValueError for arrays of different lengths.
+    """
+    from jumpvision.results.values import Fits
+    from jumpvision.stages.fit import ringdown_of_arrays
+
+    return Fits(ringdown_of_arrays(time_s, x, sigma)).table
 
 
 def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pictures: bool = True) -> pd.DataFrame:

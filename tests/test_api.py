@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, SAMPLES
+from scipy.special import ndtr
 
 import jumpvision as jv
 from jumpvision import api
@@ -187,6 +188,63 @@ def test_a_pair_is_matched_as_arrays(tmp_path, monkeypatch):
     assert float(film.u[1].median()) == pytest.approx(-0.137, abs=1e-3)
 
 
+def test_the_height_of_a_bed_in_a_picture():
+    """A dark bed under light, its edge 1.2 px wide at row 80 + 0.02 column, grains of 0.3 px; floor at row 200."""
+    rng, column = np.random.default_rng(2), np.arange(400)
+    edge = 80.0 + 0.02 * (column - 199.5) + 0.3 * rng.standard_normal(400)
+    light = ndtr((edge[None, :] - np.arange(220)[:, None]) / 1.2)
+    picture = np.clip(20 + 180 * light + 2 * rng.standard_normal(light.shape), 0, 255).astype(np.uint8)
+    found = jv.bed(picture, floor_row=200.0).iloc[0]
+    assert found.height_px == pytest.approx(120.0, abs=4 * found.sigma_px) and found.sigma_px < 0.1
+    assert found.tilt_rad == pytest.approx(-0.02, abs=1e-3)
+    both = jv.bed(np.stack([picture, picture]), floor_row=200.0, scale=1e-4)
+    assert list(both.height_m) == pytest.approx([found.height_px * 1e-4] * 2)
+
+
+def test_the_volume_of_a_crater_by_map_and_by_line():
+    """A dip of -4 mm exp(-r^2 / 2 w^2), w = 8 mm: -2 pi 4 mm w^2; what lies beyond 4 w is 3e-4 of it."""
+    scale, w, deep = 5e-4, 0.008, 0.004
+    x = (np.arange(161) - 80) * scale
+    dip = lambda r2: -deep * np.exp(-r2 / (2 * w * w))  # noqa: E731
+    rng, true = np.random.default_rng(3), -2 * np.pi * deep * w * w
+    z = dip(x[None, :] ** 2 + x[:, None] ** 2) + 2e-5 * rng.standard_normal((161, 161))
+    by_map = jv.crater(z, scale=scale, axis=(80, 80), radius=0.034)
+    assert by_map.volume_m3 == pytest.approx(true, abs=4 * by_map.sigma_m3 + 1e-3 * abs(true))
+    angle = 0.6
+    row = 60.0 - dip(x**2) * np.sin(angle) / scale
+    line = 20 + 180 * np.exp(-0.5 * ((np.arange(120)[:, None] - row[None, :]) / 1.5) ** 2)
+    picture = np.clip(line + 2 * rng.standard_normal(line.shape), 0, 250).astype(np.uint8)
+    by_line = jv.crater(picture, scale=scale, laser_angle=angle, axis=80, radius=0.034)
+    assert by_line.volume_m3 == pytest.approx(true, abs=4 * by_line.sigma_m3 + 1e-3 * abs(true))
+    assert by_line.sigma_m3 < 0.05 * abs(true) and by_line.depth_m == pytest.approx(deep, rel=0.05)
+
+
+def test_the_resistances_of_a_slow_intrusion():
+    """Two slopes of 2,000 and 1,400 N/m that meet 12 mm down, from contact at 5 mm; 0.05 N of noise."""
+    depth = np.linspace(0.0, 0.05, 4000)
+    below = np.maximum(depth - 0.005, 0.0)
+    force = np.where(below < 0.012, 2000 * below, 2000 * 0.012 + 1400 * (below - 0.012))
+    force = force + 0.05 * np.random.default_rng(4).standard_normal(depth.size)
+    table = jv.intrusion(depth, force)
+    for name, true in {"k1": 2000.0, "k2": 1400.0, "delta": 0.012, "contact_depth_m": 0.005}.items():
+        assert table.value[name] == pytest.approx(true, abs=4 * table.sigma[name]), name
+    assert table.sigma["k1"] < 50
+
+
+def test_the_damping_of_a_ring_down():
+    """2 mm exp(-zeta w0 t) cos(w_d t), zeta 0.02, 9 Hz; the noise, 0.01 mm, is found from the record."""
+    t, w = np.arange(0.0, 2.0, 1e-3), 2 * np.pi * 9.0
+    zeta = 0.02
+    w0 = w / np.sqrt(1 - zeta**2)
+    y = 2e-3 * np.exp(-zeta * w0 * t) * np.cos(w * t) + 1e-5 * np.random.default_rng(6).standard_normal(t.size)
+    table = jv.ringdown(t, y)
+    for name, true in {"zeta": zeta, "frequency_hz": 9.0, "omega0": w0, "ring_amplitude": 2e-3}.items():
+        assert table.value[name] == pytest.approx(true, abs=4 * table.sigma[name]), name
+    assert table.value["decay_viscous_share"] > 0.9
+    with pytest.raises(ValueError, match=r"sigma: must be > 0"):
+        jv.ringdown(t, y, sigma=0.0)
+
+
 def test_wrong_images_and_parameters_are_named(samples):
     with pytest.raises(InputError, match=r"jv.piv windw = 32: unknown key; did you mean 'window'"):
         jv.piv(np.zeros((64, 64)), np.zeros((64, 64)), windw=32)
@@ -195,8 +253,11 @@ def test_wrong_images_and_parameters_are_named(samples):
     with pytest.raises(ValueError, match="give grey images"):
         jv.track(np.zeros((2, 8, 8, 3)))
     for call, why in (
-        (lambda: jv.track(np.zeros((2, 8, 8)), markers=[[1, 2]]), "markers: not for images"),
+        (lambda: jv.track(np.zeros((2, 8, 8)), markers=[[1, 2]]), "markers: not for arrays"),
         (lambda: jv.track(np.zeros((2, 8, 8)), window=1), "window = 1: must be >= 3"),
+        (lambda: jv.bed(np.zeros((9, 9)), floor_row=5, reference_height=0.1), "reference_height: not for arrays"),
+        (lambda: jv.crater(np.zeros((30, 30)), scale=-1.0), "scale = -1.0: must be a finite"),
+        (lambda: jv.intrusion(np.zeros(50), np.zeros(50), mu=2.0), "mu: not for arrays"),
         (lambda: jv.piv(np.zeros((64, 64)), np.zeros((64, 64)), scale=0.0), "scale = 0.0: must be a finite"),
     ):
         with pytest.raises(InputError, match=why):

@@ -14,7 +14,7 @@ from scipy.optimize import minimize
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Problem, log_volume
-from jumpvision.diagnosis.naming import held_out_score
+from jumpvision.diagnosis.naming import held_out_score, least_doubt
 from jumpvision.diagnosis.noise.noise import (
     Noise,
     Stretch,
@@ -29,6 +29,7 @@ from jumpvision.diagnosis.noise.noise import (
 from jumpvision.diagnosis.noise.whitening import Whitening
 from jumpvision.diagnosis.proposing import apex, expected_log10_odds, ratio_interval
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+from jumpvision.results.diagnosis import strength
 
 FRAME = 0.005
 
@@ -364,6 +365,18 @@ def test_a_cause_beside_misfit_of_no_vocabulary_is_named_in_part_with_wider_inte
     assert 0 < found.left < 0.02 and found.widened > 2 and alone.widened == 1.0
     assert found.best.fit.sigma("w") > 2 * alone.best.fit.sigma("w")
     assert abs(found.best.fit.named["w"] - 0.01) < 2 * found.best.fit.sigma("w")
+    assert found.probability("wave") > 0.99  # established; what else is fitted to the bumps is not likely for it
+    assert max(found.probability(m) for m in found.probabilities if m != "wave") < 0.2
+
+
+def test_a_factor_near_one_is_told_by_what_it_differs():
+    assert [strength(x) for x in (1.00041, 0.98, 6.734e-5, 2.5)] == ["1 + 0.00041", "1 - 0.02", "6.73e-05", "2.5"]
+
+
+def test_the_least_doubt_of_a_p_value():
+    """Sellke, Bayarri and Berger (2001), table 1: 0.05 leaves 0.289, 0.01 leaves 0.111, 0.001 leaves 0.0184."""
+    assert [least_doubt(p) for p in (0.05, 0.01, 0.001)] == pytest.approx([0.289, 0.111, 0.0184], abs=6e-4)
+    assert least_doubt(0.5) == 0.5 and least_doubt(0.0) == 0.0
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from benchmarks import diagnosis_real as real
+from benchmarks.ball_drops import Ball, questioned, together
 from jumpvision.diagnosis.diagnose import diagnose
 from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.diagnosis.study.particle import LAW, path
@@ -120,6 +121,27 @@ def test_a_wrong_scale_and_a_drag_are_declared_twins_only_where_the_falls_cannot
     assert found.naming is not None and found.naming.named == ("camera_scale",)
     beside = {m for twins in found.naming.twins for m in twins} - {"camera_scale"}
     assert beside & {"viscous_drag", "quadratic_drag"} if not told_apart else not beside
+
+
+def test_balls_of_one_drag_coefficient_are_one_model():
+    """Four drawn balls, two drops each, c_D = 0.47 by scipy, white noise of 5 cm, heights in a scale known to 2 %."""
+    rng, t = np.random.default_rng(5), np.arange(0.0, 2.9, 1 / 15)
+    each = {
+        "tennis": Ball(0.057, 0.033, False), "golf": Ball(0.046, 0.021, False), "bowling": Ball(2.3, 0.107, False),
+        "holes": Ball(0.03, 0.036, True),
+    }  # fmt: skip
+    tracks = {}
+    for name, b in each.items():
+        drag = 0.47 * 0.5 * 1.2 * np.pi * b.radius**2 / b.mass
+        fall = lambda _, s, drag=drag: [s[1], -9.81 - drag * abs(s[1]) * s[1]]  # noqa: E731
+        true = solve_ivp(fall, (0, 3), [47.0, -0.2], t_eval=t, rtol=1e-9).y[0]
+        tracks[name] = [(t, true + rng.normal(0.0, 0.05, t.size)) for _ in range(2)]
+    system = together(tracks, each, Noise(0.05, 0.0, 1 / 15))
+    found = questioned(system, 0.0).naming
+    assert found is not None and found.named == ("drag",) and found.status == "complete"
+    fit = found.best.fit
+    assert fit.named["c_D"] == pytest.approx(0.47, abs=4 * fit.sigma("c_D"))
+    assert fit.named["scale"] == pytest.approx(1.0, abs=4 * fit.sigma("scale"))
 
 
 @pytest.mark.long

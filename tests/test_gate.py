@@ -341,7 +341,7 @@ def asking(tmp_path, monkeypatch):
 
     def answer(asked, path, workers, draw, say):
         found.append(draw)
-        return diagnose.Answer(diagnosis(), "[model]\n", b"picture")
+        return diagnose.Answer(diagnosis(), {"model.toml": "[model]\n"}, b"picture")
 
     monkeypatch.setattr(diagnose, "asked_of", lambda *_: Asked())
     monkeypatch.setattr(diagnose, "_answer", answer)

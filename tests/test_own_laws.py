@@ -74,13 +74,14 @@ def with_term(model: Model, term: str, **parameters: float) -> Model:
     ],
 )
 def test_a_law_in_text_moves_the_robot_as_the_built_in_one(term, parameters, acts_on, law, values):
-    """To rounding: the same law by a stack machine. 1e-12 m is ten thousand times that, a millionth of the effect."""
+    """To rounding: the same law by a stack machine. 1e-12 m is ten thousand times that, a millionth of the effect. Dry
+    friction has a closed form only where it is built in: the other goes by steps of rtol 1e-9, of motions of 10 mm."""
     t = np.linspace(0.0, 1.2, 1500)
     built_in = simulate(with_term(SAND, term, **parameters), FORCING, t=t, rtol=1e-9, atol=1e-11)
     written = simulate(having(SAND, own("mine", acts_on, law, values)), FORCING, t=t, rtol=1e-9, atol=1e-11)
     without = simulate(SAND, FORCING, t=t, rtol=1e-9, atol=1e-11)
     assert np.max(np.abs(built_in.rod - without.rod)) > 1e-4
-    assert np.max(np.abs(built_in.rod - written.rod)) < 1e-12
+    assert np.max(np.abs(built_in.rod - written.rod)) < (1e-9 if term == "coulomb_friction" else 1e-12)
     assert [e["kind"] for e in built_in.events] == [e["kind"] for e in written.events]
 
 

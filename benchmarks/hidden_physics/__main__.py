@@ -18,6 +18,7 @@ from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.lab.blind import Setting
 
+from .claims import claims
 from .entries import Answer, Task, entry
 from .worlds import CASES, KINDS, SEED, Truth, made, numbers, sealed, truth
 
@@ -53,6 +54,7 @@ def run(case: Case) -> Row:
         "outcome": outcome(answer, hidden), "partial": answer.partial, "twins": answer.twins, "covers": covers,
         "probability": {m: [p, m in hidden.hidden] for m, p in answer.probability.items()},
         "described": answer.described, "processor_s": used, "plain": plain(task, setting),
+        **claims(answer, hidden, setting, case.seed),
     }  # fmt: skip
 
 
@@ -122,6 +124,11 @@ def report(rows: Sequence[Row]) -> str:
             lines.append(
                 f"* stated probability {said:.3f}: true in {share(sum(t for _, t in some), len(some))} of {len(some)}"
             )
+    gains = [r["gain"] for r in good if "gain" in r]
+    held = [low <= true <= high for low, high, true in gains]
+    lines.append(f"* 95 % interval of the gain holds it: {share(sum(held), len(held))} of {len(held)}")
+    seen = [found for r in good for _, found in r.get("power", {}).values()]
+    lines.append(f"* strengths said to be detectable in 90 %, seen: {share(sum(seen), len(seen))} of {len(seen)}")
     seconds = [r["processor_s"] for r in good]
     if seconds:
         lines.append(f"* processor time: median {np.median(seconds):.0f} s, greatest {max(seconds):.0f} s")

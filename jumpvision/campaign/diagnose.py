@@ -35,14 +35,14 @@ from jumpvision.workflow.run import Outcome
 from jumpvision.workflow.stage import StageWarning
 
 from .discovered import Laws, law_gain
-from .document import document, model_toml, unexplained_of, values
+from .document import document, model_files, unexplained_of, values
 from .films import Film, confirmation, energies, films, jumps_alone
 from .findings import told
-from .folder import MODEL, PICTURE
+from .folder import PICTURE
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 11  # of the method: another one asks again
+VERSION = 12  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
@@ -146,20 +146,24 @@ def asked_of(campaign: Campaign, outcomes: Mapping[str, Outcome], say: Say) -> Q
     jumps, left_out = load_jumps(experiments, outcomes)
     for why in left_out:
         say(f"left out: {why}")
-    spec, robot = spec_of(experiments[0]), experiments[0].sections["robot"]
-    priors = {**spec.sigma, **{n: s for n, s in asdict(robot.sigma).items() if s}}
-    ranges = {n: (low, high) for n, (low, high) in spec.fit.items()}
-    beside = measurements(campaign.experiments, outcomes, robot, jumps[0].model.volume_fraction)
+    robot = experiments[0].sections["robot"]
+    priors = {n: s for n, s in asdict(robot.sigma).items() if s}
+    ranges: dict[str, tuple[float, float]] = {}
+    for spec in {e.ground: spec_of(e) for e in reversed(experiments)}.values():  # one on each ground
+        priors = {**spec.sigma, **priors}
+        ranges |= {n: (low, high) for n, (low, high) in spec.fit.items()}
+    phi = next((j.model.volume_fraction for j in jumps if j.model.volume_fraction is not None), None)
+    beside = measurements(campaign.experiments, outcomes, robot, phi)
     section = experiments[0].section(Considered)
     own = tuple(m for m in section.mechanisms if m.name not in spec.terms) if section else ()
     return Question(experiments, jumps, ranges, priors, films(outcomes), beside, own)
 
 
 class Answer(NamedTuple):
-    """What the files of a diagnosis hold. model: model.toml; picture: a PNG."""
+    """What the files of a diagnosis hold. models: model.toml, and another on another ground; picture: a PNG."""
 
     data: Diagnosis
-    model: str
+    models: Mapping[str, str]
     picture: bytes
 
 
@@ -168,7 +172,8 @@ def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Re
 
     def fill(folder: Path) -> None:
         (folder / Diagnosis.file).write_text(answer.data.text, encoding="utf-8", newline="\n")
-        (folder / MODEL).write_text(answer.model, encoding="utf-8", newline="\n")
+        for name, text in answer.models.items():
+            (folder / name).write_text(text, encoding="utf-8", newline="\n")
         (folder / PICTURE).write_bytes(answer.picture)
 
     return entries.keep(
@@ -220,13 +225,13 @@ def _answer(asked: Question, path: Path, workers: int, draw: Draw, say: Say) -> 
         law=law,
     )
     known = law.system if law else system
-    model = model_toml(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose.")
-    return Answer(data, model, draw(found, system, data))
+    models = model_files(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose.")
+    return Answer(data, models, draw(found, system, data))
 
 
 def leftover(d: Findings, problem: Problem, system: Jumper, say: Say) -> Unexplained | None:
-    """Generic forces that describe what no mechanism explains; None where one does."""
-    if d.naming is None or d.naming.status == "complete":
+    """Generic forces that describe what no mechanism explains; None where one does, or where no cause is likeliest."""
+    if d.naming is None or d.naming.status == "complete" or d.naming.by_chance:
         return None
     say("no mechanism explains all of it: describing what is left by generic forces")
     return unexplained_of(

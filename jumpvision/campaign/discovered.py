@@ -71,7 +71,7 @@ class Laws:
     def law(self, d: Findings) -> Law | None:
         """The law that explains what the vocabulary leaves over; None where it leaves nothing, or no law is found."""
         n = d.naming
-        if n is None or n.status == "complete":
+        if n is None or n.status == "complete" or n.by_chance:
             return None
         if not self.asked:
             self.say("no mechanism of the vocabulary explains all of it: searching for a law")

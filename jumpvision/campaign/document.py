@@ -13,19 +13,20 @@ import numpy as np
 from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.fitting import Fit
 from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import is_common
+from jumpvision.diagnosis.jumper.jumps import called, is_common
 from jumpvision.diagnosis.naming import Explanation
 from jumpvision.diagnosis.noise.learning import Learned
 from jumpvision.diagnosis.proposing import apex
 from jumpvision.diagnosis.unexplained import Unexplained
 from jumpvision.mechanisms.own import bare
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.physics.model import ROBOT
+from jumpvision.physics.model import ROBOT, Model
 from jumpvision.results import findings as record
 from jumpvision.results.diagnosis import Diagnosis
 
 from .discovered import Law, discovered_of, law_toml
 from .findings import Teller, agreement, interval, rms, told
+from .folder import MODEL
 
 
 def document(
@@ -75,7 +76,8 @@ def teller(system: Jumper) -> Teller:
     """How models of jumps are told."""
 
     def model(fit: Fit) -> record.Model:
-        return record.Model(system.build(fit.mechanisms, fit.named).terms, values(fit, system))
+        built = [system.build(fit.mechanisms, fit.named, g) for g in system.bases]
+        return record.Model(tuple(dict.fromkeys(t for m in built for t in m.terms)), values(fit, system))
 
     return Teller(system, model, lambda e, mechanism: parameters_of(e, mechanism, system))
 
@@ -153,11 +155,22 @@ def parameters_of(e: Explanation, mechanism: str, system: Jumper) -> dict[str, r
 
 
 def values(fit: Fit, system: Jumper) -> dict[str, float]:
-    """Every parameter that the model with this fit's mechanisms needs, and what of the robot was re-fitted."""
-    model = system.build(fit.mechanisms, fit.named)
+    """Every parameter that the models with this fit's mechanisms need, and what of the robot was re-fitted."""
+    out: dict[str, float] = {}
+    for ground in system.bases:
+        out = _needed(system.build(fit.mechanisms, fit.named, ground)) | out
+    return out | {n: v for n, v in fit.named.items() if n in ROBOT or of_beds(n, system)}
+
+
+def of_beds(name: str, system: Jumper) -> bool:
+    """Whether a parameter is that of one of several beds, `k1[1]`."""
+    return name.split("[")[0] in system.apart
+
+
+def _needed(model: Model) -> dict[str, float]:
+    """Every parameter that a model's terms have."""
     names = dict.fromkeys(n for t in model.terms for n in model.mechanism(t).names)
-    out = {n: float(getattr(model.parameters, n)) for n in names}
-    return out | {n: v for n, v in fit.named.items() if n in ROBOT}
+    return {n: float(getattr(model.parameters, n)) for n in names}
 
 
 def proposal(d: Findings) -> record.NextExperiment | None:
@@ -167,18 +180,31 @@ def proposal(d: Findings) -> record.NextExperiment | None:
     return record.NextExperiment(**p.labels, separates=p.separates, expected_log10_odds=p.expected_log10_odds)
 
 
-def model_toml(fit: Fit, system: Jumper, comment: str) -> str:
+def model_files(fit: Fit, system: Jumper, comment: str) -> dict[str, str]:
+    """The model by the name of its file; of a campaign on both grounds the second has its ground in the name."""
+    names = [MODEL, *(f"model_{g}.toml" for g in list(system.bases)[1:])]
+    return {n: model_toml(fit, system, comment, g) for n, g in zip(names, system.bases)}
+
+
+def model_toml(fit: Fit, system: Jumper, comment: str, ground: str = "") -> str:
     """The model as a file that `--model` takes: terms, parameters, their uncertainties; a re-fitted robot beside it."""
-    model = system.build(fit.mechanisms, fit.named)
+    model = system.build(fit.mechanisms, fit.named, ground)
     robot = {n: v for n, v in fit.named.items() if n in ROBOT}
     laws = [m for m in map(model.mechanism, model.terms) if m.written]
     apart = {*ROBOT, *(n for m in laws for n in m.names)}
-    own = {n: v for n, v in values(fit, system).items() if n not in apart}
+    own = {n: v for n, v in _needed(model).items() if n not in apart}
     sigma = {p.name: fit.sigma(p.name) for p in fit.parameters}
     fields = ModelParameters.__dataclass_fields__
     lines = [f"# {comment}"]
     if differ := [n for n in system.differing if n not in robot]:
-        lines.append(f"# {', '.join(differ)}: not the same in all experiments; here as in {system.jumps[0].name}")
+        first = next(j.name for j in system.jumps if j.model.ground == model.ground)
+        lines.append(f"# {', '.join(differ)}: not the same in all experiments; here as in {first}")
+    for name, k, x in ((n, k, x) for n, given in system.apart.items() for k, x in enumerate(given)):
+        own_name = called(name, k)
+        if own_name in sigma:
+            lines.append(f"# {name} declared as {x:g}: {fit.named[own_name]!r} +- {sigma[own_name]:.2g}")
+        if x == getattr(system.bases[model.ground].parameters, name):
+            sigma[name] = sigma.get(own_name, 0.0)
     lines += ["[model]", "terms = " + json.dumps(list(model.terms))]
     lines += [
         f"{n} = {v!r}  # {fields[n].metadata['unit'] or '1'}: {fields[n].metadata['meaning']}" for n, v in own.items()
@@ -204,6 +230,8 @@ def sentence(d: Diagnosis, lacks: Mapping[str, str] = MappingProxyType({})) -> s
     kind, (mean, error) = max(means.items(), key=lambda x: abs(x[1][0]))
     over = "over-predicts" if mean > 0 else "under-predicts"
     text = f"The simulation {over} {kind.replace('_', ' ')} jumps by {1e3 * abs(mean):.1f} ± {1e3 * error:.1f} mm"
+    if not d.named and not (d.discovered or d.closest or d.unexplained):
+        return text + f", by so little (p = {d.p_value:.2g}) that no cause is likelier than chance."
     if not d.named:
         text += ", and no mechanism of the vocabulary explains all that it gets wrong"
         if d.discovered:

@@ -149,7 +149,7 @@ def _energies(system: Jumper, i: int, kind: str, name: str, fit: Fit) -> Energie
     if not late.size:
         return None
     apex = float(jump.t[late[np.argmax(jump.y[late])]])
-    model = of_jump(system.build(fit.mechanisms, fit.named), jump.model, fit.named)
+    model = system.model_of(jump, fit.mechanisms, fit.named)
     try:
         e = energy_ledger(model, jump.forcing, end=apex)
     except RuntimeError:

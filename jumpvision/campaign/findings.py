@@ -51,7 +51,7 @@ class Teller:
         for mechanism in likely(n)[:CAUSES]:
             e = next(e for e in n.tried if mechanism in e.mechanisms)
             others = tuple(m for m in e.mechanisms if m != mechanism)
-            chances, found = n.probabilities[mechanism], self.own(e, mechanism)
+            chances, found = n.chances(mechanism), self.own(e, mechanism)
             spread = (min(chances), max(chances))
             out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, found))
         return tuple(out)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -31,12 +30,8 @@ LOGGED = "logged_motion"  # kind of a jump that only a motor log describes, such
 
 
 def questioned(campaign: Campaign) -> list[Experiment]:
-    """Experiments with a robot, something that drives it and a track, of the ground that most of them have."""
-    usable = [e for e in campaign.experiments if _usable(e)]
-    if not usable:
-        return []
-    ground = Counter(e.ground for e in usable).most_common(1)[0][0]
-    return [e for e in usable if e.ground == ground]
+    """Experiments with a robot, something that drives it, a track and, on granular ground, a model."""
+    return [e for e in campaign.experiments if _usable(e)]
 
 
 def worth_asking(campaign: Campaign) -> bool:
@@ -60,20 +55,27 @@ def _usable(e: Experiment) -> bool:
 def load_jumps(experiments: list[Experiment], outcomes: Mapping[str, Outcome]) -> tuple[list[Jump], list[str]]:
     """(jumps, what was left out and why), from the rod.csv of each experiment's results.
 
-    The experiments' models have the same terms; their parameters may differ, by [model.laws] of the packing too.
-    Raises InputError where terms or what may be fitted differ, or when too few jumps are left.
+    The experiments' models on one ground have the same terms; their parameters may differ, by [model.laws] of the
+    packing too. Raises InputError where terms or what may be fitted differ, or when too few jumps are left.
     """
     left_out: list[str] = []
     jumps: list[Jump] = []
-    spec = spec_of(experiments[0])
+    first: dict[str, Experiment] = {}
+    sand = any(e.ground == "granular" for e in experiments)
     for e in experiments:
-        own = spec_of(e)
+        if sand and e.ground == "hard" and e.section(ModelSpec) is None:
+            left_out.append(
+                f"{e.name}: on hard ground, in a campaign on sand; with a [model] it is asked beside the others"
+            )
+            continue
+        like = first.setdefault(e.ground, e)
+        own, spec = spec_of(e), spec_of(like)
         if differs := [n for n in ("terms", "fit", "sigma") if getattr(own, n) != getattr(spec, n)]:
             raise InputError(
                 [
-                    f"{e.path / 'experiment.toml'}: [model] {', '.join(differs)}: not those of {experiments[0].name}; "
-                    "models of a campaign have the same terms and fit the same parameters (values may differ): give "
-                    "both in campaign.toml, or diagnose the experiments in separate campaigns"
+                    f"{e.path / 'experiment.toml'}: [model] {', '.join(differs)}: not those of {like.name}; "
+                    f"models on {e.ground} ground have the same terms and fit the same parameters (values may differ): "
+                    "give both in campaign.toml, or diagnose the experiments in separate campaigns"
                 ]
             )
         outcome = outcomes[e.name]

@@ -101,7 +101,7 @@ def _is_number(value: Any) -> bool:
     return True
 
 
-CERTAIN = 99.0  # log10 of odds: more says nothing
+CERTAIN = 6.0  # log10 of odds: more says nothing
 
 
 def verdict(diagnosis: Diagnosis) -> list[str]:
@@ -158,7 +158,8 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
         line(found.could_hide)
     if n := found.next_experiment:
         what = f"{n.kind} at {n.frequency} Hz" + (f", delay {n.delay} s" if n.delay else "")
-        odds = f"10^{min(n.expected_log10_odds, CERTAIN):.1f} odds expected"
+        far = n.expected_log10_odds >= CERTAIN
+        odds = "beyond doubt, it is expected" if far else f"odds of {10**n.expected_log10_odds:.2g} expected"
         line(f"next experiment: {what} separates {' from '.join(n.separates)} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))
 

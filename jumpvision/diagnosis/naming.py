@@ -43,8 +43,9 @@ class Naming:
 
     best: the model of the named ones, else the likeliest. tried: best first. twins: the mechanisms beside each named
     one that would do as well, itself included. left: share of what the baseline got wrong (its excess of chi^2) that
-    `best` leaves; 0 where it passes. probabilities: of each mechanism, with those under other priors (PRIORS).
-    widened: factor on the standard uncertainties of `best` for what is left.
+    `best` leaves; 0 where it passes. probabilities: of each mechanism, with those under other priors (PRIORS), were the
+    vocabulary all there is; suffices: the greatest chance that it is. widened: factor on the standard uncertainties of
+    `best` for what is left. by_chance: nothing is named, and sets pass the test that are less likely than no cause.
     """
 
     named: tuple[str, ...]
@@ -55,10 +56,17 @@ class Naming:
     left: float
     probabilities: Mapping[str, tuple[float, ...]]
     widened: float = 1.0
+    suffices: float = 1.0
+    by_chance: bool = False
+
+    def chances(self, mechanism: str) -> tuple[float, ...]:
+        """Of a mechanism under each of PRIORS: what is not established may be in the place of something not listed."""
+        share = 1.0 if mechanism in self.named else self.suffices
+        return tuple(share * p for p in self.probabilities.get(mechanism, (0.0,) * len(PRIORS)))
 
     def probability(self, mechanism: str) -> float:
         """Of a mechanism, under the stated priors."""
-        return self.probabilities.get(mechanism, (0.0, 0.0, 0.0))[PRIORS.index(1.0)]
+        return self.chances(mechanism)[PRIORS.index(1.0)]
 
 
 def name(
@@ -67,11 +75,11 @@ def name(
     """Searches over sets of mechanisms, and names those that the data establish. enough: see `Search.run`."""
     search = Search(problem, base, found, rng)
     search.run(enough)
-    passing = search.passing()
+    passing = likelier(search)
     key = passing[0] if passing else established(search)
     if key:
         search.race(exchanges(search, key))
-        passing = search.passing()
+        passing = likelier(search)
         key = passing[0] if passing else key
     likeliest = max(search.fits, key=search.log_probability)
     told = key or likeliest
@@ -86,7 +94,23 @@ def name(
     status = "complete" if passing else "partial" if key else "undetermined"
     named = fit.mechanisms if key else ()
     twins = _twins(problem, best, tried) if key else ()
-    return Naming(named, status, best, tried, twins, share, probabilities, wider)
+    suffices = 1.0 if passing else least_doubt(search.test(likeliest).p_value)
+    by_chance = not key and bool(search.passing())
+    return Naming(named, status, best, tried, twins, share, probabilities, wider, suffices, by_chance)
+
+
+def likelier(search: Search) -> list[Key]:
+    """The sets that pass the test and are likelier than every part of them, no cause at all among these: a test of 2 %
+    fails once in fifty where nothing is missing, and then some further mechanism always makes it pass."""
+    chance = search.log_probability
+    return [k for k in search.passing() if all(chance(k) > chance(part) for part in search.fits if part < k)]
+
+
+def least_doubt(p: float) -> float:
+    """The greatest probability that a hypothesis of even odds has beside a p-value below 1/e, whatever the alternative
+    (Sellke, Bayarri and Berger 2001): odds -e p ln p."""
+    odds = -math.e * p * math.log(p) if 0.0 < p < 1.0 / math.e else float(p > 0.0)
+    return odds / (1.0 + odds)
 
 
 def established(search: Search) -> Key:
@@ -268,7 +292,7 @@ def shared(problem: Problem, best: Explanation, mechanism: str) -> list[str]:
 def likely(naming: Naming, at_least: float = 1e-4) -> list[str]:
     """Mechanisms by their probability, those of the models that were fitted."""
     fitted = {m for e in naming.tried for m in e.mechanisms}
-    chance = {m: naming.probability(m) for m in fitted}
+    chance = {m: naming.probabilities.get(m, (0.0,) * len(PRIORS))[PRIORS.index(1.0)] for m in fitted}
     return [m for m, p in sorted(chance.items(), key=lambda x: -x[1]) if p >= at_least or m in naming.named]
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, TypeVar
 
-from jumpvision.base.schema import param
+from jumpvision.base.schema import InputError, param, read
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,25 @@ class Params:
 
 PARAMS: dict[str, type[Params]] = {}
 """Stage -> its parameters, in the order below."""
+P = TypeVar("P", bound=Params)
+
+
+def of_keywords(cls: type[P], given: Mapping[str, Any], *, folder: tuple[str, ...] = (), **above_0: float | None) -> P:
+    """Parameters of a stage from keywords of its function of arrays.
+
+    folder: those that only a folder's stage heeds; above_0: further numbers, None or finite and > 0. Raises InputError.
+    """
+    table = {k: list(v) if isinstance(v, tuple) else v for k, v in given.items()}
+    made, problems = read(cls, table, f"jv.{cls.stage}")
+    apart = [n for n in folder if n in given]
+    problems += [f"jv.{cls.stage} {n}: not for arrays; it needs a folder (docs/notebook.md)" for n in apart]
+    for key, value in above_0.items():
+        if value is not None and not 0.0 < value < math.inf:
+            problems.append(f"jv.{cls.stage} {key} = {value!r}: must be a finite number > 0")
+    if problems:
+        raise InputError(problems)
+    found: P = made
+    return found
 
 
 @dataclass(frozen=True)

@@ -92,12 +92,12 @@ def energy_ledger(
     """The ledger of a jump from rest at forcing.start to `end` [s]; arguments and errors as in jump.simulate."""
     motion, s, rest = follow(model, forcing, np.array([forcing.start, end]), rtol, atol, forcing.stop, works=True)
     ratio = model.m_m / model.M
-    command, rate = (float(x[0]) for x in forcing([end]))
+    position, rate = (float(x[0]) for x in forcing([end]))
     if isinstance(forcing, Loop):
-        rate = s[V]
+        position, rate = s[X], s[V]
     elif "motor_lag" in model:
-        rate = (command - s[X]) / model.symbol("tau")
-    position = s[X] if isinstance(forcing, Loop) or "motor_lag" in model else command
+        command, position = position, float(motion.motor[-1] - motion.rod[-1])
+        rate = (command - position) / model.symbol("tau")
     foot = model.m_f
     if motion.mode[-1] == INTRUDE:
         foot += sum(float(model.force(m, z=-s[XF], a=-1.0)) for m in model.acting(Body.INERTIA))

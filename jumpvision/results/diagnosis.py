@@ -116,7 +116,7 @@ class Diagnosis(Record):
         """Strengths up to which mechanisms that are not named would not have shown with 90 % power; "" where none."""
         known = [d for d in self.detectable if math.isfinite(d.value)]
         said = ", ".join(
-            f"{d.mechanism} {d.parameter} = {d.value:.3g}{'' if d.unit == '1' else ' ' + d.unit}" for d in known
+            f"{d.mechanism} {d.parameter} = {strength(d.value)}{'' if d.unit == '1' else ' ' + d.unit}" for d in known
         )
         return f"Would have shown with 90 % power from: {said}." if known else ""
 
@@ -250,3 +250,9 @@ def _read(kind: Any, value: Any) -> Any:
     if get_origin(kind) is Mapping:
         return {k: _read(inner[1], v) for k, v in value.items()}
     return _read(inner[0], value) if inner else value
+
+
+def strength(value: float) -> str:
+    """Three significant figures; of a factor near 1 those of what it differs by."""
+    near = abs(value - 1.0) < 0.1
+    return f"1 {'+' if value > 1.0 else '-'} {abs(value - 1.0):.3g}" if near and value != 1.0 else f"{value:.3g}"

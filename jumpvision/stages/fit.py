@@ -7,10 +7,11 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.estimate.decay import LAWS, decay_law
-from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.estimate import Estimate, checked
 from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
 from jumpvision.estimate.height import at_rest, jump_height, rest_height
 from jumpvision.estimate.ringdown import peaks_damping, ring_down, swings_until
@@ -274,6 +275,27 @@ def ring_fits(
         offset = scaled(rows["ring_offset_m"], rod.scale_share)
         rows["ring_offset_m"] = offset.with_common(abs(float(lens.mean()))) if lens.any() else offset
         out |= rows | {k: timed(rows[k], clock, begin) for k in ("ring_start_s", "ring_stop_s")}
+    return out
+
+
+def ringdown_of_arrays(time_s: ArrayLike, x: ArrayLike, sigma: ArrayLike | None) -> dict[str, Estimate]:
+    """`jv.ringdown`: fits of a free oscillation in any unit; sigma: default what neighbours leave of each other."""
+    t, y = checked("ringdown", time_s=time_s, x=x)
+    if sigma is None:  # third differences of white noise have 20 times its variance
+        bends = np.diff(y[np.isfinite(y)], 3)
+        sigma = float(np.sqrt(np.mean(bends**2) / 20.0)) if bends.size else NAN
+    each = np.broadcast_to(np.asarray(sigma, float), t.shape)
+    if not np.all(each > 0.0):
+        raise ValueError("ringdown sigma: must be > 0 everywhere; give the noise of x, or more samples")
+    ring = ring_down(t, y, each)
+    out = ring.estimates()
+    if not ring.reason:
+        values = {
+            "ring_amplitude": (ring.amplitude, ring.amplitude_sigma),
+            "ring_offset": (ring.offset, ring.offset_sigma),
+        }
+        out |= {k: Estimate(float(v), float(s), "unit of x", ring.n, ring.chi2) for k, (v, s) in values.items()}
+        out |= decay_fits(t, y, each)
     return out
 
 

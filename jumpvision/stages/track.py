@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from jumpvision.base.schema import InputError
 from jumpvision.estimate.height import at_rest, exposure_shift, parabolas, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
-from jumpvision.inputs.parameters import TrackParams
+from jumpvision.inputs.parameters import TrackParams, of_keywords
 from jumpvision.inputs.sections import Actuation, Calibration, RodVideo
 from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
@@ -199,10 +201,23 @@ class BallFilm:
         return self.film.exposure or float(frames.meta.get("exposure_s") or 0.0)
 
 
-def of_images(
-    frames: Sequence[NDArray[np.generic]], frame_rate: float, scale: float | None, window: int, p: TrackParams
+def of_arrays(
+    frames: Any, *, frame_rate: float = 1.0, scale: float | None = None, window: int = 7, **parameters: Any
 ) -> pd.DataFrame:
-    """`jv.track` of images that belong to no folder, with its columns."""
+    """A ball in every one of the frames (n, H, W), an array or a sequence of grey images: a row a frame.
+
+    frame_rate [1/s]: default one frame a second. scale [m/px]. window: frames of the parabola from which speed and
+    acceleration are taken; fewer where the acceleration changes within them. parameters: those of [params.track],
+    such as diameter=12 [px], polarity="dark", seed=(column, row).
+
+    Columns: frame, time_s, x_px right, y_px down, sigma_px (of either), flag ("" or why the ball is lost, all else NaN
+    then); vx, vy, v_sigma, ax, ay, a_sigma with the unit in their names: px, y down, or with a scale m, y up, and x_m,
+    y_m, sigma_m. Raises InputError for a parameter.
+    """
+    own = ("markers", "exposure_correction")
+    p = of_keywords(TrackParams, parameters, folder=own, frame_rate=frame_rate, scale=scale)
+    if window < 3:
+        raise InputError([f"jv.track window = {window}: must be >= 3 frames"])
     images = [np.asarray(f) for f in frames]
     if not images or any(f.ndim != 2 for f in images):
         raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")

@@ -259,9 +259,9 @@ def seen_by(
     jumper: Jumper, form: Mechanism, mechanisms: tuple[str, ...], values: Mapping[str, float], tail: float = 0.0
 ) -> dict[str, tuple[float, float]]:
     """Range of every argument of a form's body that a model's motions reached, less a share `tail` at both ends."""
-    model = jumper.build(mechanisms, values)
     found: dict[str, list[Array]] = {}
     for jump in jumper.jumps:
+        model = jumper.model_of(jump, mechanisms, values)
         for n, x in arguments(jumper._motion(jump, model, jump.t), form.acts_on).items():
             found.setdefault(n, []).append(x)
     each = {n: np.quantile(np.concatenate(parts), (tail, 1.0 - tail)) for n, parts in found.items()}

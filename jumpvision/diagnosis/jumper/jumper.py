@@ -22,19 +22,23 @@ from jumpvision.physics.forcing import Forcing, Loop, Segments, Spline
 from jumpvision.physics.model import BED, ROBOT, Model
 from jumpvision.physics.sand.jump import Motion, Tracks, simulate
 
-from .jumps import Jump, coarseness, common, groups, is_common, observation, value
+from .jumps import Jump, called, coarseness, common, groups, observation, value
 
-RTOL, ATOL = 1e-8, 1e-10  # of the simulations: far below what a derivative's step changes
+RTOL, ATOL = 1e-7, 1e-9  # motions are right to some 5e-8 m, derivatives to 0.3 %; ten times finer takes twice as long
 LAG = "motor_lag"
 SCATTER = ("start", "bed")  # what may differ from trial to trial
+BEDS = 6  # values of one parameter that are fitted apart
 STIFFNESS = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
 
 
 class Jumper:
-    """System of jumps that share a robot and a model's terms (`volume_fraction`, parameters not fitted may differ).
+    """System of jumps that share a robot and, on each ground, a model's terms; what is not fitted may differ.
 
+    bases: the model of the first jump on each ground, sand first. A mechanism acts in the jumps on its grounds.
+    apart: values of parameters that are fitted and declared with several; each is fitted for itself, as `called`.
     fit: parameters of the model, or of the robot, that the baseline may re-fit -> (low, high); sigma: standard
-    uncertainties of given ones, used as priors. Raises InputError for a name that the model has not.
+    uncertainties of given ones, used as priors. Raises InputError for a name that no model has, and for a term that
+    acts on both grounds and is in the model of one.
     """
 
     def __init__(
@@ -46,16 +50,27 @@ class Jumper:
         own: Sequence[Mechanism] = (),
     ) -> None:
         self.jumps = list(jumps)
-        self.model = knowing(self.jumps[0].model, own)
+        grounds = sorted({j.model.ground for j in self.jumps})
+        self.bases = {g: knowing(next(j.model for j in self.jumps if j.model.ground == g), own) for g in grounds}
+        _agree(self.bases)
         self.scattering: tuple[str, ...] = SCATTER
         self.workers, self.pool = workers, ThreadPoolExecutor(workers)
         self.latest: tuple[Any, list[Array]] = (None, [])  # what was predicted last: derivatives begin there
-        free = tuple(self._free(n, fit.get(n), sigma.get(n)) for n in dict.fromkeys([*fit, *sigma]))
+        self.apart = self._declared_apart({*fit, *sigma})
+        free: list[Parameter] = []
+        for n in dict.fromkeys([*fit, *sigma]):
+            beds = [replace(self._free(n, fit.get(n), sigma.get(n), x), name=called(n, k)) for k, x in self._beds(n)]
+            free += beds or [self._free(n, fit.get(n), sigma.get(n))]
         self.baseline = (*free, *common(self.jumps))
         self.apparatus = groups(self.jumps)
-        self._shared_once({*fit, *sigma})
         drives = any(j.law for j in self.jumps)  # a lag acts where the command drives, not where the encoder does
-        self.candidates = candidates(self.model, command_drives=drives, priors=sigma, own=own)
+        self.candidates: dict[str, Candidate] = {}
+        for model in self.bases.values():
+            self.candidates = candidates(model, command_drives=drives, priors=sigma, own=own) | self.candidates
+        for name, c in self.candidates.items() if self.apart else ():
+            drops = [*c.drops, *(called(n, k) for n in c.drops for k, _ in self._beds(n))]
+            used = tuple(p for p in c.parameters if p.name not in self.apart)  # the others are those of the beds
+            self.candidates[name] = replace(c, parameters=used, drops=tuple(drops))
         self.observations: list[Observation] = []
         motions = [self._motion(j, j.model, j.t) for j in self.jumps]
         coarse = coarseness(self.jumps)
@@ -69,6 +84,11 @@ class Jumper:
         self.tracks = Tracks(
             [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
         )
+
+    @property
+    def model(self) -> Model:
+        """The model of the first jump, on sand where there is one."""
+        return next(iter(self.bases.values()))
 
     def weighted(self, factors: Sequence[Array], scattering: Sequence[str] = SCATTER) -> Jumper:
         """The same jumps with a factor on the noise of every reading: by jump, (n,) as its track.
@@ -86,14 +106,18 @@ class Jumper:
         """The same jumps with these laws beside the vocabulary."""
         out = copy.copy(self)
         out.latest = (None, [])
-        out.model = knowing(self.model, own)
+        out.bases = {g: knowing(m, own) for g, m in self.bases.items()}
         out.candidates = {**self.candidates, **{m.name: candidate(m, out.model, {}) for m in own}}
         return out
 
-    def _free(self, name: str, limits: tuple[float, float] | None, sigma: float | None) -> Parameter:
-        owner: Any = self.model if name in ROBOT else self.model.parameters
+    def _free(
+        self, name: str, limits: tuple[float, float] | None, sigma: float | None, given: float | None = None
+    ) -> Parameter:
+        held = [m.parameters for m in self.bases.values()]
+        given_in = next((p for p in held if getattr(p, name, None) is not None), held[0])
+        owner: Any = self.model if name in ROBOT else given_in
         meta = type(owner).__dataclass_fields__[name].metadata
-        given = getattr(owner, name)
+        given = getattr(owner, name) if given is None else given
         if given is None and limits is None:
             raise InputError([f"[model.sigma] {name}: a prior on a value that the model does not give; give {name}"])
         start = 0.5 * sum(limits) if given is None and limits else float(given)
@@ -106,10 +130,13 @@ class Jumper:
         scale = min(0.1 * (limits[1] - limits[0]), spread if math.isfinite(spread) else math.inf)
         return Parameter(name, start, limits[0], limits[1], scale, spread, meta["unit"])
 
-    def build(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Model:
-        """The model of the first jump with these mechanisms and values. Raises InputError where it cannot be."""
-        base = self.model
-        values = {n: v for n, v in values.items() if n not in SCATTER and not is_common(n)}
+    def build(self, mechanisms: tuple[str, ...], values: Mapping[str, float], ground: str = "") -> Model:
+        """The first model on a ground with these mechanisms and values; default as `model`. Raises InputError where it
+        cannot be."""
+        base = self.bases[ground] if ground else self.model
+        mechanisms = tuple(m for m in mechanisms if base.ground in base.mechanism(m).grounds)
+        own_values = self._of_bed(base, values)
+        values = {n: v for n, v in values.items() if n not in SCATTER and "[" not in n} | own_values
         terms = list(base.terms)
         for name in mechanisms:
             gone = self.candidates[name].replaces
@@ -122,28 +149,53 @@ class Jumper:
         own = tuple(m for m in base.own if m.name in terms)
         return replace(base, terms=tuple(terms), own=own, parameters=replace(base.parameters, **extra), **robot)
 
-    def _shared_once(self, fitted: set[str]) -> None:
-        """Raises InputError where a parameter that is fitted, one value for all, is given by several."""
-        for n in sorted(fitted - set(ROBOT)):
-            given = {getattr(j.model.parameters, n) for j in self.jumps}
-            if len(given) > 1:
+    def _declared_apart(self, fitted: set[str]) -> dict[str, list[float]]:
+        """Values of the parameters that are fitted and given by several. Raises InputError where that cannot be: of the
+        robot, or more than BEDS."""
+        out = {}
+        for n in sorted(fitted):
+            owners = [j.model if n in ROBOT else j.model.parameters for j in self.jumps]
+            given = {v for o in owners if (v := getattr(o, n)) is not None}
+            if len(given) > (1 if n in ROBOT else BEDS):
                 raise InputError(
                     [
-                        f"[model] {n}: {len(given)} values in one campaign, from {min(given):g} to {max(given):g}; in "
-                        "[model.fit] or [model.sigma] it is one for all: take it out of there, or give one value"
+                        f"[{'robot' if n in ROBOT else 'model'}] {n}: {len(given)} values in one campaign, from "
+                        f"{min(given):g} to {max(given):g}; what [model.fit], [model.sigma] or [robot.sigma] fit has "
+                        f"one value in all of it, or at most {BEDS} of the beds: take it out of there, or give fewer"
                     ]
                 )
+            if len(given) > 1:
+                out[n] = sorted(given)
+        return out
+
+    def _beds(self, name: str) -> list[tuple[int, float]]:
+        return list(enumerate(self.apart.get(name, ())))
+
+    def _of_bed(self, model: Model, values: Mapping[str, float]) -> dict[str, float]:
+        """Of the parameters that are fitted for each bed, those of a declared model's."""
+        found = ((n, x, k) for n in self.apart for k, x in self._beds(n))
+        own = {n: called(n, k) for n, x, k in found if x == getattr(model.parameters, n)}
+        return {n: values[at] for n, at in own.items() if at in values}
 
     @property
     def differing(self) -> tuple[str, ...]:
         """Parameters of the model that are not the same in all experiments."""
         names = type(self.model.parameters).__dataclass_fields__
-        return tuple(n for n in names if len({getattr(j.model.parameters, n, None) for j in self.jumps}) > 1)
+        given = {n: {getattr(j.model.parameters, n, None) for j in self.jumps} - {None} for n in names}
+        return tuple(n for n in names if len(given[n]) > 1)
 
-    def model_of(self, model: Model, jump: Jump, values: Mapping[str, float]) -> Model:
+    def model_of(self, jump: Jump, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Model:
+        """The model of a jump with these mechanisms and values. Raises InputError where it cannot be."""
+        return self._own(self.build(mechanisms, values, jump.model.ground), jump, values)
+
+    def _own(self, model: Model, jump: Jump, values: Mapping[str, float]) -> Model:
         """The model with what is a jump's own: its bed, robot and parameters where they are not fitted; no lag of the
         motor where its log drives."""
-        out = of_jump(model, jump.model, values)
+        own = jump.model
+        if fitted := self._of_bed(own, values):
+            own = copy.copy(own)
+            object.__setattr__(own, "parameters", replace(own.parameters, **fitted))
+        out = of_jump(model, own, values)
         if not jump.law and LAG in out.terms:
             out = copy.copy(out)
             object.__setattr__(out, "terms", tuple(t for t in out.terms if t != LAG))
@@ -158,11 +210,13 @@ class Jumper:
 
     def _simulated(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         try:
-            model = self.build(mechanisms, values)
+            models = {g: self.build(mechanisms, values, g) for g in self.bases}
         except InputError:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
         runs = sorted({self.like[i] for i in which})
-        used = {k: self.model_of(model, self.jumps[k], values) for k in {self.same_model[i] for i in runs}}
+        own = {k: self.jumps[k] for k in {self.same_model[i] for i in runs}}
+        used = {k: self._own(models[j.model.ground], j, values) for k, j in own.items()}
+        model = models[self.model.ground]  # of the film, which is told alike on both
         out = np.full(self.tracks.t.size, np.nan)
         times = model.shown(self.tracks.t) - values.get("start", 0.0)
         for i in runs:
@@ -192,7 +246,7 @@ class Jumper:
         self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
     ) -> dict[str, list[Array]]:
         """`start`: when the motor starts [s]; `bed`: stiffness of the sand, as a factor."""
-        steps = {"start": 1e-5, **({"bed": 1e-3} if self.model.ground == "granular" else {})}
+        steps = {"start": 1e-5, **({"bed": 1e-3} if "granular" in self.bases else {})}
         steps = {n: h for n, h in steps.items() if n in self.scattering}
         out: dict[str, list[Array]] = {}
         if not steps:
@@ -206,7 +260,7 @@ class Jumper:
     def height(self, jump: Jump, t: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
         """The same for one jump, measured or not, at the frames t (n,) [s]."""
         try:
-            model = self.model_of(self.build(mechanisms, values), jump, values)
+            model = self.model_of(jump, mechanisms, values)
             motion = self._motion(jump, model, model.shown(t) - values.get("start", 0.0))
         except (RuntimeError, ValueError):  # InputError among them
             return np.full(t.size, np.nan)
@@ -225,6 +279,18 @@ def knowing(model: Model, own: Sequence[Mechanism]) -> Model:
     return replace(model, own=every, parameters=parameters_with(every)(**given)) if own else model
 
 
+def _agree(bases: Mapping[str, Model]) -> None:
+    """Raises InputError for a term that acts on both grounds and is in the model of one."""
+    for a, b in itertools.permutations(bases.values(), 2):
+        if apart := [t for t in a.terms if b.ground in a.mechanism(t).grounds and t not in b.terms]:
+            raise InputError(
+                [
+                    f"[model] terms: {', '.join(apart)}: in the model on {a.ground} ground, not in that on {b.ground} "
+                    "ground, though it acts on both; give it in both, or in neither"
+                ]
+            )
+
+
 def content(forcing: Forcing | Loop) -> bytes:
     """Everything of a forcing, to tell whether two are the same."""
     if isinstance(forcing, Spline):
@@ -238,7 +304,7 @@ def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
 
 def _own(jump: Jump) -> tuple[Any, ...]:
     """What of a jump's model may be its own."""
-    return (*(getattr(jump.model, n) for n in (*ROBOT, *BED)), jump.model.parameters, jump.law)
+    return (jump.model.ground, *(getattr(jump.model, n) for n in (*ROBOT, *BED)), jump.model.parameters, jump.law)
 
 
 def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:

@@ -149,8 +149,9 @@ def differing(system: Jumper, pairs: Sequence[Stretch], noise: Noise) -> dict[st
     if not pairs:
         return {}
     found = [readings.coefficients(noise, x) for x in pairs]
-    names = list(STEPS)[: 2 if system.model.ground == "granular" else 1]
-    return {n: spread_of([(c[k + 1], v[k + 1]) for c, v in found]) for k, n in enumerate(names)}
+    names = list(STEPS)[: 2 if "granular" in system.bases else 1]
+    each = {n: [(c[k + 1], v[k + 1]) for c, v in found if len(c) > k + 1] for k, n in enumerate(names)}
+    return {n: spread_of(x) for n, x in each.items() if x}
 
 
 def _weights(system: Jumper, least: float) -> tuple[list[Array], list[tuple[str, float, float]]]:

@@ -151,7 +151,7 @@ def differences(system: Jumper, factors: Sequence[Array]) -> list[Stretch]:
             effects = [system.height(first, t, (), {**start, n: h}) for n, h in STEPS.items()]
             at = system.height(first, t, (), start)
             columns = [(e - at) / h / typical for e, h in zip(effects, STEPS.values())]
-            usable = columns[: 2 if system.model.ground == "granular" else 1]
+            usable = columns[: 2 if first.model.ground == "granular" else 1]
             design = np.column_stack([np.ones(t.size), *(np.nan_to_num(c) for c in usable)])
             out.append(Stretch(t, y / typical, design, spread / typical, trials[k]))
     return out

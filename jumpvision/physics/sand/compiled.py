@@ -65,9 +65,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     rows, edges = pieces(law)
     n = edges.size
     start, stop = edges[0], edges[n - 2]
-    rate, tolerance = tolerances(
-        p, granular.N_MOTION if p.own_rate > 0 else granular.V if p.tau > 0.0 else granular.X, atol
-    )
+    rate, tolerance = tolerances(p, granular.N_MOTION if p.own_rate > 0 else granular.X, atol)
     s = np.empty(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
@@ -141,7 +139,7 @@ def _solver(key: str) -> Callable[..., Any]:
         constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, peaks
     ):
         key  # noqa: B018
-        space = events.workspace(s.size)
+        space = events.workspace(s.size, rows.shape[0] if constants[0].tau > 0.0 else 0)
         return events.run(
             constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, peaks, space
         )
@@ -191,14 +189,14 @@ def _tracks(key: str) -> Callable[..., Any]:
                 n -= 1
             until = edges[first : first + n + 1].copy()
             until[n] = end
-            size = granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.V if p.tau > 0.0 else granular.X
+            size = granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.X
             (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
             height = -modes.squeeze(p) - deep
             p.rest = height + a.before
             s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
             if size > granular.X:
                 s[granular.X] = a.before
-            full, mode = np.empty((times.size - driven, within.N_OUT)), np.empty(times.size - driven, np.int64)
+            full, mode = np.empty((times.size - driven, 1)), np.empty(times.size - driven, np.int64)
             status = _one(
                 own,
                 a.kind,

@@ -36,15 +36,17 @@ from .granular import (
     Y,
     foot_inertia,
     kinetic,
+    lagged,
     motor,
     motor_force,
     rhs,
     rod,
+    settling,
 )
 from .kernel import kernel
 from .modes import grip, guards, held_between, limit, rail_force, room, settle
 from .program import NEVER
-from .step import N_ARC, N_SLOPES, ORDER, U, Z, begin, clear_until, dense, flow, longest_step, middle, step
+from .step import N_ARC, N_SLOPES, ORDER, PULL, U, Z, begin, clear_until, dense, flow, longest_step, middle, step
 from .within import dips, efforts, heights, inside, locate, peak, sample
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
@@ -83,8 +85,9 @@ def first_step(s: Array, acceleration: float, p: Any) -> float:
 
 
 @njit(error_model="numpy")
-def workspace(n: int) -> Any:
-    """Arrays that a run of n states writes to; serves any number of runs, one at a time."""
+def workspace(n: int, pieces: int) -> Any:
+    """Arrays that a run of n states writes to; serves any number of runs, one at a time. pieces: of a forcing that the
+    motor lags, else 0."""
     return (
         np.empty(n),
         np.empty(n),
@@ -94,6 +97,7 @@ def workspace(n: int) -> Any:
         np.empty((1, n)),
         np.empty(N_MEMORY),
         np.empty(4, np.bool_),
+        np.empty((pieces, 8)),
     )
 
 
@@ -119,12 +123,15 @@ def run(
     """Status, number of events, greatest depth, rod height until `stop` and after it, and rise of the mass centre.
 
     constants: (1,) CONSTANTS. rows: (n, 6) pieces of the forcing (`granular.drive`), valid between edges (n + 1,).
-    s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT), modes (n,) and log
-    (MAX_EVENTS, 2: time, kind) are filled; s ends as the state at edges[n]. max_step [s]. space: `workspace` of n.
+    s: (n,) state at rest at edges[0]. t_out: increasing times >= edges[0]; out (n, N_OUT) or (n, 1), modes (n,) and log
+    (MAX_EVENTS, 2: time, kind) are filled; s ends as the state at edges[n]. max_step [s]. space: `workspace`.
     peaks: (6,) greatest, then least motor force [N], power [W] and speed [m/s] until `stop`, without impulses; or (0,).
     """
     p, size = constants[0], s.size
-    s1, work, q, arc, slopes, spare, memory, armed = space
+    s1, work, q, arc, slopes, spare, memory, armed, late = space
+    if p.tau > 0.0:
+        lagged(kind, rows, edges, p.tau, late)
+        rows = late
     memory[0], memory[1], memory[2], memory[3], memory[CONTACT] = floor, 0.0, 0.0, 0.0, NEVER
     if peaks.size > 0:
         peaks[:] = 0.0
@@ -161,11 +168,11 @@ def run(
                 if slip == 0:
                     v_m = rod(t, s, kind, row, p)[2]
                     s[W] -= v_m
-                longest = longest_step(mode, kind, row, p) if size == VF + 1 else 0.0
+                longest = longest_step(mode, slip, kind, row, p) if size == VF + 1 else 0.0
                 exact = longest > 0.0
                 if exact:
                     longest = min(longest, max_step)
-                    begin(t, s, mode, kind, row, p, arc)
+                    begin(t, s, mode, slip, kind, row, p, arc)
                 else:
                     longest = max_step
                     rhs(t, s, mode, slip, memory, kind, row, p, slopes, 0)
@@ -187,6 +194,8 @@ def run(
             if steps > MAX_STEPS * (1.0 + end - edges[0]):
                 return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
             h, clear = min(h, longest), False
+            if settling(t, row, p):
+                h = min(h, t - row[7] + 0.5 * p.tau)
             if exact and armed[0]:
                 best = rod_after if t >= stop else rod_before
                 free = clear_until(t, mode, kind, row, p, arc, memory[0], best) - t
@@ -312,7 +321,7 @@ def run(
                 rod_before = max(rod_before, top)
             com = max(com, a[2], b[2])
             if com_turns and exact and mode == AIR:
-                com = max(com, arc[Z] + 0.5 * arc[U] * arc[U] / p.g)
+                com = max(com, arc[Z] + 0.5 * arc[U] * arc[U] / arc[PULL])
             elif com_turns:
                 com = max(com, peak(2, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
             if effort:

@@ -1,10 +1,10 @@
 """The jumper as a hybrid system: equations of motion in each mode (the rules that change it: `modes`).
 
 State s = [y, w, x_f, v_f(, X, V, u)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m],
-and its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where it lags its command or a feedback
-loop drives it; u, the internal state of a law of the user's own; behind them WORKS, where the energy ledger asks for
-them. In y the motor enters through X_m and X_m' alone (docs/physics.md section 1), so a velocity step of X_m needs no
-special treatment: y and w are continuous, and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
+and its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where a feedback loop drives it; u, the
+internal state of a law of the user's own; behind them WORKS, where the energy ledger asks for them. In y the motor
+enters through X_m and X_m' alone (docs/physics.md section 1), so a velocity step of X_m needs no special treatment: y
+and w are continuous, and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
 
 Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard
 ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of
@@ -18,6 +18,7 @@ Everything here is compiled into `events.run`; `p` is one record of CONSTANTS.
 
 from __future__ import annotations
 
+import math
 from itertools import accumulate
 from typing import Any
 
@@ -43,7 +44,7 @@ NEAR = 1e-6  # m, over which the slope of a law of the user's own is taken
 FLOOR, HOLE, PAUSE, HELD, CONTACT, N_MEMORY = range(6)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
 foot last came down [s]."""
-QUICK = 5e-5  # s: a lag so short is the start of its series in tau; as an equation it would be stiff
+OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
 LOSSES = [[m for m in acting(body) if not m.energy] for body in LOST]
@@ -61,9 +62,9 @@ CONSTANTS = np.dtype(
     + ARRAYS
 )
 """Numbers of one jumper. static: the number of its static force, from 1. SWITCHES: which other laws act in it; the
-parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, and
-the motor is where its command says. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier
-footprint. rest: of the carriage [m], for x_m. FIELDS, ARRAYS: laws of the user's own (`program`)."""
+parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, but
+for dry friction. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier footprint. rest: of the
+carriage [m], for x_m. FIELDS, ARRAYS: laws of the user's own (`program`)."""
 
 springs = summed(Body.SPRING, "stretch, stretch_rate")
 static_law = chosen(Body.STATIC, "z")
@@ -96,21 +97,51 @@ def drive(kind: int, row: Array, t: float) -> tuple[float, float, float]:
 
 
 @kernel
-def is_still(kind: int, row: Array) -> bool:
-    """Whether the command stands still on this piece."""
+def lagged(kind: int, rows: Array, edges: Array, tau: float, out: Array) -> None:
+    """Writes the pieces (n, 8) of a motor that lags its command, tau X' + X = command, in closed form: what goes on as
+    the command does, as a piece of the same kind, and its transient row[6] exp(-(t - row[7]) / tau)."""
+    x = 0.0 if kind == SINE else rows[0, 5]  # the motor before its command begins
+    for i in range(rows.shape[0]):
+        own, row = out[i], rows[i]
+        for j in range(6):
+            own[j] = row[j]
+        if kind == SINE:
+            turn = row[4] * tau
+            own[3], own[5] = row[3] / math.sqrt(1.0 + turn * turn), row[5] - math.atan(turn)
+        else:  # x + tau x' = the cubic, power by power
+            own[3] -= 3.0 * tau * own[2]
+            own[4] -= 2.0 * tau * own[3]
+            own[5] -= tau * own[4]
+        own[6], own[7] = x - drive(kind, own, edges[i])[0], edges[i]
+        if i + 1 < rows.shape[0]:
+            end = edges[i + 1]
+            x = drive(kind, own, end)[0] + own[6] * math.exp(-(end - edges[i]) / tau)
+
+
+@kernel
+def settling(t: float, row: Array, p: Any) -> bool:
+    """Whether the transient of a lag is not over."""
+    return p.tau > 0.0 and row[6] != 0.0 and t - row[7] < OVER * p.tau
+
+
+@kernel
+def is_still(t: float, kind: int, row: Array, p: Any) -> bool:
+    """Whether the motor stands still on this piece from t on."""
+    if settling(t, row, p):
+        return False
     return row[3] == 0.0 if kind == SINE else row[2] == 0.0 and row[3] == 0.0 and row[4] == 0.0
 
 
 @kernel
 def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
-    """X_m [m], the motor relative to the rod, with its two rates, after the lag tau X' + X = command or the loop."""
+    """X_m [m], the motor relative to the rod, with its two rates, after the lag (`lagged`) or the loop."""
     if p.kp > 0.0:
         return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
     x, v, a = drive(kind, row, t)
-    if p.tau > QUICK:
-        rate = (x - s[X]) / p.tau
-        return s[X], rate, (v - rate) / p.tau
-    return x - p.tau * (v - p.tau * a), v - p.tau * a, a
+    if settling(t, row, p):
+        left = row[6] * math.exp(-(t - row[7]) / p.tau)
+        return x + left, v - left / p.tau, a + left / (p.tau * p.tau)
+    return x, v, a
 
 
 @kernel
@@ -226,10 +257,8 @@ def rhs(
         if p.own_foot > 0:
             resist += own_foot(t, z, s[VF], s, memory, p)
         k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
-    if s.size > X:
-        k[i, X] = (drive(kind, row, t)[0] - s[X]) / p.tau if p.tau > QUICK else 0.0
     if s.size > V:
-        k[i, V] = 0.0
+        k[i, X], k[i, V] = 0.0, 0.0
     if p.kp > 0.0:
         k[i, X], k[i, V] = s[V], acceleration
     if s.size > INNER:

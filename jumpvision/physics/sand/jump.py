@@ -85,8 +85,6 @@ def follow(
         n = granular.N_MOTION + works * len(granular.WORKS)
     elif model.rates:
         n = granular.N_MOTION
-    elif "motor_lag" in model:
-        n = granular.V
     kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
     position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
     rest, foot = equilibrium(model)
@@ -218,7 +216,7 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
         acts = np.not_equal(getattr(p, m.names[0]), 0.0)
         if m.name in granular.SWITCHES:
             out[m.name] = acts
-        if m.acts_on in (Body.SPRING, Body.CARRIAGE, Body.RAIL, Body.MOTOR):
+        if m.acts_on in (Body.SPRING, Body.CARRIAGE):
             out["linear"] &= ~acts
         elif m.acts_on is Body.BED:
             out["stiffer"] *= getattr(p, m.names[0])

@@ -9,7 +9,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .granular import AIR, INTRUDE, SINE, VF, XF, W, Y, is_still, rhs
+from .granular import AIR, INTRUDE, SINE, VF, XF, W, Y, dry_frictions, is_still, rhs, settling
 from .kernel import kernel
 
 ORDER = 5
@@ -115,9 +115,10 @@ RESONANT = 1e-6  # |1 - (forcing / natural frequency)^2| and damping both below:
 STEPS_PER_PERIOD = 4  # of the oscillation in q: events are looked for twice a step, and between by a parabola
 
 # An arc: start, cosine and sine part of the oscillation, its decay and frequency, four numbers of the particular
-# solution (level, sine, cosine; or a cubic), height and rate of the mass centre, share of the foot in the mass
-N_ARC = 13
-T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, Z, U, SHARE, FOOT = range(N_ARC)
+# solution (level, sine, cosine; or a cubic) and what follows a lag's transient in it, height and rate of the mass
+# centre, its acceleration downwards, share of the foot in the mass
+N_ARC = 15
+T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, LATE, Z, U, PULL, SHARE, FOOT = range(N_ARC)
 
 
 @kernel
@@ -128,9 +129,9 @@ def oscillator(mode: int, p: Any) -> tuple[float, float]:
 
 
 @kernel
-def longest_step(mode: int, kind: int, row: Array, p: Any) -> float:
+def longest_step(mode: int, slip: int, kind: int, row: Array, p: Any) -> float:
     """Step [s] to look for events with, or 0 where the closed form does not hold."""
-    if mode == INTRUDE or p.linear == 0:
+    if mode == INTRUDE or p.linear == 0 or slip == 0:
         return 0.0
     stiff, damp = oscillator(mode, p)
     if damp * damp >= 3.9 * stiff:
@@ -143,29 +144,34 @@ def longest_step(mode: int, kind: int, row: Array, p: Any) -> float:
 
 
 @kernel
-def particular(t: float, kind: int, row: Array, arc: Array) -> tuple[float, float]:
-    """The solution q(t), q'(t) that moves as the forcing does."""
+def particular(t: float, kind: int, row: Array, p: Any, arc: Array) -> tuple[float, float]:
+    """The solution q(t), q'(t) that moves as the motor does."""
+    left, fall = 0.0, 0.0
+    if settling(t, row, p):
+        left = arc[LATE] * math.exp(-(t - row[7]) / p.tau)
+        fall = left / p.tau
     if kind == SINE:
         if row[3] == 0.0:
-            return arc[P0], 0.0
+            return arc[P0] + left, -fall
         angle = row[4] * (t - row[0]) + row[5]
         sin, cos = math.sin(angle), math.cos(angle)
-        return arc[P0] + arc[P1] * sin + arc[P2] * cos, row[4] * (arc[P1] * cos - arc[P2] * sin)
+        return arc[P0] + arc[P1] * sin + arc[P2] * cos + left, row[4] * (arc[P1] * cos - arc[P2] * sin) - fall
     h = t - row[0]
     value = ((arc[P3] * h + arc[P2]) * h + arc[P1]) * h + arc[P0]
-    return value, (3.0 * arc[P3] * h + 2.0 * arc[P2]) * h + arc[P1]
+    return value + left, (3.0 * arc[P3] * h + 2.0 * arc[P2]) * h + arc[P1] - fall
 
 
 @kernel
-def begin(t: float, s: Array, mode: int, kind: int, row: Array, p: Any, arc: Array) -> None:
-    """Writes the arc (N_ARC,) that starts from the state s at t."""
+def begin(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any, arc: Array) -> None:
+    """Writes the arc (N_ARC,) that starts from the state s at t; dry friction of the rail is a constant force on it."""
     arc[T0], arc[FOOT] = t, s[XF]
+    rail = dry_frictions(0.0, float(slip), p) / p.M
     if p.massless == 1 and mode == AIR:
-        arc[Z], arc[U] = s[Y], s[W]
+        arc[Z], arc[U], arc[PULL] = s[Y], s[W], p.g - rail
         return
     stiff, damp = oscillator(mode, p)
     ratio = p.m_m / p.M
-    fall = p.g if mode != AIR else 0.0
+    fall = (p.g if mode != AIR else 0.0) - rail
     if kind == SINE:
         arc[P0], arc[P1], arc[P2] = ratio * row[2] - fall / stiff, 0.0, 0.0
         if row[3] != 0.0:
@@ -176,12 +182,16 @@ def begin(t: float, s: Array, mode: int, kind: int, row: Array, p: Any, arc: Arr
         arc[P3], arc[P2] = ratio * row[2], ratio * row[3]
         arc[P1] = ratio * row[4] - 6.0 * arc[P3] / stiff
         arc[P0] = ratio * row[5] + (ratio * damp * row[4] - damp * arc[P1] - 2.0 * arc[P2] - fall) / stiff
-    q, v = particular(t, kind, row, arc)
+    if p.tau > 0.0:
+        fast = 1.0 / p.tau
+        arc[LATE] = ratio * row[6] * (stiff - damp * fast) / (fast * (fast - damp) + stiff)
+    q, v = particular(t, kind, row, p, arc)
     arc[HALF] = 0.5 * damp
     arc[OMEGA] = math.sqrt(stiff - 0.25 * damp * damp)
     arc[COS] = s[Y] - s[XF] - q
     arc[SIN] = (s[W] - s[VF] - v + arc[HALF] * arc[COS]) / arc[OMEGA]
     arc[SHARE] = share = p.m_f / (p.M + p.m_f)
+    arc[PULL] = p.g - (1.0 - share) * rail
     arc[Z], arc[U] = (1.0 - share) * s[Y] + share * s[XF], (1.0 - share) * s[W] + share * s[VF]
 
 
@@ -190,10 +200,10 @@ def flow(t: float, mode: int, kind: int, row: Array, p: Any, arc: Array, out: Ar
     """Writes the state at t on the arc, exact to rounding."""
     h = t - arc[T0]
     if p.massless == 1 and mode == AIR:
-        out[Y], out[W] = arc[Z] + (arc[U] - 0.5 * p.g * h) * h, arc[U] - p.g * h
+        out[Y], out[W] = arc[Z] + (arc[U] - 0.5 * arc[PULL] * h) * h, arc[U] - arc[PULL] * h
         out[XF], out[VF] = arc[FOOT], 0.0
         return
-    q, v = particular(t, kind, row, arc)
+    q, v = particular(t, kind, row, p, arc)
     half, omega = arc[HALF], arc[OMEGA]
     fade, angle = math.exp(-half * h), omega * h
     cos, sin = fade * math.cos(angle), fade * math.sin(angle)
@@ -201,7 +211,7 @@ def flow(t: float, mode: int, kind: int, row: Array, p: Any, arc: Array, out: Ar
     v += (omega * arc[SIN] - half * arc[COS]) * cos - (omega * arc[COS] + half * arc[SIN]) * sin
     if mode == AIR:
         share = arc[SHARE]
-        z, u = arc[Z] + (arc[U] - 0.5 * p.g * h) * h, arc[U] - p.g * h
+        z, u = arc[Z] + (arc[U] - 0.5 * arc[PULL] * h) * h, arc[U] - arc[PULL] * h
         out[Y], out[W] = z + share * q, u + share * v
         out[XF], out[VF] = z - (1.0 - share) * q, u - (1.0 - share) * v
     else:
@@ -214,9 +224,10 @@ def clear_until(t: float, mode: int, kind: int, row: Array, p: Any, arc: Array, 
     """Time until which the foot surely stays above the hole and the rod below its peak or below `best` (t: unknown).
 
     In flight with the motor still, q stays within a fading amplitude of its level, so that the free fall of the mass
-    centre bounds foot and rod: the steps of a long flight need not be looked at one by one.
+    centre bounds foot and rod: the steps of a long flight need not be looked at one by one; with dry friction, which
+    turns with the carriage, they are.
     """
-    if mode != AIR or p.massless == 1 or not is_still(kind, row):
+    if mode != AIR or p.massless == 1 or p.hold > 0.0 or not is_still(t, kind, row, p):
         return t
     h, share, g = t - arc[T0], arc[SHARE], p.g
     swing = math.hypot(arc[COS], arc[SIN]) * math.exp(-arc[HALF] * h)

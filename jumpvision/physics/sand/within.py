@@ -150,8 +150,11 @@ def peak(
 def sample(
     t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, out: Array
 ) -> None:
-    """Writes one row of the output."""
+    """Writes one row of the output, or of it the height of the rod alone."""
     x_r, v_r, _, x, _ = rod(t, s, kind, row, p)
+    if out.size == 1:
+        out[ROD] = x_r
+        return
     force = rhs(t, s, mode, slip, memory, kind, row, p, k, 0)
     out[ROD], out[MOTOR], out[ROD_VELOCITY], out[SPRING_FORCE] = x_r, x_r + x, v_r, force
     if p.massless == 1 and mode == AIR:

@@ -6,16 +6,17 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from jumpvision.base.arrays import Array
-from jumpvision.estimate.estimate import Estimate
+from jumpvision.estimate.estimate import Estimate, checked
 from jumpvision.estimate.strokes import Fresh, deep_ripple, fresh_samples, overshoot_law
 from jumpvision.estimate.two_slope import Penetration, fit_penetration, in_bins
 from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.parameters import IntrusionParams
+from jumpvision.inputs.parameters import IntrusionParams, of_keywords
 from jumpvision.inputs.sections import IntrusionLog, Robot
 from jumpvision.mechanisms.cone import rft_cone
-from jumpvision.results.values import Intrusion
+from jumpvision.results.values import Fits, Intrusion
 from jumpvision.workflow.stage import stage
 
 LAWS = {"reintrusion": "s", "stop_go": "s_p"}
@@ -29,25 +30,12 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
     `fits` {name: {value, sigma, ...}}, the averaged `profile`, the `events` and the cone's prediction `cone`.
     """
     d = read_log(log.path, "time_s", "depth_m", "force_N", at_least=LEAST)
-    depth = d.depth_m.to_numpy()
-    fresh = fresh_samples(d.time_s.to_numpy(), depth, window=p.window, rise=p.rise)
-    if fresh.index.size < LEAST:
-        raise ValueError(
-            f"{log.path}: depth_m: {fresh.index.size} samples go deeper than those before; {LEAST} are needed "
-            "(depth is positive downwards; was the foot pushed in?)"
-        )
-    curve = fit_penetration(
-        in_bins(depth, d.force_N.to_numpy(), fresh), rng=np.random.default_rng(0), significance=p.significance
-    )
-    if not curve.k1.value > 3.0 * curve.k1.sigma:
-        raise ValueError(
-            f"{log.path}: force_N does not rise with depth_m: {curve.k1.value:.3g} ± {curve.k1.sigma:.2g} N/m; "
-            "depth must be positive downwards and force positive against the intrusion"
-        )
+    time, depth, force = (d[n].to_numpy() for n in ("time_s", "depth_m", "force_N"))
+    curve, fresh = curve_of(time, depth, force, str(log.path), p)
     surface = 0.0 if curve.contact.reason else curve.contact.value
     fits = curve_fits(curve, surface) | event_fits(curve, fresh, surface)
     below = curve.bins.z - surface
-    force = cone(curve, robot, np.maximum(below, 0.0), p)
+    jammed = cone(curve, robot, np.maximum(below, 0.0), p)
     return Intrusion(
         {
             "fits": {k: e.entry() for k, e in fits.items()},
@@ -75,9 +63,45 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
                     np.diag(curve.overshoot_covariance),
                 )
             ],
-            "cone": force._asdict() if force else None,
+            "cone": jammed._asdict() if jammed else None,
         }
     )
+
+
+def curve_of(time_s: Array, depth: Array, force: Array, where: str, p: IntrusionParams) -> tuple[Penetration, Fresh]:
+    """The curve of a slow intrusion and its samples in fresh grains; arrays (n,), where: for messages."""
+    fresh = fresh_samples(time_s, depth, window=p.window, rise=p.rise)
+    if fresh.index.size < LEAST:
+        raise ValueError(
+            f"{where}: depth_m: {fresh.index.size} samples go deeper than those before; {LEAST} are needed "
+            "(depth is positive downwards; was the foot pushed in?)"
+        )
+    bins = in_bins(depth, force, fresh)
+    curve = fit_penetration(bins, rng=np.random.default_rng(0), significance=p.significance)
+    if not curve.k1.value > 3.0 * curve.k1.sigma:
+        raise ValueError(
+            f"{where}: force_N does not rise with depth_m: {curve.k1.value:.3g} ± {curve.k1.sigma:.2g} N/m; "
+            "depth must be positive downwards and force positive against the intrusion"
+        )
+    return curve, fresh
+
+
+def of_arrays(depth_m: Any, force_N: Any, *, time_s: Any = None, **parameters: Any) -> pd.DataFrame:
+    """What a slow intrusion tells: a row a fit, as in intrusion.json.
+
+    depth_m (n,) down, force_N (n,) against the intrusion, time_s (n,), by which pauses are found; default: equally
+    spaced, ten samples in `window`.
+    parameters: those of [params.intrusion] but mu and theta. Rows: k1, k2 [N/m], delta [m], contact_depth_m, weight_N,
+    ripples, and lam, s, s_p where there were pauses or withdrawals; a fit that the data do not allow has its `reason`.
+    Raises InputError for a parameter, ValueError for arrays of different lengths or a force that does not rise.
+    """
+    p = of_keywords(IntrusionParams, parameters, folder=("mu", "theta"))
+    if time_s is None:
+        time_s = np.arange(np.size(depth_m)) * p.window / 10.0
+    time, depth, force = checked("intrusion", time_s=time_s, depth_m=depth_m, force_N=force_N)
+    curve, fresh = curve_of(time, depth, force, "intrusion", p)
+    surface = 0.0 if curve.contact.reason else curve.contact.value
+    return Fits(curve_fits(curve, surface) | event_fits(curve, fresh, surface)).table
 
 
 def curve_fits(curve: Penetration, surface: float) -> dict[str, Estimate]:

@@ -15,7 +15,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.progress import WORKERS, in_parts, watch
 from jumpvision.frames import Film
 from jumpvision.grains.grid import VectorGrid
-from jumpvision.inputs.parameters import PivParams
+from jumpvision.inputs.parameters import PivParams, of_keywords
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField, Robot
 from jumpvision.results.fields import Piv
 from jumpvision.stages.recordings import open_grains
@@ -300,3 +300,35 @@ def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p
         ("foot_v_sigma", spread * scale / dt, {"units": f"{unit}/s"}),  # of one pair: that of a mean is no larger
     ):
         data[name] = ("t", of_fields(values, p), dimension)
+
+
+def of_arrays(
+    a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any
+) -> xr.Dataset:
+    """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
+
+    Images (H, W) grey, of any number type; NaN pixels count as masked. frame_rate [1/s]: default one frame a second,
+    so that speeds are px per frame. scale [m/px]: speeds are in m/s and places in m with it, in px without.
+    mask (H, W): True where usable. parameters: those of [params.piv], such as window=32, step=8.
+
+    Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
+    correlation, reason (0: measured as it stands); x right and y up from the first pixel. Raises InputError for a
+    parameter, ValueError for frames that differ in shape.
+    """
+    p = of_keywords(PivParams, parameters, folder=("foot_rows",), frame_rate=frame_rate, scale=scale)
+    frames = [np.asarray(f) for f in (a if b is None else (a, b))]
+    if len(frames) <= p.gap or any(f.ndim != 2 for f in frames):
+        shapes = ", ".join(str(f.shape) for f in frames[:3])
+        raise ValueError(f"piv: {len(frames)} frame(s) {shapes}: give two grey images (H, W), or more in one stack")
+    use = None if mask is None else np.asarray(mask, bool)
+    film, how = GrainVideo("images", scale=scale), matching(p)
+    masks = None if use is None else (lambda k: use)
+    prefilter = best_prefilter(frames[0], frames[p.gap], mask=masks, gap=p.gap, **how)
+    time = np.arange(len(frames)) / frame_rate
+    head = header(time, frames[0].shape, film, prefilter, p)
+    found = piv_film(
+        frames, mask=masks, gap=p.gap, baseline=p.baseline, ensemble=p.ensemble, prefilter=prefilter, **how
+    )
+    fields = [as_dataset(f, film, p.gap / frame_rate) for f in found]
+    whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
+    return whole if len(frames) > 2 else whole.isel(t=0)
