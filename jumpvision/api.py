@@ -73,7 +73,6 @@ def stage_function(name: str) -> Callable[..., Record]:
     from jumpvision.workflow.stage import stage_named
 
     made = stage_named(name)
-
     of_arrays = without_folder(name)
 
     def function(experiment: Any, *more: Any, results: PathLike | None = None, **settings: Any) -> Any:
@@ -102,11 +101,9 @@ def without_folder(name: str) -> Callable[..., Any] | None:
     """A stage's function of arrays: `of_arrays` of its module; None where it has none."""
     from jumpvision.workflow.stage import stage_named
 
-    found: Callable[..., Any] | None = getattr(importlib.import_module(stage_named(name).function.__module__), OF, None)
+    module = importlib.import_module(stage_named(name).function.__module__)
+    found: Callable[..., Any] | None = getattr(module, "of_arrays", None)
     return found
-
-
-OF = "of_arrays"
 
 
 def ringdown(time_s: Any, x: Any, sigma: Any = None) -> pd.DataFrame:

@@ -120,8 +120,8 @@ RUNS, PARTS = 3000, 40  # simulations; principal parts of what they change
 
 
 def neural(task: Task) -> Answer:
-    """sbi: neural posterior of all strengths at once from simulations by the model itself, every mechanism in it or not
-    with even odds; named are those whose posterior puts 95 % beyond a fiftieth of the range."""
+    """sbi: neural posterior of all strengths at once from simulations by the model itself, every mechanism in one of
+    seven of them; named are those whose posterior puts 95 % beyond a fiftieth of the range."""
     import torch
     from sbi.inference import NPE
 
@@ -143,12 +143,10 @@ def neural(task: Task) -> Answer:
             seen.append(np.concatenate(r) + rng.standard_normal(sum(a.size for a in r)))
     table = np.arcsinh(np.array(seen))
     mean, axes = table.mean(0), np.linalg.svd(table - table.mean(0), full_matrices=False)[2][:PARTS]
-    own = np.arcsinh(
-        np.concatenate(
-            problem.residuals(names, base | shape | {p.name: system.candidates[n].null for n, p in zip(names, first)})
-            or []
-        )
-    )
+    null = {p.name: system.candidates[n].null for n, p in zip(names, first)}
+    if (left := problem.residuals(names, base | shape | null)) is None:
+        raise ArithmeticError("the baseline cannot be simulated")
+    own = np.arcsinh(np.concatenate(left))
     torch.manual_seed(1)
     inference = NPE(show_progress_bars=False)
     as_tensor = lambda x: torch.as_tensor(np.asarray(x), dtype=torch.float32)  # noqa: E731
