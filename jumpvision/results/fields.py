@@ -209,6 +209,11 @@ class Statistics(Field):
 
     file = "statistics.nc"
 
+    @property
+    def fields(self) -> int:
+        """How many fields it is the mean of."""
+        return int(self.field.attrs["fields"])
+
 
 @dataclass(frozen=True)
 class ColumnGeometry:

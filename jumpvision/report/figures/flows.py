@@ -151,7 +151,7 @@ def statistics_picture(found: Statistics, piv: Piv) -> StatisticsPicture:
     )
     with styled() as Figure:
         figure = Figure(figsize=(9.6, tall(data, 3, 11.0)), layout="compressed")
-        drawn(figure, (3, 2), data, unit, panels, f"mean of {int(data.attrs['fields'])} fields")
+        drawn(figure, (3, 2), data, unit, panels, f"mean of {found.fields} fields")
         return StatisticsPicture(png(figure))
 
 

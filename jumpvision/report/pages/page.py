@@ -52,7 +52,7 @@ PICTURES = {  # file: (heading, what it shows)
     "bed.png": ("Bed", "side view of the bed with the surface found"),
     "crater.png": ("Crater", "the crater's surface and its profile about the axis"),
     "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
-    "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
+    "piv.png": ("Velocity field", "velocity vectors over a frame of the film"),
     "flow.png": ("Flow", "strain of the flow; under a foot also momentum against time and added mass against depth"),
     "validation.png": ("Validation", "vectors as matched, by what became of them, at the worst moment and over time"),
     "statistics.png": ("Statistics", "mean flow, its vorticity, fluctuations and Reynolds stress"),
@@ -63,7 +63,7 @@ PICTURES = {  # file: (heading, what it shows)
 }
 FILMS = {
     "track.webm": ("The ball", "film of the rod with the path of the ball drawn in"),
-    "piv.webm": ("Grain velocities", "film of the grains with velocity vectors, in slow motion"),
+    "piv.webm": ("Velocity field", "the film with velocity vectors, in slow motion"),
     "cone.webm": ("The growing cone", "film of the grains with the shear bands and the sides of the jammed cone"),
 }
 PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png", "intrusion.png")  # of one experiment at most
