@@ -39,7 +39,7 @@ def piv(
     field: PivField | None,
     robot: Robot | None,
     calibration: Calibration | None,
-    mask: GrainMask | None,
+    mask: GrainMask | None = None,
     *,
     p: PivParams,
 ) -> Piv:

@@ -14,7 +14,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.grains.steady import Memory, Velocities, independent, steady
 from jumpvision.inputs.parameters import ProfilesParams, StatisticsParams
 from jumpvision.inputs.sections import NotApplicable
-from jumpvision.results.fields import Flow, Piv, Statistics
+from jumpvision.results.fields import Flow, Piv, Statistics, unit_of
 from jumpvision.results.tables import Profiles
 from jumpvision.workflow.stage import stage
 
@@ -37,7 +37,7 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     if chosen.sizes["t"] < FEWEST:
         raise NotApplicable([f"statistics: {chosen.sizes['t']} fields; a mean needs {FEWEST}"])
     found = steady(of_times(chosen), *(Memory.of(x) for x in remembered(chosen)))
-    unit = str(field.u.attrs["units"])
+    unit = unit_of(field.u)
     square = f"{unit.split('/')[0]}^2/s^2"
     values: dict[str, tuple[Array, str]] = {
         **{n: (getattr(found, n), unit) for n in ("u", "v", "u_sigma", "v_sigma")},
