@@ -5,13 +5,13 @@ import re
 import jumpvision
 
 PARTS = {  # of the site; all but the last are at most 15,000 words together (tests/test_docs.py)
-    "Begin": ["tutorial", "notebook", "bring_your_own_data", "glossary"],
+    "Begin": ["samples", "tutorial", "notebook", "bring_your_own_data", "glossary"],
     "Only match pictures": ["velocity_fields"],
     "Question a model": ["diagnosis", "any_simulator"],
     "Jumping robots": ["planning", "demo", "report", "scale"],
     "Reference": [
-        "api", "keys", "files", "stages", "physics", "hard_ground", "granular", "dem", "laboratory", "diagnosis_real",
-        "real", "benchmarks", "architecture",
+        "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "laboratory",
+        "diagnosis_real", "real", "benchmarks", "architecture",
     ],
 }  # fmt: skip
 
