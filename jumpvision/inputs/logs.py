@@ -44,8 +44,11 @@ def read_log(
     problems, out = [], {}
     for c, channel in raw.items():
         cells = pd.Series(channel.values)
-        values = pd.to_numeric(cells.str.strip() if cells.dtype == object else cells, errors="coerce").to_numpy(float)
-        bad = np.flatnonzero(~np.isfinite(values))
+        text = cells.str.strip() if cells.dtype == object else cells
+        values = pd.to_numeric(text, errors="coerce").to_numpy(float, copy=True)
+        good = np.isfinite(values)
+        values[good] = text.to_numpy()[good].astype(float)  # exact, as pandas before 3 is not
+        bad = np.flatnonzero(~good)
         if bad.size:
             more = f" (and {bad.size - 1} rows more)" if bad.size > 1 else ""
             problems.append(
