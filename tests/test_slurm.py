@@ -1,7 +1,7 @@
 """`run --profile slurm` on a real SLURM: nodes, a job and the controller fail in mid-run, and nothing is lost.
 
 Needs root and Debian's slurmctld, slurmd, slurm-client and munge, for a cluster of two nodes on this machine
-(tests/cluster/slurm.sh). JUMPVISION_SLURM_EXPERIMENTS says how many experiments: 200 take 20 minutes on two cores.
+(tests/cluster/slurm.sh). JUMPVISION_SLURM_EXPERIMENTS says how many experiments; 200 take 20 minutes on two cores.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from fault_lab import leftovers, results_of, run_here, write_campaign
 ROOT = Path(__file__).parents[1]
 SCRIPT = ROOT / "tests" / "cluster" / "slurm.sh"
 TOOLS = ("slurmctld", "slurmd", "munged", "sbatch", "squeue", "scontrol")
-N = int(os.environ.get("JUMPVISION_SLURM_EXPERIMENTS", "200"))
+N = int(os.environ.get("JUMPVISION_SLURM_EXPERIMENTS", "40"))
 GROUP, MEMORY = 10, 700  # experiments a SLURM job, MB of one; the hungry one needs more than MEMORY, less than twice it
 ENVIRONMENT = os.environ | {
     "PATH": f"{Path(sys.executable).parent}:/usr/sbin:{os.environ.get('PATH', '')}",
@@ -146,4 +146,5 @@ def test_nothing_is_lost_on_a_cluster(cluster, tmp_path):
     assert here.keys() == there.keys()
     assert [n for n in here if here[n] != there[n]] == []
     assert not (results / ".workflow").exists() and leftovers(results) == []
-    assert re.search(r"memory|OUT_OF_MEMORY|oom", text, re.IGNORECASE) or f"mem_mb={2 * MEMORY}" in text
+    logs = Path("/etc/slurm/slurm.conf").resolve().parent
+    assert any("exceeded memory limit" in f.read_text() for f in logs.glob("node*.log"))  # it was killed for that
