@@ -81,6 +81,11 @@ def samples(folder: Path) -> dict[str, Path]:
             out.mux(stream.encode())
         found[name] = folder / name
     (folder / "motor.csv").write_text("time_s,position_m\n" + "".join(f"{i / 100},{i % 7}e-3\n" for i in range(40)))
+    from test_logs import write
+
+    moved = {"time_s": np.arange(40) / 100, "position_m": np.arange(40) % 7 * 1e-3}
+    for name in ("motor.tdms", "motor.mat", "motor-v73.mat"):
+        found[name] = write(folder / name, {f"Log/{k}" if "tdms" in name else k: v for k, v in moved.items()})
     np.savez_compressed(folder / "map.npz", depth=np.linspace(0, 1, 120).reshape(10, 12))
     np.save(folder / "map.npy", np.linspace(0, 1, 120).reshape(10, 12))
     (folder / "experiment.toml").write_text(EXPERIMENT)
@@ -124,7 +129,7 @@ def reader(name: str) -> Callable[[Path], None]:
         from jumpvision.inputs.experiment import open_experiment
 
         return lambda path: open_experiment(path.parent) and None  # type: ignore[return-value]
-    if name == "motor.csv":
+    if name.startswith("motor"):
         from jumpvision.inputs.logs import read_log
 
         return lambda path: read_log(path, "time_s", "position_m") is None and None  # type: ignore[return-value]

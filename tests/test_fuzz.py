@@ -14,7 +14,7 @@ CASES = 120  # of each kind
 KINDS = [
     "film.npy", "film.h5", "film.seq", "film.cine", "packed.cine", "film.mraw", "film.cihx", "stack.tif", "imagej.tif",
     "image.png", "image.jpg", "image.bmp", "image.pgm", "ffv1.avi", "ffv1.mkv", "h264.mp4", "mjpeg.avi", "raw.avi",
-    "vp9.webm", "motor.csv", "map.npz", "map.npy", "experiment.toml",
+    "vp9.webm", "motor.csv", "motor.tdms", "motor.mat", "motor-v73.mat", "map.npz", "map.npy", "experiment.toml",
 ]  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import struct
 import subprocess
 import sys
@@ -282,3 +283,49 @@ def test_a_package_that_cannot_be_written_and_no_home(tmp_path):
     assert done.returncode == 0, done.stderr
     assert Path(done.stdout.strip()).parent == tmp_path
     assert Path(done.stdout.strip()).stat().st_mode & 0o777 == 0o700
+
+
+def test_a_package_without_its_wheel_is_unknown_not_a_failure(monkeypatch):
+    """conda-forge has OpenCV by another name."""
+    import importlib.metadata as metadata
+
+    from jumpvision.workflow.entries import versions
+
+    known = metadata.version
+
+    def version(name: str) -> str:
+        if "opencv" in name:
+            raise metadata.PackageNotFoundError(name)
+        return known(name)
+
+    monkeypatch.setattr(metadata, "version", version)
+    assert versions.__wrapped__()["opencv-python-headless"] == "unknown"
+    assert versions.__wrapped__()["numpy"] == known("numpy")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
+def test_a_run_needs_no_home_and_no_right_to_write_beside_the_package(tmp_path):
+    """The package is copied to a folder that may not be written to; HOME is a folder that is not there, nor can be."""
+    import jumpvision
+
+    site = tmp_path / "site"
+    shutil.copytree(Path(jumpvision.__file__).parent, site / "jumpvision", ignore=shutil.ignore_patterns("__pycache__"))
+    campaign = write_campaign(tmp_path / "campaign", 1)
+    folders = [site, *(d for d in site.rglob("*") if d.is_dir())]
+    environment = {"PATH": os.environ["PATH"], "HOME": str(site / "none"), "PYTHONPATH": str(site)}
+    call = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())", "run", str(campaign)]
+    if os.getuid() == 0:  # root obeys modes only without this right
+        if shutil.which("setpriv") is None:
+            pytest.skip("root may write anywhere, and setpriv is not here to take that right away")
+        call = ["setpriv", "--bounding-set=-dac_override", "--inh-caps=-dac_override", *call]
+    for d in folders:
+        d.chmod(0o555)
+    try:
+        call += ["--results", str(tmp_path / "results")]
+        run = subprocess.run(call, env=environment, capture_output=True, text=True, cwd=tmp_path)
+    finally:
+        for d in folders:
+            d.chmod(0o755)
+    assert run.returncode == 0, run.stderr[-2000:]
+    assert (tmp_path / "results" / "jump-0000" / "fits.json").exists()
+    assert not list(site.rglob("__pycache__"))  # it could not write there, and did not need to

@@ -117,6 +117,10 @@ def check_value(value: Any, hint: Any, meta: Mapping[str, Any]) -> tuple[Any, st
             return value, f"must be text in quotes ({meta['meaning']})"
         if meta["choices"] and value not in meta["choices"]:
             return value, f"must be {allowed(meta)} ({meta['meaning']})"
+    elif base is dict:
+        if not isinstance(value, Mapping) or not all(isinstance(v, str) for v in value.values()):
+            return value, f"must be a table of texts ({meta['meaning']})"
+        return dict(value), ""
     elif base is tuple:
         if not isinstance(value, (list, tuple)):
             return value, f"must be a list ({meta['meaning']})"
@@ -184,7 +188,7 @@ def table_of(cls: type) -> list[dict[str, str]]:
         if not f.metadata or dataclasses.is_dataclass(base):
             continue
         m = f.metadata
-        words = {bool: "true, false", str: "text", tuple: "list"}
+        words = {bool: "true, false", str: "text", tuple: "list", dict: "table"}
         unbounded = not m["choices"] and math.isinf(m["lo"]) and math.isinf(m["hi"])
         rows.append(
             {

@@ -108,7 +108,7 @@ class Hdf5Film(Film):
                 f"{path}: needs exactly one data set of (frame, y, x); found: {names}; save the film alone"
             )
         self._data = images[0]
-        if outside := self._elsewhere():
+        if outside := elsewhere(self._data, self._file):
             raise FrameError(
                 f"{path}: {self._data.name} lies in another file ({outside}), of which no change would be noticed; "
                 "save it in one file (h5repack, or np.asarray and create_dataset)"
@@ -126,15 +126,6 @@ class Hdf5Film(Film):
             meta={"format": "hdf5", "bit_depth": 8 * kind.itemsize, "data_set": self._data.name},
         )
 
-    def _elsewhere(self) -> str:
-        """The files beside this one that the data set is read from; "" where there are none."""
-        here = Path(self._data.file.filename) != Path(self._file.filename)
-        named = [self._data.file.filename] if here else []
-        named += [str(name) for name, *_ in self._data.external or ()]
-        if self._data.is_virtual:
-            named += [source.file_name for source in self._data.virtual_sources() if source.file_name != "."]
-        return ", ".join(dict.fromkeys(named[:3]))
-
     def _read(self, i: int) -> Image:
         try:
             image = self._data[()] if self._data.ndim == 2 else self._data[i]
@@ -144,3 +135,13 @@ class Hdf5Film(Film):
 
     def close(self) -> None:
         self._file.close()
+
+
+def elsewhere(data: Any, file: Any) -> str:
+    """The files beside this one that an HDF5 data set is read from; "" where there are none."""
+    here = Path(data.file.filename) != Path(file.filename)
+    named = [data.file.filename] if here else []
+    named += [str(name) for name, *_ in data.external or ()]
+    if data.is_virtual:
+        named += [source.file_name for source in data.virtual_sources() if source.file_name != "."]
+    return ", ".join(dict.fromkeys(named[:3]))

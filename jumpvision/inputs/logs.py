@@ -1,45 +1,61 @@
-"""CSV logs of the laboratory: read whole, checked value by value, refused with file, row, column and remedy."""
+"""Logs of the laboratory (CSV, TDMS, MAT): read whole, checked value by value, refused with row, column, remedy."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import irregular
 
+from .channels import READERS, Channel, Held
+from .recordings import LogSection
+
 if TYPE_CHECKING:
     import pandas as pd
 
 PACKED = {".gz", ".bz2", ".xz", ".zip", ".zst", ".tar"}
 LARGEST = 200e6  # bytes of a log, as text some 2 GB in memory
+UNIT = re.compile(r"(.*\S)\s*\[\s*([^\[\]]+?)\s*\]")  # Position [mm]
 
 
 def read_log(
-    path: Path, *columns: str, optional: tuple[str, ...] = (), at_least: int = 2, ordered: bool = True
+    log: Path | LogSection, *columns: str, optional: tuple[str, ...] = (), at_least: int = 2, ordered: bool = True
 ) -> pd.DataFrame:
     """The named columns as floats, in file order; the first must be a strictly increasing time where `ordered`.
 
-    Raises InputError naming file, row (1 = first row under the header), column, value and remedy.
+    A section says what they are called in the file, in which unit, and when its time begins. Raises InputError naming
+    file, row (1 = first row under the header), column, value and remedy.
     """
     import numpy as np
     import pandas as pd
 
-    raw = _cells(path, columns, optional)
-    if len(raw) < at_least:
-        raise InputError([f"{path}: {len(raw)} rows; at least {at_least} are needed"])
+    path = log if isinstance(log, Path) else log.path
+    raw = _cells(path, columns, optional, {} if isinstance(log, Path) else log.called)
+    rows = {c: len(channel.values) for c, channel in raw.items()}
+    if len(set(rows.values())) > 1:
+        told = ", ".join(f"{raw[c].name} has {n}" for c, n in rows.items())
+        raise InputError([f"{path}: channels of one log must have as many values: {told}"])
+    if rows[columns[0]] < at_least:
+        raise InputError([f"{path}: {rows[columns[0]]} rows; at least {at_least} are needed"])
     problems, out = [], {}
-    for c in (*columns, *(c for c in optional if c in raw.columns)):
-        values = pd.to_numeric(raw[c].str.strip(), errors="coerce").to_numpy(float)
-        bad = np.flatnonzero(~np.isfinite(values))
+    for c, channel in raw.items():
+        cells = pd.Series(channel.values)
+        text = cells.str.strip() if cells.dtype == object else cells
+        values = pd.to_numeric(text, errors="coerce").to_numpy(float, copy=True)
+        good = np.isfinite(values)
+        values[good] = text.to_numpy()[good].astype(float)  # exact, as pandas before 3 is not
+        bad = np.flatnonzero(~good)
         if bad.size:
             more = f" (and {bad.size - 1} rows more)" if bad.size > 1 else ""
             problems.append(
-                f"{path}: row {bad[0] + 1}, {c} = '{raw[c].iloc[bad[0]]}'{more}: must be a finite number; "
+                f"{path}: row {bad[0] + 1}, {channel.name} = '{cells.iloc[bad[0]]}'{more}: must be a finite number; "
                 "mend the value or delete the row"
             )
-        out[c] = values
+        out[c] = values * _factor(path, c, channel)
     time = out[columns[0]]
     back = np.flatnonzero(np.diff(time) <= 0)
     if ordered and back.size and not problems:
@@ -51,13 +67,66 @@ def read_log(
         )
     if problems:
         raise InputError(problems)
+    out[columns[0]] = time + getattr(log, "start", 0.0)
     return pd.DataFrame(out)
 
 
-def _cells(path: Path, columns: tuple[str, ...], optional: tuple[str, ...]) -> pd.DataFrame:
-    """The table as text, a column for each name of the header; a row that does not fit the header is refused."""
-    import pandas as pd
+def columns_in(log: LogSection) -> list[str]:
+    """The columns of a file by their own names, and those that its section finds in it."""
+    return [*log.called, *_held(log.path, (), ()).names]
 
+
+def _cells(
+    path: Path, columns: tuple[str, ...], optional: tuple[str, ...], called: Mapping[str, str]
+) -> dict[str, Channel]:
+    """The columns as the file has them; of the optional ones those that are there."""
+    wanted = {c: called.get(c, c) for c in (*columns, *optional)}
+    held = _held(path, [n for name in wanted.values() for n in (name, _split(name)[0])], columns)
+    found, missing = {}, []
+    for c, name in wanted.items():
+        channel = held.channels.get(name) or held.channels.get(_split(name)[0])
+        if channel is not None:
+            found[c] = replace(channel, unit=_split(name)[1] or _split(channel.name)[1] or channel.unit)
+        elif c in columns or c in called:
+            missing.append(c)
+    clock = next((channel.clock for channel in found.values() if channel.clock is not None), None)
+    if missing[:1] == [columns[0]] and columns[0] not in called and clock is not None:  # timed by its rate alone
+        found = {columns[0]: Channel(missing.pop(0), clock), **found}
+    if missing:
+        said = f"the header is '{','.join(held.names)}'"
+        words = {c: f"{c} = '{called[c]}'" if c in called else c for c in missing}
+        raise InputError(
+            [f"{path}: column {words[c]} missing; {said}{closest(wanted[c], held.names)}" for c in missing]
+        )
+    return found
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Name and unit of `Position [mm]`; "" where it states none."""
+    both = UNIT.fullmatch(name)
+    return (both[1], both[2]) if both else (name, "")
+
+
+def _factor(path: Path, column: str, channel: Channel) -> float:
+    """From the channel's unit to that of its column, which its name ends in; 1 where none is stated."""
+    _, mark, unit = column.rpartition("_")
+    if not channel.unit or not mark or channel.unit == unit:
+        return 1.0
+    import pint
+
+    try:
+        return float(pint.UnitRegistry().Quantity(1.0, channel.unit).to(unit).magnitude)
+    except Exception as e:  # what is no unit fails in many ways
+        raise InputError(
+            [
+                f"{path}: {channel.name} is in '{channel.unit}', which is no {unit} ({e}); name another channel, or "
+                f"its true unit: columns.{column} = '{_split(channel.name)[0]} [{unit}]'"
+            ]
+        ) from None
+
+
+def _held(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held:
+    """Names of all channels of a file, and those asked for."""
     if path.suffix.lower() in PACKED:
         raise InputError([f"{path}: compressed; unpack it, and name the table itself"])
     if problem := irregular(path):
@@ -66,6 +135,14 @@ def _cells(path: Path, columns: tuple[str, ...], optional: tuple[str, ...]) -> p
         raise InputError(
             [f"{path}: {size / 1e9:.1f} GB; logs of at most {LARGEST / 1e9:g} GB are read: keep the part that matters"]
         )
+    reader = READERS.get(path.suffix.lower())
+    return reader(path, asked) if reader else _table(path, asked, columns)
+
+
+def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held:
+    """A CSV table as text; a row that does not fit the header is refused."""
+    import pandas as pd
+
     try:
         # the header is read as a row: given one, pandas takes the first value of rows that are longer for a label
         raw = pd.read_csv(
@@ -83,10 +160,7 @@ def _cells(path: Path, columns: tuple[str, ...], optional: tuple[str, ...]) -> p
             text = f"line {longer[2]} has {longer[3]} values, the header {longer[1]}"
         raise InputError([f"{path}: not a CSV table ({text}); expected the header {','.join(columns)}"]) from None
     header = [str(c).strip() for c in raw.iloc[0]]
-    missing = [c for c in columns if c not in header]
-    if missing:
-        said = f"the header is '{','.join(header)}'"
-        raise InputError([f"{path}: column {c} missing; {said}{closest(c, header)}" for c in missing])
-    if twice := [c for c in (*columns, *optional) if header.count(c) > 1]:
-        raise InputError([f"{path}: column {c} is there {header.count(c)} times; rename or remove one" for c in twice])
-    return raw[1:].reset_index(drop=True).set_axis(header, axis=1)
+    if twice := [n for n in dict.fromkeys(asked) if header.count(n) > 1]:
+        raise InputError([f"{path}: column {n} is there {header.count(n)} times; rename or remove one" for n in twice])
+    rows = raw[1:].reset_index(drop=True)
+    return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from jumpvision.base.schema import FileSection, Section, param
+from jumpvision.base.schema import FileSection, Section, closest, param
 
 LENGTHS = ("px", "m", "cm", "mm", "um")  # of a vector file
 SPEEDS = ("px/frame", "px/s", "m/s", "cm/s", "mm/s", "um/s")
@@ -205,39 +205,79 @@ class GrainMask(FileSection):
 
 
 @dataclass(frozen=True)
-class RodTrack(FileSection):
+class LogSection(FileSection):
+    """A table: CSV, TDMS (LabVIEW) or MAT (MATLAB)."""
+
+    knows: ClassVar[tuple[str, ...]] = ()
+    columns: dict[str, str] | None = param(
+        None,
+        "",
+        "what the columns are called in the file: {time_s = 't [ms]'}, a unit in brackets where it is another; TDMS: "
+        "'Group/Channel', MAT: 'log.t', 'data(:,2)'; default: their own names",
+    )
+
+    @property
+    def called(self) -> dict[str, str]:
+        return self.columns or {}
+
+    def check(self) -> list[str]:
+        """Only columns that are read can be called something."""
+        return [
+            f"columns.{c} = '{name}': no column of [{self.name}]{closest(c, self.knows)}"
+            for c, name in self.called.items()
+            if c not in self.knows
+        ]
+
+
+@dataclass(frozen=True)
+class TimedLog(LogSection):
+    """A log against time."""
+
+    start: float = param(0.0, "s", "of the log's time 0 on the common clock", lo=-1e6, hi=1e9)
+
+
+@dataclass(frozen=True)
+class RodTrack(TimedLog):
     """time_s,height_m[,sigma_m]: an already tracked rod."""
 
     name: ClassVar[str] = "rod_track"
+    knows: ClassVar[tuple[str, ...]] = ("time_s", "height_m", "sigma_m", "sigma_common_m")
     scale_sigma: float = param(
         0.0, "", "relative standard uncertainty of the scale behind the heights, alike in all of them", lo=0, hi=0.5
     )
 
 
-class MotorLog(FileSection):
+class MotorLog(TimedLog):
     """time_s,position_m[,force_N]: X_m from the encoder."""
 
     name = "motor_log"
+    knows = ("time_s", "position_m", "force_N")
 
 
-class ContactLog(FileSection):
+class ContactLog(TimedLog):
     """time_s,contact (0/1)."""
 
     name = "contact_log"
+    knows = ("time_s", "contact")
 
 
-class IntrusionLog(FileSection):
+class IntrusionLog(TimedLog):
     """time_s,depth_m,force_N."""
 
     name = "intrusion_log"
+    knows = ("time_s", "depth_m", "force_N")
 
 
 @dataclass(frozen=True)
-class SpringLog(FileSection):
+class SpringLog(LogSection):
     """displacement_m,force_N of the spring alone, in the order measured (columns displacement_mm, _um, force_kN, _mN
     are taken in their unit)."""
 
     name: ClassVar[str] = "spring_log"
+    knows: ClassVar[tuple[str, ...]] = (
+        *("displacement_m", "displacement_mm", "displacement_um"),
+        *("force_N", "force_kN", "force_mN"),
+    )
     force: str = param(
         "along",
         "",

@@ -187,6 +187,8 @@ class Header:
     ground: str = param("granular", "", "what the robot stands on", choices=("hard", "granular"))
     group: str = param("", "", "trials of one condition share a group")
     exclude: str = param("", "", "a reason: the experiment is skipped and listed with it")
+    citation: str = param("", "", "how to cite the recordings: text, a DOI or an address")
+    license: str = param("", "", "terms of use of the recordings: an SPDX identifier (CC-BY-4.0), an address or text")
 
 
 SECTIONS: dict[str, type[Section]] = {

@@ -97,7 +97,7 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
 def begin_of(rod: RodMotion | None, contact: ContactLog | None) -> float:
     """First time [s] of the recording that the flights are found in."""
     if contact is not None:
-        return float(read_log(contact.path, "time_s", "contact").time_s.iloc[0])
+        return float(read_log(contact, "time_s", "contact").time_s.iloc[0])
     assert rod is not None
     return float(rod.arrays[0][0])
 
@@ -112,7 +112,7 @@ def find_flights(
 ) -> Flights | None:
     """Flights from the contact sensor, or without one from the track of the centre of mass of motor and rod."""
     if contact is not None:
-        d = read_log(contact.path, "time_s", "contact")
+        d = read_log(contact, "time_s", "contact")
         bad = np.flatnonzero(~np.isin(d.contact, (0.0, 1.0)))
         if bad.size:
             raise ValueError(
@@ -329,7 +329,7 @@ def actuator_fits(log: MotorLog, law: Actuation) -> dict[str, Estimate]:
     rest = position[at_rest(t, law.start)]
     noise = math.hypot(float(rest.std()) if rest.size > 2 else 0.0, step / math.sqrt(12.0))
     out = follow(t, commanded(law)(t)[0], position, frequency=frequency, noise=noise)
-    logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))
+    logged = read_log(log, "time_s", "position_m", optional=("force_N",))
     if "force_N" in logged:
         out |= motor_power(
             t,

@@ -44,7 +44,7 @@ from jumpvision.workflow.stage import StageWarning
 
 from .recordings import NOWHERE, bare_view, open_film, open_pictures
 from .rod import from_table, other_spring, read_motor, total_mass
-from .spring import FORCE, LENGTH, column_of
+from .spring import read_spring
 
 WHOLE = 50e6  # bytes up to which a film in a container is decoded here, as a run does to count its frames
 HEAVY = 100.0  # kg; robots that jump on a rail weigh less
@@ -146,12 +146,11 @@ def _logs(e: Experiment, found: Found) -> None:
         track = found.ask(lambda: from_table(table))
         found.track = None if track is None else (track.time_s.to_numpy(), track.height_m.to_numpy())
     if (contact := e.section(ContactLog)) is not None:
-        found.ask(lambda: read_log(contact.path, "time_s", "contact"))
+        found.ask(lambda: read_log(contact, "time_s", "contact"))
     if (pushed := e.section(IntrusionLog)) is not None:
-        found.ask(lambda: read_log(pushed.path, "time_s", "depth_m", "force_N"))
+        found.ask(lambda: read_log(pushed, "time_s", "depth_m", "force_N"))
     if (spring := e.section(SpringLog)) is not None:
-        columns = column_of(spring.path, LENGTH)[0], column_of(spring.path, FORCE)[0]
-        found.ask(lambda: read_log(spring.path, *columns, at_least=5, ordered=False))
+        found.ask(lambda: read_spring(spring))
 
 
 def _prefix(ratio: float) -> bool:

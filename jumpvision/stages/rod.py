@@ -40,7 +40,7 @@ def from_table(table: RodTrack) -> pd.DataFrame:
 
     A table of ours has sigma_common_m too, which its sigma_m holds.
     """
-    d = read_log(table.path, "time_s", "height_m", optional=("sigma_m", "sigma_common_m"), at_least=8)
+    d = read_log(table, "time_s", "height_m", optional=("sigma_m", "sigma_common_m"), at_least=8)
     height = d.height_m.to_numpy()
     sigma = d.sigma_m.to_numpy() if "sigma_m" in d else np.full(len(d), noise_of(height))
     if (sigma <= 0).any():
@@ -75,7 +75,7 @@ def commanded(law: Actuation) -> Forcing:
 
 def read_motor(log: MotorLog, law: Actuation | None) -> tuple[Array, Array]:
     """time [s] and X_m [m] of the encoder, zero at rest before the motor starts."""
-    d = read_log(log.path, "time_s", "position_m", at_least=8)
+    d = read_log(log, "time_s", "position_m", at_least=8)
     time, position = d.time_s.to_numpy(), d.position_m.to_numpy()
     before = at_rest(time, law.start) if law else np.arange(time.size) < 5
     return time, position - (np.median(position[before]) if before.any() else position[0])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import warnings
-from pathlib import Path
+
+import pandas as pd
 
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.robot import BENT, Spring, spring_stiffness
-from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.logs import columns_in, read_log
 from jumpvision.inputs.sections import Robot, SpringLog
 from jumpvision.results.values import SpringTest
 from jumpvision.workflow.stage import StageWarning, stage
@@ -23,10 +24,10 @@ def spring(log: SpringLog, robot: Robot | None) -> SpringTest:
 
     `fits` {name: {value, sigma, ...}} and the `profile`: displacement, force, direction and the line.
     """
-    (length, metres), (load, newtons) = column_of(log.path, LENGTH), column_of(log.path, FORCE)
-    d = read_log(log.path, length, load, at_least=5, ordered=False)
-    x, raw = d[length].to_numpy() * metres, d[load].to_numpy()
-    force = raw * (newtons if log.force == "along" else -newtons)
+    d = read_spring(log)
+    length, load = d.columns
+    x, raw = d[length].to_numpy() * LENGTH[length], d[load].to_numpy()
+    force = raw * (FORCE[load] if log.force == "along" else -FORCE[load])
     found = spring_stiffness(x, force, x_sigma=log.displacement_sigma, force_sigma=log.force_sigma)
     k = found.fits["spring_stiffness"]
     if k.reason:
@@ -46,11 +47,11 @@ def spring(log: SpringLog, robot: Robot | None) -> SpringTest:
     )
 
 
-def column_of(path: Path, units: dict[str, float]) -> tuple[str, float]:
-    """(name, factor to SI) of the column that the header has; the SI one where it has none, which reading refuses."""
-    with open(path, encoding="utf-8-sig", errors="replace") as f:
-        header = [c.strip() for c in f.readline().split(",")]
-    return next(((c, units[c]) for c in header if c in units), next(iter(units.items())))
+def read_spring(log: SpringLog) -> pd.DataFrame:
+    """Displacement and force in the units that the file has; the SI ones where it has none, which reading refuses."""
+    held = columns_in(log)
+    length, load = (next((c for c in held if c in units), next(iter(units))) for units in (LENGTH, FORCE))
+    return read_log(log, length, load, at_least=5, ordered=False)
 
 
 def tell(found: Spring, robot: Robot | None) -> None:

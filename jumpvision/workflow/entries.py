@@ -52,10 +52,16 @@ class CorruptEntry(Exception):
 @functools.cache  # reading the packages' metadata takes longer than most stages
 def versions() -> dict[str, str]:
     """Of jumpvision, Python and the packages that results depend on, here and now."""
-    from importlib.metadata import version
+    from importlib.metadata import PackageNotFoundError, version
+
+    def of(package: str) -> str:
+        try:
+            return version(package)
+        except PackageNotFoundError:  # conda has OpenCV by another name
+            return "unknown"
 
     packages = ("numpy", "scipy", "pandas", "xarray", "numba", "opencv-python-headless", "scikit-image", "av")
-    return {"jumpvision": __version__, "python": platform.python_version(), **{p: version(p) for p in packages}}
+    return {"jumpvision": __version__, "python": platform.python_version(), **{p: of(p) for p in packages}}
 
 
 def mark(cache: Path) -> None:

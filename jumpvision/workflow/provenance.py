@@ -15,6 +15,7 @@ from typing import Any, TypedDict
 
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import sha256, write_aside
+from jumpvision.inputs.sections import Header
 from jumpvision.results import plain
 
 from .entries import CorruptEntry, receipt_of, versions
@@ -159,7 +160,13 @@ def _told(
             *(f"{s.stage}: {w}" for s in workspace.steps for w in s.warnings),
         ],
         "command": command,
+        **_terms(workspace.experiment.header),
     }
+
+
+def _terms(header: Header) -> Mapping[str, str]:
+    """How to cite the recordings, and on what terms they may be used, where that is said."""
+    return {k: getattr(header, k) for k in ("citation", "license") if getattr(header, k)}
 
 
 def _without_repeats(made: Made, used: Mapping[str, set[str]]) -> Made:

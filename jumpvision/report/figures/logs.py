@@ -180,7 +180,7 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     around = (t > law.start - 0.05) & (t < law.stop + 0.1)
     t, position = t[around], position[around]
     command = commanded(law)(t)[0]
-    logged = read_log(log.path, "time_s", "position_m", optional=("force_N",))
+    logged = read_log(log, "time_s", "position_m", optional=("force_N",))
     force = logged.force_N.to_numpy()[around] if "force_N" in logged else None
     done, peak = fits.get("motor_work_J"), fits.known("peak_power_W")
     with styled() as Figure:

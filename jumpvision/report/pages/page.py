@@ -207,7 +207,9 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
         warnings=outcome.warnings,
         errors=outcome.errors,
         not_run=outcome.not_run,
-        provenance={k: made[k] for k in ("command", "versions", "inputs", "parameters") if k in made},
+        provenance={
+            k: made[k] for k in ("citation", "license", "command", "versions", "inputs", "parameters") if k in made
+        },
     )
     write_aside(page, text)
     return key

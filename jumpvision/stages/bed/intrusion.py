@@ -29,7 +29,7 @@ def intrusion(log: IntrusionLog, robot: Robot | None, *, p: IntrusionParams) -> 
 
     `fits` {name: {value, sigma, ...}}, the averaged `profile`, the `events` and the cone's prediction `cone`.
     """
-    d = read_log(log.path, "time_s", "depth_m", "force_N", at_least=LEAST)
+    d = read_log(log, "time_s", "depth_m", "force_N", at_least=LEAST)
     time, depth, force = (d[n].to_numpy() for n in ("time_s", "depth_m", "force_N"))
     curve, fresh = curve_of(time, depth, force, str(log.path), p)
     surface = 0.0 if curve.contact.reason else curve.contact.value

@@ -1,0 +1,65 @@
+"""What lies in a folder of results: the files that its runs declare, each still what it was."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.schema import InputError
+from jumpvision.base.storage import sha256
+from jumpvision.workflow.provenance import NAME, TABLES, read_provenance
+
+
+@dataclass(frozen=True)
+class Results:
+    """Of one experiment, or (name "") the tables of a campaign. outputs: SHA-256 by file name."""
+
+    name: str
+    folder: Path
+    outputs: Mapping[str, str]
+    provenance: Mapping[str, Any]
+
+    @property
+    def files(self) -> list[Path]:
+        return [self.folder / f for f in self.outputs]
+
+
+def results_in(folder: Path) -> list[Results]:
+    """The results of an experiment, or of a campaign and its experiments.
+
+    Raises InputError where there are none, or where a file is not what its run has written.
+    """
+    found = []
+    if (folder / NAME).is_file():
+        found = [_of_experiment(folder, folder.absolute().name)]
+    elif (folder / TABLES).is_file():
+        try:
+            told = json.loads((folder / TABLES).read_text(encoding="utf-8"))
+            tables, names = dict(told["tables"]), list(told["experiments"])
+        except (OSError, ValueError, TypeError, KeyError, RecursionError):
+            raise InputError([f"{folder / TABLES}: damaged; run the campaign again"]) from None
+        found = [Results("", folder, tables, {"command": told.get("command", "")})]
+        found += [_of_experiment(folder / n, n) for n in names if (folder / n).is_dir()]
+    if not any(r.outputs for r in found):
+        raise InputError([f"{folder}: no results there; give a folder that jumpvision run has written to"])
+    changed = [f for r in found for f in r.files if not f.is_file() or sha256(f) != r.outputs[f.name]]
+    if changed:
+        raise InputError([f"{f}: not what its run has written; run again, then export" for f in changed])
+    return found
+
+
+def _of_experiment(folder: Path, name: str) -> Results:
+    told = read_provenance(folder)
+    if not told:
+        raise InputError([f"{folder / NAME}: missing or damaged; run again, then export"])
+    return Results(name, folder, told["outputs"], told)
+
+
+def folder_for(one: Results, found: list[Results], out: Path) -> Path:
+    """The folder of one experiment's files: of its name, or the export itself where it is the only one."""
+    folder = out / one.name if len(found) > 1 else out
+    folder.mkdir(exist_ok=True)
+    return folder

@@ -1,0 +1,237 @@
+"""Logs as CSV, TDMS and MAT: the same numbers from each, and the same words where they cannot be."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from test_broken_folders import folder, sound  # noqa: F401  (fixtures)
+
+from jumpvision.base.schema import InputError
+from jumpvision.cli import main
+from jumpvision.inputs.channels import READERS
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.recordings import MotorLog, SpringLog
+
+T = np.arange(12) / 250.0 + 0.5
+X = 4e-3 * np.sin(9.0 * T)
+SUFFIXES = (".csv", ".tdms", ".mat", "-v73.mat")
+
+
+def write(path, channels, *, units=(), properties=()):
+    """Channels {name: values} in the format of the name's ending; a name may be GROUP/CHANNEL or STRUCT.FIELD."""
+    if path.suffix == ".csv":
+        np.savetxt(path, np.column_stack(list(channels.values())), "%.17g", ",", header=",".join(channels), comments="")
+    elif path.suffix == ".tdms":
+        nptdms = pytest.importorskip("nptdms")
+        with nptdms.TdmsWriter(path) as out:
+            for name, values in channels.items():
+                group, _, channel = name.rpartition("/")
+                told = {"unit_string": dict(units)[name]} if name in dict(units) else {}
+                out.write_segment([nptdms.ChannelObject(group or "Log", channel, values, {**told, **dict(properties)})])
+    elif path.name.endswith("-v73.mat"):
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w", userblock_size=512) as out:
+            for name, values in channels.items():  # MATLAB's columns are HDF5's rows
+                out[name.replace(".", "/")] = np.atleast_2d(values) if values.ndim == 1 else values.T
+        with path.open("r+b") as out:
+            out.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
+    else:
+        from scipy.io import savemat
+
+        tree: dict = {}
+        for name, values in channels.items():
+            *above, last = name.split(".")
+            place = tree
+            for key in above:
+                place = place.setdefault(key, {})
+            place[last] = values
+        savemat(path, tree, do_compression=True, oned_as="column")
+    return path
+
+
+def motor(path, **keys):
+    return MotorLog(path.name, path, **keys)
+
+
+@pytest.mark.parametrize("ending", SUFFIXES)
+def test_every_format_gives_the_same_numbers(tmp_path, ending):
+    """To the last bit: nothing is rounded on the way."""
+    file = write(tmp_path / f"motor{ending}", {"time_s": T, "position_m": X})
+    d = read_log(motor(file), "time_s", "position_m", optional=("force_N",))
+    assert list(d) == ["time_s", "position_m"]
+    assert (d.time_s.to_numpy() == T).all() and (d.position_m.to_numpy() == X).all()
+
+
+@pytest.mark.parametrize(
+    ("ending", "names"),
+    [
+        (".csv", ("t [ms]", "enc")),
+        (".tdms", ("Control/t", "Control/enc")),
+        (".tdms", ("t", "enc")),
+        (".mat", ("log.motor.t", "log.motor.enc")),
+        ("-v73.mat", ("log.t", "log.enc")),
+    ],
+)
+def test_columns_may_be_called_otherwise_and_be_in_other_units(tmp_path, ending, names):
+    """Time in ms, position in mm, the log 0.25 s late: each said in the experiment."""
+    time, position = names
+    held = names if "/" in time or ending != ".tdms" else ("Control/t", "Control/enc")
+    file = write(tmp_path / f"log{ending}", dict(zip(held, (1e3 * T, 1e3 * X))))
+    called = {"time_s": time if "[" in time else f"{time} [ms]", "position_m": f"{position} [mm]"}
+    d = read_log(motor(file, columns=called, start=0.25), "time_s", "position_m")
+    assert d.time_s.to_numpy() == pytest.approx(T + 0.25, rel=1e-14)
+    assert d.position_m.to_numpy() == pytest.approx(X, rel=1e-14)
+
+
+@pytest.mark.parametrize("ending", [".mat", "-v73.mat"])
+def test_columns_of_a_matrix(tmp_path, ending):
+    file = write(tmp_path / f"log{ending}", {"data": np.column_stack([T, 7.0 + T, X])})
+    d = read_log(motor(file, columns={"time_s": "data(:,1)", "position_m": "data(:,3)"}), "time_s", "position_m")
+    assert (d.position_m.to_numpy() == X).all()
+
+
+def test_a_tdms_file_says_its_units_and_its_rate(tmp_path):
+    """unit_string is believed; where there is no time channel the waveform's rate and offset are the time."""
+    step = {"wf_increment": 0.004, "wf_start_offset": 0.5, "wf_start_time": datetime.datetime(2024, 5, 1)}
+    file = write(
+        tmp_path / "a.tdms",
+        {"Log/position_m": 1e3 * X, "Log/force_N": 2.0 + X},
+        units={"Log/position_m": "mm", "Log/force_N": "kN"},
+        properties=step,
+    )
+    d = read_log(motor(file), "time_s", "position_m", optional=("force_N",))
+    assert d.time_s.to_numpy() == pytest.approx(T, abs=1e-15)
+    assert d.position_m.to_numpy() == pytest.approx(X, rel=1e-14)
+    assert d.force_N.to_numpy() == pytest.approx(1e3 * (2.0 + X), rel=1e-14)
+
+
+def test_dates_are_seconds_since_the_first(tmp_path):
+    dates = np.datetime64("2024-05-01T10:00:00", "us") + (1e6 * (T - T[0])).round().astype("timedelta64[us]")
+    file = write(tmp_path / "a.tdms", {"Log/time_s": dates, "Log/position_m": X})
+    d = read_log(motor(file, start=0.5), "time_s", "position_m")
+    assert d.time_s.to_numpy() == pytest.approx(T, abs=1e-9)
+
+
+@pytest.mark.parametrize("ending", SUFFIXES)
+@pytest.mark.parametrize("fault", ["nan", "back", "missing", "short"])
+def test_the_same_errors_whatever_the_format(tmp_path, ending, fault):
+    channels = {"time_s": T.copy(), "position_m": X.copy()}
+    if fault == "nan":
+        channels["position_m"][4] = np.nan
+    elif fault == "back":
+        channels["time_s"][4] = 0.0
+    elif fault == "missing":
+        channels["position"] = channels.pop("position_m")
+    file = write(tmp_path / f"motor{ending}", {k: v[:5] if fault == "short" else v for k, v in channels.items()})
+    with pytest.raises(InputError) as e:
+        read_log(motor(file), "time_s", "position_m", at_least=8)
+    (said,) = e.value.problems
+    assert str(file) in said
+    words = {
+        "nan": "row 5, position_m = 'nan': must be a finite number; mend the value or delete the row",
+        "back": "row 5, time_s = 0 after 0.512: time goes back; it must increase",
+        "missing": "column position_m missing; the header is ",
+        "short": "5 rows; at least 8 are needed",
+    }
+    assert words[fault] in said
+
+
+@pytest.mark.parametrize(
+    ("channels", "keys", "units", "words"),
+    [
+        ({"Log/time_s": T, "Log/position_m": X[:-1]}, {}, {}, "Log/position_m has 11|position_m has 11"),
+        ({"Log/time_s": T, "Log/position_m": X}, {}, {"Log/position_m": "V"}, "is in 'V', which is no m"),
+        ({"Log/time_s": T, "Log/position_m": X}, {"position_m": "Log/enc"}, {}, "position_m = 'Log/enc' missing"),
+        ({"Log/time_s": T, "Log/position_m": X}, {"position_m": "position_m [furz]"}, {}, "in 'furz'"),
+        ({"A/time_s": T, "A/position_m": X, "B/position_m": X}, {}, {}, "position_m missing; .*B/position_m"),
+        ({"Log/time_s": T, "Log/position_m": list("abcdefghijkl")}, {}, {}, "row 1, position_m = 'a'"),
+    ],
+)  # fmt: skip
+def test_what_a_tdms_file_cannot_be_read_as(tmp_path, channels, keys, units, words):
+    file = write(tmp_path / "a.tdms", channels, units=units)
+    with pytest.raises(InputError, match=words):
+        read_log(motor(file, columns=keys or None), "time_s", "position_m")
+
+
+@pytest.mark.parametrize("suffix", sorted(READERS))
+def test_what_is_no_such_file_is_refused_in_words(tmp_path, suffix):
+    file = tmp_path / f"motor{suffix}"
+    for content in (b"time_s,position_m\n0,0\n", b"TDSm" + bytes(60), b"MATLAB 7.3" + bytes(600), bytes(200)):
+        file.write_bytes(content)
+        with pytest.raises(InputError, match=r"motor\.(tdms|mat): "):
+            read_log(motor(file), "time_s", "position_m")
+
+
+@pytest.mark.parametrize(("suffix", "library", "extra"), [(".tdms", "nptdms", "tdms"), ("-v73.mat", "h5py", "hdf5")])
+def test_a_library_that_is_not_installed_is_named(tmp_path, monkeypatch, suffix, library, extra):
+    file = write(tmp_path / f"a{suffix}", {"time_s": T, "position_m": X})
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(InputError, match=rf"{library}; install it with: pip install 'jumpvision\[{extra}\]'"):
+        read_log(motor(file), "time_s", "position_m")
+
+
+def test_a_mat_file_that_unpacks_to_gigabytes_is_refused(tmp_path, monkeypatch):
+    """8 MB of zeros pack to 8 kB; the cap is lowered to 1 MB for it."""
+    file = write(tmp_path / "bomb.mat", {"time_s": np.zeros(10**6), "position_m": np.zeros(10**6)})
+    assert file.stat().st_size < 1e5
+    monkeypatch.setattr("jumpvision.inputs.channels.UNPACKED", 1e6)
+    with pytest.raises(InputError, match=r"more than 0\.001 GB when unpacked"):
+        read_log(motor(file), "time_s", "position_m")
+
+
+def test_data_in_another_file_is_refused(tmp_path):
+    """Its change would not be noticed: the hash is of the file that is named."""
+    h5py = pytest.importorskip("h5py")
+    T.tofile(tmp_path / "raw.bin")
+    file = write(tmp_path / "a-v73.mat", {"position_m": X})
+    with h5py.File(file, "r+") as out:
+        out.create_dataset("time_s", (12,), "f8", external=[(str(tmp_path / "raw.bin"), 0, T.nbytes)])
+    with pytest.raises(InputError, match="lies in another file"):
+        read_log(motor(file), "time_s", "position_m")
+
+
+def test_an_index_beside_a_tdms_file_is_not_believed(tmp_path):
+    """A stale index would give other numbers than those that are hashed."""
+    file = write(tmp_path / "a.tdms", {"Log/time_s": T, "Log/position_m": X})
+    other = write(tmp_path / "b.tdms", {"Log/time_s": T[:3], "Log/position_m": X[:3]})
+    (tmp_path / "a.tdms_index").write_bytes(other.read_bytes().replace(b"TDSm", b"TDSh"))
+    assert len(read_log(motor(file), "time_s", "position_m")) == 12
+
+
+def test_a_spring_in_mat(tmp_path):
+    from jumpvision.stages.spring import spring
+
+    x = np.linspace(0.0, 0.004, 40)
+    rng = np.random.default_rng(3)
+    force = 3300.0 * x + rng.normal(0.0, 0.05, x.size)
+    file = write(tmp_path / "spring.mat", {"test.u": 1e3 * x, "test.f": force})
+    called = {"displacement_m": "test.u [mm]", "force_N": "test.f"}
+    k = spring(SpringLog(file.name, file, columns=called), None).values["fits"]["spring_stiffness"]
+    assert abs(k["value"] - 3300.0) < 4.0 * k["sigma"] < 0.01 * 3300.0
+
+
+@pytest.mark.parametrize("ending", [".tdms", "-v73.mat"])
+def test_a_whole_experiment_is_the_same_with_another_log(folder, tmp_path, ending, capsys):  # noqa: F811
+    """The motor's log as CSV and as the other format: fits and simulation are equal to the last bit; check passes."""
+    assert main(["run", str(folder), "--results", str(tmp_path / "csv"), "--no-pictures", "--no-report"]) == 0
+    d = read_log(folder / "motor.csv", "time_s", "position_m")
+    names = ("Enc/t", "Enc/x") if ending == ".tdms" else ("enc.t", "enc.x")
+    other = tmp_path / "other" / "exp"
+    shutil.copytree(folder, other)
+    (other / "motor.csv").unlink()
+    write(other / f"motor{ending}", dict(zip(names, (d.time_s.to_numpy(), d.position_m.to_numpy()))))
+    toml = other / "experiment.toml"
+    line = f'file = "motor{ending}"\ncolumns = {{time_s = "{names[0]}", position_m = "{names[1]}"}}'
+    toml.write_text(toml.read_text().replace('file = "motor.csv"', line))
+    assert main(["check", str(other)]) == 0
+    assert main(["run", str(other), "--results", str(tmp_path / "there"), "--no-pictures", "--no-report"]) == 0
+    for name in ("fits.json", "simulation.csv", "summary.json"):
+        assert (tmp_path / "there" / name).read_bytes() == (tmp_path / "csv" / name).read_bytes()
+    toml.write_text(toml.read_text().replace("position_m =", "positon_m ="))
+    capsys.readouterr()
+    assert main(["check", str(other)]) == 2
+    assert "columns.positon_m" in (said := capsys.readouterr().err) and "did you mean 'position_m'" in said
