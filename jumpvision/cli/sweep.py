@@ -27,6 +27,9 @@ class SweepAxes:
     phase: Annotated[str | None, _axis("Start phase [rad]; pi/2 is a stutter jump, 3 pi/2 a single jump.")] = None
     amplitude: Annotated[str | None, _axis("Forcing amplitude A [m].")] = None
     delay: Annotated[str | None, _axis("Pause between the two half cycles [s].")] = None
+    dwell_gain: Annotated[
+        str | None, _axis("Position gain in the pause / normal gain; below 1 the [motor] loop drives (granular).")
+    ] = None
     frequency2: Annotated[str | None, _axis("Frequency of the second half cycle [Hz].")] = None
     cycles: Annotated[str | None, _axis("Number of forcing cycles.")] = None
     alpha: Annotated[str | None, _axis("M g/(k A): sets the amplitude, or gravity with --amplitude.")] = None

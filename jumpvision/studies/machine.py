@@ -12,13 +12,15 @@ from typing import Any
 from jumpvision.base.schema import InputError, closest, read
 from jumpvision.inputs.experiment import Experiment, merged, open_experiment
 from jumpvision.inputs.model import ModelSpec, model_tables, read_model
-from jumpvision.inputs.sections import Actuation, Bed, Header, Robot
+from jumpvision.inputs.sections import Actuation, Bed, Header, Motor, Robot
 from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.model import Model
 from jumpvision.stages.simulate import build_model
 
 from .axes import Laws
+
+MOTOR = {"kp": 20000.0, "kd": 120.0, "max_force": 100.0, "max_speed": 3.0, "stroke": 0.05}
 
 THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 and 3
     "hard": {
@@ -30,6 +32,7 @@ THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 a
             "gravity": 0.276 * 9.81,
         },
         "actuation": {"kind": "stutter", "frequency": 8.2, "amplitude": 4e-3},
+        "motor": MOTOR,
         "bed": {},
         "model": {"terms": ()},
     },
@@ -44,6 +47,7 @@ THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 a
             "gravity": 9.81,
         },
         "actuation": {"kind": "stutter", "frequency": 5.0, "amplitude": 0.01875},
+        "motor": MOTOR,
         "bed": {"volume_fraction": 0.57, "grain_density": 1000.0},
         # the set of docs/physics.md section 7: the bend is without effect at k1 = k2
         "model": {
@@ -69,6 +73,7 @@ class Machine:
     values: Mapping[str, float]  # every name of physics.points ROBOT, LAW and, on granular ground, BED
     thesis: bool = False
     laws: Laws | None = None  # of the bed's parameters against phi
+    motor: Motor | None = None
 
     @property
     def exact(self) -> bool:
@@ -99,7 +104,7 @@ def machine(
             raise InputError(
                 [f"sweep {ground} --experiment {experiment}: its ground is '{e.ground}'; sweep {e.ground} instead"]
             )
-        robot, law, bed, spec = (e.section(s) for s in (Robot, Actuation, Bed, ModelSpec))
+        robot, law, motor, bed, spec = (e.section(s) for s in (Robot, Actuation, Motor, Bed, ModelSpec))
         if robot is None:
             raise InputError([f"{folder / 'experiment.toml'}: [robot]: missing; a sweep needs the robot's values"])
         name, thesis = e.name, False
@@ -107,7 +112,7 @@ def machine(
         default = () if ground == "hard" else ("two_resistance", "inertial_drag")
         spec = spec or ModelSpec(default)
     else:
-        robot, law, bed, spec = _thesis(ground, overrides)
+        robot, law, motor, bed, spec = _thesis(ground, overrides)
         name, thesis = f"thesis robot, {ground} ground", not overrides
         e = Experiment(Path("--set"), name, Header(ground=ground), {}, {})
     if model_file is not None:
@@ -140,10 +145,29 @@ def machine(
         "phase": law.start_phase,
         "cycles": law.cycles,
         "delay": law.delay,
+        "dwell_gain": law.dwell_gain,
     }
+    if motor and motor.kp:
+        values |= {"kp": motor.kp, "kd": motor.kd or 0.0}
+        values |= {"max_force": motor.max_force or math.inf, "max_speed": motor.max_speed or math.inf}
     laws = laws or (spec.laws and spec.laws.without(overrides.get("model", {})))
     values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
-    return Machine(name, model, values, thesis, laws)
+    return Machine(name, model, values, thesis, laws, motor)
+
+
+def remembering(robot: Machine) -> Machine:
+    """The machine with stop_go_overshoot, the bed's memory of a pause, where its laws or --set know s_p and lam.
+
+    A model that has an overshoot already stays as it is.
+    """
+    given, known = robot.model.parameters, robot.laws.laws if robot.laws else {}
+    names = ("s_p", "lam")
+    if robot.model.acting(Body.OVERSHOOT) or any(getattr(given, n) is None and n not in known for n in names):
+        return robot
+    standing = {n: float(known[n](robot.values["phi"])) for n in names if getattr(given, n) is None}
+    parameters = dataclasses.replace(given, **standing)
+    terms = (*robot.model.terms, "stop_go_overshoot")
+    return dataclasses.replace(robot, model=dataclasses.replace(robot.model, terms=terms, parameters=parameters))
 
 
 def plain_model(model: Model) -> Model:
@@ -163,7 +187,9 @@ def plain_model(model: Model) -> Model:
     )
 
 
-def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Bed, ModelSpec]:
+def _thesis(
+    ground: str, overrides: Mapping[str, Mapping[str, Any]]
+) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
     tables = THESIS[ground]
     problems = [
         f"--set {name}: unknown section of the thesis' robot{closest(name, tables)}"
@@ -172,7 +198,7 @@ def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Ro
     ]
     tables = merged(tables, {n: t for n, t in overrides.items() if n in tables})
     found = []
-    for name, cls in (("robot", Robot), ("actuation", Actuation), ("bed", Bed)):
+    for name, cls in (("robot", Robot), ("actuation", Actuation), ("motor", Motor), ("bed", Bed)):
         section, more = read(cls, tables[name], f"--set [{name}]")
         found.append(section)
         problems += more
