@@ -15,7 +15,7 @@ from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
 from jumpvision.mechanisms.own import parameters_with
 from jumpvision.physics.batch import OF_MODEL
-from jumpvision.physics.forcing import Forcing, Loop, from_log
+from jumpvision.physics.forcing import Forcing, Loop, from_motion
 from jumpvision.physics.hard.jump import hard_jump
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import beyond_seen
@@ -32,7 +32,7 @@ AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
-@stage(version=4, any_of=("log", "law"))
+@stage(version=5, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,
@@ -150,7 +150,7 @@ def driver(
             StageWarning,
             stacklevel=2,
         )
-    spline = from_log(time, position, p.encoder_step / np.sqrt(12.0))
+    spline = from_motion(time, position, p.encoder_step / np.sqrt(12.0))
     return spline, known.stop if known is not None else last_motion(time, position, p)
 
 

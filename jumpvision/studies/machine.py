@@ -187,9 +187,7 @@ def plain_model(model: Model) -> Model:
     )
 
 
-def _thesis(
-    ground: str, overrides: Mapping[str, Mapping[str, Any]]
-) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
+def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
     tables = THESIS[ground]
     problems = [
         f"--set {name}: unknown section of the thesis' robot{closest(name, tables)}"
