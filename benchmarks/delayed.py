@@ -1,7 +1,7 @@
 """A worked case: delayed jumps tell that the bed remembers a pause, slow intrusions confirm it, a plan makes use of it.
 
-`python -m benchmarks.delayed FOLDER` writes a campaign of the virtual laboratory, questions the model that forgets,
-plans a stop-go jump with the extended and with the old model, performs both in the laboratory, and prints what came of it.
+`python -m benchmarks.delayed FOLDER` writes a campaign of the laboratory, questions the model that forgets, plans
+a stop-go jump with the extended and with the old model, performs both in the laboratory, and prints what came of it.
 """
 
 from __future__ import annotations

@@ -93,14 +93,16 @@ def build_model(
                 StageWarning,
                 stacklevel=2,
             )
-    phi = packing(section, bed)[0]
+    phi, phi_sigma = packing(section, bed)
     if spec.laws:
         if phi is None:
             raise InputError(["[bed] volume_fraction: missing; [model.laws] gives the bed's parameters against it"])
         try:
-            at = spec.laws.points(phi, robot.foot_radius or math.nan)
+            at = spec.laws.points(phi, robot.foot_radius or math.nan, phi_sigma or 0.0)
         except ValueError as e:
             raise InputError([f"[model.laws] {e}"]) from None
+        if said := spec.laws.continued(phi):
+            warnings.warn(f"[model.laws] {said}", StageWarning, stacklevel=2)
         values |= {name.removeprefix(OF_MODEL): float(x) for name, x in at.items()}
     try:
         return Model(

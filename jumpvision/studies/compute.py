@@ -50,10 +50,12 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
         point = {n: a[next(at)] if a.ndim else np.full(hi - lo, float(a)) for n, a in given.items()}
         full = resolve(machine.values, point)
         if machine.laws:
-            full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan)
+            full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan, machine.phi_sigma)
         return {n: np.ascontiguousarray(np.broadcast_to(v, (hi - lo,))) for n, v in full.items()}
 
     threads = numba.get_num_threads()
+    if machine.laws and (said := machine.laws.continued(given.get("phi", np.asarray(machine.values["phi"])))):
+        say(said)
     try:
         values(0, 1)
         numba.set_num_threads(min(workers, threads))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,10 @@ from jumpvision.inputs.sections import Actuation, Bed, Header, Motor, Robot
 from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.model import Model
+from jumpvision.results.values import BedHeight
+from jumpvision.stages.bed.height import packing
 from jumpvision.stages.simulate import build_model
+from jumpvision.workflow.workspace import Workspace
 
 from .axes import Laws
 
@@ -74,6 +78,7 @@ class Machine:
     thesis: bool = False
     laws: Laws | None = None  # of the bed's parameters against phi
     motor: Motor | None = None
+    phi_sigma: float = 0.0  # standard uncertainty of a measured volume fraction
 
     @property
     def exact(self) -> bool:
@@ -88,11 +93,13 @@ def machine(
     *,
     model_file: Path | None = None,
     laws: Laws | None = None,
+    bed_seen: BedHeight | None = None,
 ) -> Machine:
     """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place.
 
-    model_file: a TOML file whose [model] replaces the other; its [robot], as a diagnosis fitted it, goes over the
-    robot's.
+    bed_seen: the bed's record where it is at hand; else an experiment's picture of the bed is measured where [bed]
+    gives no volume fraction. model_file: a TOML file whose [model] replaces the other; its [robot], as a diagnosis
+    fitted it, goes over the robot's.
     """
     overrides = {name: table for name, table in overrides.items() if table}  # "params" is always there
     if model_file is not None and (fitted := model_tables(model_file).get("robot")):
@@ -108,6 +115,8 @@ def machine(
         if robot is None:
             raise InputError([f"{folder / 'experiment.toml'}: [robot]: missing; a sweep needs the robot's values"])
         name, thesis = e.name, False
+        if bed_seen is None and (bed is None or bed.volume_fraction is None) and ground == "granular":
+            bed_seen = _bed_of(e)
         law = law or Actuation()
         default = () if ground == "hard" else ("two_resistance", "inertial_drag")
         spec = spec or ModelSpec(default)
@@ -123,7 +132,7 @@ def machine(
         )
         name += f", model of {model_file.name}"
     try:
-        model = plain_model(build_model(e, robot, spec, bed, None))
+        model = plain_model(build_model(e, robot, spec, bed, bed_seen))
     except InputError as error:
         at = f"{e.path / 'experiment.toml'}: "
         raise InputError([p.replace(at, f"{model_file}: ") if model_file else p for p in error.problems]) from None
@@ -152,7 +161,17 @@ def machine(
         values |= {"max_force": motor.max_force or math.inf, "max_speed": motor.max_speed or math.inf}
     laws = laws or (spec.laws and spec.laws.without(overrides.get("model", {})))
     values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
-    return Machine(name, model, values, thesis, laws, motor)
+    phi, phi_sigma = packing(bed, bed_seen)
+    if phi is not None and phi_sigma:
+        name += f", volume fraction {phi:.4f} ± {phi_sigma:.2g} as measured"
+    return Machine(name, model, values, thesis, laws, motor, phi_sigma or 0.0)
+
+
+def _bed_of(e: Experiment) -> BedHeight | None:
+    """What the picture of the bed of an experiment shows; None where it has none."""
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = Workspace(e, Path(folder) / "results", Path(folder) / "cache")
+        return None if workspace.missing(BedHeight) else workspace.make(BedHeight)
 
 
 def remembering(robot: Machine) -> Machine:

@@ -110,11 +110,16 @@ def planned_robot(
     found = machine(ground, experiment, given, model_file=model_file)
     if model_file is not None:
         spec = read_model(model_file)
+    sigma["volume_fraction"] = found.phi_sigma
     for name, value in (spec.sigma if spec else {}).items():
         name = CORRECTS.get(name, name)
         sigma[name] = math.hypot(sigma.get(name, 0.0), value)
     known = {
-        n for n in sigma if n in Robot.__dataclass_fields__ or getattr(found.model.parameters, n, None) is not None
+        n
+        for n in sigma
+        if n in Robot.__dataclass_fields__
+        or n == "volume_fraction"
+        or getattr(found.model.parameters, n, None) is not None
     }
     return Robot1D(found.name, found.model, found.motor, {n: s for n, s in sigma.items() if s > 0 and n in known})
 

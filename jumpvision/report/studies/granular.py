@@ -199,7 +199,9 @@ def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     name, unit = attributes_of(measured.DragFit, data).parameter, unit_of(data.value)
-    left.errorbar(data.packing, data.value, 2.0 * data.value_sigma, fmt="o", ms=4, color=MEASURED)
+    left.errorbar(
+        data.packing, data.value, 2.0 * data.value_sigma, 2.0 * data.packing_sigma, fmt="o", ms=4, color=MEASURED
+    )
     left.set(
         title=f"{name} of the measured jumps, ±2σ", xlabel=PHI, ylabel=name + (f" [{unit}]" if unit != "1" else "")
     )

@@ -335,7 +335,7 @@ def loaded_frequency(s: Sweep) -> float:
     """Natural frequency [Hz] of the robot on its spring in series with the bed's initial slope k1 (or k)."""
     v = resolve(s.machine.values, {})
     if s.machine.laws:
-        v |= s.machine.laws.points(v["phi"], s.machine.model.foot_radius or math.nan)
+        v |= s.machine.laws.points(v["phi"], s.machine.model.foot_radius or math.nan, s.machine.phi_sigma)
     m = model_at(s.machine.model, v)
     slope = m.parameters.k if "linear_penetration" in m else m.parameters.k1
     return math.sqrt(1.0 / (1.0 / m.k_s + 1.0 / (slope or math.inf)) / m.M) / (2.0 * math.pi)

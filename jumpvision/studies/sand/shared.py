@@ -63,7 +63,7 @@ def motion(s: Sweep, model: Model, given: Mapping[str, float], samples: int) -> 
     """One jump sampled evenly from its start to TAIL after its stop, with its law and model, driven as in a batch."""
     v = resolve(s.machine.values, given)
     if s.machine.laws:
-        v |= s.machine.laws.points(v["phi"], model.foot_radius or np.nan)
+        v |= s.machine.laws.points(v["phi"], model.foot_radius or np.nan, s.machine.phi_sigma)
     here = model_at(model, v)
     law = Segments(law_rows({n: np.atleast_1d(x) for n, x in v.items()})[0])
     t = np.linspace(law.start, law.stop + TAIL, samples)
