@@ -37,6 +37,8 @@ from jumpvision.studies.study import Call, run, studies
 SMALL = {  # fewer points where the defaults are for a figure
     "height-phi": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
     "jump-types": {"phi": "0.57:0.63:5"},
+    "plan-heights": {"apex": "0.03:0.04:2"},
+    "plan-strategies": {"apex": "0.03:0.04:2"},
     "delay": {"delay": "0:0.3:31", "frequency": "8:11:4"},
     "alpha-fit": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
     "drag-scale": {"frequency": "5:11:4"},
@@ -312,12 +314,25 @@ def test_a_model_file_replaces_the_model(tmp_path):
 
 @pytest.mark.parametrize("name", [n for n, s in studies("granular").items() if not (s.of_campaign or s.any_axes)])
 def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
+    if name.startswith("plan"):
+        pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
     data, rows = study(name, **SMALL.get(name, {}))
     assert rows and all(r["ours"] and "nan" not in r["ours"] for r in rows)
     assert all("units" in v.attrs for v in data.data_vars.values())
     write(data, tmp_path)
     assert picture(data).startswith(b"\x89PNG")
     contract(tmp_path)
+
+
+def test_granular_plans_hold_on_sand_and_rigid_ones_do_not():
+    """Thesis Fig 64; robots and beds a few per cent off move a height by some per cent."""
+    pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
+    data, _ = study("plan-heights", **SMALL["plan-heights"])
+    off = np.abs(data.jumped_m - data.apex).mean("robot") / data.apex
+    assert (off.sel(group="granular plan, sand") < 0.05).all()
+    assert (off.sel(group="rigid plan, rigid ground") < 0.05).all()
+    assert (off.sel(group="rigid plan, sand") > 0.4).all()
+    np.testing.assert_allclose(data.resimulated_m, np.stack([data.apex] * 2), atol=1e-4)
 
 
 def test_foot_forces_scale_with_area_and_added_mass_with_volume():

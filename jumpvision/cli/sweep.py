@@ -40,6 +40,7 @@ class SweepAxes:
     zeta: Annotated[str | None, _axis("Damping ratio c / (2 sqrt(k M)).")] = None
     phi: Annotated[str | None, _axis("Volume fraction of the bed (granular).")] = None
     foot_radius: Annotated[str | None, _axis("Radius of the foot [m] (granular).")] = None
+    apex: Annotated[str | None, _axis("Height that plans are made for [m] (granular, analyses of plans).")] = None
 
 
 def _says(text: str) -> Parameter:

@@ -137,7 +137,7 @@ class Planner:
                         best[i] = other
             if all(a is b for a, b in zip(best, before)):
                 break
-        return [s and self._corrected(a, s, solver, began) for a, s in zip(targets, best)]
+        return [self._corrected(a, s, solver, began) if s else None for a, s in zip(targets, best)]
 
     def _likeliest(self, apex: float) -> Forcing:
         return next(starts(self.jumper, apex, self.limits.stroke))

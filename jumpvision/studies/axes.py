@@ -72,6 +72,7 @@ AXES = {
     "stiffness": Axis("N/m", "stiffness of the spring", "stiffness", "kN/m", 1e-3),
     "zeta": Axis("", "damping ratio c / (2 sqrt(k M))", "ζ", open_lo=False),
     "phi": Axis("", "volume fraction of the bed", "volume fraction φ", lo=0.3, hi=0.8, open_lo=False, grounds=SAND),
+    "apex": Axis("m", "height that a plan is made for", "planned height", "mm", 1e3, grounds=SAND),
     "foot_radius": Axis("m", "radius of the foot", "foot radius", "mm", 1e3, grounds=SAND),
 }
 

@@ -84,6 +84,7 @@ def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
     seen = {n for t in model.terms for n in model.mechanism(t).symbols}
     inert = {
         "phi": not machine.laws and (model.volume_fraction is None or "phi" not in seen),
+        "apex": True,
         "foot_radius": model.foot_radius is None
         or not ("R" in seen or any(getattr(model.parameters, n) for n in BY_AREA)),
     }
