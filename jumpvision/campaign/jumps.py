@@ -111,7 +111,7 @@ def _jump(e: Experiment, outcome: Outcome) -> Jump:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
         model = build_model(e, e.section(Robot), spec_of(e), section, bed)
-        forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams())
+        forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams(), sand=e.ground == "granular")
     rod = RodMotion.load(outcome.results)
     t, y, sigma = rod.arrays
     phi = packing(section, bed)[0]

@@ -15,7 +15,7 @@ from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
 from jumpvision.mechanisms.own import parameters_with
 from jumpvision.physics.batch import OF_MODEL
-from jumpvision.physics.forcing import Forcing, Loop, from_motion
+from jumpvision.physics.forcing import Forcing, Loop, from_log, from_motion
 from jumpvision.physics.hard.jump import hard_jump
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import beyond_seen
@@ -51,7 +51,7 @@ def simulate(
     x_r, x_f, x_m absolute, in 1 ms steps over the track; heights as a camera reports them.
     """
     model = build_model(experiment, robot, spec, section, bed)
-    forcing, stop = driver(log, law, motor, p)
+    forcing, stop = driver(log, law, motor, p, sand=experiment.ground == "granular")
     shift = float(np.max(np.abs(model.shown(AROUND) - AROUND)))
     times = output_times(forcing, stop, rod, lead=0.05 + shift)
     true = model.shown(times)
@@ -125,11 +125,12 @@ def build_model(
 
 
 def driver(
-    log: MotorLog | None, law: Actuation | None, motor: Motor | None, p: SimulateParams
+    log: MotorLog | None, law: Actuation | None, motor: Motor | None, p: SimulateParams, *, sand: bool = False
 ) -> tuple[Forcing | Loop, float]:
     """(forcing, time when the motor stops): the log, or the law where both agree within the encoder's resolution.
 
-    Without a log the law is the command of the [motor] loop where its kp is given, else the motion of the motor.
+    Without a log the law is the command of the [motor] loop where its kp is given, else the motion of the motor. sand:
+    a foot rests on it, which a log's ripples before the first motion must not push (`from_motion`).
     """
     known = commanded(law) if law and law.moves else None
     measured = read_motor(log, law) if log and p.driver != "law" else None
@@ -152,7 +153,7 @@ def driver(
             StageWarning,
             stacklevel=2,
         )
-    spline = from_motion(time, position, p.encoder_step / np.sqrt(12.0))
+    spline = (from_motion if sand else from_log)(time, position, p.encoder_step / np.sqrt(12.0))
     return spline, known.stop if known is not None else last_motion(time, position, p)
 
 
