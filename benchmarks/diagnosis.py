@@ -31,7 +31,7 @@ from jumpvision.inputs.sections import Actuation
 from jumpvision.lab.blind import ROBOTS, Nuisance, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.seal import answer_of, score
 from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import from_log
+from jumpvision.physics.forcing import from_motion
 from jumpvision.physics.model import Model
 from jumpvision.stages.rod import commanded
 
@@ -77,7 +77,7 @@ def jumps_of(setting: Setting, recorded: list[Recorded]) -> tuple[list[Jump], di
         if r.motor is not None:
             time_s, position = r.motor["time_s"], r.motor["position_m"]
             if np.max(np.abs(position - forcing(time_s)[0])) > ENCODER:
-                forcing = from_log(time_s, position, ENCODER / np.sqrt(12.0))
+                forcing = from_motion(time_s, position, ENCODER / np.sqrt(12.0))
         t, height = r.track["time_s"], r.track["height_m"]
         phi = round(r.volume_fraction, 2) if r.volume_fraction else None
         condition = f"{j.kind} {m.frequency} {m.delay} {phi}"

@@ -172,13 +172,38 @@ def random_targets(first: int, targets: int, rng: np.random.Generator) -> None:
     )
 
 
+def stick_targets(targets: int, rng: np.random.Generator) -> None:
+    """Random targets of jumps that land and stand still, half on sand, under the usual limits."""
+    rows = []
+    for n in range(targets):
+        model = SAND if n % 2 else rigid(SAND)
+        target = float(rng.uniform(0.005, 0.06))
+        plan = Planner(model, LOOP, LIMITS, motion="stick").plan(target)
+        after = plan.motion.t > plan.command.stop
+        stands = float(np.ptp(plan.motion.rod[after]))
+        rows.append((plan.status, abs(plan.resimulated_apex - target), stands, target, model.ground))
+        print(f"{n + 1}: {rows[-1]}", file=sys.stderr)
+    solved = [r for r in rows if r[0] == "solved"]
+    off, left = (1e6 * np.array([r[k] for r in solved]) for k in (1, 2))
+    print(
+        f"\n{targets} landings that stick (5 to 60 mm, half on sand): {len(solved)} planned. Re-simulated apex against "
+        f"target: median {np.median(off):.1f} µm, worst {off.max():.1f} µm; after the command the rod moves by "
+        f"{np.median(left):.0f} µm (median), {left.max():.0f} µm at worst. Not planned: "
+        + (", ".join(f"{1e3 * r[3]:.1f} mm on {r[4]} ground ({r[0]})" for r in rows if r[0] != "solved") or "none")
+    )
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--targets", type=int, default=12)
     parser.add_argument("--hidden", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--sticks", type=int, default=0, help="landings that stick, and nothing else")
     given = parser.parse_args()
+    if given.sticks:
+        stick_targets(given.sticks, np.random.default_rng(given.seed + 2))
+        sys.exit()
     times()
     ladder(given.hidden, np.random.default_rng(given.seed))
     random_targets(given.first, given.targets, np.random.default_rng(given.seed + 1))

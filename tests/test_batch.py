@@ -10,8 +10,8 @@ from test_granular import BED, SAND, case
 from benchmarks.granular import random_values
 from jumpvision.base.schema import InputError
 from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.batch import jump_batch
-from jumpvision.physics.forcing import Segments
+from jumpvision.physics.batch import jump_batch, with_gain
+from jumpvision.physics.forcing import Loop, Segments
 from jumpvision.physics.hard.analysis import half_cycle_rows
 from jumpvision.physics.hard.jump import sine_rows
 from jumpvision.physics.model import Model
@@ -54,6 +54,23 @@ def test_batch_is_the_jumps_one_by_one(name):
         # changes force and power by up to 100 times that of their size
         assert got["peak_force_N"][i] == pytest.approx(force.max(), rel=1e-3)
         assert got["peak_power_W"][i] == pytest.approx(power.max(), abs=1e-3 * np.abs(power).max())
+
+
+def test_a_batch_by_the_feedback_loop_is_its_jumps_one_by_one_and_a_kp_of_0_the_law():
+    model, _ = case("cone")
+    rows = half_cycle_rows([6.0, 8.0, 9.0], [6.0, 8.0, 9.0], 0.01875, 0.5 * math.pi, [0.1, 0.3, 0.3])
+    gain, most = np.array([0.06, 0.5, 1.0]), {"kd": 120.0, "max_force": 60.0, "max_speed": 1.2}
+    loop = {**most, "kp": [2e4, 2e4, 0.0]}
+    got = jump_batch(model, with_gain(rows, gain), loop=loop, rtol=1e-8, atol=1e-10)
+    for i in range(3):
+        law = Segments(rows[i])
+        driver = law if i == 2 else Loop(law, 2e4, dwell_gain=gain[i], **most)
+        m = simulate(model, driver, t=np.linspace(law.start, law.stop + 0.6, 2001), rtol=1e-8, atol=1e-10)
+        for height in ("com_height", "jump_height", "driven_height"):
+            # the same steps but for those that end at the times; 100 x rtol x 20 mm as above
+            assert got[height + "_m"][i] == pytest.approx(getattr(m, height), abs=2e-8)
+        assert got["max_depth_m"][i] == pytest.approx(m.depth_max, abs=2e-8)
+    assert (got["peak_force_N"][:2] <= 60.0 + 1e-9).all() and (got["peak_motor_speed"][:2] <= 1.2 + 1e-6).all()
 
 
 def test_shapes_broadcast_and_a_jump_off_the_ground_is_followed_to_its_landing():

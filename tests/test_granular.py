@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
+from jumpvision.physics.forcing import Segments, Spline, delayed, from_motion, sinusoid
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import equilibrium, filmed_height, simulate
 
@@ -558,3 +558,18 @@ def test_rest_is_balanced_in_any_bed():
         model = Model("granular", ("two_resistance",), p, **(SAND | {"motor_mass": mass}))
         z = -equilibrium(model)[1]
         assert k1 * min(z, 0.01) + 2100.0 * max(z - 0.01, 0.0) == pytest.approx((model.M + model.m_f) * 9.81, rel=1e-12)
+
+
+def test_a_motor_that_stands_still_pushes_no_foot_where_the_bed_remembers_a_pause():
+    """A log's ripples of 2 um before the motion would leave the foot as after a pause, 6 N stronger."""
+    model, law = case("cone")[0], sinusoid(8.0, 0.01875, 1.5 * math.pi, start=0.2)
+    parameters = replace(model.parameters, s_p=1000.0, lam=0.005)
+    model = replace(model, terms=(*model.terms, "stop_go_overshoot"), parameters=parameters)
+    t, step = np.arange(0.0, 0.5, 1e-3), 6.25e-6
+    log = from_motion(t, step * np.round(law(t)[0] / step), step / math.sqrt(12.0))
+    assert log.start == pytest.approx(law.start, abs=2e-3)
+    times = np.r_[0.0, t + 1e-3]
+    by_log, by_law = (simulate(model, f, t=times, rtol=1e-8, atol=1e-10, stop=law.stop) for f in (log, law))
+    assert by_log.events["time"][0] > 0.199
+    # position good to 2 um, its rate to 2 mm/s at the corner of the law: 0.1 mm of 50
+    assert by_log.jump_height == pytest.approx(by_law.jump_height, abs=2e-4)

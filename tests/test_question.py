@@ -11,7 +11,7 @@ import pytest
 from conftest import SAMPLES
 from diagnosis_sample import diagnosis
 
-from benchmarks import stop_go
+from benchmarks import delayed, stop_go
 from benchmarks.diagnosis import Case, run
 from jumpvision.campaign.document import sentence
 from jumpvision.cli import main
@@ -95,6 +95,23 @@ def test_planned_stop_go_motions_tell_that_the_sand_remembers_a_pause(tmp_path):
     assert longest["measured_m"] > 1.1 * longest["simulated_m"]
     assert longest["extended_m"] == pytest.approx(longest["measured_m"], abs=3e-4)
     assert d["gain"]["ratio_ci95"][0] > 10
+
+
+@pytest.mark.long
+def test_delayed_jumps_tell_that_the_bed_remembers_intrusions_confirm_it_and_a_plan_makes_use_of_it(tmp_path):
+    """Truth: s_p 1000 N/m, lambda 5 mm. The motor logs, taken as exact, are rounded to 6.25 um: 0.3 % on s_p."""
+    told = delayed.case(tmp_path / "case")
+    d, plans = told["diagnosis"], told["plans"]
+    assert d["named"] == ["stop_go_overshoot"] and d["status"] == "complete"
+    (cause,) = (c for c in d["causes"] if c["mechanism"] == "stop_go_overshoot")
+    assert cause["parameters"]["s_p"]["value"] == pytest.approx(1000.0, rel=0.003)
+    assert cause["parameters"]["lam"]["value"] == pytest.approx(0.005, rel=0.003)
+    confirmed = {row["quantity"]: row["verdict"] for row in d["confirmation"]}
+    assert confirmed == {"k1": "agree", "s_p": "agree", "lam": "agree"}
+    assert d["gain"]["ratio_ci95"][0] > 10
+    # 0.3 % of s_p are 0.03 N at 10 mm: 0.1 % of the push; what is forgotten is 10 N
+    assert plans["remembers"]["performed_m"] == pytest.approx(delayed.APEX, abs=3e-4)
+    assert plans["forgets"]["performed_m"] > delayed.APEX + 0.01
 
 
 def test_the_sentence_says_what_a_named_mechanism_leaves():

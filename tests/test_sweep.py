@@ -315,6 +315,7 @@ SMALL = {  # fewer points where the defaults are for a figure
     "scatter": {"frequency": "2.5:12:12", "phase": "0:6:9"},
     "bifurcation": {"frequency": "4.5:24:60", "amplitude": "0.0006:0.0014:3"},
     "two-frequency": {"alpha": "0.06:1.1:6"},
+    "height-amplitude": {"amplitude": "0.001:0.008:8"},
 }
 
 
@@ -326,6 +327,21 @@ def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
     write(data, tmp_path)
     assert picture(data).startswith(b"\x89PNG")
     contract(tmp_path)
+
+
+def test_the_best_frequency_rises_with_amplitude_for_the_single_and_falls_for_the_stutter():
+    """Fig 32(a, b), and at 4 mm the RK4 optima of the sheet (0.7375 and 1.54 f_0) to a step of the axis, 0.02 f_0."""
+    data, _ = study("height-amplitude", **SMALL["height-amplitude"])
+    best = data.best_frequency_Hz / data.attrs["f0_Hz"]
+    assert (best.sel(jump="single").diff("amplitude") >= 0).all()
+    assert (best.sel(jump="stutter").diff("amplitude") <= 0).all()
+    np.testing.assert_allclose(best.sel(amplitude=0.004, method="nearest"), [0.7375, 1.54], atol=0.02)
+    # where a jump is at its best it lifts off: above the white line
+    for kind in ("stutter", "single"):
+        least = np.interp(
+            data.best_frequency_Hz.sel(jump=kind), data.frequency, data.minimum_amplitude_m.sel(jump=kind)
+        )
+        assert (least < data.amplitude).all()
 
 
 def ours(name, quantity):

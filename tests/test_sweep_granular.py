@@ -26,7 +26,7 @@ from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.physics.batch import resolve, simulated_points
 from jumpvision.physics.forcing import sinusoid
 from jumpvision.physics.model import fitted_drag, fitted_parameter, force_model
-from jumpvision.physics.packing import PackingLaw, fit_packing_law
+from jumpvision.physics.packing import Laws, PackingLaw, fit_packing_law
 from jumpvision.physics.sand.jump import simulate
 from jumpvision.report.studies.sweeps import picture
 from jumpvision.studies.axes import EXAMPLE, read_laws
@@ -37,6 +37,8 @@ from jumpvision.studies.study import Call, run, studies
 SMALL = {  # fewer points where the defaults are for a figure
     "height-phi": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
     "jump-types": {"phi": "0.57:0.63:5"},
+    "plan-heights": {"apex": "0.03:0.04:2"},
+    "plan-strategies": {"apex": "0.03:0.04:2"},
     "delay": {"delay": "0:0.3:31", "frequency": "8:11:4"},
     "alpha-fit": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},
     "drag-scale": {"frequency": "5:11:4"},
@@ -94,6 +96,83 @@ def test_a_law_that_cannot_be_fitted_or_asked_is_refused():
         fit_packing_law(PHI, PHI, np.zeros(PHI.size))
     with pytest.raises(ValueError, match=r"outside 0.57 to 0.6"):
         PackingLaw((0.57, 0.6), (1.0, 2.0))([0.58, 0.61])
+
+
+def test_a_law_reaches_beyond_its_ends_by_what_a_volume_fraction_is_uncertain_by():
+    law = PackingLaw((0.57002, 0.6, 0.63004), (2000.0, 3000.0, 6000.0))
+    slope = 1000.0 / (0.6 - 0.57002)
+    assert float(law(0.57)) == pytest.approx(2000.0 - slope * 2e-5)  # told with three decimals
+    assert float(law(0.5693, sigma=3e-4)) == pytest.approx(2000.0 - slope * 7.2e-4)
+    with pytest.raises(ValueError, match=r"outside 0\.57002 to 0\.63004"):
+        law(0.5693, sigma=2e-4)
+    with pytest.raises(ValueError, match="phi = nan"):
+        law(np.nan)
+    laws = Laws({"k1": law})
+    assert "2e-05 beyond 0.57002 to 0.63004, where the laws of k1" in laws.continued(0.57) and not laws.continued(0.6)
+
+
+MEASURED_BEDS = """
+name = "Jumps on beds of which pictures are taken"
+ground = "granular"
+duration = 0.7
+[robot]
+motor_mass = 1.125
+rod_mass = 0.175
+foot_mass = 0.04
+spring_stiffness = 3300.0
+spring_damping = 1.2
+foot_radius = 0.0381
+gravity = 9.81
+[truth]
+terms = ["two_resistance", "depth_drag", "added_mass"]
+k1 = [[0.57, 2100.0], [0.63, 4500.0]]
+k2 = 2100.0
+delta = 0.015
+C = 2.7
+mu = 2.0
+theta = 1.0471975512
+b = [[0.57, 17.2], [0.63, 40.0]]
+[[jumps]]
+kind = "single"
+frequency = [8.0, 10.0]
+amplitude = 0.01875
+volume_fraction = [0.57, 0.60]
+[record]
+rod_track = { noise = 5e-5 }
+bed_image = {}
+[model]
+terms = ["two_resistance", "depth_drag", "added_mass"]
+k1 = 2100.0
+k2 = 2100.0
+delta = 0.015
+C = 2.7
+mu = 2.0
+b = 20.0
+"""
+
+
+def test_the_drag_is_fitted_to_jumps_on_beds_of_measured_packing_and_an_override_says_so(tmp_path, capsys):
+    """The laws begin where the loosest bed was seen; sigma of phi 2e-4 moves k1 by 8 N/m, b by some 0.1."""
+    (tmp_path / "jumps.toml").write_text(MEASURED_BEDS)
+    (tmp_path / "laws.toml").write_text("k1 = {phi = [0.5702, 0.63], value = [2108.0, 4500.0]}")
+    folder = str(tmp_path / "jumps")
+    assert main(["synth", str(tmp_path / "jumps.toml"), folder, "--workers", "1"]) == 0
+    call = ["sweep", "granular", "--analysis", "drag-fit", "--campaign", folder, "--workers", "1", "--no-pictures"]
+    call += ["--laws", str(tmp_path / "laws.toml"), "--results"]
+    capsys.readouterr()
+    assert main([*call, str(tmp_path / "r")]) == 0
+    assert "their outer lines go on" in capsys.readouterr().err
+    with xr.open_dataset(tmp_path / "r" / "drag-fit.nc") as data:
+        assert float(data.phi_of_jump_sigma.min()) > 1e-5 and float(data.packing_sigma.max()) < 1e-3
+        truth = np.interp(data.packing, [0.57, 0.63], [17.2, 40.0])
+        assert (np.abs(data.value - truth) < 4.0 * data.value_sigma + 0.01 * truth).all()  # 1 %: the law of k1 is off
+    assert main([*call, str(tmp_path / "o"), "--set", "bed.volume_fraction=0.6"]) == 0
+    told = capsys.readouterr().err
+    assert told.count("[bed] volume_fraction = 0.6 goes before 0.5") == 2
+    one = tmp_path / "jumps" / "single-8Hz-phi0.57-1"
+    robot = machine("granular", one, {})
+    assert robot.values["phi"] == pytest.approx(0.57, abs=1e-3) and robot.phi_sigma > 0.0
+    assert "as measured" in robot.name
 
 
 def test_the_example_holds_the_printed_set():
@@ -235,12 +314,25 @@ def test_a_model_file_replaces_the_model(tmp_path):
 
 @pytest.mark.parametrize("name", [n for n, s in studies("granular").items() if not (s.of_campaign or s.any_axes)])
 def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
+    if name.startswith("plan"):
+        pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
     data, rows = study(name, **SMALL.get(name, {}))
     assert rows and all(r["ours"] and "nan" not in r["ours"] for r in rows)
     assert all("units" in v.attrs for v in data.data_vars.values())
     write(data, tmp_path)
     assert picture(data).startswith(b"\x89PNG")
     contract(tmp_path)
+
+
+def test_granular_plans_hold_on_sand_and_rigid_ones_do_not():
+    """Thesis Fig 64; robots and beds a few per cent off move a height by some per cent."""
+    pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
+    data, _ = study("plan-heights", **SMALL["plan-heights"])
+    off = np.abs(data.jumped_m - data.apex).mean("robot") / data.apex
+    assert (off.sel(group="granular plan, sand") < 0.05).all()
+    assert (off.sel(group="rigid plan, rigid ground") < 0.05).all()
+    assert (off.sel(group="rigid plan, sand") > 0.4).all()
+    np.testing.assert_allclose(data.resimulated_m, np.stack([data.apex] * 2), atol=1e-4)
 
 
 def test_foot_forces_scale_with_area_and_added_mass_with_volume():

@@ -111,7 +111,7 @@ def _jump(e: Experiment, outcome: Outcome) -> Jump:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
         model = build_model(e, e.section(Robot), spec_of(e), section, bed)
-        forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams())
+        forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams(), sand=e.ground == "granular")
     rod = RodMotion.load(outcome.results)
     t, y, sigma = rod.arrays
     phi = packing(section, bed)[0]
@@ -175,8 +175,8 @@ def measurements(
     experiments: Sequence[Experiment], outcomes: Mapping[str, Outcome], robot: Robot, phi: float | None
 ) -> list[Measured]:
     """Of all experiments with a foot and a bed like those of the jumps: the cone by grain films (C, mu, theta), the
-    static force by intrusions, the spring by its own test, its damping by ring-downs without a motor. Several of a kind
-    are averaged, what they share is not.
+    static force and its overshoots by intrusions, the spring by its own test, its damping by ring-downs without a
+    motor. Several of a kind are averaged, what they share is not.
     """
     found: dict[str, list[tuple[str, Measured, np.ndarray[Any, Any]]]] = {}
     for e in experiments:
@@ -187,6 +187,9 @@ def measurements(
         kinds = {"film": CONE, "spring test": _own("spring_stiffness")}
         if "intrusion_log" in e.sections:
             kinds["intrusion"] = _own("k1", "k2", "delta")
+            for kind, strength in (("paused intrusion", "s_p"), ("repeated intrusion", "s")):
+                if fits.get(strength) is not None:  # lam is then of these events
+                    kinds[kind] = _own(strength, "lam")
         if (damping := _damping(e)) is not None:
             kinds["ring-down"] = {"spring_damping": ("zeta", damping)}
         for kind, names in kinds.items():

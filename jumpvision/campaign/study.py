@@ -103,7 +103,7 @@ def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[R
             p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
-                forcing, stop = driver(log, law, motor, p or SimulateParams())
+                forcing, stop = driver(log, law, motor, p or SimulateParams(), sand=e.ground == "granular")
             inputs["motor_stop_s"] = stop
             if not isinstance(forcing, Loop):
                 fine = np.linspace(t[0], t[-1], FINE * (t.size - 1) + 1)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import os
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -57,6 +59,8 @@ def work(
     from . import terminal
 
     path = folder_of(path)
+    if stages:
+        _say_left_out(path)
     definition = read_pipeline(pipeline) if pipeline else Pipeline()
     opened = _opened(path, options, definition.params)
     results = options.results or results_of(path)
@@ -87,6 +91,19 @@ def work(
             draw=drawn_diagnosis,
             pictured=options.pictures,
             say=lambda text: terminal.line(f"diagnose: {text}"),
+        )
+
+
+def _say_left_out(path: Path) -> None:
+    """Names the campaigns below a folder that only `run` takes."""
+    from jumpvision.inputs.experiment import folders_below
+
+    from . import terminal
+
+    others = [str(f.relative_to(path)) for f in folders_below(path)[0] if f != path] if path.is_dir() else []
+    if others:
+        terminal.line(
+            f"left out: {', '.join(others)}: folders of experiments below {path}; name them one by one, or run"
         )
 
 
@@ -166,14 +183,14 @@ def run(
     report: bool = True,
     options: Options = OPTIONS,
 ) -> int:
-    """Every stage that has inputs, for one experiment or a whole campaign, then report.html.
+    """Every stage that has inputs, for one experiment, a whole campaign or a folder of campaigns, then report.html.
 
     Example: jumpvision run data_samples/loose_sand
 
     Parameters
     ----------
     path
-        An experiment folder (with experiment.toml) or a folder of them.
+        An experiment folder (with experiment.toml), a folder of them, or a folder of such folders.
     pipeline
         TOML file with the stages to run and their parameters, e.g. pipelines/granular.toml.
     profile
@@ -182,7 +199,50 @@ def run(
     report
         Write report.html.
     """
-    return show(work(path, options, pipeline=pipeline, profile=profile), options, page=report)
+    from jumpvision.campaign.folder import results_of
+    from jumpvision.inputs.experiment import folder_of, folders_below
+
+    from . import terminal
+
+    def one(path: Path, options: Options) -> int:
+        return show(work(path, options, pipeline=pipeline, profile=profile), options, page=report)
+
+    folder = folder_of(path)
+    found, lost = folders_below(folder) if folder.is_dir() else ([], [])
+    code = DONE
+    if found in ([], [folder]):
+        code = one(path, options)
+    else:
+        base = options.results or results_of(folder)
+        places = {f: base if f == folder else base / f.relative_to(folder) for f in found}
+        code = _each({f: replace(options, results=place) for f, place in places.items()}, one, as_json=options.json)
+    for f in lost:
+        terminal.line(f"left out: {f}: lies in the folder of another experiment; move it beside that")
+    return code
+
+
+def _each(asked: Mapping[Path, Options], one: Callable[[Path, Options], int], *, as_json: bool) -> int:
+    """`one` of every folder; one that cannot be opened is told, and the others are done. JSON: {folder: its own}."""
+    from jumpvision.base.schema import InputError, harmless
+
+    from . import terminal
+
+    codes: list[int] = []
+    told = {}
+    for folder, options in asked.items():
+        terminal.line(f"{folder}: campaign {len(codes) + 1} of {len(asked)}")
+        with contextlib.redirect_stdout(io.StringIO()) if as_json else contextlib.nullcontext() as out:
+            try:
+                codes.append(one(folder, options))
+            except InputError as e:
+                codes.append(FAILED)
+                for problem in e.problems:
+                    terminal.line(f"failed: {harmless(problem)}")
+        if out is not None:
+            told[str(folder)] = json.loads(out.getvalue() or "null")
+    if as_json:
+        print(json.dumps({"campaigns": told}, indent=1))
+    return FAILED if FAILED in codes else DONE
 
 
 def _add(stage: Declared) -> None:
@@ -208,6 +268,7 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     from . import terminal
 
     campaign = open_folder(path, options)
+    _say_left_out(campaign.path)
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
     from jumpvision.base.schema import InputError

@@ -27,6 +27,9 @@ class SweepAxes:
     phase: Annotated[str | None, _axis("Start phase [rad]; pi/2 is a stutter jump, 3 pi/2 a single jump.")] = None
     amplitude: Annotated[str | None, _axis("Forcing amplitude A [m].")] = None
     delay: Annotated[str | None, _axis("Pause between the two half cycles [s].")] = None
+    dwell_gain: Annotated[
+        str | None, _axis("Position gain in the pause / normal gain; below 1 the [motor] loop drives (granular).")
+    ] = None
     frequency2: Annotated[str | None, _axis("Frequency of the second half cycle [Hz].")] = None
     cycles: Annotated[str | None, _axis("Number of forcing cycles.")] = None
     alpha: Annotated[str | None, _axis("M g/(k A): sets the amplitude, or gravity with --amplitude.")] = None
@@ -37,6 +40,7 @@ class SweepAxes:
     zeta: Annotated[str | None, _axis("Damping ratio c / (2 sqrt(k M)).")] = None
     phi: Annotated[str | None, _axis("Volume fraction of the bed (granular).")] = None
     foot_radius: Annotated[str | None, _axis("Radius of the foot [m] (granular).")] = None
+    apex: Annotated[str | None, _axis("Height that plans are made for [m] (granular, analyses of plans).")] = None
 
 
 def _says(text: str) -> Parameter:

@@ -80,6 +80,25 @@ def is_campaign(path: Path) -> bool:
     return not (path / EXPERIMENT).exists() and ((path / CAMPAIGN).exists() or any(path.glob(f"*/{EXPERIMENT}")))
 
 
+def folders_below(path: Path) -> tuple[list[Path], list[Path]]:
+    """(what can be opened at and below a folder: experiments and campaigns; experiment folders that belong to none).
+
+    Hidden folders are passed over. An experiment inside another's folder belongs to none.
+    """
+    tops = [path] if (path / EXPERIMENT).exists() else []
+    inside = [Path(at) for at, files in _walk(path) if EXPERIMENT in files and Path(at) != path]
+    owners = {f: f.parent for f in inside}
+    campaigns = [f for f in sorted({*owners.values()}) if not (f / EXPERIMENT).exists()]
+    return tops + campaigns, [f for f, owner in owners.items() if owner not in campaigns]
+
+
+def _walk(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Folders at and below a folder in order, but hidden ones, with the names of their files."""
+    for at, folders, files in os.walk(path):
+        folders[:] = sorted(f for f in folders if not f.startswith("."))
+        yield at, files
+
+
 def open_experiment(path: str | os.PathLike[str], **options: Any) -> Experiment:
     """The experiment folder at `path`, inheriting campaign.toml of the folder above; options as in open_campaign."""
     folder = _folder(path)
@@ -203,8 +222,9 @@ def _read(
     where = f"{file}:"
     if other := _other_schema(table.get("schema", SCHEMA)):
         return None, [f"{where} schema = {table['schema']}: {other}"]
-    header, sections, problems = _checked(table, where, file)
-    for key, section in sections.items():
+    header, checked, problems = _checked(table, where, file)
+    sections = dict(checked)
+    for key, section in checked.items():
         file_name = table[key].get("file")
         if isinstance(file_name, str) and _names_a_file(key):
             problem = _file_problem(folder, campaign, file_name)
@@ -234,7 +254,7 @@ def _names_a_file(section: str) -> bool:
 
 def _checked(
     table: Mapping[str, Any], where: str, file: Path | None = None
-) -> tuple[Header | None, dict[str, Any], list[str]]:
+) -> tuple[Header | None, Mapping[str, Any], list[str]]:
     """(header, sections by name, problems) of the tables of an experiment. where: to name; file: that they stand in."""
     known = {*SECTIONS, *TABLES, "params"}
     problems = [

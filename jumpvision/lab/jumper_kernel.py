@@ -14,6 +14,10 @@ import numpy as np
 AIR, STUCK, INTRUDING = 0, 1, 2
 
 
+ROUNDING = 1e-9  # of the weight: a foot at rest on the yield surface is not pushed by rounding, which a bed that
+# remembers a pause would not forget
+
+
 @nb.njit(cache=True)
 def _command(t, cmd):  # type: ignore[no-untyped-def]
     """X_m, its rate and acceleration as commanded."""
@@ -287,7 +291,7 @@ def integrate(q, cmd, loop, dt, every, n):  # type: ignore[no-untyped-def]
                 over = (q.s * z_g, z_g, 0.0, 0.0, q.factor)
                 lift_offs[n_lift] = t
                 n_lift += 1
-            elif not q.hard and push > _resistance(z_g, over, q):
+            elif not q.hard and push > _resistance(z_g, over, q) + ROUNDING * q.M * q.g:
                 mode = INTRUDING
         if n_lift == len(lift_offs):
             raise ValueError("the foot chatters without end: 100000 flights")

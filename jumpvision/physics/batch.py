@@ -35,11 +35,20 @@ FAILURE = {
 
 
 def jump_batch(
-    model: Model, laws: ArrayLike, *, tail: float = 0.6, rtol: float = 1e-7, atol: float = 1e-9, **varied: ArrayLike
+    model: Model,
+    laws: ArrayLike,
+    *,
+    tail: float = 0.6,
+    rtol: float = 1e-7,
+    atol: float = 1e-9,
+    loop: Mapping[str, ArrayLike] | None = None,
+    **varied: ArrayLike,
 ) -> dict[str, NDArray[Any]]:
     """The results of one jump for every law and set of values, in parallel.
 
-    laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycles.half_cycle_rows`);
+    laws: (..., r, 6), rows of a forcing.Segments for every jump (`hard.sine_rows`, `half_cycles.half_cycle_rows`), with
+    a seventh column of gains (`with_gain`) where `loop` gives LOOP of the motor's feedback loop, arrays over (...); a
+    kp of 0 means a motor that is where the law says.
     varied: values in place of the model's, by the names of its robot (ROBOT), bed (BED) and parameters;
     they broadcast against (...). tail [s]: simulated after the motor stops, doubled until a flight has landed.
     Returns arrays of the broadcast shape, NaN where a motion cannot be followed (`failure` says why, else ""):
@@ -49,8 +58,9 @@ def jump_batch(
     velocity steps; max_depth_m, the depth of the hole at the end. InputError names a bad value and its place.
     """
     rows = np.asarray(laws, float)
-    if rows.ndim < 2 or rows.shape[-1] != 6 or rows.shape[-2] == 0 or not np.isfinite(rows).all():
-        raise ValueError(f"jump_batch laws: must be finite rows of the shape (..., r, 6), not {rows.shape}")
+    wide = 6 if loop is None else 7
+    if rows.ndim < 2 or rows.shape[-1] != wide or rows.shape[-2] == 0 or not np.isfinite(rows).all():
+        raise ValueError(f"jump_batch laws: must be finite rows of the shape (..., r, {wide}), not {rows.shape}")
     if (rows[..., 0] > rows[..., 1]).any() or (rows[..., 1:, 0] != rows[..., :-1, 1]).any():
         raise ValueError("jump_batch laws: rows must be contiguous, t0 <= t1 and t1 = t0 of the next")
     if not (0 < rtol < 1 and 0 < atol < 1 and tail > 0):
@@ -62,6 +72,10 @@ def jump_batch(
     flat = {name: np.broadcast_to(x, shape).ravel() for name, x in values.items()}
     each = np.ascontiguousarray(np.broadcast_to(rows, (*shape, *rows.shape[-2:])).reshape(-1, *rows.shape[-2:]))
     constants = pack(_with_arrays(model, flat), each.shape[0])
+    if loop is not None:
+        constants["low"], constants["high"] = -np.inf, np.inf
+        for name in LOOP:
+            constants[name] = np.broadcast_to(np.asarray(loop[name], float), shape).ravel()
     out = np.empty((each.shape[0], len(compiled.RESULTS)))
     with nb.parallel_chunksize(8):  # jumps differ in length: threads fetch new ones as they become free
         compiled.batch_solver()(constants, each, tail, rtol, atol, out)
@@ -122,6 +136,7 @@ OF_ROBOT = {
     "gravity": "gravity",
 }
 LAW = ("frequency", "frequency2", "amplitude", "phase", "cycles", "delay")
+LOOP = ("kp", "kd", "max_force", "max_speed")
 VALUES_OF_BED = ("phi", "foot_radius")
 OF_MODEL = "model."  # before the name of a model parameter that differs from point to point, e.g. model.k1
 # parameters of a force of the ground that grow with the area of the foot (docs/physics.md section 3)
@@ -176,6 +191,22 @@ def law_rows(v: Mapping[str, Array]) -> Array:
     return half_cycle_rows(f, f2, amp, ph, wait)
 
 
+def with_gain(rows: Array, dwell_gain: ArrayLike) -> Array:
+    """Rows (..., r, 7) of a loop: those of a Segments, and its gain, dwell_gain (...) where the command pauses."""
+    paused = rows[..., 3] == 0.0
+    return np.concatenate([rows, np.where(paused, np.asarray(dwell_gain)[..., None], 1.0)[..., None]], axis=-1)
+
+
+def looped(v: Mapping[str, Array]) -> dict[str, Array] | None:
+    """LOOP at the points, where the loop drives: below a dwell_gain of 1. None where the law drives every one."""
+    below = np.asarray(v.get("dwell_gain", 1.0)) < 1.0
+    if not below.any():
+        return None
+    if not np.all(np.asarray(v.get("kp", math.nan)) > 0.0):
+        raise ValueError("dwell_gain: below 1 the motor's feedback loop drives the jump; give [motor] kp and kd")
+    return {n: np.where(below, v[n], 0.0 if n == "kp" else v[n]) for n in LOOP}
+
+
 def hard_points(v: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
     """hard_sweep at the points."""
     return hard_sweep(law_rows(v), **{name: v[name] for name in VALUES_OF_ROBOT})
@@ -216,7 +247,10 @@ def simulated_points(model: Model, v: Mapping[str, Array], *, rtol: float, atol:
     if model.volume_fraction:
         own["volume_fraction"] = v["phi"]
     own |= {of_model: v[name] for name, of_model in OF_ROBOT.items()}
-    found = jump_batch(model, law_rows(v), tail=TAIL, rtol=rtol, atol=atol, **own)
+    rows, loop = law_rows(v), looped(v)
+    if loop is not None:
+        rows = with_gain(rows, v["dwell_gain"])
+    found = jump_batch(model, rows, tail=TAIL, rtol=rtol, atol=atol, loop=loop, **own)
     if (found["failure"] == FAILURE[CANNOT_CARRY]).any():
         raise ValueError(f"model k2, sigma_cone: {FAILURE[CANNOT_CARRY]}; give larger values")
     return {name: found[name] for name in RESULTS}

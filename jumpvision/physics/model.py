@@ -266,7 +266,8 @@ def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[s
             yield f"{where} {n} = {value!r}: {problem}"
 
 
-DYNAMIC = [m.name for m in acting(Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA)]
+DYNAMIC = [m.name for m in acting(Body.DRAG, Body.FOOT, Body.INERTIA)]
+"""What a force model puts its own in place of. Overshoots stay: the bed's memory is part of F_p under every one."""
 FORCE_MODELS: dict[str, tuple[str, ...]] = {  # over the static force F_p (docs/physics.md section 3)
     "static": (),
     "constant drag": ("inertial_drag",),
@@ -278,8 +279,11 @@ FORCE_MODELS: dict[str, tuple[str, ...]] = {  # over the static force F_p (docs/
 
 
 def force_model(model: Model, name: str, **parameters: float) -> Model:
-    """The model with the forces of FORCE_MODELS[name] in place of its own dynamic ones, and these parameters."""
-    terms = (*(t for t in model.terms if t not in DYNAMIC), *FORCE_MODELS[name])
+    """The model with the forces of FORCE_MODELS[name] in place of its own dynamic ones, and these parameters.
+
+    It keeps its overshoots, as the thesis keeps F_p with its re-intrusion under every force model.
+    """
+    terms = tuple(dict.fromkeys((*(t for t in model.terms if t not in DYNAMIC), *FORCE_MODELS[name])))
     return dataclasses.replace(model, terms=terms, parameters=dataclasses.replace(model.parameters, **parameters))
 
 

@@ -22,24 +22,35 @@ from .batch import BY_AREA, OF_MODEL
 GRID = 301  # trial places of the kink
 DRAWS = 2000  # of noise, for the distribution of the test without a kink
 CHI2_95 = 3.841  # 95 % point of chi2 with one degree of freedom
+ROUNDED = 5e-4  # half of the last of three decimals, to which volume fractions are told
+SIGMAS = 3.0  # of a volume fraction, by which a law reaches beyond its ends
 
 
 @dataclass(frozen=True)
 class PackingLaw:
-    """A parameter given at increasing volume fractions, linear between them and unknown outside."""
+    """A parameter given at increasing volume fractions, linear between them.
+
+    Its outer lines go on beyond its ends by what a volume fraction is uncertain by; it is unknown further out.
+    """
 
     phi: tuple[float, ...]
     value: tuple[float, ...]
 
-    def __call__(self, phi: ArrayLike) -> Array:
-        """The parameter at phi (...). ValueError outside the range of the law."""
+    def __call__(self, phi: ArrayLike, sigma: float = 0.0) -> Array:
+        """The parameter at phi (...), of standard uncertainty sigma. ValueError out of the reach of the law."""
+        x, reach = np.asarray(phi, float), max(ROUNDED, SIGMAS * sigma)
+        off = np.where(np.isfinite(x), self.beyond(x), math.inf)
+        if (off > reach).any():
+            ends = f"{self.phi[0]:g} to {self.phi[-1]:g}"
+            raise ValueError(f"phi = {x[off > reach].flat[0]:g} is outside {ends}, where the law is known")
+        slope = np.diff(self.value) / np.diff(self.phi)
+        below, above = np.minimum(x - self.phi[0], 0.0), np.maximum(x - self.phi[-1], 0.0)
+        return np.interp(x, self.phi, self.value) + slope[0] * below + slope[-1] * above
+
+    def beyond(self, phi: ArrayLike) -> Array:
+        """How far phi (...) is outside the law's range."""
         x = np.asarray(phi, float)
-        outside = ~((x >= self.phi[0]) & (x <= self.phi[-1]))
-        if outside.any():
-            raise ValueError(
-                f"phi = {x[outside].flat[0]:g} is outside {self.phi[0]:g} to {self.phi[-1]:g}, where the law is known"
-            )
-        return np.interp(x, self.phi, self.value)
+        return np.maximum(np.maximum(self.phi[0] - x, x - self.phi[-1]), 0.0)
 
 
 @dataclass(frozen=True)
@@ -177,18 +188,33 @@ class Laws:
     foot_radius: float | None = None
     source: str = ""
 
-    def points(self, phi: ArrayLike, foot_radius: float) -> dict[str, NDArray[np.float64]]:
-        """Values at phi (...) for the foot of the model, under the names of physics.points. ValueError out of range."""
+    def points(self, phi: ArrayLike, foot_radius: float, sigma: float = 0.0) -> dict[str, NDArray[np.float64]]:
+        """Values at phi (...) for the foot of the model, under the names of physics.points. ValueError out of reach.
+
+        sigma: standard uncertainty of phi.
+        """
         out = {}
         for name, law in self.laws.items():
             area = (foot_radius / self.foot_radius) ** 2 if self.foot_radius and name in BY_AREA else 1.0
             if math.isnan(area):
                 raise ValueError("robot.foot_radius: missing; the forces of the laws are scaled with the foot's area")
             try:
-                out[OF_MODEL + name] = area * law(phi)
+                out[OF_MODEL + name] = area * law(phi, sigma)
             except ValueError as e:
                 raise ValueError(f"law of {name}: {e}; change --phi, or give a wider law") from None
         return out
+
+    def continued(self, phi: ArrayLike) -> str:
+        """What is to be said of laws used at phi (...) beyond their ends; "" where none is."""
+        off = {name: float(np.max(law.beyond(phi))) for name, law in self.laws.items()}
+        names = [n for n, x in off.items() if x > 0.0]
+        if not names:
+            return ""
+        law, far = self.laws[names[0]], max(off.values())
+        return (
+            f"volume fraction up to {far:.2g} beyond {law.phi[0]:g} to {law.phi[-1]:g}, where the laws of "
+            f"{', '.join(names)} are known: within its uncertainty their outer lines go on"
+        )
 
     def with_law(self, name: str, phi: ArrayLike, value: ArrayLike) -> Laws:
         """These laws with another one, given at phi (n,) for the foot of the laws."""

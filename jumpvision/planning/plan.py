@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,13 +25,15 @@ MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
     "single": {"hard": (STUCK, AIR), "granular": (STUCK, INTRUDE, STUCK, AIR)},
     "hop": {"hard": (STUCK, AIR, STUCK, AIR), "granular": (STUCK, AIR, INTRUDE, STUCK, AIR)},
     "stop-go": {"granular": (STUCK, INTRUDE, STUCK, INTRUDE, STUCK, AIR)},
-    "stick": {"hard": (STUCK, AIR, AIR, STUCK)},
+    "stick": {"hard": (STUCK, AIR, AIR, STUCK), "granular": (STUCK, INTRUDE, STUCK, AIR, AIR, INTRUDE, STUCK)},
 }
 """Sequences of phases by name and ground. hop: a preliminary hop; stick: lands and stands still."""
 NEEDS = {("hop", "granular"): "reintrusion_overshoot", ("stop-go", "granular"): "stop_go_overshoot"}
 ACCURATE = 5e-6  # m, between target and re-simulated apex, at which the corrections end
 CORRECTIONS = 4
 TRIES = 3  # starts before the highest apex is asked for
+FOLLOWED = (1, 4)  # steps from one target to the next
+SWEEPS, LOWER = 4, 1e-3  # over the targets at most; of the objective, that a neighbour's plan must save
 
 
 @dataclass(frozen=True)
@@ -102,17 +104,12 @@ class Planner:
         began = time.perf_counter()
         solver = self.solver(self.objective)
         best: Solution | None = None
-        solution = None
-        for _, command in zip(range(TRIES), starts(self.jumper, apex, self.limits.stroke)):
-            trial = solver.solve(apex, self.limits, guess=self._guess(command))
-            self.say(f"{self.objective}: {trial.status}, {trial.iterations} iterations, {trial.seconds:.2f} s")
-            if trial.solved:
-                solution = trial
-                break
+        solution = self._found(apex)
         if solution is None:
             best = self.reach(apex)
             if best is None or best.apex < apex:
-                return self._plan("infeasible" if best else "failed", apex, best or trial, began)
+                tried = best or solver.solve(apex, self.limits, guess=self._guess(self._likeliest(apex)))
+                return self._plan("infeasible" if best else "failed", apex, tried, began)
             solution = self._descend(apex, best)
             if solution is None:
                 solution, solver = self.solver("height").solve(apex, self.limits, warm=best), self.solver("height")
@@ -120,6 +117,51 @@ class Planner:
             if not solution.solved:
                 return self._plan("failed", apex, best, began)
         return self._corrected(apex, solution, solver, began)
+
+    def plans(self, targets: Sequence[float]) -> list[Plan | None]:
+        """Jumps to several apexes [m], increasing, that shift from one to the next; None: not found.
+
+        Each is solved by itself, then followed from its neighbours, up and down, as long as that lowers the objective:
+        what is left are the least ones known, which neighbours share.
+        """
+        began, solver = time.perf_counter(), self.solver(self.objective)
+        best = [self._found(a) for a in targets]
+        for _ in range(SWEEPS):
+            before = list(best)
+            for order in (range(1, len(best)), range(len(best) - 2, -1, -1)):
+                back = -1 if order.step > 0 else 1
+                for i in order:
+                    near, now = best[i + back], best[i]
+                    other = near and self._follow(solver, near, targets[i])
+                    if other and (now is None or other.cost < now.cost * (1.0 - LOWER)):
+                        best[i] = other
+            if all(a is b for a, b in zip(best, before)):
+                break
+        return [self._corrected(a, s, solver, began) if s else None for a, s in zip(targets, best)]
+
+    def _likeliest(self, apex: float) -> Forcing:
+        return next(starts(self.jumper, apex, self.limits.stroke))
+
+    def _found(self, apex: float) -> Solution | None:
+        """The first of TRIES starts that leads to a plan."""
+        for _, command in zip(range(TRIES), starts(self.jumper, apex, self.limits.stroke)):
+            trial = self.solver(self.objective).solve(apex, self.limits, guess=self._guess(command))
+            self.say(f"{self.objective}: {trial.status}, {trial.iterations} iterations, {trial.seconds:.2f} s")
+            if trial.solved:
+                return trial
+        return None
+
+    def _follow(self, solver: Solver, at: Solution, apex: float) -> Solution | None:
+        """From a plan to another apex, in smaller steps where one does not do."""
+        for steps in FOLLOWED:
+            now = at
+            for target in at.apex + (apex - at.apex) * np.linspace(0.0, 1.0, steps + 1)[1:]:
+                now = solver.solve(float(target), self.limits, warm=now)
+                if not now.solved:
+                    break
+            if now.solved:
+                return now
+        return None
 
     def highest(self, count: int | None = None) -> Plan:
         """The highest jump found from `count` starts (default: all)."""
@@ -150,7 +192,14 @@ class Planner:
         forcing = Loop(command, d.kp, d.kd, self.limits.max_force) if d.kp > 0 else command
         t = np.linspace(0.0, command.stop + 0.6, 1201)
         motion = simulate(model or self.model, forcing, t=t, rtol=1e-8, atol=1e-10)
-        return motion, motion.driven_height if self.motion == "stick" else motion.jump_height
+        return motion, self._risen(motion) if self.motion == "stick" else motion.jump_height
+
+    def _risen(self, motion: Motion) -> float:
+        """Apex [m] of the rod over rest by the rise of the mass centre, the motor at its place of rest in flight."""
+        m = self.model
+        total = m.M + m.m_f
+        hangs = m.m_f * (motion.rod[0] - motion.foot[0])  # the rest of the spring's squeeze: the foot hangs relaxed
+        return motion.com_height - (hangs + m.m_m * self.jumper.sag()) / total
 
     def _guess(self, command: Forcing) -> Guess:
         return guessed(self.jumper, self.sequence, command)

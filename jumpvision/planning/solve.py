@@ -137,6 +137,7 @@ class Solution:
     active: tuple[str, ...]
     iterations: int
     seconds: float
+    cost: float  # of the objective
 
 
 class Solver:
@@ -239,4 +240,5 @@ class Solver:
             tuple(active),
             int(stats["iter_count"]),
             seconds,
+            float(r["f"]),
         )

@@ -162,15 +162,14 @@ class Programme:
             state = state.then(end)
             e = j.equations(mode, end, (*self.command, 0.0), memory)
             if mode == AIR and following == AIR:
-                self.row(e.rod_rate, 0.0, 0.0, SCALE["w"])
-                apex, apex_time = e.rod - self.rest[0], time
+                apex, apex_time = self._turn(state, e), time
             elif following is not None:
                 state, memory = self._change(mode, following, state, e, memory)
         self._stop(e)
         if apex is None:
             apex, apex_time = self._ballistic(state, time)
         else:
-            self.row(e.rod - self.rest[0], 0.0, 0.0, SCALE["y"])
+            self.row(e.push - self.weight, 0.0, 0.0, self.weight)
             self.row(e.rod_rate, 0.0, 0.0, SCALE["w"])
         self.apex, self.apex_time = apex, apex_time
         self.row(apex, -math.inf, math.inf, SCALE["y"], "apex")
@@ -295,13 +294,30 @@ class Programme:
         if self.jumper.drive.kp > 0:
             self.row(e.V, 0.0, 0.0, SCALE["V"])
 
+    def _turn(self, state: State, e: Dynamics) -> Any:
+        """Apex of the rod over rest [m] where the mass centre turns, with the motor at its place of rest: the rod's own
+        height would count what the motor only pulls it up."""
+        com, rate = self._whole(state)
+        self.row(rate, 0.0, 0.0, SCALE["w"])
+        self.row(e.X - self.jumper.sag(), 0.0, 0.0, SCALE["X"])
+        return com - self.jumper.model.m_m / self.total * e.X - self.rest[0]
+
+    @property
+    def total(self) -> float:
+        """Mass of the robot [kg]."""
+        return self.jumper.model.M + self.jumper.model.m_f
+
+    def _whole(self, state: State) -> tuple[Any, Any]:
+        """Height and rate of the whole robot's mass centre."""
+        if self.jumper.massless:
+            return state.y, state.w
+        m = self.jumper.model
+        return (m.M * state.y + m.m_f * state.x_f) / self.total, (m.M * state.w + m.m_f * state.v_f) / self.total
+
     def _ballistic(self, state: State, time: Any) -> tuple[Any, Any]:
         """Apex of the rod over rest [m] and its time: free flight of the mass centre, spring and motor settled."""
-        m = self.jumper.model
-        total = m.M + m.m_f
-        y, w = state.y, state.w
-        if not self.jumper.massless:
-            y, w = (m.M * y + m.m_f * state.x_f) / total, (m.M * w + m.m_f * state.v_f) / total
+        m, total = self.jumper.model, self.total
+        y, w = self._whole(state)
         self.row(w, 0.0, math.inf, 0.5)
         drag = m.parameters.c_v / total if "viscous_friction" in m and m.parameters.c_v else 0.0
         g = m.g + m.hold / total

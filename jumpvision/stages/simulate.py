@@ -17,7 +17,7 @@ from jumpvision.inputs.parameters import SimulateParams, of_keywords
 from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
 from jumpvision.mechanisms.own import parameters_with
 from jumpvision.physics.batch import OF_MODEL
-from jumpvision.physics.forcing import Forcing, Loop, from_log
+from jumpvision.physics.forcing import Forcing, Loop, from_log, from_motion
 from jumpvision.physics.hard.jump import hard_jump
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import beyond_seen
@@ -34,7 +34,7 @@ AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
-@stage(version=4, any_of=("log", "law"))
+@stage(version=5, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,
@@ -53,7 +53,7 @@ def simulate(
     x_r, x_f, x_m absolute, in 1 ms steps over the track; heights as a camera reports them.
     """
     model = build_model(experiment, robot, spec, section, bed)
-    forcing, stop = driver(log, law, motor, p)
+    forcing, stop = driver(log, law, motor, p, sand=experiment.ground == "granular")
     return moved(model, forcing, stop, rod, p)
 
 
@@ -100,14 +100,16 @@ def build_model(
                 StageWarning,
                 stacklevel=2,
             )
-    phi = packing(section, bed)[0]
+    phi, phi_sigma = packing(section, bed)
     if spec.laws:
         if phi is None:
             raise InputError(["[bed] volume_fraction: missing; [model.laws] gives the bed's parameters against it"])
         try:
-            at = spec.laws.points(phi, robot.foot_radius or math.nan)
+            at = spec.laws.points(phi, robot.foot_radius or math.nan, phi_sigma or 0.0)
         except ValueError as e:
             raise InputError([f"[model.laws] {e}"]) from None
+        if said := spec.laws.continued(phi):
+            warnings.warn(f"[model.laws] {said}", StageWarning, stacklevel=2)
         values |= {name.removeprefix(OF_MODEL): float(x) for name, x in at.items()}
     try:
         return Model(
@@ -130,11 +132,12 @@ def build_model(
 
 
 def driver(
-    log: MotorLog | None, law: Actuation | None, motor: Motor | None, p: SimulateParams
+    log: MotorLog | None, law: Actuation | None, motor: Motor | None, p: SimulateParams, *, sand: bool = False
 ) -> tuple[Forcing | Loop, float]:
     """(forcing, time when the motor stops): the log, or the law where both agree within the encoder's resolution.
 
-    Without a log the law is the command of the [motor] loop where its kp is given, else the motion of the motor.
+    Without a log the law is the command of the [motor] loop where its kp is given, else the motion of the motor. sand:
+    a foot rests on it, which a log's ripples before the first motion must not push (`from_motion`).
     """
     known = commanded(law) if law and law.moves else None
     measured = read_motor(log, law) if log and p.driver != "law" else None
@@ -157,7 +160,7 @@ def driver(
             StageWarning,
             stacklevel=2,
         )
-    spline = from_log(time, position, p.encoder_step / np.sqrt(12.0))
+    spline = (from_motion if sand else from_log)(time, position, p.encoder_step / np.sqrt(12.0))
     return spline, known.stop if known is not None else last_motion(time, position, p)
 
 
@@ -192,7 +195,8 @@ def of_arrays(tables: Any, time_s: Any = None, motor_m: Any = None) -> pd.DataFr
     usable = np.isfinite(time + position).all() and (np.diff(time) > 0.0).all()
     if time.size < FEWEST or not usable:
         raise ValueError(f"simulate: {time.size} times: give {FEWEST} or more, finite and increasing")
-    return moved(model, from_log(time, position, p.encoder_step / np.sqrt(12.0)), float(time[-1]), None, p).table
+    spline = (from_motion if e.ground == "granular" else from_log)(time, position, p.encoder_step / np.sqrt(12.0))
+    return moved(model, spline, float(time[-1]), None, p).table
 
 
 FEWEST = 8  # samples of a motor's motion

@@ -11,7 +11,7 @@ from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.sections import Actuation, Bed
 from jumpvision.results.tables import Simulation
 from jumpvision.results.values import BedHeight, Fits, Summary
-from jumpvision.stages.bed.height import packing, packing_common
+from jumpvision.stages.bed.height import contradicted, packing, packing_common
 from jumpvision.workflow.stage import StageWarning, stage
 
 FAR = 5.0  # factor between measured and simulated height that no model's error makes
@@ -29,7 +29,7 @@ FROM_FITS = {  # key of summary.json: name in fits.json
 }
 
 
-@stage(version=3, any_of=("fits", "bed"))
+@stage(version=4, any_of=("fits", "bed"))
 def summary(
     experiment: Experiment,
     law: Actuation | None,
@@ -44,6 +44,8 @@ def summary(
     `<key>_sigma_common` (`sigma_common_m`), the part of it that other experiments share.
     """
     phi, phi_sigma = packing(section, bed)
+    if said := contradicted(section, bed):
+        warnings.warn(said, StageWarning, stacklevel=1)
 
     def parts(name: str) -> tuple[float | None, float | None, float | None]:
         """value, sigma, sigma_common of a fit."""

@@ -55,6 +55,14 @@ AXES = {
     "phase": Axis("rad", "start phase of the law", "phase", "π", 1 / math.pi, lo=-math.inf),
     "amplitude": Axis("m", "forcing amplitude A", "amplitude", "mm", 1e3),
     "delay": Axis("s", "pause between the half cycles", "delay", "ms", 1e3, open_lo=False),
+    "dwell_gain": Axis(
+        "",
+        "position gain in the pause / normal gain; below 1 the [motor] loop drives",
+        "dwell gain",
+        hi=1.0,
+        open_lo=False,
+        grounds=SAND,
+    ),
     "frequency2": Axis("Hz", "frequency of the second half cycle", "second frequency", "Hz"),
     "cycles": Axis("", "number of forcing cycles", "cycles"),
     "alpha": Axis("", "M g/(k A); sets the amplitude, or gravity where the amplitude is given", "α"),
@@ -64,6 +72,7 @@ AXES = {
     "stiffness": Axis("N/m", "stiffness of the spring", "stiffness", "kN/m", 1e-3),
     "zeta": Axis("", "damping ratio c / (2 sqrt(k M))", "ζ", open_lo=False),
     "phi": Axis("", "volume fraction of the bed", "volume fraction φ", lo=0.3, hi=0.8, open_lo=False, grounds=SAND),
+    "apex": Axis("m", "height that a plan is made for", "planned height", "mm", 1e3, grounds=SAND),
     "foot_radius": Axis("m", "radius of the foot", "foot radius", "mm", 1e3, grounds=SAND),
 }
 

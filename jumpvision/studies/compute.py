@@ -50,10 +50,12 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
         point = {n: a[next(at)] if a.ndim else np.full(hi - lo, float(a)) for n, a in given.items()}
         full = resolve(machine.values, point)
         if machine.laws:
-            full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan)
+            full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan, machine.phi_sigma)
         return {n: np.ascontiguousarray(np.broadcast_to(v, (hi - lo,))) for n, v in full.items()}
 
     threads = numba.get_num_threads()
+    if machine.laws and (said := machine.laws.continued(given.get("phi", np.asarray(machine.values["phi"])))):
+        say(said)
     try:
         values(0, 1)
         numba.set_num_threads(min(workers, threads))
@@ -82,6 +84,7 @@ def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
     seen = {n for t in model.terms for n in model.mechanism(t).symbols}
     inert = {
         "phi": not machine.laws and (model.volume_fraction is None or "phi" not in seen),
+        "apex": True,
         "foot_radius": model.foot_radius is None
         or not ("R" in seen or any(getattr(model.parameters, n) for n in BY_AREA)),
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +13,18 @@ from typing import Any
 from jumpvision.base.schema import InputError, closest, read
 from jumpvision.inputs.experiment import Experiment, merged, open_experiment
 from jumpvision.inputs.model import ModelSpec, model_tables, read_model
-from jumpvision.inputs.sections import Actuation, Bed, Header, Robot
+from jumpvision.inputs.sections import Actuation, Bed, Header, Motor, Robot
 from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.model import Model
+from jumpvision.results.values import BedHeight
+from jumpvision.stages.bed.height import packing
 from jumpvision.stages.simulate import build_model
+from jumpvision.workflow.workspace import Workspace
 
 from .axes import Laws
+
+MOTOR = {"kp": 20000.0, "kd": 120.0, "max_force": 100.0, "max_speed": 3.0, "stroke": 0.05}
 
 THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 and 3
     "hard": {
@@ -30,6 +36,7 @@ THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 a
             "gravity": 0.276 * 9.81,
         },
         "actuation": {"kind": "stutter", "frequency": 8.2, "amplitude": 4e-3},
+        "motor": MOTOR,
         "bed": {},
         "model": {"terms": ()},
     },
@@ -44,6 +51,7 @@ THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 a
             "gravity": 9.81,
         },
         "actuation": {"kind": "stutter", "frequency": 5.0, "amplitude": 0.01875},
+        "motor": MOTOR,
         "bed": {"volume_fraction": 0.57, "grain_density": 1000.0},
         # the set of docs/physics.md section 7: the bend is without effect at k1 = k2
         "model": {
@@ -69,6 +77,8 @@ class Machine:
     values: Mapping[str, float]  # every name of physics.points ROBOT, LAW and, on granular ground, BED
     thesis: bool = False
     laws: Laws | None = None  # of the bed's parameters against phi
+    motor: Motor | None = None
+    phi_sigma: float = 0.0  # standard uncertainty of a measured volume fraction
 
     @property
     def exact(self) -> bool:
@@ -83,11 +93,13 @@ def machine(
     *,
     model_file: Path | None = None,
     laws: Laws | None = None,
+    bed_seen: BedHeight | None = None,
 ) -> Machine:
     """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place.
 
-    model_file: a TOML file whose [model] replaces the other; its [robot], as a diagnosis fitted it, goes over the
-    robot's.
+    bed_seen: the bed's record where it is at hand; else an experiment's picture of the bed is measured where [bed]
+    gives no volume fraction. model_file: a TOML file whose [model] replaces the other; its [robot], as a diagnosis
+    fitted it, goes over the robot's.
     """
     overrides = {name: table for name, table in overrides.items() if table}  # "params" is always there
     if model_file is not None and (fitted := model_tables(model_file).get("robot")):
@@ -99,15 +111,17 @@ def machine(
             raise InputError(
                 [f"sweep {ground} --experiment {experiment}: its ground is '{e.ground}'; sweep {e.ground} instead"]
             )
-        robot, law, bed, spec = (e.section(s) for s in (Robot, Actuation, Bed, ModelSpec))
+        robot, law, motor, bed, spec = (e.section(s) for s in (Robot, Actuation, Motor, Bed, ModelSpec))
         if robot is None:
             raise InputError([f"{folder / 'experiment.toml'}: [robot]: missing; a sweep needs the robot's values"])
         name, thesis = e.name, False
+        if bed_seen is None and (bed is None or bed.volume_fraction is None) and ground == "granular":
+            bed_seen = _bed_of(e)
         law = law or Actuation()
         default = () if ground == "hard" else ("two_resistance", "inertial_drag")
         spec = spec or ModelSpec(default)
     else:
-        robot, law, bed, spec = _thesis(ground, overrides)
+        robot, law, motor, bed, spec = _thesis(ground, overrides)
         name, thesis = f"thesis robot, {ground} ground", not overrides
         e = Experiment(Path("--set"), name, Header(ground=ground), {}, {})
     if model_file is not None:
@@ -118,7 +132,7 @@ def machine(
         )
         name += f", model of {model_file.name}"
     try:
-        model = plain_model(build_model(e, robot, spec, bed, None))
+        model = plain_model(build_model(e, robot, spec, bed, bed_seen))
     except InputError as error:
         at = f"{e.path / 'experiment.toml'}: "
         raise InputError([p.replace(at, f"{model_file}: ") if model_file else p for p in error.problems]) from None
@@ -140,10 +154,39 @@ def machine(
         "phase": law.start_phase,
         "cycles": law.cycles,
         "delay": law.delay,
+        "dwell_gain": law.dwell_gain,
     }
+    if motor and motor.kp:
+        values |= {"kp": motor.kp, "kd": motor.kd or 0.0}
+        values |= {"max_force": motor.max_force or math.inf, "max_speed": motor.max_speed or math.inf}
     laws = laws or (spec.laws and spec.laws.without(overrides.get("model", {})))
     values["phi"], values["foot_radius"] = model.volume_fraction or math.nan, model.foot_radius or math.nan
-    return Machine(name, model, values, thesis, laws)
+    phi, phi_sigma = packing(bed, bed_seen)
+    if phi is not None and phi_sigma:
+        name += f", volume fraction {phi:.4f} ± {phi_sigma:.2g} as measured"
+    return Machine(name, model, values, thesis, laws, motor, phi_sigma or 0.0)
+
+
+def _bed_of(e: Experiment) -> BedHeight | None:
+    """What the picture of the bed of an experiment shows; None where it has none."""
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = Workspace(e, Path(folder) / "results", Path(folder) / "cache")
+        return None if workspace.missing(BedHeight) else workspace.make(BedHeight)
+
+
+def remembering(robot: Machine) -> Machine:
+    """The machine with stop_go_overshoot, the bed's memory of a pause, where its laws or --set know s_p and lam.
+
+    A model that has an overshoot already stays as it is.
+    """
+    given, known = robot.model.parameters, robot.laws.laws if robot.laws else {}
+    names = ("s_p", "lam")
+    if robot.model.acting(Body.OVERSHOOT) or any(getattr(given, n) is None and n not in known for n in names):
+        return robot
+    standing = {n: float(known[n](robot.values["phi"])) for n in names if getattr(given, n) is None}
+    parameters = dataclasses.replace(given, **standing)
+    terms = (*robot.model.terms, "stop_go_overshoot")
+    return dataclasses.replace(robot, model=dataclasses.replace(robot.model, terms=terms, parameters=parameters))
 
 
 def plain_model(model: Model) -> Model:
@@ -163,7 +206,7 @@ def plain_model(model: Model) -> Model:
     )
 
 
-def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Bed, ModelSpec]:
+def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
     tables = THESIS[ground]
     problems = [
         f"--set {name}: unknown section of the thesis' robot{closest(name, tables)}"
@@ -172,7 +215,7 @@ def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Ro
     ]
     tables = merged(tables, {n: t for n, t in overrides.items() if n in tables})
     found = []
-    for name, cls in (("robot", Robot), ("actuation", Actuation), ("bed", Bed)):
+    for name, cls in (("robot", Robot), ("actuation", Actuation), ("motor", Motor), ("bed", Bed)):
         section, more = read(cls, tables[name], f"--set [{name}]")
         found.append(section)
         problems += more

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from jumpvision.base.schema import InputError, read
+from jumpvision.base.schema import InputError
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.model import ModelSpec, read_model
 from jumpvision.inputs.sections import Motor, Robot
@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 
 RATE = 1000.0  # rows of plan.csv in a second
 DRAWS = 200  # models drawn for the spread of the apex
-MOTOR = Motor(
-    kp=20000.0, kd=120.0, max_force=100.0, max_speed=3.0, stroke=0.05
-)  # of the thesis' robot, if none is given
 CORRECTS = {m.names[0]: m.corrects for m in acting(Body.ROBOT)}
 
 
@@ -107,23 +104,24 @@ def planned_robot(
         e = open_experiment(folder, overrides=given)
         if e.ground != ground:
             raise InputError([f"--ground {ground}: {folder / 'experiment.toml'} has ground = '{e.ground}'; give that"])
-        motor, robot, spec = e.section(Motor), e.section(Robot), e.section(ModelSpec)
+        robot, spec = e.section(Robot), e.section(ModelSpec)
         if robot is not None:
             sigma |= asdict(robot.sigma)
-    else:
-        motor, problems = read(Motor, asdict(MOTOR) | dict(given.pop("motor", {})), "--set [motor]")
-        if problems:
-            raise InputError(problems)
     found = machine(ground, experiment, given, model_file=model_file)
     if model_file is not None:
         spec = read_model(model_file)
+    sigma["volume_fraction"] = found.phi_sigma
     for name, value in (spec.sigma if spec else {}).items():
         name = CORRECTS.get(name, name)
         sigma[name] = math.hypot(sigma.get(name, 0.0), value)
     known = {
-        n for n in sigma if n in Robot.__dataclass_fields__ or getattr(found.model.parameters, n, None) is not None
+        n
+        for n in sigma
+        if n in Robot.__dataclass_fields__
+        or n == "volume_fraction"
+        or getattr(found.model.parameters, n, None) is not None
     }
-    return Robot1D(found.name, found.model, motor, {n: s for n, s in sigma.items() if s > 0 and n in known})
+    return Robot1D(found.name, found.model, found.motor, {n: s for n, s in sigma.items() if s > 0 and n in known})
 
 
 def make_plan(

@@ -19,6 +19,7 @@ from jumpvision.physics.hard.analysis import (
     best_two_frequencies,
     crossing,
     energy_after_one_cycle,
+    minimum_amplitude,
     stutter_by_fall_and_push,
     stutter_by_half_fall,
     stutter_by_three_parts,
@@ -186,6 +187,62 @@ def _phases(s: Sweep) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray
         height[i] = np.take_along_axis(jumps["com_height_m"], best, axis=0)[0] / amp
         flights[i] = np.take_along_axis(jumps["n_jumps"], best, axis=0)[0]
     return few, phase, height, flights
+
+
+@study(
+    "height-amplitude",
+    "hard",
+    source="Fig 32(a,b)",
+    ranges={
+        "frequency": lambda s: np.linspace(0.2, 3.0, 141) * s.robot.f0,
+        "amplitude": np.linspace(2.5e-4, 8e-3, 120),
+    },
+)
+def height_amplitude(s: Sweep) -> Found:
+    """Height / A over frequency and amplitude of both types, the best frequency and the least amplitude to lift off."""
+    f, amplitude = s.axis("frequency"), s.axis("amplitude")
+    phase = np.array([STUTTER, SINGLE])
+    rows_of = sine_rows(f[None, :, None], amplitude, phase[:, None, None], 1.0)
+    found = hard_sweep(rows_of, **s.robot._asdict())
+    ratio = found["com_height_m"] / amplitude
+    best = f[np.argmax(found["com_height_m"], axis=1)]
+    least = np.stack(
+        [
+            minimum_amplitude(
+                f, [p], robot=s.robot, cycles=1.0, wait=1.0 / s.robot.f0, largest=amplitude[-1], resolution=1e-8
+            )[:, 0]
+            for p in phase
+        ]
+    )
+    extra: dict[str, Variable] = {
+        "height_ratio": (("jump", "frequency", "amplitude"), ratio, "1", "com_height / A"),
+        "best_frequency_Hz": (("jump", "amplitude"), best, "Hz", "of the highest jump"),
+        "minimum_amplitude_m": (
+            ("jump", "frequency"),
+            least,
+            "m",
+            "least amplitude that lifts off until one natural period after the forcing",
+        ),
+        "alpha": (("amplitude",), s.robot.mass * s.robot.gravity / (s.robot.stiffness * amplitude), "1", "M g/(k A)"),
+    }
+    data = dataset(
+        s,
+        {"jump": list(TYPES), "frequency": f, "amplitude": amplitude},
+        ("jump", "frequency", "amplitude"),
+        found,
+        extra,
+        f0_Hz=s.robot.f0,
+    )
+    i, j = (int(np.argmin(np.abs(amplitude - a))) for a in (s.machine.values["amplitude"], amplitude[-1]))
+    rows = [
+        s.number(
+            f"{name}: best f/f_0 at A {1e3 * amplitude[i]:.2f} and {1e3 * amplitude[j]:.2f} mm; greatest height / A",
+            f"{best[k, i] / s.robot.f0:.2f}, {best[k, j] / s.robot.f0:.2f}; {np.nanmax(ratio[k]):.1f}",
+            "rises with A" if name == "single" else "",
+        )
+        for k, name in enumerate(TYPES)
+    ]
+    return data, rows
 
 
 @study("estimates", "hard", source="Fig 33(e)", ranges={"alpha": ALPHAS})

@@ -24,7 +24,7 @@ from jumpvision.physics.model import GROUNDS
 from jumpvision.workflow.stage import import_all
 
 from .axes import EXAMPLE, Laws, option, read_axes, read_laws
-from .machine import Machine, machine
+from .machine import Machine, machine, remembering
 
 ROBOT_AXES = ("gravity", "rod_mass", "motor_mass", "stiffness", "zeta")  # every study takes single values of these
 
@@ -91,7 +91,8 @@ class Study(Generic[S]):
     ranges: axes that it takes as ranges or single values, with the usual range (or how the robot gives it);
     values: axes that it takes as single values, besides ROBOT_AXES. any_axes: it takes all, and single values are
     points of its grid instead of changes of the robot. needs_laws: only with laws of the bed against its packing.
-    model_file: --model may replace the campaign's model.
+    model_file: --model may replace the campaign's model. memory: the thesis' robot jumps on a bed that remembers a
+    pause of the foot, as far as its laws say how (`machine.remembering`).
     """
 
     name: str
@@ -104,6 +105,7 @@ class Study(Generic[S]):
     any_axes: bool
     needs_laws: bool
     model_file: bool
+    memory: bool
 
     def __call__(self, given: S) -> Found:
         return self.function(given)
@@ -131,13 +133,14 @@ def study(
     any_axes: bool = False,
     needs_laws: bool = False,
     model_file: bool = True,
+    memory: bool = False,
 ) -> Callable[[Callable[[S], Found]], Study[S]]:
     """Register a function of a Sweep, or of Measured jumps, as a study; the arguments are those of Study."""
 
     def register(function: Callable[[S], Found]) -> Study[S]:
         of_campaign = Measured in get_type_hints(function).values()
         _STUDIES[name] = made = Study(
-            name, grounds, source, function, of_campaign, ranges or {}, values, any_axes, needs_laws, model_file
+            name, grounds, source, function, of_campaign, ranges or {}, values, any_axes, needs_laws, model_file, memory
         )
         return made
 
@@ -240,6 +243,7 @@ def _sweep(asked: Study[Any], call: Call) -> Sweep:
     laws = _laws(call, example=own and call.ground == "granular" and not asked.any_axes)
     robot = machine(call.ground, call.experiment, call.overrides, model_file=call.model, laws=laws)
     robot = dataclasses.replace(robot, thesis=robot.thesis and call.laws is None)
+    robot = remembering(robot) if asked.memory and own else robot
     values = {n: a for n, a in axes.items() if a.ndim == 0}
     ranges = {n: a for n, a in axes.items() if a.ndim}
     if asked.any_axes:
@@ -282,7 +286,7 @@ def _changed(robot: Machine, values: Mapping[str, Array]) -> Machine:
         found = resolve(robot.values, values)
     except ValueError as e:
         raise InputError([f"sweep {robot.model.ground}: {e}"]) from None
-    robot_changed = any(n in ROBOT_AXES or n in ("amplitude", "alpha", "cycles") for n in values)
+    robot_changed = any(n in ROBOT_AXES or n in ("amplitude", "alpha", "cycles", "dwell_gain") for n in values)
     return dataclasses.replace(
         robot, values={n: float(v) for n, v in found.items()}, thesis=robot.thesis and not robot_changed
     )

@@ -28,8 +28,11 @@ COM, FLIGHT, JUMP, N_JUMPS, FIRST, POWER, FORCE, SPEED, DRIVEN, DEPTH, STATUS = 
 
 @njit(error_model="numpy")
 def pieces(rows: Array) -> tuple[Array, Array]:
-    """Pieces (n, 6) and edges (n + 1,) of a `Segments` law with the motor at rest after it; the last edge is open."""
-    kept, edges = np.empty((rows.shape[0] + 1, 6)), np.empty(rows.shape[0] + 2)
+    """Pieces (n, 6) and edges (n + 1,) of a `Segments` law with the motor at rest after it; the last edge is open.
+
+    Rows of a loop have a seventh column, its gain: 1 after the law.
+    """
+    kept, edges = np.ones((rows.shape[0] + 1, rows.shape[1])), np.empty(rows.shape[0] + 2)
     n = 0
     for row in rows:
         if row[1] > row[0]:
@@ -65,7 +68,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     rows, edges = pieces(law)
     n = edges.size
     start, stop = edges[0], edges[n - 2]
-    rate, tolerance = tolerances(p, granular.N_MOTION if p.own_rate > 0 else granular.X, atol)
+    rate, tolerance = tolerances(p, granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.X, atol)
     s = np.empty(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)

@@ -80,10 +80,10 @@ def delay(data: xr.Dataset, Figure: Any) -> Any:
     figure = Figure(figsize=(8.4, 3.6), layout="constrained")
     axis = figure.subplots()
     told, wait = attributes_of(beds.Delay, data), data.delay * 1e3
-    axis.plot(wait, data.jump_height_m * 1e3, color=MODEL, label="cone")
+    axis.plot(wait, data.undamped_height_m * 1e3, color=QUIET, lw=0.7, label="cone, full gain in the pause")
+    axis.plot(wait, data.jump_height_m * 1e3, color=MODEL, label=f"cone, gain x {told.dwell_gain:g} in the pause")
     axis.plot(wait, data.baseline_height_m * 1e3, "--", color="black", lw=1, label=told.baseline)
     axis.axhline(float(data.single_height_m) * 1e3, color=MEASURED, lw=1, ls=":", label="best single")
-    axis.axhline(float(data.settled_height_m) * 1e3, color=GREEN, lw=1, ls="-.", label="spring rung out")
     axis.axvline(told.loaded_half_period_s * 1e3, color=QUIET, lw=0.8)
     title = f"delayed stutter at {float(data.frequency):.3g} Hz (grey: half a loaded period)"
     axis.set(title=title, xlabel="delay [ms]", ylabel=HEIGHT)
@@ -199,7 +199,9 @@ def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     name, unit = attributes_of(measured.DragFit, data).parameter, unit_of(data.value)
-    left.errorbar(data.packing, data.value, 2.0 * data.value_sigma, fmt="o", ms=4, color=MEASURED)
+    left.errorbar(
+        data.packing, data.value, 2.0 * data.value_sigma, 2.0 * data.packing_sigma, fmt="o", ms=4, color=MEASURED
+    )
     left.set(
         title=f"{name} of the measured jumps, ±2σ", xlabel=PHI, ylabel=name + (f" [{unit}]" if unit != "1" else "")
     )

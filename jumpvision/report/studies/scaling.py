@@ -11,6 +11,7 @@ from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
 from jumpvision.results.fields import attributes_of
 from jumpvision.studies import scaling
+from jumpvision.studies.compute import setting
 
 LOOK = {"stutter": (MODEL, "-"), "single": (MEASURED, "--"), "two frequencies": (GREEN, "-.")}
 
@@ -154,4 +155,23 @@ def two_frequency(data: xr.Dataset, Figure: Any) -> Any:
     logarithmic(height, "x")
     for axis in (height, power, freq):
         logarithmic(axis, "y")
+    return figure
+
+
+@figure_of(scaling.height_amplitude)
+def height_amplitude(data: xr.Dataset, Figure: Any) -> Any:
+    """Maps of height / A with the best frequency (black) and the least amplitude that lifts off (white)."""
+    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
+    f0 = setting(data).f0_Hz or 1.0
+    for axis, kind in zip(figure.subplots(1, 2), data.jump.values):
+        one = data.sel(jump=kind)
+        seen = axis.pcolormesh(
+            data.frequency / f0, data.amplitude * 1e3, one.height_ratio.T, shading="nearest", rasterized=True
+        )
+        figure.colorbar(seen, ax=axis).ax.set_ylabel("height / A")
+        axis.plot(data.frequency / f0, one.minimum_amplitude_m * 1e3, color="white", lw=1.2)
+        axis.plot(one.best_frequency_Hz / f0, data.amplitude * 1e3, color="black", lw=1.2)
+        ends = [float(x) * 1e3 for x in (data.amplitude[0], data.amplitude[-1])]
+        axis.set(title=f"{kind}", xlabel="f / f₀", ylabel="amplitude A [mm]", ylim=ends)
+        axis.grid(False)
     return figure

@@ -13,8 +13,8 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.physics.batch import law_rows, model_at, resolve
-from jumpvision.physics.forcing import Segments
+from jumpvision.physics.batch import law_rows, looped, model_at, resolve
+from jumpvision.physics.forcing import Loop, Segments
 from jumpvision.physics.hard.analysis import SINGLE, STUTTER
 from jumpvision.physics.model import FORCE_MODELS, Model, fitted_drag, force_model
 from jumpvision.physics.sand.jump import Motion, simulate
@@ -23,9 +23,6 @@ from jumpvision.studies.compute import ATOL, RTOL, grid_results
 from jumpvision.studies.study import Sweep
 
 HOP_DELAY = 0.75  # s, of the thesis' delayed stutter jump
-
-
-SETTLED = 15.0  # s of delay, after which the spring has rung out, as the motor's feedback does in the thesis' dwell
 
 
 TYPES: dict[str, tuple[float, float]] = {  # phase [rad], delay [s]
@@ -63,14 +60,17 @@ def heights(
 
 
 def motion(s: Sweep, model: Model, given: Mapping[str, float], samples: int) -> tuple[Motion, Segments, Model]:
-    """One jump sampled evenly from its start to TAIL after its stop, with its law and model."""
+    """One jump sampled evenly from its start to TAIL after its stop, with its law and model, driven as in a batch."""
     v = resolve(s.machine.values, given)
     if s.machine.laws:
-        v |= s.machine.laws.points(v["phi"], model.foot_radius or np.nan)
+        v |= s.machine.laws.points(v["phi"], model.foot_radius or np.nan, s.machine.phi_sigma)
     here = model_at(model, v)
     law = Segments(law_rows({n: np.atleast_1d(x) for n, x in v.items()})[0])
     t = np.linspace(law.start, law.stop + TAIL, samples)
-    return simulate(here, law, t=t, rtol=RTOL, atol=ATOL), law, here
+    loop = looped(v)
+    gains = {n: float(x) for n, x in loop.items()} if loop else {}
+    driver = Loop(law, dwell_gain=float(v["dwell_gain"]), **gains) if loop else law
+    return simulate(here, driver, t=t, rtol=RTOL, atol=ATOL), law, here
 
 
 def packings(s: Sweep, count: int) -> Array:
