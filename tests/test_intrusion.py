@@ -68,10 +68,6 @@ def test_a_log_that_begins_in_contact_takes_its_depth_as_it_stands():
         near(fits[name], true)
 
 
-def near(e, true, sigmas=4.0):
-    assert abs(e.value - true) < sigmas * e.sigma, (e, true)
-
-
 def test_reintrusions_are_found_proportional_to_depth():
     moves = [m for z in np.arange(0.006, 0.058, 0.006) for m in (("to", z), ("to", -0.003))] + DOWN
     r = fitted(moves, Grains(fluctuation=0.1))
@@ -94,7 +90,7 @@ def test_stop_and_go_knows_its_pauses_and_their_effect():
 
 
 def test_steps_of_a_millimetre_do_not_bias_the_overshoots():
-    """Six logs: mean error 0 +- 0.41 sigma. Every step holds 0.37 mm of samples, so s is known to 10 % and lam to 15."""
+    """Six logs: mean error 0 +- 0.41 sigma. A step holds 0.37 mm of samples: s is known to 10 %, lam to 15."""
     moves = [m for z in np.arange(0.006, 0.055, 0.001) for m in (("to", z), ("pause", 0.2))] + DOWN
     fits = [fitted(moves, Grains(fluctuation=0.1), seed=seed).fits for seed in range(6)]
     for name, true in (("s_p", 200.0), ("lam", 0.004)):

@@ -358,7 +358,7 @@ def begins_in_air(bins: Bins) -> bool:
 
 
 def fit_family(bins: Bins, family: Family, contact: bool, rng: np.random.Generator) -> Fitted:
-    """A family's posterior. Overshoots compound where that is sure; else `compounding` is stated beside a law of none."""
+    """A family's posterior. Overshoots compound where that is sure; else `compounding` stands beside a law without."""
     model = Model(bins, family, contact)
     q, _ = model.best()
     out = fitted(model, q, rng)

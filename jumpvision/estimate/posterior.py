@@ -2,7 +2,7 @@
 
 y = X(q) b + noise, noise = white + loud(x) times an Ornstein-Uhlenbeck process of correlation length l. The linear
 parameters b and the size of the noise are summed out exactly; what is left, q and the noise's own shape, is drawn by
-adaptive importance sampling (Cappe et al., J. Comput. Graph. Stat. 13, 907, 2004). All of it in the units of the caller.
+adaptive importance sampling (Cappe et al., J. Comput. Graph. Stat. 13, 907, 2004), all in the units of the caller.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ def whitened(A, cells, loud, share, length):  # type: ignore[no-untyped-def]
 def evidence(y, X, cells, loud, share, length):  # type: ignore[no-untyped-def]
     """(log density, rss, b, root): b (p,) the best linear parameters, their covariance root root' times rss / dof.
 
-    y (n,), X (n, p); cells, loud, share, length: V of `whitened`. Summed out: b under the flat prior of X's own scale, the variance under 1/variance:
+    y (n,), X (n, p); cells, loud, share, length: V of `whitened`. Summed out: b under the flat prior of X's own scale,
+    the variance under 1/variance:
     -1/2 log|V| - 1/2 log|X' V^-1 X| + 1/2 log|X' X| - (n - p)/2 log rss. -inf where a column is undetermined.
     """
     n, p = X.shape
@@ -168,7 +169,7 @@ def draw(
     dof: int,
     rng: np.random.Generator,
 ) -> Drawn:
-    """Draws about the best q (k,), within low and high; scale (k,): first guess of its spread; dof: n - p of the fit."""
+    """Draws about the best q (k,), within low and high; scale (k,): first guess of its spread; dof: n - p."""
     k = best.size
     top = solve(best)[0]
     centre, root = best, np.diag([_width(solve, best, i, float(scale[i]), low, high, top) for i in range(k)])

@@ -111,7 +111,7 @@ class Curves:
 
 
 def cone_family(R: float, theta: float) -> Family:
-    """F_p of the jammed cone by resistive force theory (26), of a foot of radius R [m]; its shape is R tan(theta)/mu."""
+    """F_p of the jammed cone by resistive force theory (26) of a foot of radius R [m]; shape: R tan(theta)/mu."""
     area, whole = math.pi * R * R, R * math.tan(theta)
 
     def columns(z: Array, complete: float) -> Array:

@@ -1,0 +1,87 @@
+"""Pictures of the matter under a foot: simulated discs (thesis Fig 53) and resistive forces on a foot of any shape."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jumpvision.report.style import ACCENT, MEASURED, MODEL, QUIET, styled
+from jumpvision.studies.discs import CONSTANT, DiscBed, DiscNumbers
+
+from .pictures import png
+
+SHOWN = 0.25, 0.6, 1.0  # of the stroke
+
+
+def disc_picture(runs: Sequence[xr.Dataset], bed: DiscBed, numbers: DiscNumbers) -> bytes:
+    """The first bed at three instants, coloured by speed over that of the foot; front and added mass against depth."""
+    data = runs[0]
+    with styled() as Figure:
+        figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+        top, below = figure.subfigures(2, 1, height_ratios=(1.5, 1))
+        axes = top.subplots(1, len(SHOWN), sharey=True)
+        for axis, share in zip(axes, SHOWN):
+            cells = draw_discs(axis, data, bed, round(share * (data.sizes["t"] - 1)))
+        axes[0].set_ylabel("y [mm]")
+        top.colorbar(cells, ax=list(axes), label="downward speed / foot's", shrink=0.8)
+        left, middle, right = below.subplots(1, 3)
+        for run in runs:
+            depth = -1e3 * run.foot_y.values
+            left.plot(depth, 1e3 * run.front, color=MEASURED, lw=1.0)
+            middle.plot(depth, run.theta, color=MEASURED, lw=1.0)
+            right.plot(depth, run.added_mass, color=MEASURED, lw=1.0)
+            right.plot(depth, run.plug, color=MODEL, lw=1.0)
+        left.axhline(1e3 * bed.foot * math.sqrt(3.0), color=QUIET, lw=0.8, ls="--")
+        left.set(title="front below the face", ylabel="[mm]")
+        middle.axhline(60.0, color=QUIET, lw=0.8, ls="--")
+        middle.axvspan(1e3 * CONSTANT * bed.stroke, 1e3 * bed.stroke, color=QUIET, alpha=0.15, lw=0)
+        middle.set(title=f"θ = {told(numbers.theta_deg, numbers.theta_sigma_deg)}°", ylabel="angle of the sides [deg]")
+        right.set(title="added mass; the plug alone (orange)", ylabel="[kg]", ylim=(0.0, None))
+        for axis in (left, middle, right):
+            axis.set_xlabel("depth of the foot [mm]")
+        return png(figure)
+
+
+def told(value: float, sigma: float) -> str:
+    """A number of several beds with its sigma, of one bed alone."""
+    return f"{value:.1f} ± {sigma:.1f}" if math.isfinite(sigma) else f"{value:.1f}"
+
+
+def draw_discs(axis: Any, data: xr.Dataset, bed: DiscBed, k: int) -> Any:
+    """The discs near the foot at instant k, and the triangle of 60 degrees below its face."""
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.patches import Rectangle
+
+    at, before = data.isel(t=k), data.isel(t=k - 1)
+    face = 1e3 * float(at.foot_y)
+    share = np.clip(((at.y - before.y) / (at.foot_y - before.foot_y)).values, 0.0, 1.0)
+    width = 2e3 * at.radius.values
+    cells = EllipseCollection(
+        width,
+        width,
+        0.0,
+        units="xy",
+        offsets=1e3 * np.stack([at.x, at.y], axis=1),
+        offset_transform=axis.transData,
+        array=share,
+        cmap="viridis",
+        clim=(0.0, 1.0),
+    )
+    axis.add_collection(cells)
+    foot = 1e3 * bed.foot
+    axis.add_patch(Rectangle((-foot, face), 2.0 * foot, foot, color=QUIET))
+    axis.plot([-foot, 0.0, foot], [face, face - foot * math.sqrt(3.0), face], color=ACCENT, lw=0.8)
+    reach = min(1e3 * bed.half_width, 2.2 * foot)
+    axis.set(
+        xlim=(-reach, reach),
+        ylim=(max(-1e3 * bed.depth, face - 2.4 * foot), 0.7 * foot),
+        aspect="equal",
+        title=f"{-face:.1f} mm deep",
+        xlabel="x [mm]",
+    )
+    axis.grid(False)
+    return cells
