@@ -21,7 +21,7 @@ from jumpvision.results import plain
 from jumpvision.results.values import Intrusion
 from jumpvision.workflow.run import Outcome
 
-FITTED = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2")
+FITTED = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2", "k1_cone", "sigma_cone", "mu_cone")
 LAWFUL = FITTED[:6]  # that a law against packing is fitted to
 LEAST = 5  # packings that a law needs
 KINKED = 0.05  # p of a straight line below which a law has a kink
@@ -42,8 +42,8 @@ class Fitted(NamedTuple):
 class SlowIntrusion:
     """One slow intrusion: foot [m], packing, every fit; force [N] against depth [m], (n,); NaN where unknown.
 
-    event: (n,) number of the pause or withdrawal that a sample follows, below 0 before the first. cone: the force that
-    the cone predicts, (n,), or None.
+    event: (n,) number of the pause or withdrawal that a sample follows, below 0 before the first. cone: the force of the
+    fitted cone, (n,), flat, mantle: that of its face and its side, or None.
     """
 
     experiment: str
@@ -56,6 +56,8 @@ class SlowIntrusion:
     force: Array
     event: Array
     cone: Array | None
+    flat: Array | None = None
+    mantle: Array | None = None
 
     @property
     def cells(self) -> dict[str, str | float]:
@@ -107,7 +109,7 @@ def slow_intrusion(
         np.array(profile["depth_m"]),
         np.array(profile["force_N"]),
         np.array(profile["event"]),
-        np.array(record["cone"]["force_N"]) if record["cone"] else None,
+        *(np.array(record["cone"][f"{part}_N"]) if record["cone"] else None for part in ("force", "flat", "mantle")),
     )
 
 

@@ -7,10 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
+from jumpvision.base.arrays import Array
 from jumpvision.report.style import ACCENT, MEASURED, MODEL, QUIET, styled
 from jumpvision.studies.discs import CONSTANT, DiscBed, DiscNumbers
+from jumpvision.studies.feet import Foot
 
 from .pictures import png
 
@@ -85,3 +88,49 @@ def draw_discs(axis: Any, data: xr.Dataset, bed: DiscBed, k: int) -> Any:
     )
     axis.grid(False)
     return cells
+
+
+MOST = 8  # curves of a panel
+
+
+def foot_picture(triangles: Array, found: pd.DataFrame, foot: Foot) -> bytes:
+    """The foot from the side; vertical and horizontal force against depth by tilt and attack, or against the angle."""
+    with styled() as Figure:
+        figure = Figure(figsize=(10.0, 3.6), layout="constrained")
+        side, *panels = figure.subplots(1, 4, width_ratios=(1, 1.2, 1.2, 1.2))
+        draw_side(side, triangles)
+        kinds = list(found.groupby(["tilt_deg", "attack_deg"]))
+        for axis, name, title in zip(panels, ("Fz_N", "Fx_N", "Ty_Nm"), ("force up [N]", "force along x", "torque, y")):
+            if found.depth_m.nunique() > 1:
+                curves(axis, kinds, name)
+                axis.set_xlabel("depth of the lowest point [mm]")
+            else:
+                angle = "tilt_deg" if found.tilt_deg.nunique() > 1 else "attack_deg"
+                axis.plot(found[angle], found[name], ".-", color=MEASURED)
+                axis.set_xlabel(f"{angle.split('_')[0]} [deg]")
+            axis.set(title=title, ylabel="[N m]" if name == "Ty_Nm" else "[N]")
+        if len(kinds) > 1:
+            panels[0].legend(fontsize=7)
+        return png(figure)
+
+
+def curves(axis: Any, kinds: Sequence[Any], name: str) -> None:
+    """One column against depth for at most MOST pairs of angles, evenly chosen."""
+    import matplotlib as mpl
+
+    some = [kinds[round(i)] for i in np.linspace(0, len(kinds) - 1, min(MOST, len(kinds)))]
+    for color, ((tilt, attack), rows) in zip(mpl.colormaps["viridis"](np.linspace(0.0, 0.85, len(some))), some):
+        axis.plot(1e3 * rows.depth_m, rows[name], color=color, label=f"tilt {tilt:g}°, attack {attack:g}°")
+
+
+def draw_side(axis: Any, triangles: Array) -> None:
+    """The body seen along y, as it stands without tilt."""
+    from matplotlib.collections import PolyCollection
+
+    order = np.argsort(-triangles[:, :, 1].mean(axis=1))
+    axis.add_collection(
+        PolyCollection(list(1e3 * triangles[order][:, :, [0, 2]]), facecolor="0.85", edgecolor="0.6", lw=0.2)
+    )
+    axis.autoscale_view()
+    axis.set(aspect="equal", title="the foot", xlabel="x [mm]", ylabel="z [mm]")
+    axis.grid(False)
