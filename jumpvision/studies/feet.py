@@ -22,7 +22,7 @@ from jumpvision.physics import shapes
 from jumpvision.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push
 from jumpvision.results import plain
 
-FINE = 30.0  # triangles along the greatest extent of the foot
+FINE = 20.0  # triangles along the greatest extent of the foot
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 STRESS = {"N/m^3": 1.0, "N/cm^3": 1e6, "kN/m^3": 1e3}
 ANGLE = {"deg": math.pi / 180.0, "rad": 1.0}

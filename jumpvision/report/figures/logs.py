@@ -122,7 +122,7 @@ def points(axis: Any, rows: Sequence[SlowIntrusion], name: str, color: str, mark
 
 
 def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
-    """First intrusions in the loosest bed by foot radius, and the fitted cone of each, its flat face and mantle apart."""
+    """First intrusions in the loosest bed by foot radius; the fitted cone of each, its face and mantle apart."""
     import matplotlib as mpl
 
     packing = {r.experiment: float(np.nan_to_num(r.volume_fraction)) for r in rows}
@@ -139,7 +139,7 @@ def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
         for part, ls in ((row.flat, "--"), (row.mantle, "-.")):
             if part is not None:
                 axis.plot(z, part[first], color=color, ls=ls, lw=0.6)
-    title = "feet in the loosest bed; RFT cone dotted, flat dashed, mantle dash-dotted"
+    title = "feet: RFT cone dotted, face -, mantle -."
     axis.set(title=title, xlabel="depth [mm]", ylabel="force [N]")
     if feet:
         axis.legend()
