@@ -1,84 +1,62 @@
-"""Write docs/api.md, the public functions and classes with their docstrings, and the types of `jv.*`: this script."""
+"""Write docs/api.md, what is public with its docstrings, and the types of `jv.*`: this script."""
 
 from __future__ import annotations
 
-import ast
 import inspect
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jumpvision
 from jumpvision.api import without_folder
+from jumpvision.base.schema import InputError
+from jumpvision.inputs.experiment import Campaign, Experiment
+from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.workflow.stage import results_stages
 
 TARGET = Path(__file__).with_name("api.md")
 ROOT = Path(jumpvision.__file__).parent
 STUB = ROOT / "__init__.pyi"
-ROOMS = {  # what a heading covers, in the order of the page
-    "For notebooks": ["api.py"],
-    "Folders": ["inputs/experiment.py", "results", "base/schema.py"],
-    "Films (`jumpvision.frames`)": ["frames"],
-    "Pictures to pixels (`jumpvision.vision`)": ["vision"],
-    "Velocity fields of grains (`jumpvision.grains`)": ["grains"],
-    "Estimates (`jumpvision.estimate`)": ["estimate"],
-    "Mechanisms (`jumpvision.mechanisms`)": ["mechanisms"],
-    "The jumper (`jumpvision.physics`)": ["physics"],
-    "Grains as discs (`jumpvision.dem`)": ["dem"],
-    "Diagnosis (`jumpvision.diagnosis`)": ["diagnosis"],
-    "Planning (`jumpvision.planning`)": ["planning"],
-}
-HEAD = """# API reference
+HEAD = """# API: `import jumpvision as jv`
 
-Made by `python docs/reference.py` from the docstrings. The functions for notebooks are introduced in
-[notebook.md](notebook.md). The rooms below them are core code: arrays in, arrays out, nothing read, written or drawn;
-import them from their module, e.g. `from jumpvision.estimate.decay import ...`. Pixels and frames in `vision`,
-SI units from `grains` on. "The thesis" is Aguilar, with the equations in [physics.md](physics.md)."""
+Made by `python docs/reference.py` from the docstrings. All that is public is on this page: what `jv` offers, and the
+records that its functions return. What else lies in the package may change from version to version. The functions are
+introduced in [notebook.md](notebook.md); "the thesis" is Aguilar, with the equations in [physics.md](physics.md)."""
 
 
-def files(name: str) -> list[Path]:
-    """A module, or the modules of a folder."""
-    path = ROOT / name
-    return [path] if path.suffix else sorted(f for f in path.rglob("*.py") if not f.name.startswith("_"))
+def signature(function: Callable[..., Any]) -> str:
+    """(arguments) -> type, as written."""
+    return re.sub(r"(: |-> )'([^']*)'", r"\1\2", str(inspect.signature(function)))
 
 
-def signature(node: ast.FunctionDef) -> str:
-    """name(arguments) -> type, as written."""
-    returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
-    return f"{node.name}({ast.unparse(node.args)}){returns}"
+def members(kind: type) -> list[str]:
+    """What a class offers beyond its fields: a line each, with the first of its docstring."""
+    found = []
+    for name, what in inspect.getmembers(kind):
+        function = what.fget if isinstance(what, property) else what
+        said = inspect.cleandoc(getattr(function, "__doc__", None) or "").split("\n")[0]
+        own = (getattr(function, "__module__", None) or "").startswith("jumpvision") and not inspect.isclass(function)
+        if own and callable(function) and said and not name.startswith("_"):
+            call = "" if isinstance(what, property) else "()"
+            found.append(f"- `.{name}{call}`: {said}")
+    return found
 
 
-def public(body: list[ast.stmt]) -> Iterator[ast.FunctionDef | ast.ClassDef]:
-    """Functions and classes with a docstring and without a leading underscore."""
-    for node in body:
-        if (
-            isinstance(node, ast.FunctionDef | ast.ClassDef)
-            and not node.name.startswith("_")
-            and ast.get_docstring(node)
-        ):
-            yield node
+def of_function(name: str) -> str:
+    """A function of `jv`: how it is called, of a folder and of arrays, and its help."""
+    function = getattr(jumpvision, name)
+    calls = [f"jv.{name}{signature(function)}"]
+    if name in {s.name for s in results_stages()}:
+        calls = [f"jv.{name}(experiment, *, results=None) -> {function.__annotations__['return'].__name__}"]
+        calls += [f"jv.{name}{signature(of)}" for of in (without_folder(name),) if of]
+    return "\n\n".join([f"### {name}", "```python\n" + "\n".join(calls) + "\n```", inspect.cleandoc(function.__doc__)])
 
 
-def entry(node: ast.FunctionDef | ast.ClassDef, inside: str = "") -> str:
-    """One function, or a class with its public methods."""
-    doc = inspect.cleandoc(ast.get_docstring(node) or "")
-    if isinstance(node, ast.FunctionDef):
-        property_ = any(isinstance(d, ast.Name) and d.id == "property" for d in node.decorator_list)
-        return f"`{inside}{node.name if property_ else signature(node)}`\n\n{doc}"
-    return "\n\n".join([f"**`class {node.name}`**\n\n{doc}", *(entry(n, f"{node.name}.") for n in public(node.body))])
-
-
-def module(file: Path) -> str:
-    """A module with what it offers, "" where that is nothing."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    entries = [entry(node) for node in public(tree.body)]
-    name = ".".join(["jumpvision", *file.relative_to(ROOT).with_suffix("").parts])
-    return "\n\n".join([f"### {name}", ast.get_docstring(tree) or "", *entries]) if entries else ""
-
-
-def _of_arrays(function: Callable[..., Any]) -> str:
-    """The signature of a function of arrays, as the stub has it."""
-    return str(inspect.signature(function)).replace("'", "")
+def of_class(kind: type, shown: str) -> str:
+    """A class: what it holds and what it offers."""
+    doc = inspect.cleandoc(kind.__doc__ or "")
+    return "\n\n".join([f"### {shown}", doc, "\n".join(members(kind))]).rstrip()
 
 
 def stub() -> str:
@@ -111,7 +89,7 @@ def stub() -> str:
                 "@overload",
                 f"def {s.name}(experiment: Folder, *, results: PathLike | None = ...) -> {s.output.__name__}: ...",
                 "@overload",
-                f"def {s.name}{_of_arrays(of)}: ...",
+                f"def {s.name}{signature(of)}: ...",
             )
         ),
     ]
@@ -120,9 +98,12 @@ def stub() -> str:
 
 def text() -> str:
     """The whole page."""
-    parts = [HEAD]
-    for heading, names in ROOMS.items():
-        parts += [f"## {heading}", *(m for name in names for f in files(name) if (m := module(f)))]
+    stages = results_stages()
+    parts = [HEAD, "## Folders and commands", *(of_function(v) for v in jumpvision.VERBS)]
+    parts += ["## Stages", *(of_function(s.name) for s in stages)]
+    parts += ["## A simulator of your own", *(of_class(getattr(jumpvision, t), t) for t in jumpvision.TYPES)]
+    records = dict.fromkeys([*(s.output for s in stages), Diagnosis, Experiment, Campaign, InputError])
+    parts += ["## What they return and raise", *(of_class(r, r.__name__) for r in records)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -57,7 +57,7 @@ def test_the_page_says_what_happens(cells):
     assert abs(fit.value - truth["jump_height_m"]) < 4 * fit.sigma
     assert cells["caught"].problems[0].endswith("piv needs [grain_video] or [piv_field]")
     assert len(cells["height"]) == len(cells["track"].table) and 0 < cells["sigma"].max() < 1e-4
-    assert all(0.04 < apex < 0.06 for apex in cells["apexes"])  # README's table: 45.6 mm, the model's 48.1 mm
+    assert all(0.04 < apex < 0.06 for apex in cells["apexes"])  # docs/samples.md: 45.6 mm, the model's 48.1 mm
     assert cells["best"].dims == ("frequency",) and float(cells["best"].max()) > 0.005
 
 
@@ -93,7 +93,7 @@ def test_run_gives_a_row_an_experiment(samples, tmp_path):
         table = jv.run(jv.open(folder), pictures=False)
     assert list(table.experiment) == ["single-4.5Hz-1", "single-6.5Hz-1"]
     assert "rod_track.csv" in table.problem[0] and table.problem.isna()[1]
-    assert abs(table.jump_height_m[1] - 45.6e-3) < 1e-3  # README's table
+    assert abs(table.jump_height_m[1] - 45.6e-3) < 1e-3  # docs/samples.md
     assert (tmp_path / "results" / "two" / "jumps.csv").exists()
 
 
@@ -257,7 +257,7 @@ def test_wrong_images_and_parameters_are_named(samples):
         (lambda: jv.track(np.zeros((2, 8, 8)), window=1), "window = 1: must be >= 3"),
         (lambda: jv.bed(np.zeros((9, 9)), floor_row=5, reference_height=0.1), "reference_height: not for arrays"),
         (lambda: jv.crater(np.zeros((30, 30)), scale=-1.0), "scale = -1.0: must be a finite"),
-        (lambda: jv.intrusion(np.zeros(50), np.zeros(50), mu=2.0), "mu: not for arrays"),
+        (lambda: jv.intrusion(np.zeros(50), np.zeros(50), foot_radius=-1.0), "foot_radius = -1.0: must be a finite"),
         (lambda: jv.piv(np.zeros((64, 64)), np.zeros((64, 64)), scale=0.0), "scale = 0.0: must be a finite"),
     ):
         with pytest.raises(InputError, match=why):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
+import inspect
 import json
 import os
 import re
@@ -19,6 +21,7 @@ from conftest import ROOT, SAMPLES
 from test_readme import PAGES, commands
 from test_vectors import CASES
 
+import jumpvision as jv
 from jumpvision.cli import main
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.logs import read_log
@@ -300,3 +303,35 @@ def test_the_citation_is_this_package():
     assert (cff["title"], cff["version"], cff["license"]) == (project["name"], project["version"], project["license"])
     assert [a["name"] for a in cff["authors"]] == [a["name"] for a in project["authors"]]
     assert {r["type"] for r in cff["references"]} == {"thesis", "article"}
+
+
+def parts() -> dict[str, list[str]]:
+    """The site's pages by part, as docs/conf.py has them."""
+    source = (DOCS / "conf.py").read_text(encoding="utf-8")
+    return ast.literal_eval(re.search(r"PARTS = (\{.*?\n\})", re.sub(r"  #.*", "", source), re.S)[1])
+
+
+def test_every_page_has_its_place_in_the_site_and_the_guides_stay_short():
+    placed = [name for names in parts().values() for name in names]
+    assert sorted(placed) == sorted(p.stem for p in PAGES if p.parent == DOCS and p.stem != "README")
+    guides = [name for part, names in parts().items() if part != "Reference" for name in names]
+    assert sum(len((DOCS / f"{n}.md").read_text(encoding="utf-8").split()) for n in guides) <= 15_000
+
+
+def test_what_is_public_is_little_and_each_name_is_told():
+    names = [n for n in dir(jv) if not n.startswith("_") and not inspect.ismodule(getattr(jv, n)) and n in jv.__all__]
+    assert 20 < len(names) <= 60
+    page = (DOCS / "api.md").read_text(encoding="utf-8")
+    for name in names:
+        assert len((getattr(jv, name).__doc__ or "").split()) >= 8, name
+        assert f"### {name}\n" in page, name
+
+
+@pytest.mark.long
+def test_the_site_builds_without_a_warning(tmp_path):
+    """Every link leads somewhere, every page is in the tree; no network is asked."""
+    pytest.importorskip("sphinx")
+    pytest.importorskip("myst_parser")
+    pytest.importorskip("furo")
+    subprocess.run([sys.executable, "-m", "sphinx", "-q", "-E", "-W", str(DOCS), str(tmp_path)], check=True)
+    assert "Velocity fields of any flow" in (tmp_path / "velocity_fields.html").read_text(encoding="utf-8")

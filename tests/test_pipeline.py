@@ -228,7 +228,7 @@ def test_a_stage_with_nothing_to_do_is_asked_once(lab):
 def test_only_cached_computes_nothing(lab):
     def make():
         return Workspace(
-            open_experiment(lab.root / "exp"), lab.root / "results", lab.root / "cache", only_cached=True
+            open_experiment(lab.root / "exp"), lab.root / "results", lab.root / "cache", computes="nothing"
         ).make(Third)
 
     with pytest.raises(NotCached):

@@ -14,6 +14,7 @@ from jumpvision.base.storage import write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.workflow.provenance import digest_of_results, settle_tables
 from jumpvision.workflow.run import Outcome, Plan, run_campaign, run_single
+from jumpvision.workflow.run import draw as draw_experiments
 
 if TYPE_CHECKING:
     from jumpvision.results.diagnosis import Diagnosis
@@ -32,6 +33,9 @@ class Watcher(Protocol):
     def experiment(self, outcome: Outcome) -> None:
         """One experiment of a campaign has ended."""
 
+    def found(self, run: Run) -> None:
+        """All numbers of a campaign are known; the pictures of its experiments may be left."""
+
 
 @dataclass
 class Run:
@@ -44,6 +48,7 @@ class Run:
     diagnosis: Diagnosis | None = None
     files: list[Path] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  # on what earlier runs left
+    told: bool = False  # the watcher has shown what was found
 
     @functools.cached_property
     def rows(self) -> list[dict[str, Any]]:
@@ -82,7 +87,7 @@ def run_folder(
     pictured: bool = True,
     say: Callable[[str], None],
 ) -> Run:
-    """Run the plan on every experiment, then write what only a campaign shows, and question its model.
+    """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
 
     workers: processes at a time; of a single experiment they share a long film. elsewhere: as in run_campaign.
     ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture;
@@ -111,6 +116,9 @@ def run_folder(
                 fresh=plan.fresh,
             )
         run.files += _craters(run)
+        if watcher is not None:
+            watcher.found(run)
+        run.outcomes = draw_experiments(campaign, plan, run.outcomes, workers=workers)
     finally:
         made_of = {o.name: _digest(campaign[o.name], o) for o in run.outcomes}
         names = [f.name for f in (*written, *run.files)]

@@ -72,9 +72,11 @@ def work(
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
-    if not stages and any(e.ground == "granular" for e in as_campaign(opened).experiments) and _uncompiled():
+    on_sand = [e for e in as_campaign(opened).experiments if e.ground == "granular" and "model" in e.sections]
+    if on_sand and (plan.stages is None or "simulate" in plan.stages) and _uncompiled():
         terminal.line("compiling for this machine, this once: the first jump on sand waits a minute or two for it")
-    with terminal.Progress(1 if isinstance(opened, Experiment) else len(opened.experiments)) as progress:
+    total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
+    with terminal.Progress(total, as_json=options.json) as progress:
         return run_folder(
             opened,
             plan,
@@ -130,6 +132,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
         as_json=options.json,
         single=done.single,
         diagnosis=done.diagnosis,
+        told=done.told,
     )
     for text in done.notes:
         terminal.line(f"note: {text}")

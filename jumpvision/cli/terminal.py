@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from jumpvision.base.schema import harmless
+from jumpvision.campaign.folder import Run
 from jumpvision.campaign.truth import confirmation_rows, coverage_words, details, overview, parameter_rows
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.results import plain
@@ -29,7 +30,8 @@ def line(text: str) -> None:
 class Progress:
     """Progress on stderr: a bar of frames for one experiment, one line an experiment for a campaign."""
 
-    def __init__(self, total: int):
+    def __init__(self, total: int, *, as_json: bool = False):
+        self.as_json = as_json
         self.total, self.done, self.began, self.bar = total, 0, time.perf_counter(), None
         self.tasks: dict[str, TaskID] = {}
 
@@ -55,6 +57,15 @@ class Progress:
         if what not in self.tasks or done == 0:
             self.tasks[what] = self.bar.add_task(what, total=total)  # type: ignore[attr-defined]
         self.bar.update(self.tasks[what], completed=done)  # type: ignore[attr-defined]
+
+    def found(self, run: Run) -> None:
+        """The tables and the verdict, before the pictures are drawn."""
+        left = sum(o.undrawn for o in run.outcomes)
+        if run.plan.whole and left and not self.as_json:
+            tables(run.campaign, run.outcomes, run.diagnosis)
+            sys.stdout.flush()
+            line(f"drawing the pictures and films of {left} experiment{'s' if left > 1 else ''}")
+            run.told = True
 
     def experiment(self, outcome: Outcome) -> None:
         """One finished experiment, with the time left."""
@@ -174,8 +185,9 @@ def outcome(
     as_json: bool,
     single: bool,
     diagnosis: Diagnosis | None = None,
+    told: bool = False,
 ) -> None:
-    """The end of a command: table on stdout; what was done, skipped, warned of and failed on stderr."""
+    """The end of a command: tables on stdout, if not told before; what was done, skipped and failed on stderr."""
     if as_json:
         data = {
             "results": str(results),
@@ -195,18 +207,8 @@ def outcome(
             "diagnosis": diagnosis and diagnosis.values,
         }
         print(json.dumps(plain(data), indent=1))
-    elif any(o.summary for o in outcomes):
-        rows_of_heights = overview(campaign, [o for o in outcomes if o.summary or o.errors])
-        if len(rows_of_heights[0]) > 1:
-            table(rows_of_heights)
-        if rows_of_details := details(campaign, outcomes):
-            print()
-            table(rows_of_details)
-        if text := coverage_words(campaign, outcomes):
-            print("\n" + text)
-    if diagnosis and not as_json:
-        print("\n" + "\n".join(verdict(diagnosis)))
-        beside_truth(diagnosis, campaign)
+    elif not told:
+        tables(campaign, outcomes, diagnosis)
     for o in outcomes:
         for text in o.warnings:
             line(f"warning: {o.name}: {text}")
@@ -235,6 +237,22 @@ def outcome(
     )
     line(f"{len(outcomes) - failed} of {len(outcomes)} experiments done; {done}")
     line(f"results in {results}" + "".join(f"; open {m}" for m in made))
+
+
+def tables(campaign: Campaign, outcomes: list[Outcome], diagnosis: Diagnosis | None) -> None:
+    """Heights and details beside their truth, then what the diagnosis says, on stdout."""
+    if any(o.summary for o in outcomes):
+        rows_of_heights = overview(campaign, [o for o in outcomes if o.summary or o.errors])
+        if len(rows_of_heights[0]) > 1:
+            table(rows_of_heights)
+        if rows_of_details := details(campaign, outcomes):
+            print()
+            table(rows_of_details)
+        if text := coverage_words(campaign, outcomes):
+            print("\n" + text)
+    if diagnosis:
+        print("\n" + "\n".join(verdict(diagnosis)))
+        beside_truth(diagnosis, campaign)
 
 
 class _Check(NamedTuple):

@@ -148,6 +148,11 @@ class ImageFilm(Film):
             meta={"format": "images", "bit_depth": 8 * first.dtype.itemsize},
         )
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The image of each frame."""
+        return tuple(self._files)
+
     def _read(self, i: int) -> Image:
         file = self._files[i]
         image = read_image(file)

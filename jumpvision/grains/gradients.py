@@ -211,6 +211,21 @@ def divergence_sigma(g: Gradients) -> Array:
     return np.hypot(g.u_x_sigma, g.v_y_sigma)
 
 
+def swirl(u_x: Array, u_y: Array, v_x: Array, v_y: Array) -> Array:
+    """Swirling strength [1/s], the imaginary part of the eigenvalues of the velocity gradient (Zhou et al. 1999,
+    J. Fluid Mech. 387, 353); in a solid rotation half the vorticity, 0 in shear and strain."""
+    return np.sqrt(np.maximum(-(0.25 * (u_x - v_y) ** 2 + u_y * v_x), 0.0))
+
+
+def swirl_sigma(g: Gradients) -> Array:
+    """Linear propagation; NaN where nothing swirls."""
+    half = 0.5 * (g.u_x - g.v_y)
+    of_u = (half * g.u_x_sigma) ** 2 + (g.v_x * g.u_y_sigma) ** 2 + 2.0 * half * g.v_x * g.u_cov
+    of_v = (half * g.v_y_sigma) ** 2 + (g.u_y * g.v_x_sigma) ** 2 - 2.0 * half * g.u_y * g.v_cov
+    strength = swirl(g.u_x, g.u_y, g.v_x, g.v_y)
+    return 0.5 * np.sqrt(of_u + of_v) / np.where(strength > 0.0, strength, np.nan)
+
+
 def axisymmetric_divergence(u_x: Array, v_y: Array, u: Array, x: Array, axis_x: float) -> Array:
     """u_x + v_y + u/(x - axis_x) = d u_r/dr + u_r/r + dv/dy, assuming azimuthal symmetry about the foot's axis.
 

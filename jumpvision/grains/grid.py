@@ -18,7 +18,7 @@ class VectorGrid:
     known, then places are in px and velocities in px/s; scale_share: its relative standard uncertainty. origin_*: pixel
     at x = y = 0 (rows count downwards). window_px: side of the matched windows; step_px: between vectors; error_px:
     length over which the errors are alike. image_*: size of the pictures [px]. ensemble_pairs: of images that a field
-    is made from; gap_frames: between the images of a pair.
+    is made from; gap_frames: between the images of a pair; stride_frames: from one pair to the next.
     """
 
     delta_t: float
@@ -34,6 +34,7 @@ class VectorGrid:
     scale_share: float = 0.0
     gap_frames: int = 1
     ensemble_pairs: int = 1
+    stride_frames: int = 1
 
     @property
     def metric(self) -> bool:
@@ -64,6 +65,11 @@ class VectorGrid:
     def step_m(self) -> float:
         """Distance between vectors [m]."""
         return self.step_px * self.scale_m_per_px
+
+    def middle_frame(self, k: int, n: int) -> int:
+        """The frame, of n, in the middle of those that the field at time k is made from."""
+        pairs, stride, gap = int(self.ensemble_pairs), int(self.stride_frames), int(self.gap_frames)
+        return min(int(k) * pairs * stride + ((pairs - 1) * stride + gap) // 2, n - 1)
 
     @property
     def edges(self) -> tuple[float, float, float, float]:

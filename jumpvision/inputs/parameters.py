@@ -146,6 +146,15 @@ class PivParams(Params):
     min_correlation: float = param(0.3, "", "matches below this correlation are replaced", lo=0, hi=1)
     min_texture: float = param(1.0, "grey levels", "windows with less contrast are left out", lo=0, hi=1e4)
     outlier: float = param(2.0, "", "normalised median test: largest residual kept", lo=0.5, hi=20)
+    background: str = param(
+        "none",
+        "",
+        "what all frames have in common is subtracted before matching: its minimum or its mean",
+        choices=("none", "minimum", "mean"),
+    )
+    clahe: int = param(
+        0, "px", "uneven light: contrast-limited histogram equalisation in tiles of this side; 0: none", lo=0, hi=1024
+    )
     smooth: str = param(
         "none",
         "",
@@ -175,6 +184,32 @@ class FlowParams(Params):
     half_width: int = param(1, "vectors", "derivatives are planes over (2 half_width + 1)^2 vectors", lo=1, hi=10)
     initial_depth: float = param(0.0, "m", "foot depth below the undisturbed surface in the first frame", lo=0, hi=1)
     min_speed: float = param(0.05, "m/s", "added mass is left out below this foot speed", lo=0, hi=100)
+
+
+@dataclass(frozen=True)
+class StatisticsParams(Params):
+    """Means and fluctuations of a steady flow."""
+
+    stage: ClassVar[str] = "statistics"
+
+    first: float = param(-1e9, "s", "times before are left out (the flow begins)")
+    last: float = param(1e9, "s", "times after are left out")
+
+
+@dataclass(frozen=True)
+class ProfilesParams(Params):
+    """Lines through the mean flow."""
+
+    stage: ClassVar[str] = "profiles"
+
+    lines: tuple[tuple[float, ...], ...] = param(
+        (), "m", "[[x1, y1, x2, y2], ...]: from where to where, in the field's axes (px where it has no scale)"
+    )
+
+    def check(self) -> list[str]:
+        """Two ends, apart."""
+        bad = [k for k, x in enumerate(self.lines) if len(x) != 4 or x[:2] == x[2:]]
+        return [f"lines[{k}] = {list(self.lines[k])}: must be [x1, y1, x2, y2], two ends apart" for k in bad]
 
 
 @dataclass(frozen=True)

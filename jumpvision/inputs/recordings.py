@@ -170,15 +170,38 @@ class GrainVideo(FileSection):
     truncated: str = _truncated()
     foot: str = param("half", "", "half (flush with the wall) or full disc", choices=("half", "full"))
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
+    pairs: str = param(
+        "",
+        "",
+        "double exposures, A and B: by order (frames 1-2, 3-4, ...), or by names that differ in a letter A or B, or "
+        "a number 1 or 2, alone; default: every frame with the next",
+        choices=("", "order", "names"),
+    )
+    pair_time: float | None = param(None, "s", "from A to B; frame_rate is then that of the pairs", lo=0, open_lo=True)
+    leave_out: tuple[tuple[float, ...], ...] = param(
+        (), "px", "[[x1, y1, x2, y2, x3, y3, ...], ...]: polygons that are not matched, corners as (column, row)"
+    )
 
     def check(self) -> list[str]:
-        """A region has two corners, in order."""
+        """A region has two corners, in order, a polygon three or more; a pair needs its time."""
         corners, out = self.roi, scale_problems(self)
+        for k, polygon in enumerate(self.leave_out):
+            if len(polygon) < 6 or len(polygon) % 2:
+                out.append(f"leave_out[{k}]: {len(polygon)} numbers: must be three corners or more, [x1, y1, ...]")
+        if bool(self.pairs) != (self.pair_time is not None):
+            lacks, there = ("pair_time", "pairs") if self.pairs else ("pairs", "pair_time")
+            out.append(f"{lacks}: missing beside {there}; give both for double exposures, or neither")
         if corners and (len(corners) != 4 or corners[0] >= corners[2] or corners[1] >= corners[3]):
             out.append(
                 f"roi = {list(corners)}: must be [first column, first row, last column, last row], first below last"
             )
         return out
+
+
+class GrainMask(FileSection):
+    """Picture of what to match in the grain film: white is used, black is not. As many pictures as frames: it moves."""
+
+    name = "grain_mask"
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ FIRST = "delta_t", "files", "pivpy_schema_version", "source"
 PLACES = "origin_column_px", "origin_row_px"
 SIZE = "image_rows", "image_columns"
 WINDOWS = "window_px", "step_px"
-SETTINGS = "preset", "smooth", "gap_frames", "baseline_frames", "ensemble_pairs"
+SETTINGS = "preset", "smooth", "gap_frames", "stride_frames", "baseline_frames", "ensemble_pairs"
 SCALE = "scale_m_per_px", "scale_share"
 ORDER = {  # of the attributes in the file of a field that our piv matched, and of one that another program did
     True: (*FIRST, *SCALE, *PLACES, *WINDOWS, *SIZE, *SETTINGS, "error_px", "where", "prefilter_px"),
@@ -202,6 +202,17 @@ class Flow(Field):
     def share(self, name: str) -> float:
         """Relative standard uncertainty that foot_speed, momentum or added_mass shares with other films."""
         return float(self.field[name].attrs["share"])
+
+
+class Statistics(Field):
+    """Mean velocities, their fluctuations and stresses over (y, x), of a steady flow."""
+
+    file = "statistics.nc"
+
+    @property
+    def fields(self) -> int:
+        """How many fields it is the mean of."""
+        return int(self.field.attrs["fields"])
 
 
 @dataclass(frozen=True)

@@ -88,6 +88,13 @@ class BesideModel(NamedTuple):
         return self.h - self.model
 
 
+class Profiles(Table):
+    """A steady flow along lines, a row a place; units as in statistics.nc."""
+
+    file = "profiles.csv"
+    columns = ("line", "s", "x", "y", "along", "across", "u", "v")
+
+
 class RodMotion(Table):
     """Height of the rod [m] against time, zero at rest, only where it is known.
 

@@ -20,6 +20,8 @@ from jumpvision.inputs.sections import BedImage, Calibration, Clock, CraterImage
 from jumpvision.vision.camera import Camera, camera, straight_map, straight_points
 from jumpvision.workflow.stage import StageWarning
 
+from .pairs import in_pairs
+
 SCALE_OF_PIXELS = 1.0  # m/px, where only the lens is undone
 
 
@@ -28,9 +30,13 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[NDArray[np.generic
 
     seen: see `open_frames`.
     """
-    film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start, seen=seen)
-    if section.clock == "declared":
-        film = timed_as_declared(film, section)
+    film: Film
+    if isinstance(section, GrainVideo) and section.pairs:
+        film = in_pairs(section)
+    else:
+        film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start, seen=seen)
+        if section.clock == "declared":
+            film = timed_as_declared(film, section)
     if film.truncated and section.truncated != "accept":
         film.close()
         raise FrameError(
@@ -89,7 +95,12 @@ class Region(Film):
 def open_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
     """The grain film, and its section in the pixels of its frames: straightened where lens or marks are given, then
     cut to `roi`."""
-    film, section = straight_grains(section, calibration)
+    return seen_straight(open_film(section), section, calibration)
+
+
+def seen_straight(film: Film, section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+    """The same of an opened film with the pixels of the recorded one."""
+    film, section = straight_grains(film, section, calibration)
     if not section.roi:
         return film, section
     left, top, right, bottom = (round(v) for v in section.roi)
@@ -109,9 +120,8 @@ def open_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[F
     return Region(film, (left, top, right, bottom)), moved
 
 
-def straight_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+def straight_grains(film: Film, section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
     """The whole film and its section, both straightened where lens or marks are given."""
-    film = open_film(section)
     if not calibration or not (calibration.k1 or calibration.k2 or calibration.marks):
         return film, section
     # a lens can be undone without a scale: one pixel is then the unit

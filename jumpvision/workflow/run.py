@@ -13,7 +13,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from .stage import STAGES, declared, results_stages
 from .workspace import NotCached, Step, Workspace
 
 Report = Callable[["Outcome"], None]
+Job = tuple[Any, ...]  # experiment, plan, results and, where only pictures are left, its outcome
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ class Outcome:
     seconds: float = 0.0
     summary: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)  # on files of earlier runs that had to stay
+    undrawn: bool = False  # its pictures are left for later
 
     @property
     def computed(self) -> int:
@@ -107,18 +109,20 @@ class Outcome:
         return any(record.file in s.files for s in self.steps)
 
 
-def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_cached: bool = False) -> Outcome:
+def run_experiment(
+    experiment: Experiment, plan: Plan, results: Path, *, only_cached: bool = False, before: Outcome | None = None
+) -> Outcome:
     """Every stage of the plan that has inputs, then the pictures; errors are kept in the outcome, not raised.
 
-    only_cached: raises NotCached when something would have to be computed.
+    only_cached: raises NotCached when something would have to be computed. before: what became of its stages; only the
+    pictures are then computed, and what failed is not tried again.
     """
     for module in plan.pictures:
         importlib.import_module(module)
     began = time.perf_counter()
-    workspace = Workspace(
-        experiment, results, plan.cache, verify=plan.verify, only_cached=only_cached, fresh=plan.fresh
-    )
-    outcome = Outcome(experiment.name, results)
+    computes = "nothing" if only_cached else "pictures" if before else "all"
+    workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, computes=computes, fresh=plan.fresh)
+    outcome = Outcome(experiment.name, results, errors=list(before.errors) if before else [])
     blamed: set[int] = set()
     for output, made in wanted(plan):
         why = workspace.missing(output)
@@ -129,7 +133,8 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
         try:
             workspace.make(output)
         except NotCached:
-            raise
+            if before is None:
+                raise
         except NotApplicable as e:
             if not made.picture:
                 outcome.not_run += [p for p in e.problems if p not in outcome.not_run]
@@ -140,7 +145,8 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
                 blamed.add(id(e))
                 said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
                 outcome.errors += [text for text in said if text not in outcome.errors]
-    outcome.steps = workspace.steps
+    already = {s.stage: s for s in before.steps} if before else {}
+    outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
     if Summary in workspace.made:
         outcome.summary = workspace.made[Summary].values
     try:
@@ -148,7 +154,7 @@ def run_experiment(experiment: Experiment, plan: Plan, results: Path, *, only_ca
     except (OSError, InputError) as e:
         said = explain(e, "provenance", experiment.path)
         outcome.errors += [text for text in said if text not in outcome.errors]
-    outcome.seconds = time.perf_counter() - began
+    outcome.seconds = time.perf_counter() - began + (before.seconds if before else 0.0)
     return outcome
 
 
@@ -182,6 +188,7 @@ def run_campaign(
 ) -> list[Outcome]:
     """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
 
+    Pictures are drawn only where all else is in the cache; `undrawn` says of an outcome that they are left to `draw`.
     elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
     """
     with _no_leftovers(plan):
@@ -203,11 +210,6 @@ def _run_campaign(
 ) -> list[Outcome]:
     jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
     outcomes: dict[str, Outcome] = {}
-    if elsewhere is None and (workers <= 1 or len(jobs) <= 1):
-        for name, job in jobs.items():
-            outcomes[name] = run_experiment(*job)
-            done(outcomes[name])
-        return list(outcomes.values())
     # what is all in the cache is done here, faster than a worker process starts
     for name, job in list(jobs.items()):
         try:
@@ -218,27 +220,56 @@ def _run_campaign(
             why = elsewhere.get(name, [f"{job[0].path}: it changed while it was computed; run again"])
             outcomes[name] = Outcome(name, job[2], errors=why)
         done(outcomes[name])
-    waiting = {n: job for n, job in jobs.items() if n not in outcomes}
-    if not waiting:
-        return [outcomes[n] for n in jobs]
-    # films first: the longest jobs must not start last
-    order = sorted(waiting, key=lambda n: -sum(hasattr(s, "frame_rate") for s in jobs[n][0].sections.values()))
 
     def report(name: str, outcome: Outcome) -> None:
-        outcomes[name] = outcome
-        done(outcome)
+        outcomes[name] = replace(outcome, undrawn=bool(plan.pictures))
+        done(outcomes[name])
 
-    left = {n: jobs[n] for n in order}
-    while left:
-        for name in _in_processes(left, min(workers, len(left)), report):  # alone, so that the guilty one is known
-            if _in_processes({name: jobs[name]}, 1, report):
-                killed = f"{jobs[name][0].path}: its worker process was killed (out of memory?); run again to resume"
-                report(name, Outcome(name, plan.results / name, errors=[killed]))
-        left = {n: jobs[n] for n in order if n not in outcomes}
+    bare = replace(plan, pictures=())
+    left: dict[str, Job] = {n: (e, bare, results) for n, (e, _, results) in jobs.items() if n not in outcomes}
+    _all(_longest_first(left), workers, report)
     return [outcomes[n] for n in jobs]
 
 
-def _in_processes(jobs: Mapping[str, Any], workers: int, report: Callable[[str, Outcome], None]) -> list[str]:
+def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: int) -> list[Outcome]:
+    """The outcomes of `run_campaign` with the pictures that it left, `workers` experiments at a time."""
+    made = {o.name: o for o in outcomes}
+    jobs = {e.name: (e, plan, plan.results / e.name, made[e.name]) for e in campaign.experiments}
+    with _no_leftovers(plan):
+        _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, made.__setitem__)
+    return list(made.values())
+
+
+def _longest_first(jobs: Mapping[str, Job]) -> dict[str, Job]:
+    """Films first: the longest jobs must not start last."""
+    films = {n: sum(hasattr(s, "frame_rate") for s in job[0].sections.values()) for n, job in jobs.items()}
+    return {n: jobs[n] for n in sorted(jobs, key=lambda n: -films[n])}
+
+
+def _all(jobs: Mapping[str, Job], workers: int, report: Callable[[str, Outcome], None]) -> None:
+    """Jobs by name, in other processes where several run at a time; one whose process dies is tried again alone."""
+    left = dict(jobs)
+
+    def ended(name: str, outcome: Outcome) -> None:
+        del left[name]
+        report(name, outcome)
+
+    if workers <= 1 or len(jobs) <= 1:
+        for name, job in jobs.items():
+            ended(name, _run(*job))
+    while left:
+        for name in _in_processes(left, min(workers, len(left)), ended):  # alone, so that the guilty one is known
+            if _in_processes({name: jobs[name]}, 1, ended):
+                e, _, results, *_ = jobs[name]
+                killed = f"{e.path}: its worker process was killed (out of memory?); run again to resume"
+                ended(name, Outcome(name, results, errors=[killed]))
+
+
+def _run(experiment: Experiment, plan: Plan, results: Path, before: Outcome | None = None) -> Outcome:
+    return run_experiment(experiment, plan, results, before=before)
+
+
+def _in_processes(jobs: Mapping[str, Job], workers: int, report: Callable[[str, Outcome], None]) -> list[str]:
     """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
     context = multiprocessing.get_context(SPAWN)
     queue = list(jobs.items())[::-1]
@@ -248,7 +279,7 @@ def _in_processes(jobs: Mapping[str, Any], workers: int, report: Callable[[str, 
             while queue or under_way:
                 while queue and len(under_way) <= workers:  # one more than there are workers, so that none waits
                     name, job = queue.pop()
-                    under_way[pool.submit(run_experiment, *job)] = name
+                    under_way[pool.submit(_run, *job)] = name
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                     outcome = future.result()
                     report(under_way.pop(future), outcome)

@@ -60,7 +60,7 @@ class Workspace:
 
     results: folder of the result files. cache: folder shared by the experiments of a campaign.
     verify: hash every input again instead of trusting an unchanged size and modification time.
-    only_cached: raise NotCached instead of computing a stage.
+    computes: "all" that is not there yet, "pictures" alone, or "nothing"; else NotCached is raised.
     fresh: compute again what other versions of jumpvision, of Python or of a package have made.
     """
 
@@ -71,11 +71,11 @@ class Workspace:
         cache: Path,
         *,
         verify: bool = False,
-        only_cached: bool = False,
+        computes: str = "all",
         fresh: bool = False,
     ):
         self.experiment, self.results, self.cache, self.verify = experiment, Path(results), Path(cache), verify
-        self.only_cached, self.fresh = only_cached, fresh
+        self.computes, self.fresh = computes, fresh
         self.steps: list[Step] = []
         self.inputs: dict[str, str] = {}  # relative path -> SHA-256
         self._made: dict[type, tuple[str, Any]] = {}
@@ -205,7 +205,7 @@ class Workspace:
                 record, receipt = self._load(key, output)
                 state = "cached"
             except (FileNotFoundError, CorruptEntry) as e:
-                if self.only_cached:
+                if self.computes == "nothing" or (self.computes == "pictures" and not made.picture):
                     raise NotCached(made.name) from None
                 if isinstance(e, CorruptEntry):
                     warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)

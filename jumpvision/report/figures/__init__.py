@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from jumpvision.diagnosis.jumper.jumper import Jumper
     from jumpvision.results.diagnosis import Diagnosis
 
-DRAWN = "pictures", "grains", "bed", "logs", "overlays"
+DRAWN = "pictures", "grains", "flows", "bed", "logs", "overlays"
 PICTURES = tuple(f"jumpvision.report.figures.{module}" for module in DRAWN)  # whose import registers figures as stages
 
 

@@ -14,6 +14,7 @@ from jumpvision.results.values import Fits
 from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
 
+from .flows import maps
 from .pictures import COLUMN_PANELS, Data, Picture, draw_cone, draw_sides, png
 
 
@@ -42,7 +43,7 @@ def piv_picture(
     if film is not None and given is None:
         straight, film = open_grains(film, calibration)
         with straight as frames:
-            image = frames[i * int(grid.ensemble_pairs)]
+            image = frames[grid.middle_frame(i, len(frames))]
     factor, shown = (1e3, "mm") if grid.metric else (1.0, "px")
     extent = np.array(grid.edges) * factor
     every = max(1, len(field.x) // 32)
@@ -79,11 +80,17 @@ def piv_picture(
         return PivPicture(png(figure))
 
 
-@stage(version=2, picture=True)
+@stage(version=4, picture=True)
 def flow_picture(flow: Flow, piv: Piv, column: Column | None) -> FlowPicture:
-    """Shear rate at the busiest moment with the cone's sides; momentum against time, added mass against depth."""
+    """Shear rate at the busiest moment with the cone's sides; momentum against time, added mass against depth.
+
+    Without a foot: maps of speed, vorticity, shear rate and divergence.
+    """
     field = flow.field
     i = busiest(piv.field)
+    if "foot_y" not in piv.field:
+        with styled() as Figure:
+            return FlowPicture(png(maps(piv.field, field, i, piv.geometry.unit, Figure)))
     factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
     with styled() as Figure:
         figure = Figure(figsize=(9.6, 3.9), layout="constrained")

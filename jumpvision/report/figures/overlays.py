@@ -144,7 +144,7 @@ def piv_overlay(piv: Piv, film: GrainVideo, calibration: Calibration | None) -> 
     straight, film = open_grains(film, calibration)
     with straight as frames:
         draw = Drawing(piv.field.isel(t=shown), grid, frames[0], film.scale or 1.0)
-        pictures = (draw(frames[frame_of(grid, k, len(frames))], i) for i, k in enumerate(shown))
+        pictures = (draw(frames[grid.middle_frame(k, len(frames))], i) for i, k in enumerate(shown))
         return PivOverlay(webm(pictures, rate=slowed(len(shown))))
 
 
@@ -156,12 +156,6 @@ def thinned(n: int) -> NDArray[np.int64]:
 def slowed(n: int) -> float:
     """Frames a second for n frames."""
     return min(RATE, max(1.0, n / SHORTEST))
-
-
-def frame_of(grid: VectorGrid, k: int, n: int) -> int:
-    """The frame in the middle of those that the field at time k was made from, of n frames."""
-    every, gap = int(grid.ensemble_pairs), int(grid.gap_frames)
-    return min(int(k) * every + (every + gap - 1) // 2, n - 1)
 
 
 class View:
@@ -283,7 +277,7 @@ def cone_overlay(
         draw = ConeDrawing(
             piv.field.isel(t=shown), grid, flow.field.shear_rate.isel(t=shown), sides, frames[0], film.scale or 1.0
         )
-        pictures = (draw(frames[frame_of(grid, k, len(frames))], i) for i, k in enumerate(shown))
+        pictures = (draw(frames[grid.middle_frame(k, len(frames))], i) for i, k in enumerate(shown))
         return ConeOverlay(webm(pictures, rate=slowed(len(shown))))
 
 

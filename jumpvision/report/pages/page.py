@@ -52,15 +52,18 @@ PICTURES = {  # file: (heading, what it shows)
     "bed.png": ("Bed", "side view of the bed with the surface found"),
     "crater.png": ("Crater", "the crater's surface and its profile about the axis"),
     "air.png": ("Fluidisation", "pressure that the bed needs and the fan gives, against air speed"),
-    "piv.png": ("Grain velocities", "velocity vectors over a frame of the grain film"),
-    "flow.png": ("Flow", "shear rate map, grain momentum against time, added mass against depth"),
+    "piv.png": ("Velocity field", "velocity vectors over a frame of the film"),
+    "flow.png": ("Flow", "strain of the flow; under a foot also momentum against time and added mass against depth"),
+    "validation.png": ("Validation", "vectors as matched, by what became of them, at the worst moment and over time"),
+    "statistics.png": ("Statistics", "mean flow, its vorticity, fluctuations and Reynolds stress"),
+    "profiles.png": ("Profiles", "mean velocity and fluctuations along the lines of [params.profiles]"),
     "motor.png": ("Motor", "encoder against command, their difference, and the work of the motor's force"),
     "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
 }
 FILMS = {
     "track.webm": ("The ball", "film of the rod with the path of the ball drawn in"),
-    "piv.webm": ("Grain velocities", "film of the grains with velocity vectors, in slow motion"),
+    "piv.webm": ("Velocity field", "the film with velocity vectors, in slow motion"),
     "cone.webm": ("The growing cone", "film of the grains with the shear bands and the sides of the jammed cone"),
 }
 PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png", "intrusion.png")  # of one experiment at most

@@ -25,7 +25,7 @@ JAMMED = 0.9  # of the foot's speed: grains that move with it (thesis section 3.
 OVER_T = ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma", "foot_depth", "foot_speed")
 
 
-@stage(version=6)
+@stage(version=7)
 def flow(
     piv: Piv,
     film: GrainVideo | None,
@@ -37,7 +37,7 @@ def flow(
     *,
     p: FlowParams,
 ) -> Flow:
-    """Shear rate, vorticity and divergence of the grains, their momentum and the mass that moves with the foot.
+    """Shear rate, vorticity, divergence and swirl of the grains, their momentum and the mass that moves with the foot.
 
     Derivatives over (y, x, t) [1/s]; momentum and speed positive down, NaN where what they need is not known.
 
@@ -66,6 +66,8 @@ def flow(
             "vorticity_sigma": strain.vorticity_sigma(g),
             "divergence": strain.divergence(g.u_x, g.v_y),
             "divergence_sigma": strain.divergence_sigma(g),
+            "swirl": strain.swirl(g.u_x, g.u_y, g.v_x, g.v_y),
+            "swirl_sigma": strain.swirl_sigma(g),
         }
         for name, values in found.items():
             maps.setdefault(name, []).append(values)
@@ -86,7 +88,10 @@ def flow(
     )
 
 
-MEANING = {"shear_rate": {"long_name": "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"}}
+MEANING = {
+    "shear_rate": {"long_name": "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"},
+    "swirl": {"long_name": "imaginary part of the eigenvalues of the velocity gradient"},
+}
 
 
 def under_the_foot(
@@ -97,6 +102,8 @@ def under_the_foot(
     out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
     needed = {"foot_row and axis_column": "foot_y" in field, "scale": piv.geometry.metric}
     lacking = [f"[{source.name}] {k}" for k, there in needed.items() if not there]
+    if "foot_y" not in field and robot is None:
+        return out  # a flow of its own
     if lacking:
         warnings.warn(f"no momentum and added mass: {', '.join(lacking)} missing", StageWarning, stacklevel=3)
         return out

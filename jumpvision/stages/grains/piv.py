@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -16,7 +16,7 @@ from jumpvision.base.progress import WORKERS, in_parts, watch
 from jumpvision.frames import Film
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.parameters import PivParams, of_keywords
-from jumpvision.inputs.sections import Calibration, GrainVideo, PivField, Robot
+from jumpvision.inputs.sections import Calibration, GrainMask, GrainVideo, PivField, Robot
 from jumpvision.results.fields import Piv
 from jumpvision.stages.recordings import open_grains
 from jumpvision.vision.foot_face import FootTrack, track_foot
@@ -24,6 +24,8 @@ from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_f
 from jumpvision.vision.piv.pair import MEASURED, REASONS, VectorField
 from jumpvision.workflow.stage import StageWarning, stage
 
+from .light import Light, light_of
+from .masks import Usable, both, drawn_mask, foot_mask, half_width
 from .vectors import foreign_field
 
 UNEVEN = 0.02  # of the time between frames
@@ -31,12 +33,13 @@ PART, LONG = 16, 64  # pairs a process matches at a time; from so many on severa
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=10, any_of=("film", "field"))
+@stage(version=11, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
     robot: Robot | None,
     calibration: Calibration | None,
+    mask: GrainMask | None = None,
     *,
     p: PivParams,
 ) -> Piv:
@@ -51,6 +54,7 @@ def piv(
     assert film is not None
     given = film
     straight, film = open_grains(film, calibration)
+    stride = stride_of(film, p)
     with straight as frames:
         if len(frames) <= p.gap:
             raise ValueError(f"{film.path}: {len(frames)} frame(s); a pair needs {p.gap + 1}")
@@ -58,82 +62,84 @@ def piv(
         if p.baseline > p.gap and np.ptp(steps) > UNEVEN * np.median(steps):
             raise ValueError(f"{film.path}: piv.baseline = {p.baseline} needs evenly timed frames: set it to 1")
         foot = follow_foot(frames, film, robot, p)
-        usable = foot_mask(foot, frames.shape, film, robot)
+        usable = both(foot_mask(foot, frames.shape, film, robot), drawn_mask(given, mask, calibration))
+        light = light_of(frames, stride, p)
         # chosen once, so that the processes' parts of a film are alike
-        prefilter = best_prefilter(frames[0], frames[p.gap], mask=usable, gap=p.gap, **matching(p))
-        data = header(frames.time, frames.shape, film, prefilter, p)
+        first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
+        prefilter = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
+        data = header(frames.time, frames.shape, film, prefilter, stride, p)
         if foot is not None:
-            add_foot(data, foot, frames.time, film, p)
-        fields = matched(frames, film, given, calibration, foot, robot, prefilter, p)
-        dt = of_fields(frames.time[p.gap :] - frames.time[: -p.gap], p)
-        return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, dt)))
+            add_foot(data, foot, frames.time, film, stride, p)
+        job = Job(given, mask, calibration, robot, foot, light, prefilter, stride, p)
+        begin, end = ends(frames.time, stride, p)
+        fields = matched(frames, job, usable)
+        return Piv.write(data, (as_dataset(f, film, d) for f, d in zip(fields, of_fields(end - begin, p))))
 
 
-def matched(
-    frames: Film,
-    film: GrainVideo,
-    given: GrainVideo,
-    calibration: Calibration | None,
-    foot: FootTrack | None,
-    robot: Robot | None,
-    prefilter: float,
-    p: PivParams,
-) -> Iterator[VectorField]:
-    """Fields of all pairs; those of a long film by several processes, PART pairs at a time.
+def stride_of(film: GrainVideo, p: PivParams) -> int:
+    """Frames from one pair to the next. Raises ValueError for settings that double exposures cannot have."""
+    if film.pairs and (p.gap > 1 or p.baseline > 1):
+        raise ValueError(
+            f"[params.piv] gap = {p.gap}, baseline = {p.baseline}: [grain_video] pairs are double exposures: A is "
+            "matched with its B alone; set both to 1"
+        )
+    return 2 if film.pairs else 1
 
-    given: the section as the experiment has it, film: as `open_grains` straightened it.
-    """
-    pairs = len(frames) - p.gap
+
+class Job(NamedTuple):
+    """What a process needs to match a part of a film. given: the section as the experiment has it; the foot and the
+    light are those of the whole film."""
+
+    given: GrainVideo
+    mask: GrainMask | None
+    calibration: Calibration | None
+    robot: Robot | None
+    foot: FootTrack | None
+    light: Light
+    prefilter: float
+    stride: int
+    p: PivParams
+
+    def fields(self, images: Iterable[NDArray[np.generic]], first: int, usable: Usable | None) -> Iterator[VectorField]:
+        """Fields of frames from `first` on."""
+        p = self.p
+        return piv_film(
+            (self.light(image, i) for i, image in enumerate(images, first)),
+            mask=usable and (lambda k: usable(first + k)),
+            gap=p.gap,
+            baseline=p.baseline,
+            ensemble=p.ensemble,
+            stride=self.stride,
+            prefilter=self.prefilter,
+            **matching(p),
+        )
+
+
+def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:
+    """Fields of all pairs; those of a long film by several processes, PART pairs at a time."""
+    p, stride = job.p, job.stride
+    pairs = (len(frames) - p.gap - 1) // stride + 1
     part = p.ensemble * max(1, PART // p.ensemble)
-    parts = [(first, min(first + part, pairs)) for first in range(0, pairs, part)]
     if p.baseline > 1 or pairs < LONG or WORKERS.get() == 1:  # longer baselines reach beyond a part
-        images = watch(frames, "frames matched", len(frames))
-        yield from _fields(images, frames.shape, 0, film, foot, robot, prefilter, p)
+        yield from job.fields(watch(frames, "frames matched", len(frames)), 0, usable)
         return
-    done = in_parts(_part, parts, given, calibration, foot, robot, prefilter, p)
-    for fields in watch(done, "parts matched", len(parts)):
+    parts = [(first * stride, min(first + part, pairs) * stride) for first in range(0, pairs, part)]
+    for fields in watch(in_parts(_part, parts, job), "parts matched", len(parts)):
         yield from fields
 
 
-def _part(
-    part: tuple[int, int],
-    given: GrainVideo,
-    calibration: Calibration | None,
-    foot: FootTrack | None,
-    robot: Robot | None,
-    prefilter: float,
-    p: PivParams,
-) -> list[VectorField]:
-    """Fields of the pairs from part[0] on, before part[1]."""
+def _part(part: tuple[int, int], job: Job) -> list[VectorField]:
+    """Fields of the pairs whose first frame is from part[0] on, before part[1]."""
     first, end = part
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said where the film was opened first
-        frames, film = open_grains(given, calibration)
+        frames, film = open_grains(job.given, job.calibration)
     with frames:
-        images = (frames[i] for i in range(first, end + p.gap))
-        return list(_fields(images, frames.shape, first, film, foot, robot, prefilter, p))
-
-
-def _fields(
-    images: Iterable[NDArray[np.generic]],
-    shape: tuple[int, int],
-    first: int,
-    film: GrainVideo,
-    foot: FootTrack | None,
-    robot: Robot | None,
-    prefilter: float,
-    p: PivParams,
-) -> Iterator[VectorField]:
-    usable = foot_mask(foot, shape, film, robot)
-    return piv_film(
-        images,
-        mask=usable and (lambda k: usable(first + k)),
-        gap=p.gap,
-        baseline=p.baseline,
-        ensemble=p.ensemble,
-        prefilter=prefilter,
-        **matching(p),
-    )
+        last = min(end - job.stride + job.p.gap + 1, len(frames))
+        usable = both(
+            foot_mask(job.foot, frames.shape, film, job.robot), drawn_mask(job.given, job.mask, job.calibration)
+        )
+        return list(job.fields((frames[i] for i in range(first, last)), first, usable))
 
 
 def matching(p: PivParams) -> dict[str, Any]:
@@ -167,26 +173,9 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
     return found
 
 
-def half_width(film: GrainVideo, robot: Robot | None) -> float | None:
-    """Half width of the foot in the picture [px], where foot radius and scale are known."""
-    return robot.foot_radius / film.scale if robot and robot.foot_radius and film.scale else None
-
-
-def foot_mask(
-    foot: FootTrack | None, shape: tuple[int, int], film: GrainVideo, robot: Robot | None
-) -> Callable[[int], NDArray[np.bool_] | None] | None:
-    """Usable pixels of frame i: not the foot's body; all columns are masked above the face if its width is unknown."""
-    if foot is None:
-        return None
-    half, axis = half_width(film, robot), film.axis_column or 0.0
-    rows, columns = np.arange(shape[0])[:, None], np.arange(shape[1])
-    beside = np.abs(columns - axis) > half + 1 if half else np.zeros(shape[1], bool)
-
-    def mask(i: int) -> NDArray[np.bool_]:
-        row = foot.row[i]
-        return beside | (rows > row + 1) if np.isfinite(row) else np.zeros(shape, bool)
-
-    return mask
+def ends(time: Array, stride: int, p: PivParams) -> tuple[Array, Array]:
+    """Times (pairs,) of the first and the second frame of every pair."""
+    return time[: len(time) - p.gap : stride], time[p.gap :: stride]
 
 
 def of_fields(values: Array, p: PivParams) -> Array:
@@ -195,9 +184,11 @@ def of_fields(values: Array, p: PivParams) -> Array:
     return np.asarray(np.add.reduceat(values, first) / np.diff(first, append=len(values)))
 
 
-def header(time: Array, shape: tuple[int, int], film: GrainVideo, prefilter: float, p: PivParams) -> xr.Dataset:
+def header(
+    time: Array, shape: tuple[int, int], film: GrainVideo, prefilter: float, stride: int, p: PivParams
+) -> xr.Dataset:
     """Places, times and attributes of pivpy schema 1: y up, origin as in the contract, SI where the scale is known."""
-    begin, end = time[: -p.gap], time[p.gap :]
+    begin, end = ends(time, stride, p)
     x, y = (vector_places(n, p.window, p.step) for n in shape[::-1])
     origin_x, origin_y = origin(film)
     grid = VectorGrid(
@@ -214,6 +205,7 @@ def header(time: Array, shape: tuple[int, int], film: GrainVideo, prefilter: flo
         image_columns=shape[1],
         gap_frames=p.gap,
         ensemble_pairs=p.ensemble,
+        stride_frames=stride,
     )
     scale, unit = film.scale or 1.0, grid.unit
     places = xr.Dataset(
@@ -285,10 +277,10 @@ def origin(film: GrainVideo) -> tuple[float, float]:
     return (film.axis_column, film.foot_row) if known else (0.0, 0.0)  # type: ignore[return-value]
 
 
-def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, p: PivParams) -> None:
+def add_foot(data: xr.Dataset, foot: FootTrack, time: Array, film: GrainVideo, stride: int, p: PivParams) -> None:
     """The foot's face over t: foot_y (up, from its place in the first frame) and foot_v, at mid-time of each pair."""
     scale, unit = (film.scale, "m") if film.scale else (1.0, "px")
-    a, b = slice(0, len(time) - p.gap), slice(p.gap, len(time))
+    a, b = slice(0, len(time) - p.gap, stride), slice(p.gap, None, stride)
     dt = time[b] - time[a]
     spread = np.hypot(foot.sigma[a], foot.sigma[b])
     first = film.foot_row or 0.0
@@ -309,7 +301,8 @@ def of_arrays(
 
     Images (H, W) grey, of any number type; NaN pixels count as masked. frame_rate [1/s]: default one frame a second,
     so that speeds are px per frame. scale [m/px]: speeds are in m/s and places in m with it, in px without.
-    mask (H, W): True where usable. parameters: those of [params.piv], such as window=32, step=8.
+    mask (H, W), or (n, H, W) of every frame: True where usable. parameters: those of [params.piv], such as window=32,
+    step=8.
 
     Data set over (y, x), with t before them where there are more than two frames: u right, v up, u_sigma, v_sigma,
     correlation, reason (0: measured as it stands); x right and y up from the first pixel. Raises InputError for a
@@ -320,15 +313,22 @@ def of_arrays(
     if len(frames) <= p.gap or any(f.ndim != 2 for f in frames):
         shapes = ", ".join(str(f.shape) for f in frames[:3])
         raise ValueError(f"piv: {len(frames)} frame(s) {shapes}: give two grey images (H, W), or more in one stack")
-    use = None if mask is None else np.asarray(mask, bool)
-    film, how = GrainVideo("images", scale=scale), matching(p)
-    masks = None if use is None else (lambda k: use)
-    prefilter = best_prefilter(frames[0], frames[p.gap], mask=masks, gap=p.gap, **how)
+    masks, film = usable_of(mask, len(frames)), GrainVideo("images", scale=scale)
+    light = light_of(frames, 1, p)
+    prefilter = best_prefilter(light(frames[0], 0), light(frames[p.gap], p.gap), mask=masks, gap=p.gap, **matching(p))
     time = np.arange(len(frames)) / frame_rate
-    head = header(time, frames[0].shape, film, prefilter, p)
-    found = piv_film(
-        frames, mask=masks, gap=p.gap, baseline=p.baseline, ensemble=p.ensemble, prefilter=prefilter, **how
-    )
+    head = header(time, frames[0].shape, film, prefilter, 1, p)
+    found = Job(film, None, None, None, None, light, prefilter, 1, p).fields(frames, 0, masks)
     fields = [as_dataset(f, film, p.gap / frame_rate) for f in found]
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
     return whole if len(frames) > 2 else whole.isel(t=0)
+
+
+def usable_of(mask: Any, n: int) -> Usable | None:
+    """Usable pixels of frame k by one mask (H, W), or by one of each of n frames."""
+    if mask is None:
+        return None
+    given = np.asarray(mask, bool)
+    if given.ndim == 3 and len(given) != n:
+        raise ValueError(f"piv: mask has shape {given.shape}: give one (H, W), or one of each of the {n} frames")
+    return lambda k: given if given.ndim == 2 else given[k]

@@ -56,21 +56,25 @@ def piv_film(
     gap: int,
     baseline: int = 1,
     ensemble: int = 1,
+    stride: int = 1,
     prefilter: float | None = None,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
 ) -> Iterator[VectorField]:
-    """Fields of the frame pairs (k, k + gap), k = 0, 1, ...; at most ensemble + gap or baseline frames are held.
+    """Fields of the frame pairs (k, k + gap), k = 0, stride, ...; about ensemble + gap or baseline frames are held.
 
     mask(k): usable pixels (H, W) of frame k, or None. baseline: pairs 3, 9, ... times as far apart about the same
     mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
-    matched together and give one field, for steady flow; the last may hold fewer. prefilter: [px] of all frames, None:
+    matched together and give one field, for steady flow; the last may hold fewer. stride: frames from one pair to the
+    next, 2 for double exposures, where baseline is 1 and gap below it. prefilter: [px] of all frames, None:
     as `best_prefilter` finds for the first pair. progress(k) is called after the pair
     (k, k + gap). settings: see `Settings`; displacements are px per pair (k, k + gap), not per frame.
     """
     s = Settings(**settings)
     if gap < 1:
         raise ValueError(f"gap = {gap}: must be at least 1")
+    if stride > 1 and (baseline > gap or gap >= stride):
+        raise ValueError(f"stride = {stride}, gap = {gap}, baseline = {baseline}: pairs apart have none about them")
     further: list[int] = []  # frames that the longer baselines reach beyond the pair on either side
     while gap * 3 ** (len(further) + 1) <= baseline:
         further.append(gap * (3 ** (len(further) + 1) - 1) // 2)
@@ -80,11 +84,11 @@ def piv_film(
     def about(first: int, end: int) -> VectorField:
         """The pairs from first to end and the longer ones about them, as far as the film goes; drops frames behind."""
         spans = [0, *(j for j in further if first >= j and end - 1 + gap + j in held)]
-        several = [[(held[q - j], held[q + gap + j]) for q in range(first, end)] for j in spans]
+        several = [[(held[q - j], held[q + gap + j]) for q in range(first, end, stride)] for j in spans]
         fields = [(gap + 2.0 * j, _match(pairs, s)) for j, pairs in zip(spans, several)]
         for q in range(first, end):
             held.pop(q - reach, None)
-            if progress is not None:
+            if progress is not None and (q - first) % stride == 0:
                 progress(q)
         return combined(fields) if len(fields) > 1 else fields[0][1]
 
@@ -101,11 +105,11 @@ def piv_film(
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
         held[k] = _ready(image, usable, s, prefilter)
-        if k >= first + ensemble - 1 + gap + reach:
-            yield about(first, first + ensemble)
-            first += ensemble
-    for rest in range(first, k + 1 - gap, ensemble):
-        yield about(rest, min(rest + ensemble, k + 1 - gap))
+        if k >= first + (ensemble - 1) * stride + gap + reach:
+            yield about(first, first + ensemble * stride)
+            first += ensemble * stride
+    for rest in range(first, k + 1 - gap, ensemble * stride):
+        yield about(rest, min(rest + ensemble * stride, k + 1 - gap))
 
 
 def _again(ahead: list[NDArray[np.generic]], rest: Iterator[NDArray[np.generic]]) -> Iterator[NDArray[np.generic]]:

@@ -1,0 +1,40 @@
+"""The documentation as a site, without a network: `pip install '.[docs]'`, then `sphinx-build -W docs results/site`."""
+
+import re
+
+import jumpvision
+
+PARTS = {  # of the site; all but the last are at most 15,000 words together (tests/test_docs.py)
+    "Begin": ["samples", "tutorial", "notebook", "bring_your_own_data", "glossary"],
+    "Only match pictures": ["velocity_fields"],
+    "Question a model": ["diagnosis", "any_simulator"],
+    "Jumping robots": ["planning", "demo", "report", "scale"],
+    "Reference": [
+        "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "rft", "laboratory",
+        "diagnosis_real", "real", "benchmarks", "architecture",
+    ],
+}  # fmt: skip
+
+project, author, release = "jumpvision", "the authors of jumpvision", jumpvision.__version__
+extensions = ["myst_parser"]
+root_doc = "README"
+myst_heading_anchors = 4
+html_theme = "furo"
+html_title = "jumpvision"
+suppress_warnings = ["misc.highlighting_failure"]  # signatures are not whole statements
+
+
+def _trees() -> str:
+    each = (f":caption: {part}\n:hidden:\n\n" + "\n".join(pages) for part, pages in PARTS.items())
+    return "".join(f"\n```{{toctree}}\n{text}\n```\n" for text in each)
+
+
+def _read(app, docname, source) -> None:
+    """The index gets the parts; a link to a file beside docs/ becomes its name."""
+    text = re.sub(r"\[([^\]]+)\]\(\.\./[^)]*\)", r"\1", source[0])
+    source[0] = text + (_trees() if docname == root_doc else "")
+
+
+def setup(app) -> None:
+    """Called by Sphinx."""
+    app.connect("source-read", _read)

@@ -1,0 +1,119 @@
+"""Means and fluctuations of a steady flow from its velocity fields, one in memory at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
+
+FEWEST = 3  # measured vectors at a place, below which it has no fluctuation
+
+
+class Velocities(NamedTuple):
+    """One field, all (ny, nx): u, v, their standard uncertainties, and where they were measured."""
+
+    u: Array
+    v: Array
+    u_sigma: Array
+    v_sigma: Array
+    measured: NDArray[np.bool_]
+
+
+class Memory(NamedTuple):
+    """How long a component remembers: twice the sum of its correlation over all lags, and of that squared."""
+
+    mean: float
+    square: float
+
+    @classmethod
+    def of(cls, series: Array) -> Memory:
+        """Of series (n, k) of k vectors over n times, all together, up to where they are first uncorrelated.
+
+        NaN is left out. Nothing is remembered where nothing fluctuates.
+        """
+        known = np.isfinite(series)
+        left = np.where(known, series - np.nanmean(series, axis=0), 0.0)
+        n = len(series)
+        size = scipy.fft.next_fast_len(2 * n)
+        product, count = (
+            np.fft.irfft((np.abs(np.fft.rfft(a, size, axis=0)) ** 2).sum(axis=1), size)[:n] for a in (left, known * 1.0)
+        )
+        if not product[0] > 0.0:
+            return cls(0.0, 0.0)
+        rho = product / np.maximum(count, 0.5) * (count[0] / product[0])
+        end = int(np.argmax(rho <= 0.0)) if (rho <= 0.0).any() else n
+        weights = 2.0 * (1.0 - np.arange(1, end) / n)
+        return cls(float(weights @ rho[1:end]), float(weights @ rho[1:end] ** 2))
+
+
+def independent(n: Array, times: int, memory: float) -> Array:
+    """How many independent values n are worth that were measured at random among so many times; memory: of `Memory`."""
+    return np.asarray(n / (1.0 + memory * n / times))
+
+
+class Steady(NamedTuple):
+    """Of a flow, all (ny, nx); NaN where too little was measured.
+
+    u, v: means; uu, vv, uv: Reynolds stresses over density, without the noise of the matching; each with its standard
+    uncertainty. n: measured vectors.
+    """
+
+    u: Array
+    v: Array
+    u_sigma: Array
+    v_sigma: Array
+    uu: Array
+    vv: Array
+    uv: Array
+    uu_sigma: Array
+    vv_sigma: Array
+    uv_sigma: Array
+    n: Array
+
+
+def steady(fields: Iterable[Velocities], u: Memory, v: Memory) -> Steady:
+    """Mean and fluctuations of fields of equal shape; u, v: what the components remember. ValueError for no field.
+
+    What one vector is uncertain by is taken from the squares: a velocity that never changes has no fluctuation. The
+    uncertainty of a stress is that of Gaussian fluctuations.
+    """
+    times, n, first, sums = 0, np.zeros(0), [np.zeros(0)] * 2, np.zeros(0)
+    for f in fields:
+        if times == 0:
+            first = [np.where(f.measured, a, 0.0) for a in f[:2]]  # near the mean: squares lose nothing to rounding
+            n, sums = np.zeros(f.u.shape), np.zeros((7, *f.u.shape))
+        a, b = (np.where(f.measured, x - x0, 0.0) for x, x0 in zip(f[:2], first))
+        noise = [np.where(f.measured, s * s, 0.0) for s in (f.u_sigma, f.v_sigma)]
+        sums += np.stack([a, b, a * a, b * b, a * b, *noise])
+        n += f.measured
+        times += 1
+    if times == 0:
+        raise ValueError("steady: no field")
+    known = np.where(n >= FEWEST, n, np.nan)
+    u_worth, v_worth, uu_worth, vv_worth, uv_worth = (
+        independent(known, times, m) for m in (u.mean, v.mean, u.square, v.square, math.sqrt(u.square * v.square))
+    )
+    a, b, aa, bb, ab, u_noise, v_noise = sums / known
+    # a mean is made of the same values: what they are worth, less one, is left for the squares
+    uu = (aa - a * a) / (1.0 - 1.0 / np.maximum(u_worth, 1.5))
+    vv = (bb - b * b) / (1.0 - 1.0 / np.maximum(v_worth, 1.5))
+    uv = (ab - a * b) / (1.0 - 1.0 / np.maximum(np.sqrt(u_worth * v_worth), 1.5))
+    return Steady(
+        first[0] + a,
+        first[1] + b,
+        np.sqrt(uu / u_worth),
+        np.sqrt(vv / v_worth),
+        uu - u_noise,
+        vv - v_noise,
+        uv,
+        uu * np.sqrt(2.0 / uu_worth),
+        vv * np.sqrt(2.0 / vv_worth),
+        np.sqrt((uu * vv + uv * uv) / uv_worth),
+        n,
+    )

@@ -1,0 +1,181 @@
+"""Figures of velocity fields of any flow: what was measured and what replaced, maps, means along lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import fill
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+from jumpvision.inputs.sections import NotApplicable
+from jumpvision.report.style import MAP, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.results.fields import Piv, Statistics
+from jumpvision.results.tables import Profiles
+from jumpvision.vision.piv.pair import MASKED, REASONS
+from jumpvision.workflow.stage import stage
+
+from .pictures import Picture, png
+
+COLOURS = ("#ececec", "white", "#56B4E9", "#D55E00", "#0072B2", "#E69F00", "#F0E442", "#CC79A7")  # as REASONS
+ARROWS = 48  # along a row at most
+LONGEST = 4.0  # typical speeds: a wild vector is drawn no longer
+
+
+class ValidationPicture(Picture):
+    file = "validation.png"
+
+
+class StatisticsPicture(Picture):
+    file = "statistics.png"
+
+
+class ProfilesPicture(Picture):
+    file = "profiles.png"
+
+
+def worst(field: Any) -> int:
+    """Index of the time with the fewest measured vectors."""
+    return int((field.chc > 0).sum(("y", "x")).argmin("t"))
+
+
+@stage(version=2, picture=True)
+def validation_picture(piv: Piv) -> ValidationPicture:
+    """Vectors as matched, at the worst moment, over what became of them; the shares against time."""
+    from matplotlib.colors import ListedColormap
+
+    field = piv.field
+    if "u_raw" not in field or "reason" not in field:
+        raise NotApplicable(["validation: a field of another program, without raw vectors"])
+    factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
+    i = worst(field)
+    f = field.isel(t=i).transpose("y", "x")
+    x, y = f.x.values * factor, f.y.values * factor
+    typical = float(np.nanquantile(np.hypot(f.u, f.v), 0.9)) or 1.0
+    every = max(1, -(-len(x) // ARROWS))
+    few = np.s_[every // 2 :: every, every // 2 :: every]
+    u, v = (np.clip(a.values, -LONGEST * typical, LONGEST * typical)[few] for a in (f.u_raw, f.v_raw))
+    apart = every * abs(float(x[1] - x[0])) if len(x) > 1 else 1.0
+    present = [k for k in sorted(REASONS) if k != MASKED and (field.reason == k).any()]
+    with styled() as Figure:
+        figure = Figure(figsize=(9.6, 4.6), layout="constrained")
+        left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
+        codes = {"cmap": ListedColormap(COLOURS), "vmin": -0.5, "vmax": len(COLOURS) - 0.5}
+        left.pcolormesh(x, y, f.reason.values, rasterized=True, **codes)
+        at = np.meshgrid(x, y)[0][few], np.meshgrid(x, y)[1][few]
+        left.quiver(*at, u, v, angles="xy", scale_units="xy", scale=typical / (1.5 * apart), width=0.003)
+        for k in present:
+            share = 100.0 * (field.reason == k).mean(("y", "x"))
+            how = {"color": COLOURS[k] if k else QUIET, "label": fill(REASONS[k].split(":")[0], 40)}
+            right.plot(field.t, share, marker=".", ms=4, **how)
+        left.set(title=f"as matched, t = {float(f.t):.4g} s", xlabel=f"x [{shown}]", ylabel=f"y [{shown}] (up)")
+        left.set_aspect("equal")
+        left.grid(False)
+        right.set(title="what became of the vectors", xlabel="time [s]", ylabel="share [%]")
+        right.set_yscale("symlog", linthresh=1.0)
+        right.set_yticks([0, 0.5, 1, 5, 10, 50, 100], ["0", "0.5", "1", "5", "10", "50", "100"])
+        right.set_ylim(0.0, 120.0)
+        figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=7)
+        return ValidationPicture(png(figure))
+
+
+class Map(NamedTuple):
+    """One panel: what it shows, values (ny, nx), colours, whether they have a sign."""
+
+    label: str
+    values: Array
+    colours: str
+    signed: bool = False
+
+
+def drawn(figure: Any, shape: tuple[int, int], data: Any, unit: str, panels: Sequence[Map], title: str) -> None:
+    """Maps over data.x and data.y (rising) [unit], of whose velocity the first has the streamlines."""
+    factor, shown = (1e3, "mm") if unit == "m" else (1.0, "px")
+    x, y = data.x.values * factor, data.y.values * factor
+    axes = figure.subplots(*shape, sharex=True, sharey=True)
+    for axis, m in zip(axes.flat, panels, strict=True):
+        top = float(np.nanquantile(np.abs(m.values), 0.995)) if np.isfinite(m.values).any() else 0.0
+        limits = {"vmin": -top if m.signed else 0.0, "vmax": top or 1.0}
+        seen = axis.pcolormesh(x, y, m.values, cmap=m.colours, rasterized=True, **limits)
+        figure.colorbar(seen, ax=axis, label=m.label, shrink=0.85)
+        axis.set(aspect="equal", facecolor="#dddddd")
+        axis.grid(False)
+    streamlines(axes[0, 0], x, y, data.u.values, data.v.values)
+    axes[0, 0].set_title(title)
+    for axis in axes[-1]:
+        axis.set_xlabel(f"x [{shown}]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel(f"y [{shown}] (up)")
+
+
+def tall(data: Any, rows: int, most: float) -> float:
+    """Inches of a figure, two maps wide."""
+    return min(most, 1.0 + rows * 3.7 * float(np.ptp(data.y.values) / max(float(np.ptp(data.x.values)), 1e-12)))
+
+
+def maps(field: Any, flow: Any, i: int, unit: str, Figure: Any) -> Any:
+    """Speed with streamlines, vorticity, shear rate and divergence at time i. unit: of places, "m" or "px"."""
+    f, g = (a.isel(t=i).transpose("y", "x").sortby("y") for a in (field, flow))
+    figure = Figure(figsize=(9.6, tall(f, 2, 9.0)), layout="compressed")
+    panels = (
+        Map(f"speed [{unit}/s]", np.hypot(f.u.values, f.v.values), MAP),
+        Map("vorticity [1/s]", g.vorticity.values, SIGNED, True),
+        Map("shear rate [1/s]", g.shear_rate.values, "magma"),
+        Map("divergence [1/s]", g.divergence.values, SIGNED, True),
+    )
+    drawn(figure, (2, 2), f, unit, panels, f"t = {float(f.t):.4g} s")
+    return figure
+
+
+def streamlines(axis: Any, x: Any, y: Any, u: Any, v: Any) -> None:
+    """Lines along the velocity, on axes whose x and y rise."""
+    if min(u.shape) > 2:
+        axis.streamplot(
+            x, y, np.nan_to_num(u), np.nan_to_num(v), color="white", linewidth=0.6, arrowsize=0.7, density=1.2
+        )
+        axis.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
+
+
+@stage(version=1, picture=True)
+def statistics_picture(found: Statistics, piv: Piv) -> StatisticsPicture:
+    """Mean speed with streamlines, mean vorticity, fluctuations of both components and the Reynolds shear stress."""
+    data, unit = found.field.transpose("y", "x").sortby("y"), piv.geometry.unit
+    panels = (
+        Map(f"mean speed [{unit}/s]", np.hypot(data.u.values, data.v.values), MAP),
+        Map("mean vorticity [1/s]", data.vorticity.values, SIGNED, True),
+        Map(f"u rms [{unit}/s]", data.u_rms.values, "magma"),
+        Map(f"v rms [{unit}/s]", data.v_rms.values, "magma"),
+        Map(f"u'v' [{unit}²/s²]", data.uv.values, SIGNED, True),
+        Map(f"energy (u'² + v'²)/2 [{unit}²/s²]", data.tke.values, "magma"),
+    )
+    with styled() as Figure:
+        figure = Figure(figsize=(9.6, tall(data, 3, 11.0)), layout="compressed")
+        drawn(figure, (3, 2), data, unit, panels, f"mean of {found.fields} fields")
+        return StatisticsPicture(png(figure))
+
+
+@stage(version=1, picture=True)
+def profiles_picture(found: Profiles, piv: Piv) -> ProfilesPicture:
+    """Mean velocity along and across every line, with its ±2σ, and the fluctuations."""
+    table, unit = found.table, piv.geometry.unit
+    factor, shown = (1e3, "mm") if piv.geometry.metric else (1.0, "px")
+    lines = [part for _, part in table.groupby("line")]
+    with styled() as Figure:
+        figure = Figure(figsize=(9.0, 2.6 * len(lines)), layout="constrained")
+        for row, part in zip(figure.subplots(len(lines), 2, squeeze=False), lines):
+            s = part.s * factor
+            for name, colour in (("along", MEASURED), ("across", MODEL)):
+                sigma = part[f"{name}_sigma"]
+                row[0].fill_between(s, part[name] - 2 * sigma, part[name] + 2 * sigma, color=colour, alpha=0.25, lw=0)
+                row[0].plot(s, part[name], color=colour, label=f"{name} the line")
+            for name, colour in (("u_rms", MEASURED), ("v_rms", MODEL)):
+                row[1].plot(s, part[name], color=colour, label=name.replace("_", " "))
+            a, b = part.iloc[0], part.iloc[-1]
+            ends = f"({a.x * factor:.4g}, {a.y * factor:.4g}) to ({b.x * factor:.4g}, {b.y * factor:.4g}) {shown}"
+            row[0].set(title=ends, ylabel=f"mean velocity [{unit}/s]", xlabel=f"s [{shown}]")
+            row[1].set(ylabel=f"fluctuation [{unit}/s]", xlabel=f"s [{shown}]")
+            for axis in row:
+                axis.axhline(0.0, color=QUIET, lw=0.6)
+                axis.legend(fontsize=7)
+        return ProfilesPicture(png(figure))

@@ -1,0 +1,78 @@
+"""What was found is told before the pictures are drawn; what failed is not tried twice."""
+
+from __future__ import annotations
+
+import pytest
+from fault_lab import results_of, write_campaign
+
+from jumpvision.campaign.folder import run_folder
+from jumpvision.inputs.experiment import open_folder
+from jumpvision.report.figures import PICTURES
+from jumpvision.workflow import run as engine
+from jumpvision.workflow.run import Plan
+
+
+class Watching:
+    """What was there when all was found."""
+
+    def __init__(self, results):
+        self.results, self.told, self.ended = results, [], []
+
+    def frames(self, what, done, total):
+        pass
+
+    def experiment(self, outcome):
+        self.ended.append(outcome.name)
+
+    def found(self, run):
+        made = {f.suffix for f in self.results.rglob("*") if ".cache" not in f.parts and f.parent != self.results}
+        self.told.append((made, sum(o.undrawn for o in run.outcomes), (self.results / "jumps.csv").exists()))
+
+
+def ran(campaign, results, pictures=PICTURES, workers=1):
+    watcher = Watching(results)
+    plan = Plan(results, results / ".cache", pictures=pictures)
+    run = run_folder(
+        open_folder(campaign), plan, workers=workers, watcher=watcher, draw=lambda *_: b"", say=lambda _: None
+    )
+    return run, watcher
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_all_numbers_are_told_before_a_picture_is_drawn(tmp_path, workers):
+    campaign, results = write_campaign(tmp_path / "campaign", 3), tmp_path / "results"
+    run, watcher = ran(campaign, results, workers=workers)
+    [(made, undrawn, table)] = watcher.told
+    assert ".csv" in made and ".png" not in made and undrawn == 3 and table
+    assert len(watcher.ended) == 3  # each told once, not with its pictures again
+    for o in run.outcomes:
+        assert (o.results / "jump.png").exists() and not o.errors and not o.undrawn
+        assert {s.stage: s.state for s in o.steps}["rod"] == "computed"
+    before = results_of(results)
+    again, watcher = ran(campaign, results, workers=workers)
+    assert watcher.told[0][1] == 0 and not any(o.computed for o in again.outcomes)
+    assert results_of(results) == before
+
+
+def test_a_stage_that_fails_is_tried_once_and_its_pictures_not_at_all(tmp_path, monkeypatch):
+    campaign, results = write_campaign(tmp_path / "campaign", 2), tmp_path / "results"
+    (campaign / "jump-0001" / "rod_track.csv").write_text("time_s,height_m\n0,0\n1,nonsense\n")
+    tried = []
+    kept = engine.explain
+    monkeypatch.setattr(engine, "explain", lambda e, stage, path: tried.append(stage) or kept(e, stage, path))
+    run, _ = ran(campaign, results)
+    assert len(tried) == 1 and len(run.outcomes[1].errors) == 1 and "rod_track.csv" in run.outcomes[1].errors[0]
+    assert (results / "jump-0000" / "jump.png").exists() and not (results / "jump-0001" / "jump.png").exists()
+
+
+def test_a_picture_that_fails_is_told_beside_what_was_found(tmp_path, monkeypatch):
+    from jumpvision.report.figures import pictures
+
+    def broken(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(pictures, "png", broken)
+    campaign, results = write_campaign(tmp_path / "campaign", 1), tmp_path / "results"
+    run, watcher = ran(campaign, results)
+    assert watcher.told[0][2] and "No space left" in run.outcomes[0].errors[0]
+    assert (results / "jump-0000" / "rod.csv").exists()
