@@ -264,3 +264,42 @@ def test_wrong_images_and_parameters_are_named(samples):
             call()
     with pytest.raises(InputError, match="in its TOML"):
         jv.track(samples / "hard_ground", polarity="dark")
+
+
+TABLES = {
+    "ground": "hard",
+    "robot": {"motor_mass": 1.003, "rod_mass": 0.175, "spring_stiffness": 5760.6, "spring_damping": 2.0},
+    "model": {"terms": []},
+    "actuation": {"kind": "single", "frequency": 8.0, "amplitude": 0.004, "start": 0.1},
+}
+
+
+def test_a_model_of_tables_moves_as_in_a_folder(tmp_path):
+    """Also driven by arrays: its own motor every ms, whose sudden ends a spline rounds: 2 % of the apex."""
+    text = [f"ground = {json.dumps(TABLES['ground'])}"]
+    for name in ("robot", "model", "actuation"):
+        text += [f"[{name}]", *(f"{k} = {json.dumps(v)}" for k, v in TABLES[name].items())]
+    (tmp_path / "jump").mkdir()
+    (tmp_path / "jump" / "experiment.toml").write_text("\n".join(text))
+    there = jv.simulate(tmp_path / "jump", results=tmp_path / "results").table
+    here = jv.simulate(TABLES)
+    np.testing.assert_array_equal(here.to_numpy(), there.to_numpy())
+    at_rest = {k: v for k, v in TABLES.items() if k != "actuation"}
+    driven = jv.simulate(at_rest, here.time_s, here.motor_m - here.rod_m)
+    apex = here.rod_m.max() - here.rod_m[0]
+    assert apex > 0.005
+    assert abs(driven.rod_m.max() - driven.rod_m[0] - apex) < 0.02 * apex
+
+
+@pytest.mark.parametrize(
+    ("tables", "arrays", "said"),
+    [
+        ({"ground": "hard", "model": {"terms": []}}, (), "robot: missing"),
+        (TABLES | {"robot": {"motor_mass": -1.0}}, (), r"jv.simulate \[robot\] motor_mass = -1.0: must be in"),
+        (TABLES | {"rod_video": {"file": "rod.avi"}}, (), r"\[rod_video\]: a recording; it needs a folder"),
+        (TABLES, ([0.0, 1.0], [0.0, 0.0]), "give 8 or more, finite and increasing"),
+    ],
+)
+def test_a_model_of_tables_that_cannot_be_is_said(tables, arrays, said):
+    with pytest.raises(ValueError, match=said):
+        jv.simulate(tables, *arrays)

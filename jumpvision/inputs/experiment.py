@@ -203,6 +203,39 @@ def _read(
     where = f"{file}:"
     if other := _other_schema(table.get("schema", SCHEMA)):
         return None, [f"{where} schema = {table['schema']}: {other}"]
+    header, sections, problems = _checked(table, where, file)
+    for key, section in sections.items():
+        file_name = table[key].get("file")
+        if isinstance(file_name, str) and _names_a_file(key):
+            problem = _file_problem(folder, campaign, file_name)
+            problems += [f"{where} [{key}] file = '{file_name}': {problem}"] if problem else []
+            if section is not None:
+                sections[key] = replace(section, path=(folder / file_name).absolute())
+    if header is None or problems:
+        return None, problems
+    name = header.name or folder.resolve().name
+    if problem := _name_problem(name):
+        return None, [f"{where} name = {name!r}: {problem}; give name = ... in {file.name}"]
+    return Experiment(folder, name, header, sections, table.get("params", {}), campaign), []
+
+
+def without_folder(table: Mapping[str, Any], where: str) -> Experiment:
+    """The experiment that tables describe as experiment.toml would, without recordings. Raises InputError."""
+    header, sections, problems = _checked(table, where)
+    problems += [f"{where} [{k}]: a recording; it needs a folder" for k in sections if _names_a_file(k)]
+    if header is None or problems:
+        raise InputError(problems)
+    return Experiment(Path(where), header.name or where, header, sections, table.get("params", {}))
+
+
+def _names_a_file(section: str) -> bool:
+    return "file" in getattr(SECTIONS.get(section), "__dataclass_fields__", ())
+
+
+def _checked(
+    table: Mapping[str, Any], where: str, file: Path | None = None
+) -> tuple[Header | None, dict[str, Any], list[str]]:
+    """(header, sections by name, problems) of the tables of an experiment. where: to name; file: that they stand in."""
     known = {*SECTIONS, *TABLES, "params"}
     problems = [
         f"{where} {k} = {v!r}: must be a table, written [{k}]"
@@ -227,20 +260,7 @@ def _read(
         else:
             more = []
         problems += more
-    for key, section in sections.items():
-        file_name = table[key].get("file")
-        if isinstance(file_name, str) and "file" in getattr(SECTIONS.get(key), "__dataclass_fields__", ()):
-            problem = _file_problem(folder, campaign, file_name)
-            problems += [f"{where} [{key}] file = '{file_name}': {problem}"] if problem else []
-            if section is not None:
-                sections[key] = replace(section, path=(folder / file_name).absolute())
-    problems += _params(tables.get("params", {}), where)
-    if header is None or problems:
-        return None, problems
-    name = header.name or folder.resolve().name
-    if problem := _name_problem(name):
-        return None, [f"{where} name = {name!r}: {problem}; give name = ... in {file.name}"]
-    return Experiment(folder, name, header, sections, tables.get("params", {}), campaign), []
+    return header, sections, problems + _params(tables.get("params", {}), where)
 
 
 _HEADER = {f.name for f in fields(Header)}

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import warnings
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import Experiment
+from jumpvision.estimate.estimate import checked
+from jumpvision.inputs.experiment import Experiment, without_folder
 from jumpvision.inputs.model import ModelSpec
-from jumpvision.inputs.parameters import SimulateParams
+from jumpvision.inputs.parameters import SimulateParams, of_keywords
 from jumpvision.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
 from jumpvision.mechanisms.own import parameters_with
 from jumpvision.physics.batch import OF_MODEL
@@ -52,6 +54,11 @@ def simulate(
     """
     model = build_model(experiment, robot, spec, section, bed)
     forcing, stop = driver(log, law, motor, p)
+    return moved(model, forcing, stop, rod, p)
+
+
+def moved(model: Model, forcing: Forcing | Loop, stop: float, rod: RodMotion | None, p: SimulateParams) -> Simulation:
+    """A model moved by its motor over the time of a track, where there is one. stop: when the motor rests [s]."""
     shift = float(np.max(np.abs(model.shown(AROUND) - AROUND)))
     times = output_times(forcing, stop, rod, lead=0.05 + shift)
     true = model.shown(times)
@@ -163,6 +170,32 @@ def feedback(command: Forcing, law: Actuation, motor: Motor) -> Loop:
         raise InputError([f"[motor]: {e}"]) from None
 
 
+def of_arrays(tables: Any, time_s: Any = None, motor_m: Any = None) -> pd.DataFrame:
+    """The motion of a model that tables describe, as experiment.toml would: robot, model, ground, and bed where needed.
+
+    time_s (n,) [s] increasing and motor_m (n,) [m]: where the motor is, along the rod; without them the law of the
+    tables' actuation. Example: jv.simulate({"ground": "hard", "robot": {"motor_mass": 1.0, "rod_mass": 0.2,
+    "spring_stiffness": 5000}, "model": {"terms": []}, "actuation": {"frequency": 8, "amplitude": 0.005}}).
+
+    Columns: time_s, rod_m, foot_m, motor_m (absolute, up), ground_N, spring_N (forces), in 1 ms steps. Raises
+    InputError for tables, ValueError for arrays that are none.
+    """
+    e = without_folder(tables, "jv.simulate")
+    robot, spec, law, motor, bed = (e.section(kind) for kind in (Robot, ModelSpec, Actuation, Motor, Bed))
+    if lacking := [k.name for k, there in ((Robot, robot), (ModelSpec, spec)) if there is None]:
+        raise InputError([f"jv.simulate: {', '.join(lacking)}: missing"])
+    p = of_keywords(SimulateParams, e.params.get("simulate", {}))
+    model = build_model(e, robot, spec, bed, None)
+    if time_s is None:
+        return moved(model, *driver(None, law, motor, p), None, p).table
+    time, position = checked("simulate", time_s=time_s, motor_m=motor_m)
+    usable = np.isfinite(time + position).all() and (np.diff(time) > 0.0).all()
+    if time.size < FEWEST or not usable:
+        raise ValueError(f"simulate: {time.size} times: give {FEWEST} or more, finite and increasing")
+    return moved(model, from_log(time, position, p.encoder_step / np.sqrt(12.0)), float(time[-1]), None, p).table
+
+
+FEWEST = 8  # samples of a motor's motion
 RINGING = 0.02  # of the travel: what a landing shakes a motor held by its feedback loop
 
 
