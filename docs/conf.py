@@ -10,7 +10,7 @@ PARTS = {  # of the site; all but the last are at most 15,000 words together (te
     "Question a model": ["diagnosis", "any_simulator"],
     "Jumping robots": ["planning", "demo", "report", "scale"],
     "Reference": [
-        "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "laboratory",
+        "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "rft", "laboratory",
         "diagnosis_real", "real", "benchmarks", "architecture",
     ],
 }  # fmt: skip

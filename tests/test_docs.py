@@ -50,6 +50,16 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_init.test_marks_foot_and_floor_become_scale_and_positions",
     "completion bash --install":
         "test_doctor.test_installing_writes_into_the_home_folder_alone",
+    "dem --bed hexagonal --beds 1":
+        "test_dem_command.test_a_hexagonal_lattice_makes_the_triangle_of_sixty_degrees",
+    "dem --fraction 0.6 --friction 0.5 --beds 2":
+        "test_dem_command.test_random_beds_scatter_and_are_the_same_again",
+    "rft --tilt 0:30:4":
+        "test_rft.test_the_command_draws_the_foot",
+    "rft --stl foot.stl --unit mm --attack 30:90:3 --depth 0:0.05:26 --scale 4.6e5":
+        "test_rft.test_the_command_draws_the_foot",
+    "rft --shape cone --height 0.066 --table stresses.csv":
+        "test_rft.test_a_table_of_stresses_gives_what_its_law_gives",
     "demo":
         "test_demo.test_the_command_prints_the_address_serves_and_stops_on_interrupt",
     "sweep hard --analysis comparison --campaign my_campaign":

@@ -129,6 +129,17 @@ def write_aside(path: Path, text: str) -> None:
         aside.unlink(missing_ok=True)
 
 
+def write_bytes_aside(path: Path, content: bytes) -> None:
+    """Likewise of a file that is no text."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = _aside_file(path)
+    try:
+        aside.write_bytes(content)
+        replace(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
 def copy_aside(source: Path, target: Path, digest: str) -> None:
     """Copy a file in one step. digest: the SHA-256 that the copy must have; ChangedFile otherwise."""
     aside = _aside_file(target)

@@ -1,4 +1,4 @@
-"""The slow intrusions of a campaign: resistances against packing and foot, and the cone's prediction beside them."""
+"""The slow intrusions of a campaign: resistances against packing and foot, and the fitted cone beside them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from jumpvision.results import plain
 from jumpvision.results.values import Intrusion
 from jumpvision.workflow.run import Outcome
 
-FITTED = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2")
+CONE = ("k1_cone", "sigma_cone", "mu_cone")
+FITTED = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2", *CONE)
 LAWFUL = FITTED[:6]  # that a law against packing is fitted to
 LEAST = 5  # packings that a law needs
 KINKED = 0.05  # p of a straight line below which a law has a kink
@@ -42,8 +43,8 @@ class Fitted(NamedTuple):
 class SlowIntrusion:
     """One slow intrusion: foot [m], packing, every fit; force [N] against depth [m], (n,); NaN where unknown.
 
-    event: (n,) number of the pause or withdrawal that a sample follows, below 0 before the first. cone: the force that
-    the cone predicts, (n,), or None.
+    event: (n,) number of the pause or withdrawal that a sample follows, below 0 before the first. cone: force of the
+    fitted cone, (n,), flat, mantle: those of its face and its side; None without a foot.
     """
 
     experiment: str
@@ -56,6 +57,8 @@ class SlowIntrusion:
     force: Array
     event: Array
     cone: Array | None
+    flat: Array | None = None
+    mantle: Array | None = None
 
     @property
     def cells(self) -> dict[str, str | float]:
@@ -107,7 +110,7 @@ def slow_intrusion(
         np.array(profile["depth_m"]),
         np.array(profile["force_N"]),
         np.array(profile["event"]),
-        np.array(record["cone"]["force_N"]) if record["cone"] else None,
+        *(np.array(record["cone"][f"{part}_N"]) if record["cone"] else None for part in ("force", "flat", "mantle")),
     )
 
 
@@ -122,7 +125,7 @@ def common_share(rows: Sequence[SlowIntrusion]) -> float:
 
 
 class ConeMisfit(NamedTuple):
-    """Root mean square of measured minus predicted force over the first intrusion, and as a share of the largest."""
+    """Root mean square of measured minus the cone's force over the first intrusion, and as a share of the largest."""
 
     experiment: str
     foot_radius_m: float

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.progress import watch
 
 from .contacts import DAMPING, STIFFNESS, march, neighbours, step
 from .discs import Block, Box, Discs, Law, Plate
@@ -88,7 +89,7 @@ def integrate(
     rough = roughness(law, discs.spin[order]) if law.friction > 0.0 else None
     skin = SKIN * 2.0 * float(discs.radius.mean())
     start, partner, slide = np.zeros(n + 1, np.int64), np.empty(4 * n + 16, np.int64), np.empty(0)
-    for k in range(1, times.size):
+    for k in watch(range(1, times.size), "discs, instants"):
         steps = math.ceil((times[k] - times[k - 1]) / dt * (1.0 - 1e-9))
         at = np.linspace(times[k - 1], times[k], steps + 1)
         impulse = np.zeros(5)

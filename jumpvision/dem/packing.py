@@ -29,6 +29,35 @@ def sizes(kind: str, n: int, diameter: float, spread: float, rng: np.random.Gene
     raise ValueError(f"sizes: kind = {kind!r} must be 'mono', 'bi' or 'poly'")
 
 
+LATTICES = {"hexagonal": 2.0 * math.sqrt(3.0), "square": 4.0}  # area of a cell over (diameter/2)^2, discs touching
+
+
+def lattice(kind: str, box: Box, fraction: float, *, diameter: float, density: float) -> Discs:
+    """Resting discs of one size on a lattice that fills the box to the area fraction; rows lie along x.
+
+    kind: "hexagonal" (at most 0.907) or "square" (0.785); diameter [m], density [kg/m^2]. The axis x = 0 is one of the
+    lattice's mirrors. ValueError for another kind or fraction, or a box that is not finite.
+    """
+    if kind not in LATTICES:
+        raise ValueError(f"lattice: kind = {kind!r} must be one of {', '.join(LATTICES)}")
+    densest = math.pi / LATTICES[kind]
+    if not 0.0 < fraction <= densest:
+        raise ValueError(f"lattice: fraction = {fraction!r} must be in (0, {densest:.4f}], where {kind} discs touch")
+    half, depth = min(-box.left, box.right), box.top - box.bottom
+    if not (math.isfinite(half + depth) and half > diameter and depth > 2.0 * diameter):
+        raise ValueError(f"lattice: the box {box} must be finite, about x = 0 and wider than two grains")
+    step = diameter * math.sqrt(densest / fraction)
+    rise, shift = (step * math.sqrt(0.75), 0.5) if kind == "hexagonal" else (step, 0.0)
+    rows = int((depth - diameter) / rise) + 1
+    places = []
+    for row in range(rows):
+        across = (np.arange(-math.ceil(half / step) - 1, math.ceil(half / step) + 2) + shift * (row % 2)) * step
+        across = across[np.abs(across) <= half - 0.5 * diameter]
+        places.append(np.stack([across, np.full(across.size, box.top - 0.5 * diameter - row * rise)]))
+    x, y = np.concatenate(places, axis=1)
+    return Discs.at_rest(x, y, 0.5 * diameter, density=density)
+
+
 def pack(
     box: Box,
     fraction: float,

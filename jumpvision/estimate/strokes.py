@@ -1,4 +1,4 @@
-"""A slow intrusion stroke by stroke: overshoots after events, oscillations of the deep regime, noise of the log."""
+"""A slow intrusion stroke by stroke: fresh samples and events, laws of overshoots, oscillations of the deep regime."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
@@ -14,6 +13,7 @@ from jumpvision.base.arrays import Array
 from .estimate import Estimate, scatter_factor
 from .mean import correlation_time
 
+STOPPING = 0.2  # of a short stroke's time, left out before it ends
 SLOW = 0.25  # share of the typical intrusion speed below which the foot counts as paused
 
 
@@ -73,8 +73,10 @@ def fresh_samples(t: Array, depth: Array, *, window: float, rise: float) -> Fres
             pause += float(t[min(j, t.size - 1)] - t[i]) + (1.0 - 2.0 * SLOW) * window  # lost in the smoothing
         else:
             before = np.maximum.accumulate(np.r_[deepest + (rise if begun else 0.0), depth[i : j - 1]])
-            stopping = (t[i:j] > t[j - 1] - window) & (j < t.size)  # the force relaxes as soon as the foot slows
-            new = np.arange(i, j)[(depth[i:j] > before) & ~stopping]
+            new = np.arange(i, j)[depth[i:j] > before]
+            if new.size and j < t.size:  # the force relaxes as soon as the foot slows
+                slows = min(window, STOPPING * float(t[j - 1] - t[new[0]]))
+                new = new[t[new] <= t[j - 1] - slows]
             if new.size:
                 if begun:
                     depths.append(deepest)
@@ -94,44 +96,21 @@ def fresh_samples(t: Array, depth: Array, *, window: float, rise: float) -> Fres
     )
 
 
-REACH = 4.0  # an overshoot farther back than so many lam leaves nothing
-SURE = 3.0  # sigmas from which compounding enters the law
-VARIED = 2.0  # pauses must differ by this factor to show a dependence
+def proportionality(depth: Array, overshoot: Array, covariance: Array, left: Array) -> dict[str, Estimate]:
+    """Whether the overshoots of one kind are in proportion to depth: `intercept` [N] and `exponent`, where they show.
 
-
-def overshoot_law(
-    depth: Array, overshoot: Array, covariance: Array, *, lam: float, pause: Array
-) -> dict[str, Estimate]:
-    """s, and where the events show them `per_decade` [N/m], `compounding`, `intercept` [N] and `exponent`.
-
-    depth [m] of the events below the surface, overshoot [N] with covariance (m, m), pause [s] (NaN: a withdrawal). lam
-    [m]. intercept: of a straight line beside s (0 if proportional); exponent p of O ~ z^p (1 if proportional).
+    depth [m] of the events below the surface, overshoot [N] with covariance (m, m), left [N]: what compounding adds.
+    intercept: of a straight line beside s (0 if proportional); exponent p of O ~ z^p (1 if proportional).
     """
     deep = depth > 0.0
-    z, o, t = depth[deep], overshoot[deep], pause[deep]
-    cov = covariance[np.ix_(deep, deep)]
-    if z.size == 0:
-        return {}
-    columns = {"s": (z, "N/m")}
-    known = np.isfinite(t) & (t > 0)
-    if known.all() and t.max() > VARIED * t.min() and z.size >= 3:
-        columns["per_decade"] = (z * np.log10(t), "N/m")
-    gap = np.diff(z)
-    if z.size >= 4 and gap.size and gap.min() < REACH * lam:
-        columns["compounding"] = (np.r_[0.0, o[:-1] * np.exp(-gap / lam)], "")
-    out = _generalised(columns, o, cov)
-    if "compounding" in out and abs(out["compounding"].value) < SURE * out["compounding"].sigma:
-        del columns["compounding"]  # nearly proportional to depth itself: it would only widen s
-        out = _generalised(columns, o, cov) | {"compounding": out["compounding"]}
-    if z.size > len(columns) + 1:
-        out["intercept"] = _generalised(columns | {"intercept": (np.ones_like(z), "N")}, o, cov)["intercept"]
-        rest = o - columns["compounding"][0] * out["compounding"].value if "compounding" in columns else o
-        if np.all(rest > 2.0 * np.sqrt(np.diag(cov))):  # a logarithm of what may be zero has no meaning
+    z, o, cov = depth[deep], (overshoot - left)[deep], covariance[np.ix_(deep, deep)]
+    out = {}
+    if z.size > 2:
+        line = {"s": (z, "N/m"), "intercept": (np.ones_like(z), "N")}
+        out["intercept"] = _generalised(line, o, cov)["intercept"]
+        if np.all(o > 2.0 * np.sqrt(np.diag(cov))):  # a logarithm of what may be zero has no meaning
             logs = {"exponent": (np.log(z), ""), "level": (np.ones_like(z), "")}
-            if "per_decade" in columns:
-                logs["pause"] = (np.log10(t), "")
-            if z.size > len(logs):
-                out["exponent"] = _generalised(logs, np.log(rest), cov / rest[:, None] / rest[None, :])["exponent"]
+            out["exponent"] = _generalised(logs, np.log(o), cov / o[:, None] / o[None, :])["exponent"]
     return out
 
 
@@ -183,71 +162,3 @@ def _variance(x: Array) -> tuple[float, float]:
         return math.nan, math.nan
     v = float(np.var(x))
     return v, v * math.sqrt(2.0 * correlation_time((x - x.mean()) ** 2) / x.size)
-
-
-@dataclass(frozen=True)
-class Roughness:
-    """whiten (n, n): turns residuals into independent ones of unit variance. white, correlated [unit of the residual]:
-    standard deviations of the two parts; length [unit of z] over which the second is correlated."""
-
-    whiten: Array
-    white: float
-    correlated: float
-    length: float
-
-
-def roughness(residual: Array, jacobian: Array, z: Array, inside: Array, *, width: float) -> Roughness:
-    """Variances and correlation length by restricted maximum likelihood (REML), from the residuals (n,) of a fit.
-
-    Covariance white^2 I + correlated^2 loud_i loud_j c(|z_i - z_j|), with c the mean of exp(-|dz|/length) over two bins
-    of `width`. jacobian (n, p) of the fit: REML allows for what the p parameters have absorbed, which the residuals'
-    own autocorrelation does not. inside (n,): depth in the grains, 0 in the air; fluctuations
-    build up from nothing at the surface, loud = sqrt(1 - exp(-2 inside/length)).
-    """
-    basis, size_of, _ = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0).clip(1e-300), full_matrices=False)
-    jacobian = basis[:, size_of > 1e-7 * size_of[0]]  # REML knows only the space; a break without a bend adds none
-    n, p = jacobian.shape
-    distance = np.abs(z[:, None] - z[None, :])
-    step = width
-
-    def covariance(q: Array) -> Array:
-        share = 1.0 / (1.0 + math.exp(-q[0]))
-        length = math.exp(q[1])
-        loud = np.sqrt(-np.expm1(-2.0 * inside / length))
-        both = share * loud[:, None] * loud[None, :] * _binned(distance, length, width)
-        return np.asarray((1.0 - share) * np.eye(n) + both)
-
-    def cost(q: Array) -> float:
-        if not (-7.0 < q[0] < 7.0 and math.log(0.2 * step) < q[1] < math.log(0.3 * n * step)):
-            return 1e12
-        factor = scipy.linalg.cho_factor(covariance(q), lower=True)
-        inner = jacobian.T @ scipy.linalg.cho_solve(factor, jacobian)
-        weighted = scipy.linalg.cho_solve(factor, residual)
-        best = np.linalg.solve(inner, jacobian.T @ weighted)
-        rss = float(residual @ weighted - best @ (jacobian.T @ weighted))
-        return float(
-            (n - p) * math.log(max(rss, 1e-300)) + 2.0 * np.log(np.diag(factor[0])).sum() + np.linalg.slogdet(inner)[1]
-        )
-
-    simplex = np.array([[0.0, math.log(3.0 * step)], [2.0, math.log(3.0 * step)], [0.0, math.log(12.0 * step)]])
-    q = scipy.optimize.minimize(
-        cost,
-        simplex[0],
-        method="Nelder-Mead",
-        options={"initial_simplex": simplex, "maxiter": 80, "xatol": 0.05, "fatol": 0.02},
-    ).x
-    factor = np.linalg.cholesky(covariance(q))
-    whiten = scipy.linalg.solve_triangular(factor, np.eye(n), lower=True)
-    j, r = whiten @ jacobian, whiten @ residual
-    left = r - j @ np.linalg.lstsq(j, r, rcond=None)[0]
-    scale = math.sqrt(float(left @ left) / (n - p))
-    share = 1.0 / (1.0 + math.exp(-q[0]))
-    return Roughness(whiten / scale, scale * math.sqrt(1.0 - share), scale * math.sqrt(share), math.exp(q[1]))
-
-
-def _binned(distance: Array, length: float, width: float) -> Array:
-    """Covariance of means over bins of `width` of a process with covariance exp(-distance/length)."""
-    x = width / length
-    apart = np.exp(-np.maximum(distance, width) / length) * (math.sinh(0.5 * x) / (0.5 * x)) ** 2
-    np.fill_diagonal(apart, 2.0 / x * (1.0 - (1.0 - math.exp(-x)) / x))
-    return apart

@@ -234,8 +234,7 @@ class IntrusionParams(Params):
     window: float = param(0.05, "s", "speeds are slopes over this time; shorter pauses are not seen", lo=1e-4, hi=10)
     rise: float = param(5e-4, "m", "depth left out after a pause while the force builds up again", lo=0, hi=0.1)
     significance: float = param(0.01, "", "chance below which one slope is refused for two", lo=1e-3, hi=0.5)
-    mu: float = param(2.2, "", "growth of the jammed cone with depth", lo=0, hi=20, open_lo=True)
-    theta: float = param(1.0471975512, "rad", "angle of the cone's mantle", lo=0.1, hi=1.5)
+    theta: float = param(1.0471975512, "rad", "angle of the fitted cone's mantle", lo=0.1, hi=1.5)
 
 
 @dataclass(frozen=True)

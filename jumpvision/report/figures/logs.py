@@ -45,7 +45,7 @@ def single(intrusion: Intrusion, Figure: Any) -> Any:
     if v["events"]:
         left.plot(z, p["first_N"], color=MODEL, lw=0.8, ls="--", label="without events")
     if v["cone"]:
-        left.plot(z, v["cone"]["force_N"], color=GREEN, lw=1.0, ls=":", label="RFT cone")
+        draw_cone(left, z, v["cone"])
     if delta := fits.known("delta"):
         left.axvline(delta.value * 1e3, color=QUIET, lw=0.8)
         left.set_title(f"δ = {delta.value * 1e3:.2f} ± {delta.sigma * 1e3:.2f} mm")
@@ -57,6 +57,15 @@ def single(intrusion: Intrusion, Figure: Any) -> Any:
     middle.set(title="measured − fit", xlabel="depth below the surface [mm]", ylabel="[N]")
     draw_events(right, v["events"], fits)
     return figure
+
+
+def draw_cone(axis: Any, z: Any, cone: Any) -> None:
+    """The fitted cone against depth [mm], and its flat face and mantle apart (thesis Fig 55)."""
+    axis.plot(z, cone["force_N"], color=GREEN, lw=1.0, ls=":", label="RFT cone, fitted")
+    for part, ls in (("flat", "--"), ("mantle", "-.")):
+        axis.plot(z, cone[f"{part}_N"], color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
+    if cone["complete_depth_m"] * 1e3 < np.max(z):
+        axis.axvline(cone["complete_depth_m"] * 1e3, color=GREEN, lw=0.6, ls=":")
 
 
 def draw_events(axis: Any, events: list[Any], fits: Fits) -> None:
@@ -113,7 +122,7 @@ def points(axis: Any, rows: Sequence[SlowIntrusion], name: str, color: str, mark
 
 
 def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
-    """First intrusions in the loosest bed by foot radius, and the cone's prediction of each."""
+    """First intrusions in the loosest bed by foot radius; the fitted cone of each, its face and mantle apart."""
     import matplotlib as mpl
 
     packing = {r.experiment: float(np.nan_to_num(r.volume_fraction)) for r in rows}
@@ -127,7 +136,11 @@ def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
         z = row.depth[first] * 1e3
         axis.plot(z, row.force[first], color=color, label=f"R = {radius * 1e3:.1f} mm")
         axis.plot(z, row.cone[first], color=color, ls=":", lw=1.0)
-    axis.set(title="feet in the loosest bed, dotted: RFT cone", xlabel="depth [mm]", ylabel="force [N]")
+        for part, ls in ((row.flat, "--"), (row.mantle, "-.")):
+            if part is not None:
+                axis.plot(z, part[first], color=color, ls=ls, lw=0.6)
+    title = "feet: RFT cone dotted, face -, mantle -."
+    axis.set(title=title, xlabel="depth [mm]", ylabel="force [N]")
     if feet:
         axis.legend()
 
