@@ -23,7 +23,7 @@ BED, FOOT = "The bed", "The foot"
 @Parameter(name="*", show_default=False)
 @dataclass(frozen=True)
 class DiscOptions:
-    """Numbers of the bed and the foot; those not given are the usual ones of studies.discs.DiscBed."""
+    """Numbers of the bed and the foot; those not given are the usual ones of studies.sand.discs.DiscBed."""
 
     bed: Annotated[str | None, _of("How the discs lie: random (usual), hexagonal, square.", BED)] = None
     fraction: Annotated[float | None, _of("Of the area; usual: 0.72, hexagonal 0.85, square 0.75.", BED)] = None
@@ -71,7 +71,7 @@ def dem(
     from jumpvision.base.progress import HOOK
     from jumpvision.base.schema import InputError
     from jumpvision.base.storage import write_bytes_aside
-    from jumpvision.studies.discs import checked, measured, run_beds, write_discs
+    from jumpvision.studies.sand.discs import checked, measured, run_beds, write_discs
 
     from . import terminal as show
 
@@ -107,7 +107,7 @@ GRAINS, WAY = "The grains", "Motion: LO:HI:N, or one value"
 @Parameter(name="*", show_default=False)
 @dataclass(frozen=True)
 class FootOptions:
-    """Numbers of the foot and the grains; those not given are the usual ones of studies.feet.Foot."""
+    """Numbers of the foot and the grains; those not given are the usual ones of studies.sand.feet.Foot."""
 
     shape: Annotated[str | None, _of("disc (usual), cone (tip down), sphere, box.", FOOT)] = None
     radius: Annotated[float | None, _of("Of disc, cone, sphere [m]; usual 0.0381.", FOOT)] = None
@@ -145,7 +145,7 @@ def rft(
 
     from jumpvision.base.progress import HOOK
     from jumpvision.base.storage import write_bytes_aside
-    from jumpvision.studies import feet
+    from jumpvision.studies.sand import feet
 
     from . import terminal as show
 

@@ -12,8 +12,8 @@ import xarray as xr
 
 from jumpvision.base.arrays import Array
 from jumpvision.report.style import ACCENT, MEASURED, MODEL, QUIET, styled
-from jumpvision.studies.discs import CONSTANT, DiscBed, DiscNumbers
-from jumpvision.studies.feet import Foot
+from jumpvision.studies.sand.discs import CONSTANT, DiscBed, DiscNumbers
+from jumpvision.studies.sand.feet import Foot
 
 from .pictures import png
 

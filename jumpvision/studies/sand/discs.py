@@ -23,7 +23,7 @@ from jumpvision.dem.packing import LATTICES, lattice, pack
 from jumpvision.dem.plug import Plug, plug_of
 from jumpvision.results import plain
 
-from .compute import write
+from jumpvision.studies.compute import write
 
 FILE = "dem.nc"
 FRAMES = 40  # instants of the stroke
