@@ -130,7 +130,7 @@ def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTr
 def _movers(track: BallTrack, d: float) -> int:
     """Frames in which the ball is where it is in few others."""
     good = track.flag == ""
-    step = 1 + np.count_nonzero(good) // MOST_FRAMES
+    step = 1 + int(np.count_nonzero(good)) // MOST_FRAMES
     x, y = track.x[good][::step], track.y[good][::step]
     near = np.hypot(x[:, None] - x, y[:, None] - y) < PLACE * d
     return step * int(np.count_nonzero(near.sum(axis=1) < STAYS + 1))
