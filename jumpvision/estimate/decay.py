@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 
 from .estimate import Estimate, checked, checked_sigma
-from .mean import correlation_time
-from .ringdown import RingDown, ring_down
+from .mean import noise_at
+from .ringdown import RingDown, ring_down, thinned
 
 NAN = float("nan")
 Fit = tuple[Array, float, Array, Array]
@@ -23,29 +23,45 @@ LAWS = ("viscous", "quadratic", "coulomb")
 SETS = tuple(c for r in (1, 2, 3) for c in combinations(LAWS, r))
 DRAWS, BURN = 2000, 50
 REFUSED = 0.01  # chance below which a law alone is refused
+SETTLED = 1e-3  # of a record's chi2, over its degrees of freedom: smaller gains end a fit
+NAMED = 0.8  # chance from which a set of laws is named
+RARER = 0.25  # chance of a set before any data, for each law more: most bodies lose by one
+MISFIT = 4.0  # chi2 per degree of freedom beyond which the stated noise does not describe the record
 
 
 @dataclass(frozen=True)
 class Decay:
     """share: of the energy lost over the record, by law, summing to 1. rate: gamma [1/s], beta [1/unit of x], friction
-    over mass [unit of x / s^2]. p_alone: chance of a misfit as large as that of each law alone, against all three
-    together. law: the only one not refused, "undetermined" where several are left, "mixed" where none is."""
+    over mass [unit of x / s^2]. chance: of each set of LAWS; p_alone: of a misfit as large as that of each law alone,
+    against all three together. law: the set of chance NAMED or more, as "viscous + coulomb", else "undetermined", or
+    "mixed" where no law alone will do.
+    excess: chi2 per degree of freedom of all three laws; widened: factor by which all sigmas are larger for it and for
+    the colour of the noise. fitted: of the record as averaged by `thinned`.
+    """
 
     share: dict[str, Estimate]
     rate: dict[str, Estimate]
+    chance: dict[tuple[str, ...], float]
     p_alone: dict[str, float]
     law: str
+    excess: float
+    widened: float
     fitted: Array
     reason: str = ""
+
+    def takes_part(self, law: str) -> float:
+        """Chance that a law is one of those at work."""
+        return sum(c for laws, c in self.chance.items() if law in laws)
 
 
 def decay_law(t: ArrayLike, x: ArrayLike, sigma: ArrayLike, *, rng: np.random.Generator) -> Decay:
     """The three dampings, none negative, fitted to a free oscillation t [s], x, sigma (n,), NaN left out.
 
     A cubic spring term takes part, so that a frequency that changes with the amplitude is not read as damping. The
-    noise is that left by all three laws together, with its correlation; the single laws are held against it. Shares
-    and rates are means and standard deviations over the posterior of dampings >= 0 (drawn with rng),
-    averaged over all sets of laws by their evidence (BIC): two laws together nearly mimic the third.
+    noise is that which all three laws together leave near the frequency of the oscillation (`noise_at`): a wandering
+    zero does not blur a damping, a correlated error of the swing does. Shares are means and standard deviations over
+    the posterior of dampings >= 0 (drawn with rng), averaged over all sets of laws by their evidence (BIC): two laws
+    together nearly mimic the third. Rates are those of the set that is named, averaged likewise where none is.
     """
     t, x, sigma = checked("decay_law", t=t, x=x, sigma=sigma)
     checked_sigma("decay_law", sigma)
@@ -54,28 +70,33 @@ def decay_law(t: ArrayLike, x: ArrayLike, sigma: ArrayLike, *, rng: np.random.Ge
     ring = ring_down(t, x, sigma)
     if ring.reason:
         return _none(ring.reason, x.size)
-    t = np.asarray(t - t[0], dtype=np.float64)
+    t, x, sigma = thinned(t - t[0], x, sigma)
     size = float(np.quantile(np.abs(x - ring.offset), 0.9))
-    fits = {
-        laws: min((_fit(t, x, sigma, ring, size, laws, lead) for lead in laws), key=lambda f: f[1]) for laws in SETS
-    }
+    fits: dict[tuple[str, ...], Fit] = {}
+    for laws in SETS:  # each from the best of the sets that lack one of its laws
+        smaller = [fits[s] for s in SETS if len(s) == len(laws) - 1 and set(s) < set(laws)]
+        near = min(smaller, key=lambda f: f[1])[0] if smaller else None
+        fits[laws] = _fit(t, x, sigma, ring, size, laws, near)
     q, rss, _, left = fits[LAWS]
-    tau = correlation_time(left)
-    independent = x.size / tau
-    dof = max(independent - q.size, 1.0)
-    noise = max(rss / dof, 1.0)  # variance of an independent residual; the stated errors are not shrunk
+    dof = max(x.size - q.size, 1)
+    excess = rss / dof
+    # variance of a residual near the oscillation; the stated errors are not shrunk but for the colour of the noise
+    noise = max(excess, 1.0) * noise_at(left, ring.frequency * float(np.median(np.diff(t))))
     p_alone = {law: float(scipy.special.fdtrc(2, dof, max(fits[(law,)][1] - rss, 0.0) / noise / 2.0)) for law in LAWS}
-    passed = [law for law in LAWS if p_alone[law] >= REFUSED]
-    log = np.array([-0.5 * (f[1] - rss) / noise - 0.5 * len(laws) * math.log(independent) for laws, f in fits.items()])
+    price = 0.5 * math.log(x.size) - math.log(RARER)  # of a law more
+    log = np.array([-0.5 * (f[1] - rss) / noise - price * len(laws) for laws, f in fits.items()])
     weight = np.exp(log - log.max()) / np.exp(log - log.max()).sum()
+    best, alone = int(np.argmax(weight)), max(p_alone.values()) >= REFUSED
+    named = weight[best] >= NAMED
     shares, rates = [], []
-    for w, laws in zip(weight, SETS):
-        count = round(DRAWS * w)
+    for i, laws in enumerate(SETS):
+        count = round(DRAWS * weight[i])
         if count:
             draws = _draws(fits[laws], laws, noise, count, rng)
             energy = draws * _losses(t, fits[laws][0], ring, size)
-            shares.append(energy / energy.sum(axis=1, keepdims=True))
-            rates.append(draws * _scales(ring, size))
+            shares.append(energy / np.maximum(energy.sum(axis=1, keepdims=True), 1e-300))
+            if i == best or not named:
+                rates.append(draws * _scales(ring, size))
     share, rate = np.concatenate(shares), np.concatenate(rates)
 
     def estimate(values: Array, unit: str) -> Estimate:
@@ -84,8 +105,11 @@ def decay_law(t: ArrayLike, x: ArrayLike, sigma: ArrayLike, *, rng: np.random.Ge
     return Decay(
         {k: estimate(share[:, i], "") for i, k in enumerate(LAWS)},
         {k: estimate(rate[:, i], u) for i, (k, u) in enumerate(zip(LAWS, ("1/s", "1/m", "m/s^2")))},
+        dict(zip(SETS, weight.tolist())),
         p_alone,
-        passed[0] if len(passed) == 1 else "undetermined" if passed else "mixed",
+        " + ".join(SETS[best]) if named else "undetermined" if alone else "mixed",
+        excess,
+        math.sqrt(noise),
         x - left * sigma,
     )
 
@@ -109,14 +133,18 @@ def _motion(t: Array, q: Array, ring: RingDown, size: float) -> Array:
     )
 
 
-def _fit(t: Array, x: Array, sigma: Array, ring: RingDown, size: float, laws: tuple[str, ...], lead: str) -> Fit:
-    """(q (8,), chi2, jacobian (n, 8), residual/sigma); `lead` of the `laws` starts with all the loss, others stay 0."""
+def _fit(
+    t: Array, x: Array, sigma: Array, ring: RingDown, size: float, laws: tuple[str, ...], near: Array | None
+) -> Fit:
+    """(q (8,), chi2, jacobian (n, 8), residual/sigma); near: q of a smaller set, None: one law with all the loss."""
     free = np.r_[np.arange(5), [5 + LAWS.index(k) for k in laws]].astype(int)
     a = ring.amplitude / size
     gamma = ring.zeta * ring.omega0
     v0 = -gamma / ring.omega0 * a * math.cos(ring.phase) - a * math.sin(ring.phase)
-    start = np.r_[a * math.cos(ring.phase), v0, 0.0, 0.0, 0.0, 0.05 * np.ones(3)]
-    start[5 + LAWS.index(lead)] = 0.9
+    if near is None:
+        start = np.r_[a * math.cos(ring.phase), v0, 0.0, 0.0, 0.0, 0.9 * np.ones(3)]
+    else:
+        start = np.where(np.isin(np.arange(8), free[5:]), np.maximum(near, 0.05), near)
 
     def residual(p: Array) -> Array:
         q = np.zeros(8)
@@ -125,7 +153,9 @@ def _fit(t: Array, x: Array, sigma: Array, ring: RingDown, size: float, laws: tu
 
     low = np.r_[np.full(5, -np.inf), np.zeros(3)][free]
     narrow = np.r_[0.1, 0.1, 0.1, 1e-3, 1e-2, 0.3, 0.3, 0.3][free]
-    fit = scipy.optimize.least_squares(residual, start[free], bounds=(low, np.inf), x_scale=narrow)
+    fit = scipy.optimize.least_squares(
+        residual, start[free], bounds=(low, np.inf), x_scale=narrow, ftol=SETTLED / x.size
+    )
     q = np.zeros(8)
     q[free] = fit.x
     jac = np.zeros((x.size, 8))
@@ -145,7 +175,9 @@ def _draws(fit: Fit, laws: tuple[str, ...], noise: float, count: int, rng: np.ra
     q, _, jac, left = fit
     at = np.array([5 + LAWS.index(k) for k in laws])
     free = np.r_[np.arange(5), at]
-    cov = np.linalg.pinv(jac[:, free].T @ jac[:, free])
+    norm = np.maximum(np.linalg.norm(jac[:, free], axis=0), 1e-300)
+    unit = jac[:, free] / norm
+    cov = np.linalg.pinv(unit.T @ unit, hermitian=True) / np.outer(norm, norm)
     centre = (q[free] - cov @ (jac[:, free].T @ left))[5:]  # of the unbounded parabola of chi2
     inner = np.linalg.inv(cov[5:, 5:] * noise)
     x, out = np.maximum(centre, 0.01), np.zeros((count, 3))
@@ -162,29 +194,43 @@ def _draws(fit: Fit, laws: tuple[str, ...], noise: float, count: int, rng: np.ra
 
 def _none(reason: str, n: int) -> Decay:
     nothing = {k: Estimate(NAN, NAN, "", n, NAN, reason) for k in LAWS}
-    return Decay(nothing, nothing, dict.fromkeys(LAWS, NAN), "undetermined", np.full(0, NAN), reason)
+    unknown = dict.fromkeys(LAWS, NAN)
+    return Decay(nothing, nothing, dict.fromkeys(SETS, NAN), unknown, "undetermined", NAN, NAN, np.full(0, NAN), reason)
 
 
-PHASE_STEP = 0.12  # rad of the oscillation a Runge-Kutta step may cover
+PHASE_STEP = 0.2  # rad of the oscillation a step may cover
+SAME_STEP = 1e-12  # relative difference of steps that share their cosine: an even record needs it once
+MOST_STEPS = 1000  # between two samples: more, and what is asked for is no oscillation that was sampled
 
 
-@njit(cache=True)
-def _acceleration(y: float, v: float, w2: float, kappa: float, gamma: float, beta: float, dry: float) -> float:
-    return -w2 * (y + kappa * y * y * y) - 2.0 * gamma * v - beta * abs(v) * v - dry
+@njit(cache=True, inline="always")
+def resistance(v: float, side: float, linear: float, quadratic: float, coulomb: float) -> float:
+    """linear v + quadratic |v| v + coulomb side [x/s^2]: what opposes a speed v; side: of the motion, or within."""
+    return linear * v + quadratic * abs(v) * v + coulomb * side
 
 
 @njit(cache=True)
 def _step(
-    y: float, v: float, h: float, w2: float, kappa: float, gamma: float, beta: float, dry: float
+    y: float, v: float, h: float, c: float, s: float, w: float, kappa: float, gamma: float, beta: float, dry: float
 ) -> tuple[float, float]:
-    a1 = _acceleration(y, v, w2, kappa, gamma, beta, dry)
-    v2 = v + 0.5 * h * a1
-    a2 = _acceleration(y + 0.5 * h * v, v2, w2, kappa, gamma, beta, dry)
-    v3 = v + 0.5 * h * a2
-    a3 = _acceleration(y + 0.5 * h * v2, v3, w2, kappa, gamma, beta, dry)
-    v4 = v + h * a3
-    a4 = _acceleration(y + h * v3, v4, w2, kappa, gamma, beta, dry)
-    return y + h * (v + 2.0 * v2 + 2.0 * v3 + v4) / 6.0, v + h * (a1 + 2.0 * a2 + 2.0 * a3 + a4) / 6.0
+    """(y, v) after h: the linear swing exactly, all else by Runge and Kutta's fourth order along it (Lawson 1967).
+
+    c, s: cosine and sine of w h / 2.
+    """
+    w2 = w * w
+    yh, vh = y * c + v * s / w, v * c - y * w * s  # undisturbed, after half and all of h
+    y1, v1 = yh * c + vh * s / w, vh * c - yh * w * s
+    a1 = -w2 * kappa * y * y * y - resistance(v, 1.0, 2.0 * gamma, beta, dry)
+    ya, va = yh + 0.5 * h * a1 * s / w, vh + 0.5 * h * a1 * c
+    a2 = -w2 * kappa * ya * ya * ya - resistance(va, 1.0, 2.0 * gamma, beta, dry)
+    vb = vh + 0.5 * h * a2
+    a3 = -w2 * kappa * yh * yh * yh - resistance(vb, 1.0, 2.0 * gamma, beta, dry)
+    yc, vc = y1 + h * a3 * s / w, v1 + h * a3 * c
+    a4 = -w2 * kappa * yc * yc * yc - resistance(vc, 1.0, 2.0 * gamma, beta, dry)
+    full_c, full_s = c * c - s * s, 2.0 * s * c
+    y_new = y1 + h / 6.0 * (a1 * full_s + 2.0 * (a2 + a3) * s) / w
+    v_new = v1 + h / 6.0 * (a1 * full_c + 2.0 * (a2 + a3) * c + a4)
+    return y_new, v_new
 
 
 @njit(cache=True)
@@ -193,15 +239,22 @@ def swing(t: Array, y: float, v: float, w: float, kappa: float, gamma: float, be
 
     y, v are those at t[0].
     Coulomb friction holds the body where the spring is weaker than it; steps end where the velocity passes zero.
+    NaN from where MOST_STEPS are not enough between two times.
     """
-    out = np.empty(t.size)
+    out = np.full(t.size, np.nan)
     out[0] = y
     w2, stuck = w * w, False
+    of, c, s = -1.0, 1.0, 0.0  # step that cosine and sine belong to
     for i in range(1, t.size):
         left = t[i] - t[i - 1]
-        count = max(1, math.ceil(left * w / PHASE_STEP))
-        full = left / count
-        while left > 1e-14 and not stuck:
+        if not left * abs(w) <= 0.5 * MOST_STEPS * PHASE_STEP:
+            return out
+        full = left / max(1, math.ceil(left * abs(w) / PHASE_STEP))
+        steps = 0
+        while left > 1e-9 * full and not stuck:
+            steps += 1
+            if steps > MOST_STEPS:
+                return out
             h = min(full, left)
             side = 1.0 if v > 0.0 else -1.0
             if v == 0.0:
@@ -210,16 +263,21 @@ def swing(t: Array, y: float, v: float, w: float, kappa: float, gamma: float, be
                     stuck = True
                     break
                 side = 1.0 if pull > 0.0 else -1.0
-            y1, v1 = _step(y, v, h, w2, kappa, gamma, beta, dry * side)
+            if abs(h - of) > SAME_STEP * h:
+                of, c, s = h, math.cos(0.5 * w * h), math.sin(0.5 * w * h)
+            y1, v1 = _step(y, v, h, c, s, w, kappa, gamma, beta, dry * side)
             if dry > 0.0 and v1 * side < 0.0:  # turned within the step: end it at the turning point
-                low, high = 0.0, h
-                for _ in range(30):
-                    h = 0.5 * (low + high)
-                    y1, v1 = _step(y, v, h, w2, kappa, gamma, beta, dry * side)
+                low, high, v_low, v_high = 0.0, h, v, v1
+                for _ in range(30):  # regula falsi, the end that stays halved (Illinois)
+                    h = low - v_low * (high - low) / (v_high - v_low) if v_low != 0.0 else 0.5 * (low + high)
+                    ch, sh = math.cos(0.5 * w * h), math.sin(0.5 * w * h)
+                    y1, v1 = _step(y, v, h, ch, sh, w, kappa, gamma, beta, dry * side)
+                    if abs(v1) < 1e-12 * w * (abs(y) + abs(y1)):
+                        break
                     if v1 * side < 0.0:
-                        high = h
+                        high, v_high, v_low = h, v1, 0.5 * v_low
                     else:
-                        low = h
+                        low, v_low, v_high = h, v1, 0.5 * v_high
                 v1 = 0.0
             left -= h
             y, v = y1, v1

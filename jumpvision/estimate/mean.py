@@ -87,6 +87,34 @@ def correlation_time(residual: Array) -> float:
     return max(1.0, float(tau[far[0] if far.size else -1]))
 
 
+ORDERS = 20  # most lags of an autoregression
+
+
+def noise_at(residual: Array, frequency: float) -> float:
+    """Power density of an evenly sampled series (n,) at a frequency [cycles a sample] over that of white noise of its
+    variance: by the autoregression of least BIC (Levinson's recursion), 1 where no order betters white noise."""
+    n = residual.size
+    if n < 8:
+        return 1.0
+    d = residual - residual.mean()
+    spectrum = np.fft.rfft(d, 2 * n)
+    acf = np.fft.irfft(spectrum * spectrum.conj())[: ORDERS + 1]
+    if acf[0] <= 0.0:
+        return 1.0
+    acf = acf / acf[0]
+    a, left = np.ones(1), 1.0
+    best = (0.0, a, left)
+    for k in range(1, min(ORDERS, n // 10) + 1):
+        turn = -float(a @ acf[k : k - a.size : -1]) / left
+        a = np.r_[a, 0.0] + turn * np.r_[0.0, a[::-1]]
+        left *= 1.0 - turn * turn
+        if not left > 0.0:
+            break
+        best = min(best, (n * math.log(left) + k * math.log(n), a, left), key=lambda b: b[0])
+    _, a, left = best
+    return left / abs(np.exp(-2j * np.pi * frequency * np.arange(a.size)) @ a) ** 2
+
+
 OWN = 4  # trials from which the scatter of a condition is judged by itself, not pooled with that of the others
 DRAWS = 20_000
 LEAST_P = 1e-300  # |z| beyond 37 is told as 37: its p is no floating-point number

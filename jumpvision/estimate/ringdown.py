@@ -16,8 +16,9 @@ from .estimate import Estimate, checked, checked_sigma, fit_line, least_squares_
 FALSE_ALARM = 1e-3  # chance that pure noise passes as an oscillation
 DECAYS = np.array([0.0, 0.5, 1.5, 5.0, 15.0])  # over the record's length, first tries of the rate of decay
 TRIED = 2  # of them, the best by chi2, are fitted
-OVERSAMPLED = 8  # frequencies of the periodogram, over those of the record's length
+OVERSAMPLED = 8  # frequencies of the periodogram, over those of the record's length (1 for a first look)
 REGULAR, FINER = 0.01, 4  # of the samples' spacing: so regular is a record, and how much finer the grid of another
+LONG, A_PERIOD = 20_000, 16  # samples: longer records are averaged over neighbours, as far as leaves so many a period
 STILL = 0.01  # of the largest swing, below which a body counts as at rest
 NAN = float("nan")
 
@@ -62,6 +63,7 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
 
     t [s] increasing, x, sigma > 0 in one unit, shape (n,); NaN samples (lost frames) are left out. Only the free
     oscillation may be given: no forcing, foot on the ground. NaN with a reason where no oscillation is significant.
+    Of a record that `thinned` averages, n and chi2 are those of the means.
     """
     t, x, sigma = checked("ring_down", t=t, x=x, sigma=sigma)
     checked_sigma("ring_down", sigma)
@@ -72,8 +74,9 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
         return _none(n, NAN, f"{n} good samples, a ring-down needs 8")
     if np.any(np.diff(t) <= 0.0):
         raise ValueError("ring_down: t must increase from sample to sample")
-    t = np.asarray(t - t[0], dtype=np.float64)
-    frequency, n_independent = _start(t, x, sigma)
+    t, x, sigma = thinned(t - t[0], x, sigma)
+    n = t.size
+    frequency, n_independent = _start(t, x, sigma, OVERSAMPLED)
     flat = _linear(t, x, sigma, 0.0, 0.0)[1]
     span = float(t[-1])
 
@@ -157,7 +160,30 @@ def _linear(t: Array, x: Array, sigma: Array, w: float, decay: float) -> tuple[A
     return p, float(np.sum(((x - design @ p) / sigma) ** 2))
 
 
-def _start(t: Array, x: Array, sigma: Array) -> tuple[float, float]:
+def thinned(t: Array, x: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """A record (n,) of an oscillation; one above LONG as weighted means over neighbours, A_PERIOD or more a period.
+
+    A mean over times t about t_m shows cos(w t + p) as cos(w t_m + p) times the mean of cos(w (t - t_m)): divided by it
+    again, about the mean of the record.
+    """
+    if t.size <= LONG:
+        return t, x, sigma
+    frequency = _start(t, x, sigma, 1)[0]
+    bins = min(t.size, max(LONG, math.ceil(A_PERIOD * frequency * (t[-1] - t[0]))))
+    if bins > t.size // 2:
+        return t, x, sigma
+    cell = np.minimum(((t - t[0]) * (bins / (t[-1] - t[0]))).astype(np.int64), bins - 1)
+    w = sigma**-2
+    total = np.bincount(cell, w)
+    have = total > 0.0
+    middle, mean = (np.bincount(cell, w * a)[have] / total[have] for a in (t, x))
+    off = t - np.repeat(middle, np.bincount(cell)[have])
+    seen = np.bincount(cell, w * np.cos(2.0 * math.pi * frequency * off))[have] / total[have]
+    centre = float(np.average(x, weights=w))
+    return middle, centre + (mean - centre) / seen, total[have] ** -0.5 / seen
+
+
+def _start(t: Array, x: Array, sigma: Array, oversampled: int) -> tuple[float, float]:
     """(frequency [Hz] of the highest peak of the weighted least squares periodogram, independent frequencies in it).
 
     Its sums over samples are fast Fourier transforms of the record laid on a regular grid of times, finer than the
@@ -168,7 +194,7 @@ def _start(t: Array, x: Array, sigma: Array) -> tuple[float, float]:
     if np.max(np.abs(place - np.round(place))) > REGULAR:
         place, dt = FINER * place, dt / FINER
     cell = np.round(place).astype(np.int64)
-    size = scipy.fft.next_fast_len(OVERSAMPLED * (int(cell[-1]) + 1))
+    size = scipy.fft.next_fast_len(oversampled * (int(cell[-1]) + 1))
     y = x - np.average(x, weights=w)
 
     def sums(a: Array) -> NDArray[np.complex128]:

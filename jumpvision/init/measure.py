@@ -23,9 +23,10 @@ from jumpvision.base.schema import InputError
 from jumpvision.inputs.sections import PHASES
 from jumpvision.vision.camera import READING, marks_share
 
-from .recognise import FILMS, Recording, ball, opened
+from .recognise import FILMS, Recording, ball, moving_ball, opened
 
 Values = dict[str, tuple[Any, str]]
+FIRST = "column, row in the first frame"
 FRAMES = 5  # that a ball's diameter is averaged over
 BALL_SHARE = 0.01  # relative standard uncertainty of a scale by the diameter that a ball is seen with
 RISE = 0.02  # of the amplitude: the motor has started
@@ -102,22 +103,32 @@ def _ball(path: Path, picks: Picks) -> tuple[Values, Values, list[str]]:
     seed = (picks.ball[0], picks.ball[1]) if picks.ball else None
     film, _ = opened(path)
     with film:
-        found = [b for i in range(min(FRAMES, len(film))) if (b := ball(film[i], seed))]
-    if not found:
-        return values, {}, ["no single ball was found in the first frame: give --ball COLUMN,ROW, or run init --pick"]
+        seen = [(i, b) for i in range(min(FRAMES, len(film))) if (b := ball(film[i], seed))]
+        moving = None if seen or seed else moving_ball(film)
+    if moving:
+        seen = [(moving[0], moving[1:])]
+    if not seen:
+        if seed is None:
+            return values, {}, ["no ball was found in the first frames: give --ball COLUMN,ROW, or run init --pick"]
+        values_of = {"method": ("template", "what was clicked is no plain disc"), "seed": (list(seed), FIRST)}
+        where = f"column {seed[0]:g}, row {seed[1]:g}"
+        return values, values_of, [f"no round ball at {where} of frame 0, as given: it is followed as a picture"]
+    first, found = seen[0][0], [b for _, b in seen]
     polarity, column, row, _ = found[0]
     d = sum(f[3] for f in found) / len(found)
     if picks.ball_diameter:
         why = f"the ball's {picks.ball_diameter:g} mm over {d:.2f} px: good to 1 %; two marks are better"
         values["scale"] = (_digits(1e-3 * picks.ball_diameter / d), why)
         values["scale_sigma"] = (_rounded(BALL_SHARE * 1e-3 * picks.ball_diameter / d), f"{BALL_SHARE:.0%} of it")
-    track: Values = {"seed": ([round(column, 1), round(row, 1)], "column, row in the first frame")} if seed else {}
+    track: Values = {"seed": ([round(column, 1), round(row, 1)], FIRST)} if seed and first == 0 else {}
+    if seed and first > 0:
+        track = {"seed": (list(seed), FIRST)}
     if polarity == "dark":
         track["polarity"] = ("dark", "the ball is darker than what is behind it")
     return (
         values,
         track,
-        [f"a {polarity} ball {d:.1f} px wide at column {column:.1f}, row {row:.1f} of the first frame"],
+        [f"a {polarity} ball {d:.1f} px wide at column {column:.1f}, row {row:.1f} of frame {first}"],
     )
 
 

@@ -152,14 +152,18 @@ def opened(path: Path) -> tuple[Film, bool]:
         return open_frames(path, frame_rate=ANY_RATE), False
 
 
+LOOKED, FEWEST, MOST = 24, 6, 0.25  # frames looked at for a moving ball, least, share of them it must be seen in
+CHANGED, MOVING = 0.15, 0.05  # of the scene's range of grey; share of the pixels that a ball may change so much
+
+
 def _film(path: Path, name: str, section: str | None) -> Recording:
     import numpy as np
 
     film, timed = opened(path)
     with film:
-        first, n, shape, bits = film[0], len(film), film.shape, film.meta.get("bit_depth")
+        n, shape, bits = len(film), film.shape, film.meta.get("bit_depth")
         known_as = section or _by_name(name, n)
-        section = known_as or by_picture(first, n)
+        section = known_as or by_picture(film)
         known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
         rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None
         facts = f"{n} frames of " if n > 1 else "picture of "
@@ -182,15 +186,40 @@ def _by_name(name: str, n: int) -> str | None:
     return next((s for s in allowed if re.search(WORDS[s], name.lower())), None)
 
 
-def by_picture(first: Any, n: int) -> str:
-    """What a nameless film or picture shows: a ball or grains; a laser line or a bed."""
+def by_picture(film: Film) -> str:
+    """What a nameless film or picture shows: a ball, in one of three frames or moving through them, or grains; a laser
+    line or a bed."""
     import numpy as np
 
+    n = len(film)
     if n > 1:
-        return "rod_video" if ball(first) else "grain_video"
-    image = np.asarray(first, float)
+        shown = any(ball(film[i]) for i in sorted({0, n // 2, n - 1}))
+        return "rod_video" if shown or moving_ball(film) else "grain_video"
+    image = np.asarray(film[0], float)
     low, high = np.nanpercentile(image, 1), np.nanmax(image)
     return "crater_image" if (image > (low + high) / 2).mean() < DARK_SHARE else "bed_image"
+
+
+def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
+    """(frame, polarity, column, row, diameter [px]) where a ball that moves through a film is seen first, or None."""
+    import numpy as np
+
+    from jumpvision.vision.ball.moving import moving_paths, still_scene
+    from jumpvision.vision.ball.track import MIN_DIAMETER
+
+    head = [np.asarray(film[i]) for i in range(min(len(film), LOOKED))]
+    if len(head) < FEWEST:
+        return None
+    scene = still_scene(head)
+    grey = float(np.ptp(np.percentile(scene, (0.1, 99.9))))
+    if np.mean([np.abs(f - scene) > CHANGED * grey for f in head[:: len(head) // FEWEST]]) > MOVING:
+        return None  # the scene itself moves: grains
+    for polarity in ("bright", "dark"):
+        found = moving_paths(head, scene, None, polarity, MIN_DIAMETER)
+        if found and len(found[0]) >= MOST * len(head):
+            first = found[0][0]
+            return first.i, polarity, first.x, first.y, first.d
+    return None
 
 
 def ball(first: Any, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:

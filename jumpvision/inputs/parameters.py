@@ -50,7 +50,12 @@ class TrackParams(Params):
     stage: ClassVar[str] = "track"
 
     polarity: str = param("bright", "", "ball against the background", choices=("bright", "dark"))
-    method: str = param("disc", "", "disc fit, or the published threshold and centroid", choices=("disc", "threshold"))
+    method: str = param(
+        "disc",
+        "",
+        "disc fit, the published threshold and centroid, or template: what is at the seed, be it no plain disc",
+        choices=("disc", "threshold", "template"),
+    )
     search: float = param(1.5, "ball diameters", "half width of the moving search window", lo=0.6, hi=20.0)
     background: str = param(
         "static", "", "remove the still scene behind the ball, or leave it", choices=("static", "none")
@@ -72,6 +77,8 @@ class TrackParams(Params):
         problems = [f"seed = {list(self.seed)}: must be [column, row]"] if len(self.seed) not in (0, 2) else []
         if any(len(m) != 2 for m in self.markers):
             problems.append(f"markers = {[list(m) for m in self.markers]}: must be [[column, row], ...]")
+        if self.method == "template" and not self.seed:
+            problems.append('method = "template" follows what is at the seed: give seed = [column, row], first frame')
         if self.markers and not self.seed:
             problems.append("markers are given without a seed: give seed = [column, row] of the ball on the rod, too")
         return problems

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
-from jumpvision.estimate.decay import LAWS, decay_law
+from jumpvision.estimate.decay import LAWS, MISFIT, decay_law
 from jumpvision.estimate.estimate import Estimate, checked
 from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
 from jumpvision.estimate.height import at_rest, jump_height, rest_height
@@ -53,7 +53,7 @@ class Recordings(Inputs):
     clock: Clock | None
 
 
-@stage(version=12, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
+@stage(version=13, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
@@ -91,7 +91,23 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
         raise NotApplicable(["fit needs [actuation] beside [motor_log], or another recording"])
     for made in (given.intrusion, given.spring):
         out |= made.fits.estimates if made else {}
+    if not out:
+        raise NotApplicable([nothing_fitted(rod, law)])
     return Fits(out)
+
+
+def nothing_fitted(rod: RodMotion | None, law: Actuation | None) -> str:
+    """Why the recordings give no number, and what would."""
+    if rod is None:
+        return "fit found nothing in the recordings: no flight, no ring-down, no cone"
+    if law is None:
+        return (
+            "fit found no flight in the track, and without [actuation] it is not known when the motor rests: give "
+            '[actuation] kind = "none" where it never runs, and the free oscillation is fitted'
+        )
+    begin, end = float(rod.arrays[0][0]), float(rod.arrays[0][-1])
+    after = f"after the motor stops at {law.stop:g} s" if law.moves else "of the whole track"
+    return f"fit found no flight and no free oscillation {after} (the track lasts from {begin:g} to {end:g} s)"
 
 
 def begin_of(rod: RodMotion | None, contact: ContactLog | None) -> float:
@@ -300,19 +316,30 @@ def ringdown_of_arrays(time_s: ArrayLike, x: ArrayLike, sigma: ArrayLike | None)
 
 
 def decay_fits(t: Array, h: Array, sigma: Array) -> dict[str, Estimate]:
-    """Shares of the energy lost by law, the chance of each law alone; a warning where viscous damping is refused."""
+    """Shares of the energy lost, rate and chance of each law, and that of each alone; a warning where viscous damping
+    is refused, and first of all where no law follows the record within its noise."""
     decay = decay_law(t, h, sigma, rng=np.random.default_rng(0))
+    if decay.excess > MISFIT:
+        warnings.warn(
+            f"ring-down: chi2 is {decay.excess:.3g} per sample: no decay law follows the motion within the stated "
+            f"noise (sigma understated, or a motion that is more than one oscillation); all sigmas of the decay are "
+            f"{decay.widened:.2g} times wider for it, and its chances hold among these laws alone",
+            StageWarning,
+            stacklevel=2,
+        )
     if decay.p_alone["viscous"] < REFUSED:
         shares = ", ".join(f"{k} {e.value:.2f} ± {e.sigma:.2f}" for k, e in decay.share.items())
         warnings.warn(
             f"ring-down: viscous damping alone is refused (p = {decay.p_alone['viscous']:.1g}), zeta is an effective "
-            f"value; shares of the energy lost: {shares}",
+            f"value; decay law: {decay.law}; shares of the energy lost: {shares}",
             StageWarning,
             stacklevel=2,
         )
-    return {f"decay_{k}_share": decay.share[k] for k in LAWS} | {
-        f"decay_{k}_p_value": Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2) for k, e in decay.share.items()
-    }
+    out = {f"decay_{k}_share": decay.share[k] for k in LAWS} | {f"decay_{k}_rate": decay.rate[k] for k in LAWS}
+    for k, e in decay.share.items():
+        out[f"decay_{k}_p_value"] = Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2)
+        out[f"decay_{k}_chance"] = Estimate(decay.takes_part(k), NAN, "", e.n, e.chi2)
+    return out
 
 
 def actuator_fits(log: MotorLog, law: Actuation) -> dict[str, Estimate]:

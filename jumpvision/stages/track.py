@@ -29,7 +29,7 @@ from .recordings import height_share, open_film, other_lens, view_of, with_commo
 SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
 
-@stage(version=4)
+@stage(version=5)
 def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
     """Ball on the rod in every frame of [rod_video]: position [px], height [m], their uncertainties, a flag.
 
@@ -107,6 +107,8 @@ def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], vie
         warnings.warn(
             f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})", StageWarning, stacklevel=2
         )
+    for note in found.notes:
+        warnings.warn(f"{which}{note}", StageWarning, stacklevel=2)
     x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))
     return pd.DataFrame(
         {
@@ -223,6 +225,8 @@ def of_arrays(
         raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")
     settings = BallSettings(p.diameter, p.polarity, p.method, p.search, tuple(p.seed) or None, False, 0.0)  # type: ignore[arg-type]
     found = track_film(images, settings, scene=p.background == "static")[0]
+    for note in found.notes:
+        warnings.warn(note, StageWarning, stacklevel=2)
     n, lost = len(images), found.flag != ""
     x, y, sigma = (np.where(lost, np.nan, c) for c in (found.x, found.y, found.sigma))
     time = np.arange(n) / frame_rate

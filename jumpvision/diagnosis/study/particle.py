@@ -22,11 +22,12 @@ from numba import njit
 from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers, whiten
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+from jumpvision.estimate.decay import resistance
 
 LAW = ("gravity", "stiffness", "viscous", "quadratic", "coulomb", "presliding")
 SENSOR = {"scale": 1.0}  # value at which each does nothing
 SUBSTEPS = 4  # of a frame, at least
-MOST_STEPS = 100_000  # between two frames
+MOST_STEPS = 100_000  # between two frames, reversals counted
 AT_ONCE, TREMBLING = 1e-6, 3  # of a step: reversals closer than that, and how many of them make a body rest
 LONGEST = 2e-3  # s, of a step of a body with a restoring force
 WANDER = 1e-4  # step of a derivative by what wanders
@@ -40,7 +41,7 @@ def acceleration(x: float, v: float, s: float, x_turn: float, u_turn: float, p: 
     u = s
     if p[5] > 0.0:
         u = s + (u_turn - s) * math.exp(-abs(x - x_turn) / p[5])
-    return -p[0] - p[1] * math.sin(x) - p[2] * v - p[3] * abs(v) * v - p[4] * u
+    return -p[0] - p[1] * math.sin(x) - resistance(v, u, p[2], p[3], p[4])
 
 
 @njit(cache=True, error_model="numpy")
@@ -48,7 +49,7 @@ def path(x: float, v: float, times: Array, p: Array, longest: float) -> Array:
     """x at the times (n,) [s] from x, v at the first: Runge-Kutta's fourth order between exact reversals of v.
 
     A body whose reversals follow each other at once trembles within its presliding: it rests until the next time.
-    NaN from where more than MOST_STEPS would be needed between two times.
+    NaN from where more than MOST_STEPS would be needed between two times, or x is no number any more.
     """
     out = np.full(times.size, np.nan)
     out[0] = x
@@ -63,8 +64,11 @@ def path(x: float, v: float, times: Array, p: Array, longest: float) -> Array:
         if not left <= MOST_STEPS * longest:
             return out
         n = max(SUBSTEPS, math.ceil(left / longest))
-        step, turns = left / n, 0
+        step, turns, steps = left / n, 0, 0
         while left > 1e-12 * step and not held and turns < TREMBLING:
+            steps += 1
+            if steps > MOST_STEPS or not abs(x) + abs(v) < math.inf:
+                return out
             h = min(step, left)
             x1, v1 = _step(x, v, h, s, x_turn, u_turn, p)
             if v1 * s < 0.0:  # a reversal: the moment by the regula falsi on v, then on with the other sign
@@ -124,11 +128,33 @@ class Body:
         self.swings = "stiffness" in names
         if not self.starts:
             self.starts = [self._guess(o) for o in self.observations]
+            self._follow_all({**self.given, **{q.name: q.start for q in self.baseline}})
 
     def _guess(self, o: Observation) -> Array:
         n = min(max(o.t.size // 12, 6), o.t.size)
         slope, height = np.polyfit(o.t[:n] - o.t[0], o.y[:n], 1)
         return np.array([slope, height - np.mean(o.y)] if self.swings else [slope])
+
+    def _follow_all(self, values: Mapping[str, float]) -> None:
+        """ValueError where a record cannot be followed with the values that a fit begins with."""
+        p = np.array([values.get(n, 0.0) for n in LAW])
+        for i, o in enumerate(self.observations):
+            x = path(*self._first(self.starts[i]), o.t, p, self.longest)
+            if not np.all(np.isfinite(x)):
+                law = ", ".join(f"{n} = {v:g}" for n, v in zip(LAW, p, strict=True))
+                raise ValueError(
+                    f"record {i}: the motion cannot be followed at {o.t[np.argmin(np.isfinite(x))]:g} s within "
+                    f"{MOST_STEPS} steps a sample with {law}; give other values, or times in s that lie closer"
+                )
+
+    def _first(self, start: Array) -> tuple[float, float]:
+        """x, v that a record begins with."""
+        return float(start[1]) if self.swings else 0.0, float(start[0])
+
+    @property
+    def longest(self) -> float:
+        """Longest step [s]."""
+        return LONGEST if self.swings else math.inf
 
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """y of these records from the starts that suit them best; NaN where there is no motion."""
@@ -139,11 +165,9 @@ class Body:
 
     def _best(self, i: int, p: Array, scale: float) -> Array:
         o, start = self.observations[i], self.starts[i]
-        longest = LONGEST if self.swings else math.inf
 
         def shown(start: Array) -> Array:
-            x = path(float(start[1]) if self.swings else 0.0, float(start[0]), o.t, p, longest)
-            return scale * x
+            return scale * path(*self._first(start), o.t, p, self.longest)
 
         weights = self.noise.weights(o.t, o.spread)
 

@@ -22,7 +22,6 @@ from jumpvision.dem.motion import integrate, time_step
 from jumpvision.dem.packing import LATTICES, lattice, pack
 from jumpvision.dem.plug import Plug, plug_of
 from jumpvision.results import plain
-
 from jumpvision.studies.compute import write
 
 FILE = "dem.nc"

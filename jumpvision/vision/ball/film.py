@@ -15,6 +15,8 @@ from jumpvision.base.progress import watch
 from .background import LEAST, Background, SceneSum, View, Window
 from .disc import WX, WY, A
 from .measure import Found, window_half
+from .proof import proved
+from .template import track_template
 from .track import BallSettings, BallTrack, BallTracker, as_track
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
@@ -61,6 +63,8 @@ class FilmTracker:
 
     def see(self, image: NDArray[Any]) -> None:
         """The next frame (row, column); it is kept for a while and must not change."""
+        if self.settings.method == "template":  # has to see the whole film first
+            return
         self._waiting.append(image)
         if len(self._waiting) == BATCH:
             self._catch_up()
@@ -82,8 +86,14 @@ class FilmTracker:
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
+        if self.settings.method == "template":
+            return [track_template(frames, s) for s in self._settings]
         self._catch_up()
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
+        if len(first) == 1:
+            sure = proved(first[0], frames, self.settings)
+            if sure is not first[0]:
+                return [sure]
         if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
             return first
         behind = self._scene.background()

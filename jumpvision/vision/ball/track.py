@@ -17,7 +17,8 @@ from .search import Blob, find_blobs
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
-METHODS = ("disc", "threshold")
+LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
+METHODS = ("disc", "threshold", "template")
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class BallTrack:
 
     x, y, sigma, diameter, chi2: (n,) [px; chi2 per degree of freedom, NaN for the threshold method].
     sigma: standard uncertainty of each coordinate, the larger of the two where they differ (along a streak).
-    flag: (n,) of str, "" when good, else the reason; the numbers are NaN then.
+    flag: (n,) of str, "" when good, else the reason; the numbers are NaN then. notes: what a user should know of it.
     """
 
     x: NDArray[np.float64]
@@ -35,6 +36,7 @@ class BallTrack:
     diameter: NDArray[np.float64]
     chi2: NDArray[np.float64]
     flag: NDArray[np.str_]
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,8 @@ class BallSettings:
     """How to follow one ball. Raises ValueError for a value out of range, by name.
 
     diameter: of the ball [px], None: learned from the first frame. polarity: "bright" or "dark" against the background.
-    method: "disc" (least squares, see `disc`) or "threshold" (half height and centroid, the published way).
+    method: "disc" (least squares, see `disc`), "threshold" (half height and centroid, the published way) or "template"
+    (what is at the seed in the first frame, see `template`).
     search: half width of the window around the predicted position [ball diameters]; it grows with every lost frame.
     seed: position (x, y) in the first frame [px], None: the frame must show one ball only. streak: fit the motion blur,
     starting from the velocity times exposure_fraction (exposure over frame interval, 0..1).
@@ -100,6 +103,7 @@ class BallTracker:
         self.velocity: tuple[float, float] | None = None  # px a frame
         self.lost = 0  # frames since the last good one
         self.rivals: list[tuple[float, float]] = []
+        self.trust = False  # hints are right also after frames without the ball
 
     def step(self, view: View, hint: Found | None = None) -> Found:
         """The ball in the next frame. hint: an earlier measurement of it in this frame, to start from."""
@@ -110,8 +114,8 @@ class BallTracker:
         if self.last is None:
             return self._at_hint(view, hint) or self._first(view, others)
         start = self._predicted()
-        flag = "lost: no ball found"
-        if self.lost == 0:
+        flag = f"lost: no ball found within {self.search:g} diameters (track.search)"
+        if self.lost == 0 or (self.trust and hint is not None):
             near = start
             if hint is not None and hint.fit is not None:
                 near = start._replace(x=hint.x, y=hint.y, wx=float(hint.fit.p[WX]), wy=float(hint.fit.p[WY]))
@@ -203,8 +207,7 @@ class BallTracker:
         ours = self._not_rivals(_distinct(found), predicted, reach)
         ours = [f for f in ours if not _nearer(f, others, (x, y))]
         if not ours:
-            inside = 0 <= x < view.shape[1] and 0 <= y < view.shape[0]
-            return Found(flag if inside else "lost: left the image")
+            return Found("lost: left the image" if self._left(view.shape, x, y) else flag)
         away = [math.hypot(f.x - x, f.y - y) for f in ours]
         if covered and min(covered)[0] < min(away[0] - 0.25 * d, 0.75 * d):
             return Found(min(covered)[1])  # ours is the covered one where it should be, not the one beside
@@ -212,6 +215,15 @@ class BallTracker:
         if len(ours) > 1 and away[1] < away[0] + 0.5 * d * self.lost:
             return Found(f"lost: {len(ours)} balls alike")
         return ours[0]
+
+    def _left(self, shape: tuple[int, int], x: float, y: float) -> bool:
+        """Whether the ball, expected at (x, y), is beyond the border, and was LEAVES steps from it or less."""
+        assert self.last is not None and self.d is not None
+        if 0 <= x < shape[1] and 0 <= y < shape[0]:
+            return False
+        speed = self.velocity or (0.0, 0.0)
+        next_x, next_y = self.last[0] + LEAVES * speed[0], self.last[1] + LEAVES * speed[1]
+        return not (self.d < next_x < shape[1] - 1 - self.d and self.d < next_y < shape[0] - 1 - self.d)
 
     def _not_rivals(self, found: list[Found], predicted: Start, reach: float) -> list[Found]:
         """Balls within reach of the prediction, nearest first, less those that a rival of the frame before explains."""
@@ -281,6 +293,8 @@ def _check(
         raise ValueError(f"polarity = {polarity!r}: must be one of {POLARITIES} (ball against the background)")
     if method not in METHODS:
         raise ValueError(f"method = {method!r}: must be one of {METHODS}")
+    if method == "template" and seed is None:
+        raise ValueError('method = "template" follows what is at the seed in the first frame: give seed = (x, y) in px')
     if not (0.0 < search < math.inf):
         raise ValueError(f"search = {search!r}: must be above 0 ball diameters (half width of the window)")
     if seed is not None and not (len(seed) == 2 and all(math.isfinite(v) for v in seed)):

@@ -1,0 +1,214 @@
+"""The ball of a film by its motion: what is seen along a smooth path, in front of a scene that stands still.
+
+One frame cannot tell a ball from the end of a ruler, nor where a ball is that moves by several diameters from frame to
+frame. The whole film can: the scene is the median of its frames, a ball is what differs from it by a round spot, in
+one frame after the other where the motion so far leads.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import MAD, Float32
+
+from .background import View
+from .measure import DiscMeasure, Found, Start
+from .search import find_blobs
+
+SAMPLED = 41  # frames of which the scene is the median
+MOST_FRAMES = 400  # that are searched, from the first
+FASTEST = 15.0  # diameters a frame
+ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
+CONTRASTS = 1.8
+LEAST = 4  # frames of a path, and FAR its least extent [diameters]
+FAR = 2.0
+HOLE = 6  # frames that a path may be hidden for
+BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the speed and diameters
+BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
+JERK = 1.0  # of the speed: off a path, where a hand lets go or a ball bounces
+OFF, DRIFT = 0.12, 0.7  # the next off the parabola of the last, likewise
+
+
+class Frames(Protocol):
+    """Frames (row, column) of grey levels by their number."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A round spot that was not there before: frame, x, y, diameter d [px], contrast [grey]; found: its measurement."""
+
+    i: int
+    x: float
+    y: float
+    d: float
+    contrast: float
+    found: Found
+
+
+Path = tuple[Spot, ...]  # in the order of frames
+
+
+def still_scene(frames: Frames) -> Float32:
+    """Median grey of each pixel over SAMPLED frames, evenly spaced."""
+    which = np.unique(np.linspace(0, len(frames) - 1, min(SAMPLED, len(frames))).astype(int))
+    stack = np.stack([np.asarray(frames[int(i)], dtype=np.float32) for i in which])
+    return np.median(stack, axis=0).astype(np.float32)
+
+
+def spots(
+    i: int, image: NDArray[Any], scene: Float32, diameter: float | None, polarity: str, least: float
+) -> list[Spot]:
+    """What is round and differs from the scene in frame i, each fitted as a disc."""
+    sign = 1.0 if polarity == "bright" else -1.0
+    change = np.clip(sign * (np.asarray(image, dtype=np.float32) - scene), 0.0, None)
+    out: list[Spot] = []
+    view = View.of(image)
+    for blob in find_blobs(change, diameter=diameter, polarity="bright", min_diameter=least, streak=False):
+        start = Start(blob.x, blob.y, blob.d, 0.0, 0.0, rough=True)
+        f = DiscMeasure(diameter, polarity, False).measure(view, start, fresh=True)
+        if f.flag or f.fit is None or math.hypot(f.x - blob.x, f.y - blob.y) > 0.4 * f.diameter:
+            continue
+        contrast = sign * float(f.fit.p[5] - f.fit.p[4])
+        r = max(1, int(0.3 * f.diameter))
+        inner = change[max(0, int(f.y) - r) : int(f.y) + r + 1, max(0, int(f.x) - r) : int(f.x) + r + 1]
+        if (
+            inner.size
+            and float(np.median(inner)) > 0.5 * contrast
+            and all(math.hypot(f.x - s.x, f.y - s.y) > 0.5 * f.diameter for s in out)
+        ):
+            out.append(Spot(i, f.x, f.y, f.diameter, contrast, f))
+    return out
+
+
+def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
+    """Smooth paths through the spots, the longest first; a spot belongs to one path only."""
+    found: list[Path] = []
+    joined: set[tuple[int, int]] = set()  # pairs of spots that a path has joined
+    for i in sorted(by_frame):
+        for a in by_frame[i]:
+            for b in (s for j in (i + 1, i + 2) for s in by_frame.get(j, ())):
+                if (
+                    (id(a), id(b)) in joined
+                    or not _like(a, b)
+                    or math.hypot(b.x - a.x, b.y - a.y) > FASTEST * a.d * (b.i - a.i)
+                ):
+                    continue
+                for c in (s for j in (b.i + 1, b.i + 2) for s in by_frame.get(j, ())):
+                    if _like(b, c) and _straight(a, b, c):
+                        found.append(_longer([a, b, c], by_frame))
+                        joined |= {(id(s), id(t)) for s, t in itertools.pairwise(found[-1])}
+    found = [p for p in found if len(p) >= LEAST and extent(p) > FAR]
+    found.sort(key=lambda p: (-len(p), -float(np.median([s.contrast for s in p]))))
+    kept: list[Path] = []
+    taken: set[tuple[int, float, float]] = set()
+    for path in found:
+        keys = {(s.i, s.x, s.y) for s in path}
+        if not keys & taken:
+            kept.append(_filled(path, by_frame, taken | keys))
+            taken |= {(s.i, s.x, s.y) for s in kept[-1]}
+    return kept
+
+
+def _filled(path: Path, by_frame: Mapping[int, Sequence[Spot]], taken: set[tuple[int, float, float]]) -> Path:
+    """With spots in its holes and before its first that are off it by less than a jerk: as a hand lets go."""
+    out = {s.i: s for s in path}
+    for i in range(path[0].i - 1, path[-1].i + 2):
+        if i in out or i not in by_frame:
+            continue
+        near = min(path, key=lambda s: abs(s.i - i))
+        j = path.index(near)
+        other = path[j + 1] if j + 1 < len(path) else path[j - 1]
+        speed = math.hypot(other.x - near.x, other.y - near.y) / abs(other.i - near.i)
+        x, y = at(path, i)
+        free = [s for s in by_frame[i] if (s.i, s.x, s.y) not in taken and _like(near, s)]
+        free = [s for s in free if math.hypot(s.x - x, s.y - y) < JERK * speed + STEP * s.d]
+        if len(free) == 1:
+            out[i] = free[0]
+    return tuple(out[i] for i in sorted(out))
+
+
+def extent(path: Path) -> float:
+    """How far it reaches [diameters]."""
+    x, y = (np.array([getattr(s, k) for s in path]) for k in "xy")
+    return float(math.hypot(np.ptp(x), np.ptp(y)) / np.median([s.d for s in path]))
+
+
+def at(path: Sequence[Spot], i: int) -> tuple[float, float]:
+    """(x, y) of the parabola through the three spots nearest to frame i (Lagrange)."""
+    near = sorted(path, key=lambda s: abs(s.i - i))[:3]
+    x = y = 0.0
+    for s in near:
+        share = math.prod((i - o.i) / (s.i - o.i) for o in near if o is not s)
+        x, y = x + share * s.x, y + share * s.y
+    return x, y
+
+
+def _like(a: Spot, b: Spot) -> bool:
+    return 1 / ALIKE < a.d / b.d < ALIKE and 1 / CONTRASTS < a.contrast / b.contrast < CONTRASTS
+
+
+def _straight(a: Spot, b: Spot, c: Spot) -> bool:
+    """Whether c is where the motion from a to b leads, bent a little."""
+    n, m = b.i - a.i, c.i - b.i
+    vx, vy = (b.x - a.x) / n, (b.y - a.y) / n
+    return math.hypot(c.x - b.x - m * vx, c.y - b.y - m * vy) < m * (BENT * math.hypot(vx, vy) + STEP * b.d)
+
+
+def _longer(path: list[Spot], by_frame: Mapping[int, Sequence[Spot]]) -> Path:
+    """The path with what lies on its continuation on both ends."""
+    for end in (1, -1):
+        while True:
+            last = path[-1] if end > 0 else path[0]
+            tail = tuple(path[-4:] if end > 0 else path[:4])
+            speed = math.hypot(tail[-1].x - tail[0].x, tail[-1].y - tail[0].y) / max(tail[-1].i - tail[0].i, 1)
+            best = None
+            for gap in range(1, HOLE + 1):
+                x, y = at(tail, last.i + end * gap)
+                reach = (DRIFT * last.d + OFF * speed) * (0.5 + 0.5 * gap)
+                near = [
+                    (math.hypot(s.x - x, s.y - y), s) for s in by_frame.get(last.i + end * gap, ()) if _like(last, s)
+                ]
+                off, best = min(near, key=lambda n: n[0], default=(math.inf, None))
+                if off < reach:
+                    break
+                best = None
+            if best is None:
+                break
+            path = [*path, best] if end > 0 else [best, *path]
+    return tuple(path)
+
+
+def moving_paths(frames: Frames, scene: Float32, diameter: float | None, polarity: str, least: float) -> list[Path]:
+    """Paths of what moves through the first MOST_FRAMES of a film, the longest first."""
+    n = min(len(frames), MOST_FRAMES)
+    return paths({i: spots(i, np.asarray(frames[i]), scene, diameter, polarity, least) for i in range(n)})
+
+
+def elsewhere(
+    frames: Frames, scene: Float32, x: float, y: float, d: float, contrast: float
+) -> tuple[float, float] | None:
+    """Where (x, y) something as large as the ball moves, BESIDE diameters or more away from it, in SAMPLED frames; None
+    where nothing does in TOLD of them."""
+    told: list[tuple[float, float]] = []
+    which = np.unique(np.linspace(0, len(frames) - 1, min(SAMPLED, len(frames))).astype(int))
+    for i in which:
+        off = np.abs(np.asarray(frames[int(i)], dtype=np.float32) - scene)
+        noise = float(np.median(off)) / MAD
+        changed = (cv2.blur(off, (3, 3)) > max(0.25 * contrast, 5.0 * noise)).astype(np.uint8)
+        _, _, stats, centres = cv2.connectedComponentsWithStats(changed)
+        for (_, _, _, _, area), (u, v) in zip(stats[1:], centres[1:], strict=True):
+            if area > SIZE * d * d and math.hypot(u - x, v - y) > BESIDE * d:
+                told.append((float(u), float(v)))
+                break
+    return told[len(told) // 2] if len(told) >= max(2.0, TOLD * which.size) else None

@@ -1,0 +1,181 @@
+"""A track proves itself: it moves as the film moves, it is not at what stands still; else the film is searched anew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Float32
+
+from .background import Background, View
+from .disc import A, B
+from .measure import DiscMeasure, Found, Start
+from .moving import MOST_FRAMES, Frames, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
+
+MOVES = 1.0  # diameters: a track that reaches less far stands still
+USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
+ENOUGH = 12  # frames from which their median is a scene to take out
+MANY = 0.15  # share of frames lost from which the film is searched for what moves
+GAINS = 1.1  # the search must find the ball moving in so many times as many frames
+PLACE, STAYS, PLACES = 0.2, 3, 5  # diameters; frames there; places that are looked at
+AWAY, ASKED = 1.2, 3  # diameters; frames that are asked whether the same stands there without the ball
+STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
+STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f}); give track.seed = [column, row]"
+
+
+def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
+    """The track where nothing speaks against it; the one of what moves through the film where that is the better one;
+    with doubtful frames flagged and what a user should know as `notes`."""
+    good = track.flag == ""
+    if len(frames) < STAYS or settings.streak:
+        return track
+    d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or MIN_DIAMETER
+    reach = math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) if good.any() else 0.0
+    still = reach < MOVES * d
+    if still or np.mean(~good) > MANY:
+        scene = still_scene(frames)
+        paths = moving_paths(frames, scene, settings.diameter, settings.polarity, MIN_DIAMETER)
+        ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed)]
+        if ours:
+            moving = follow(ours[0], frames, settings, scene if len(frames) >= ENOUGH else None)
+            if (still and settings.seed is None) or _movers(moving, d) > GAINS * _movers(track, d):
+                return _told(standing(moving, frames, settings), ours, still and bool(good.any()), track)
+        if still and good.sum() >= STAYS and len(frames) > STAYS:
+            place = float(np.median(track.x[good])), float(np.median(track.y[good]))
+            fit = _ball_at(np.asarray(frames[int(np.flatnonzero(good)[0])]), *place, d, settings.polarity)
+            contrast = abs(float(fit.fit.p[A] - fit.fit.p[B])) if fit is not None and fit.fit else 50.0
+            other = elsewhere(frames, scene, *place, d, contrast)
+            if other is not None:
+                said = STILL.format(*other)
+                if settings.seed is not None:  # a click is believed, and the doubt told
+                    return replace(track, notes=(*track.notes, said.partition(";")[0]))
+                flag = np.where(good, said, track.flag)
+                return _without(replace(track, notes=(*track.notes, said)), flag)
+    return standing(track, frames, settings)
+
+
+def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | None = None) -> BallTrack:
+    """The ball in all frames, from a path of it: from its clearest spot on to both ends of the film.
+
+    Where the tracker, which knows the ball by then, refuses what is on the path but the frame's own fit does not, and
+    its contrast is the path's, that fit counts.
+    """
+    usual = float(np.median([s.contrast for s in path]))
+    known = {s.i: s for s in path if 1 / USUAL < s.contrast / usual < USUAL}
+    middle = min(known.values(), key=lambda s: s.found.sigma * s.found.chi2).i
+    size = float(np.median([s.d for s in path]))
+    behind = None
+    if scene is not None:
+        ball = float(np.median([s.found.fit.p[A] for s in known.values() if s.found.fit is not None]))
+        behind = Background(scene.astype(np.float64), float(np.median(scene)), ball)
+    found: dict[int, Found] = {}
+    for order in (range(middle, -1, -1), range(middle, len(frames))):
+        tracker = BallTracker(replace(settings, seed=None, diameter=settings.diameter or size))
+        tracker.trust = True
+        for i in order:
+            image = np.asarray(frames[i])
+            view = View((image.shape[0], image.shape[1]), whole=partial(frames.__getitem__, i), scene=behind)
+            found[i] = _next(tracker, view, path, i, known.get(i))
+    return as_track([found[i] for i in range(len(frames))])
+
+
+def _next(tracker: BallTracker, view: View, path: Path, i: int, spot: Spot | None) -> Found:
+    """The ball in frame i, which the tracker takes note of."""
+    if spot is not None:
+        found = tracker.look(view, spot.found)
+        near = not found.flag and math.hypot(found.x - spot.x, found.y - spot.y) < ON_PATH * spot.d
+        return tracker.keep(found) if near or tracker.last is None else tracker.keep(spot.found)
+    if not path[0].i < i < path[-1].i:
+        return tracker.step(view)
+    (x, y), d = at(path, i), path[0].d
+    found = tracker.measurer.measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=False)
+    near = not found.flag and math.hypot(found.x - x, found.y - y) < ON_PATH * d
+    return tracker.keep(found if near else Found(found.flag or "lost: hidden"))
+
+
+def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
+    """The track with those frames flagged in which it is at what stands there without the ball, too."""
+    good = np.flatnonzero(track.flag == "")
+    if good.size < 2 * STAYS:
+        return track
+    d = float(np.median(track.diameter[good]))
+    left, places = good, []
+    while left.size:
+        near = np.hypot(track.x[left] - track.x[left[0]], track.y[left] - track.y[left[0]]) < PLACE * d
+        if near.sum() >= STAYS:
+            places.append(left[near])
+        left = left[~near]
+    flag = track.flag.astype(object)
+    for members in sorted(places, key=len, reverse=True)[:PLACES]:
+        x, y = float(np.median(track.x[members])), float(np.median(track.y[members]))
+        away = good[np.hypot(track.x[good] - x, track.y[good] - y) > AWAY * d]
+        if not away.size:
+            continue
+        here = _ball_at(np.asarray(frames[int(members[len(members) // 2])]), x, y, d, settings.polarity)
+        asked = away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]
+        there = [_ball_at(np.asarray(frames[int(g)]), x, y, d, settings.polarity) for g in asked]
+        if here is not None and all(t is not None and _alike(here, t) for t in there):
+            g = int(asked[0])
+            flag[members] = STANDS.format(g, track.x[g], track.y[g])
+    return _without(track, flag) if (flag != track.flag).any() else track
+
+
+def _movers(track: BallTrack, d: float) -> int:
+    """Frames in which the ball is where it is in few others."""
+    good = track.flag == ""
+    step = 1 + int(np.count_nonzero(good)) // MOST_FRAMES
+    x, y = track.x[good][::step], track.y[good][::step]
+    near = np.hypot(x[:, None] - x, y[:, None] - y) < PLACE * d
+    return step * int(np.count_nonzero(near.sum(axis=1) < STAYS + 1))
+
+
+def _begins(path: Path, seed: tuple[float, float]) -> bool:
+    """Whether a path may have begun at the seed in the first frame."""
+    first, second = path[0], path[1]
+    speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
+    x, y = at(path, 0) if first.i <= STAYS else (first.x, first.y)
+    near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
+    return min(near) < 1.5 * first.d + 0.5 * speed * max(first.i, 0)
+
+
+def _ball_at(image: NDArray[Any], x: float, y: float, d: float, polarity: str) -> Found | None:
+    """What is fitted there as a ball, None where nothing is."""
+    found = DiscMeasure(d, polarity, False).measure(View.of(image), Start(x, y, d, 0.0, 0.0, True), fresh=True)
+    return found if not found.flag and math.hypot(found.x - x, found.y - y) < 0.4 * d else None
+
+
+def _alike(one: Found, two: Found) -> bool:
+    assert one.fit is not None and two.fit is not None
+    a, b = (abs(float(f.fit.p[A] - f.fit.p[B])) for f in (one, two) if f.fit is not None)
+    return math.hypot(one.x - two.x, one.y - two.y) < 0.2 * one.diameter and 0.67 < a / b < 1.5
+
+
+def _without(track: BallTrack, reason: NDArray[Any]) -> BallTrack:
+    """The track with these flags, and no numbers where there is one."""
+    flag: NDArray[np.str_] = reason.astype(np.str_)
+    x, y, sigma, size, chi2 = (
+        np.where(flag == "", v, np.nan) for v in (track.x, track.y, track.sigma, track.diameter, track.chi2)
+    )
+    return BallTrack(x, y, sigma, size, chi2, flag, track.notes)
+
+
+def _told(track: BallTrack, paths: Sequence[Path], stood: bool, before: BallTrack) -> BallTrack:
+    """With notes of what was not taken."""
+    notes = list(track.notes)
+    if stood:
+        good = before.flag == ""
+        x, y = np.median(before.x[good]), np.median(before.y[good])
+        notes.append(f"a ball-like thing at ({x:.0f}, {y:.0f}) stands still and was not taken: another moves")
+    for p in paths[1:3]:
+        notes.append(
+            f"alternative: another ball moves from ({p[0].x:.0f}, {p[0].y:.0f}) in frame {p[0].i} through {len(p)} "
+            "frames; track.seed = [column, row] chooses"
+        )
+    return replace(track, notes=tuple(notes))
