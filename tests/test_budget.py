@@ -80,7 +80,8 @@ def recorded(
     """The stages track and rod on a ball that was found at known places."""
     noise = np.random.default_rng(seed).normal(0.0, NOISE, TIME.size)
     n = TIME.size
-    found = SimpleNamespace(x=np.full(n, 60.0), y=500.0 - path(apex) + noise, sigma=np.full(n, NOISE), flag=[""] * n)
+    x, y = np.full(n, 60.0), 500.0 - path(apex) + noise
+    found = SimpleNamespace(x=x, y=y, sigma=np.full(n, NOISE), flag=[""] * n, notes=())
     view = view_of(calibration, film, SHAPE)
     motion = through(other_lens(calibration, film, SHAPE), ball_motion(film, found, TIME, view, 1))
     motion = with_common(with_rest_zero(motion, LAW), height_share(view, calibration))
