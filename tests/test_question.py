@@ -107,7 +107,7 @@ def test_delayed_jumps_tell_that_the_bed_remembers_intrusions_confirm_it_and_a_p
     assert cause["parameters"]["s_p"]["value"] == pytest.approx(1000.0, rel=0.003)
     assert cause["parameters"]["lam"]["value"] == pytest.approx(0.005, rel=0.003)
     confirmed = {row["quantity"]: row["verdict"] for row in d["confirmation"]}
-    assert confirmed == {"k1": "agree", "s_p": "agree", "lam": "agree"}
+    assert {"k1", "s_p", "lam"} <= confirmed.keys() and set(confirmed.values()) == {"agree"}
     assert d["gain"]["ratio_ci95"][0] > 10
     # 0.3 % of s_p are 0.03 N at 10 mm: 0.1 % of the push; what is forgotten is 10 N
     assert plans["remembers"]["performed_m"] == pytest.approx(delayed.APEX, abs=3e-4)

@@ -31,6 +31,7 @@ KNOTS = 60  # places at which a bend is looked for against one slope
 SURE = 3.0  # sigmas from which compounding enters the law
 VARIED = 2.0  # pauses must differ by this factor to show a dependence
 REACH = 4.0  # an overshoot farther back than so many lam leaves nothing
+PARTS = (np.arange(5) - 2.0) / 5.0  # of a bin, at which a force is taken
 LAWS = {"reintrusion": "s", "stop_go": "s_p"}  # kind of event: its overshoot per depth
 
 
@@ -164,9 +165,10 @@ class Model:
             w * math.exp(v["length"]),
         )
 
-    def below(self, p: Place) -> Array:
-        """Depth below the surface [m], 0 in the air; of a log that begins in contact the depth as it stands."""
-        return np.maximum(self.bins.z - p.contact, 0.0) if self.contact else self.bins.z
+    def below(self, p: Place, z: Array | None = None) -> Array:
+        """Depths z below the surface [m], 0 in the air; of a log that begins in contact as they stand. Default: bins'."""
+        z = self.bins.z if z is None else z
+        return np.maximum(z - p.contact, 0.0) if self.contact else np.maximum(z, 0.0)
 
     def overshoots(self, p: Place) -> dict[str, Array]:
         """Of each event (events,) for a unit of each parameter of the law, by its name."""
@@ -197,9 +199,11 @@ class Model:
 
     def design(self, p: Place) -> Array:
         """(n, 1 + family + laws): offset, first intrusion, overshoots."""
-        decay = self.decay(p)
+        decay, cells = self.decay(p), self.bins.cells
+        within = (self.bins.z + PARTS[:, None] * cells[:, 1]).ravel()  # a bend inside a bin is not that of its middle
+        first = self.family.columns(self.below(p, within), p.shape).reshape(PARTS.size, decay.size, -1).mean(axis=0)
         over = [decay * column[self.bins.event] for column in self.overshoots(p).values()]
-        return np.column_stack([np.ones(decay.size), self.family.columns(self.below(p), p.shape), *over])
+        return np.column_stack([np.ones(decay.size), first, *over])
 
     def loud(self, p: Place) -> Array:
         """Share of the grains' fluctuations (n,): they build up from nothing at the surface."""

@@ -163,18 +163,19 @@ def from_log(time: ArrayLike, position: ArrayLike, sigma: float) -> Spline:
     return Spline(np.append(pp.x[inside], pp.x[inside[-1] + 1]), np.ascontiguousarray(pp.c[:, inside]), sigma)
 
 
-MOVED = 5.0  # sigma from the first reading: the motor has moved (an encoder of step q: 1.4 q)
+MOVED, STILL = 5.0, 2.0  # sigma from the first reading: moved, or not yet (an encoder of step q: 1.4, 0.6 q)
 
 
 def from_motion(time: ArrayLike, position: ArrayLike, sigma: float) -> Spline:
-    """`from_log` of a log from its last reading before the motor first moves; it stands still until then.
+    """`from_log` of a log from its last reading at rest before the motor first moves; it stands still until then.
 
     The ripples of a spline, of some sigma, would push a foot at rest on sand, which yields to any push, and leave it
     there as after a pause.
     """
     t, x = np.asarray(time, float), np.asarray(position, float)
-    begin = max(int(np.argmax(np.abs(x - x[0]) > MOVED * sigma)) - 1, 0)
-    begin = min(begin, t.size - 4)  # a cubic needs four
+    away = np.abs(x - x[0])
+    still = np.flatnonzero(away[: int(np.argmax(away > MOVED * sigma))] <= STILL * sigma)
+    begin = min(int(still[-1]) if still.size else 0, t.size - 4)  # a cubic needs four
     return from_log(t[begin:], x[begin:], sigma)
 
 
