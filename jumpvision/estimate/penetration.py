@@ -166,7 +166,7 @@ class Model:
         )
 
     def below(self, p: Place, z: Array | None = None) -> Array:
-        """Depths z below the surface [m], 0 in the air; of a log that begins in contact as they stand. Default: bins'."""
+        """Depths z below the surface [m], 0 in the air, or as they stand in a log without a surface. Default: bins."""
         z = self.bins.z if z is None else z
         return np.maximum(z - p.contact, 0.0) if self.contact else np.maximum(z, 0.0)
 
