@@ -28,7 +28,9 @@ def half_way(a: Frame, b: Frame, dx: Float32, dy: Float32) -> tuple[Float32, Flo
     return m, r, keep
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+# "contract" alone, here and wherever threads share a loop: freer rounding differs between a process that compiles
+# and one that loads what was compiled
+@nb.njit(cache=True, parallel=True, fastmath={"contract"})
 def _half_way(ca, cb, wa, wb, clear_a, clear_b, frame, fine, dx, dy, m, r, keep):  # type: ignore[no-untyped-def]
     rows, cols = m.shape
     half = np.float32(0.5)
@@ -43,7 +45,7 @@ def _half_way(ca, cb, wa, wb, clear_a, clear_b, frame, fine, dx, dy, m, r, keep)
             keep[j, i] = light[0, i] * light[1, i]
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath={"contract"})
 def _read(c, weight, clear, frame, fine, dx, dy, sign, j, part, knot, out, keep):  # type: ignore[no-untyped-def]
     """Row j of the spline c (knots every pixel, or half pixel if `fine`) at (x, y) + sign (dx, dy), and its weight.
 
@@ -85,7 +87,7 @@ def _read(c, weight, clear, frame, fine, dx, dy, sign, j, part, knot, out, keep)
         first = end
 
 
-@nb.njit(cache=True, fastmath=True, inline="always")
+@nb.njit(cache=True, fastmath={"contract"}, inline="always")
 def _run(c0, c1, c2, c3, scale, n, t, s, out):  # type: ignore[no-untyped-def]
     """Cubic B-spline at the parts t, s of a knot's distance; c0 to c3: rows of knots from the one left of the first."""
     six, two3, half, one = np.float32(1 / 6), np.float32(2 / 3), np.float32(0.5), np.float32(1)

@@ -31,7 +31,7 @@ def _sources(order: NDArray[np.int64]) -> NDArray[np.int64]:
 OF_PICTURES, OF_PLANES = _sources(ORDER), _sources(np.array([2, 2, 2]))
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath={"contract"})
 def slopes(f, y, gx, gy):  # type: ignore[no-untyped-def]
     """Fourth-order central differences of row y of a picture, 2 px from its edge at least, into gx and gy."""
     n = f.shape[1]
@@ -45,7 +45,7 @@ def slopes(f, y, gx, gy):  # type: ignore[no-untyped-def]
         gy[i] = (k8 * (down[i] - up[i]) - (down2[i] - up2[i])) * k12
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True, fastmath={"contract"})
 def gradient(f, gx, gy):  # type: ignore[no-untyped-def]
     """The slopes of all rows; zero within 2 px of the edge."""
     rows = len(f)
@@ -57,7 +57,7 @@ def gradient(f, gx, gy):  # type: ignore[no-untyped-def]
             slopes(f, j, gx[j], gy[j])
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath={"contract"})
 def _add_products(p, total, f, j):  # type: ignore[no-untyped-def]
     """Add the rows at eta = j and -j to the column sums: what is even in eta from their sum, what is odd from the rest.
 
@@ -108,7 +108,7 @@ def _add_products(p, total, f, j):  # type: ignore[no-untyped-def]
         total[26 * TILE + i] += f * (wr * r + vs * s)
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath={"contract"})
 def _add_planes(p, total, f, j):  # type: ignore[no-untyped-def]
     """As `_add_products`, of three planes up to second order."""
     f1 = f * j
@@ -128,7 +128,7 @@ def _add_planes(p, total, f, j):  # type: ignore[no-untyped-def]
         total[8 * TILE + i] += f2 * (a + b)
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath={"contract"})
 def _across(columns, x, g, source, out):  # type: ignore[no-untyped-def]
     """Sums across one row of windows of what was summed down the columns (cols, WIDTH), again in pairs."""
     h = len(g) // 2
@@ -149,7 +149,7 @@ def _across(columns, x, g, source, out):  # type: ignore[no-untyped-def]
             out[k, s] = total[source[s]]
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True, fastmath={"contract"})
 def moments(m, r, keep, gx, gy, x, y, g, source, out):  # type: ignore[no-untyped-def]
     """Sums of every product over the windows centred at columns x and rows y: out (ny, nx, FIRST[-1]).
 
@@ -180,7 +180,7 @@ def moments(m, r, keep, gx, gy, x, y, g, source, out):  # type: ignore[no-untype
         _across(columns, x, g, source, out[k])
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True, fastmath={"contract"})
 def moments_of(planes, x, y, g, source, out):  # type: ignore[no-untyped-def]
     """As `moments`, of three given planes (3, H, W) up to second order: out (ny, nx, 18); source: OF_PLANES."""
     cols = planes.shape[2]

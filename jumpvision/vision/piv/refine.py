@@ -125,7 +125,7 @@ def _gradient(f: Float32) -> tuple[Float32, Float32]:
     return gx, gy
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True, fastmath={"contract"})
 def _forces(m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
     """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r; |grad m|^2; grad r grad r."""
     rows, cols = m.shape
@@ -148,13 +148,13 @@ def _forces(m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
         _add(ss[2, j], left, gy)
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath={"contract"})
 def _left(keep, r, offset, gain, m, gx, ex, gy, ey, left):  # type: ignore[no-untyped-def]
     for i in range(len(left)):
         left[i] = keep[i] * (r[i] - offset[i] - gain[i] * m[i] - gx[i] * ex[i] - gy[i] * ey[i])
 
 
-@nb.njit(cache=True, fastmath=True)
+@nb.njit(cache=True, fastmath={"contract"})
 def _add(total, a, b):  # type: ignore[no-untyped-def]
     for i in range(len(total)):
         total[i] += a[i] * b[i]

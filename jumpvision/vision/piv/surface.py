@@ -89,7 +89,7 @@ def everywhere(rows: Axis, columns: Axis, f: Array) -> Float32:
     return out
 
 
-@nb.njit(cache=True, parallel=True, fastmath=True)
+@nb.njit(cache=True, parallel=True, fastmath={"contract"})
 def _evaluate(c, row, row_weight, column, column_weight, out):  # type: ignore[no-untyped-def]
     for j in nb.prange(out.shape[0]):
         line = np.zeros(c.shape[1], np.float32)
