@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from jumpvision import __version__
 from jumpvision.base.progress import WORKERS, in_parts
 from jumpvision.base.schema import InputError, param, read
 from jumpvision.base.storage import write_aside
@@ -23,6 +20,7 @@ from jumpvision.dem.packing import LATTICES, lattice, pack
 from jumpvision.dem.plug import Plug, plug_of
 from jumpvision.results import plain
 from jumpvision.studies.compute import write
+from jumpvision.workflow.entries import versions
 
 FILE = "dem.nc"
 FRAMES = 40  # instants of the stroke
@@ -59,7 +57,6 @@ class DiscBed:
 
 def checked(table: dict[str, object]) -> DiscBed:
     """The bed of keywords. InputError for values out of range, and for what does not fit together."""
-
     made, problems = read(DiscBed, table, "dem")
     if problems:
         raise InputError(problems)
@@ -193,9 +190,7 @@ def write_discs(runs: Sequence[xr.Dataset], bed: DiscBed, folder: Path, command:
     first, others = runs[0], [r[[n for n in r.data_vars if r[n].dims == ("t",)]] for r in runs]
     series = xr.concat(others, dim="bed", combine_attrs="drop_conflicts")
     data = xr.merge([first[["x", "y", "vx", "vy", "radius", "mass"]].drop_vars("seed"), series], join="exact")
-    packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
-    versions = {"jumpvision": __version__, "python": platform.python_version(), **packages}
-    told = {"command": command, "versions": versions, "bed": asdict(bed)}
+    told = {"command": command, "versions": versions(), "bed": asdict(bed)}
     data.attrs = {k: v if isinstance(v, str) else json.dumps(v) for k, v in told.items()}
     made = [write(data, folder, FILE), folder / "dem.json"]
     write_aside(made[1], json.dumps(plain(told | {"numbers": asdict(measured(runs))}), indent=1) + "\n")

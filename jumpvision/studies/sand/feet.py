@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError, param, read
@@ -21,6 +18,7 @@ from jumpvision.base.storage import sha256, write_aside
 from jumpvision.physics import shapes
 from jumpvision.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push
 from jumpvision.results import plain
+from jumpvision.workflow.entries import versions
 
 FINE = 20.0  # triangles along the greatest extent of the foot
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
@@ -196,10 +194,8 @@ def write_forces(found: pd.DataFrame, told: Mapping[str, object], inputs: Sequen
     """rft.csv and rft.json, each in one step."""
     files = [folder / "rft.csv", folder / "rft.json"]
     write_aside(files[0], found.to_csv(index=False, lineterminator="\n"))
-    packages = {p: version(p) for p in ("numpy", "scipy", "pandas")}
-    versions = {"jumpvision": __version__, "python": platform.python_version(), **packages}
     read_from = {str(f): sha256(f) for f in inputs}
-    write_aside(files[1], json.dumps(plain({**told, "versions": versions, "inputs": read_from}), indent=1) + "\n")
+    write_aside(files[1], json.dumps(plain({**told, "versions": versions(), "inputs": read_from}), indent=1) + "\n")
     return files
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import MAD, Float32
 
 from .background import View
+from .disc import A, B
 from .measure import DiscMeasure, Found, Start
 from .search import find_blobs
 
@@ -79,7 +80,7 @@ def spots(
         f = DiscMeasure(diameter, polarity, False).measure(view, start, fresh=True)
         if f.flag or f.fit is None or math.hypot(f.x - blob.x, f.y - blob.y) > 0.4 * f.diameter:
             continue
-        contrast = sign * float(f.fit.p[5] - f.fit.p[4])
+        contrast = sign * float(f.fit.p[A] - f.fit.p[B])
         r = max(1, int(0.3 * f.diameter))
         inner = change[max(0, int(f.y) - r) : int(f.y) + r + 1, max(0, int(f.x) - r) : int(f.x) + r + 1]
         if (

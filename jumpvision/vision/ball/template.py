@@ -58,7 +58,7 @@ def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
     good = [i for i, f in enumerate(found) if not f.flag]
     some = good[:: max(1, len(good) // FOLDED)][:FOLDED]
     if len(some) >= 4:
-        grids = [_sampled(np.asarray(frames[i], np.float32), target, found[i].x, found[i].y, turns[i])[0] for i in some]
+        grids = [_sampled(np.asarray(frames[i], np.float32), target, found[i].x, found[i].y, turns[i]) for i in some]
         target = Target(np.mean(grids, axis=0).astype(np.float32), target.weight)
         found, _ = _through(frames, settings, target, scene)
     return as_track(found)
@@ -116,8 +116,6 @@ def _best(
 ) -> tuple[Found, float]:
     """The likeliest place of the target at one of the turns, (x, y, reach) around or anywhere that is not the scene."""
     k = target.grey.shape[0]
-    x0 = y0 = 0
-    part = image
     places = [within] if within is not None else _changed(image, scene, target)
     top: tuple[float, float, float, float] = (-1.0, 0.0, 0.0, turn)
     mask = (target.weight > 0.5).astype(np.float32)
@@ -167,20 +165,18 @@ def _turned(grey: Float32, turn: float) -> Float32:
     c, s, m = math.cos(turn), math.sin(turn), (k - 1) / 2
     back = np.array([[c, s, m - c * m - s * m], [-s, c, m + s * m - c * m]])
     return np.asarray(
-        cv2.warpAffine(
-            grey, back, (k, k), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE
-        ),
+        cv2.warpAffine(grey, back, (k, k), flags=LINEAR, borderMode=cv2.BORDER_REPLICATE),
         np.float32,
     )
 
 
-def _sampled(image: Float32, target: Target, x: float, y: float, turn: float) -> tuple[Float32, Float32, Float32]:
-    """The image on the target's grid laid at (x, y), turned; and where each of its points lies."""
+def _sampled(image: Float32, target: Target, x: float, y: float, turn: float) -> Float32:
+    """The image on the target's grid laid at (x, y), turned."""
     k = target.grey.shape[0]
     v, u = np.indices((k, k)) - (k - 1) / 2
     c, s = math.cos(turn), math.sin(turn)
     at_x, at_y = (x + c * u - s * v).astype(np.float32), (y + s * u + c * v).astype(np.float32)
-    return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)), at_x, at_y
+    return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> tuple[Found, float]:
@@ -194,7 +190,7 @@ def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> 
     for _ in range(STEPS):
         if not (half < x < w_img - 1 - half and half < y < h - 1 - half):
             return Found("at the image edge"), turn
-        grey = _sampled(image, target, x, y, turn)[0].astype(np.float64)
+        grey = _sampled(image, target, x, y, turn).astype(np.float64)
         gv, gu = np.gradient(grey)
         c, s = math.cos(turn), math.sin(turn)
         gx, gy = np.ravel(c * gu - s * gv), np.ravel(s * gu + c * gv)
