@@ -21,9 +21,9 @@ from test_crater import write_line
 from test_vectors import folder_of, made
 
 from jumpvision.base.schema import InputError
-from jumpvision.campaign.craters import Crater, zero_crossing
 from jumpvision.campaign.folder import JUMP_COLUMNS
-from jumpvision.campaign.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
+from jumpvision.campaign.measured.craters import Crater, zero_crossing
+from jumpvision.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
 from jumpvision.cli import main
 from jumpvision.estimate.estimate import Estimate, independent
 from jumpvision.estimate.flight import Flights

@@ -20,8 +20,8 @@ import pytest
 
 from jumpvision.base.local_page import static_files
 from jumpvision.base.schema import InputError
-from jumpvision.demo import controls, jumper
-from jumpvision.demo.server import QUESTIONS, Server, keys
+from jumpvision.browser.demo import controls, jumper
+from jumpvision.browser.demo.server import QUESTIONS, Server, keys
 from jumpvision.inputs.sections import SECTIONS
 from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.forcing import delayed, from_log, sinusoid
@@ -279,9 +279,9 @@ def test_a_taken_port_is_said_so(server):
 
 
 def test_the_page_needs_nothing_from_elsewhere():
-    pages = static_files("jumpvision.demo", "index.html")
+    pages = static_files("jumpvision.browser.demo", "index.html")
     assert {"/", "/index.html", "/main.js", "/style.css"} <= set(pages)
-    assert len(pages) - 1 == len(list(files("jumpvision.demo").joinpath("static").iterdir()))
+    assert len(pages) - 1 == len(list(files("jumpvision.browser.demo").joinpath("static").iterdir()))
     for name, (_, content) in pages.items():
         text = content.decode().replace("http://www.w3.org/2000/svg", "")
         assert "http://" not in text and "https://" not in text and "//cdn" not in text, name

@@ -164,7 +164,7 @@ def test_tables_of_a_campaign_do_not_outlive_its_experiments(work, capsys):
 
 
 def test_a_stale_crater_is_in_no_table(tmp_path):
-    from jumpvision.campaign.craters import measured_in
+    from jumpvision.campaign.measured.craters import measured_in
 
     CraterShape({"volume_m3": 1.0, "sigma_m3": 0.1}).save(tmp_path)
     assert measured_in([Outcome("a", tmp_path)]) == []

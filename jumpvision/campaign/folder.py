@@ -164,8 +164,8 @@ def _worth_asking(campaign: Campaign) -> bool:
 
 def _tables(run: Run) -> list[Path]:
     """What the experiments show together, for programs: jumps, intrusions, the actuator."""
-    from .actuator import write_actuator
-    from .intrusions import write_intrusions
+    from .measured.actuator import write_actuator
+    from .measured.intrusions import write_intrusions
 
     results = run.plan.results
     written = [write_jumps(run.rows, results)] if run.plan.whole else []
@@ -177,7 +177,7 @@ def _craters(run: Run) -> list[Path]:
     """The critical packing, for people."""
     if not run.plan.whole and "crater" not in (run.plan.stages or ()):
         return []
-    from .craters import measured_in, write_craters, zero_crossing
+    from .measured.craters import measured_in, write_craters, zero_crossing
 
     craters = measured_in(run.outcomes)
     return write_craters(craters, zero_crossing(craters), run.plan.results)

@@ -29,8 +29,8 @@ def demo(*, port: int = 8765, browser: bool = True) -> int:
     browser
         Open the page in the browser.
     """
-    from jumpvision.demo.jumper import warm_up
-    from jumpvision.demo.server import Server
+    from jumpvision.browser.demo.jumper import warm_up
+    from jumpvision.browser.demo.server import Server
 
     from . import terminal as show
 

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision.base.schema import InputError, closest
-from jumpvision.campaign.actuator import Driven, actuator_bandwidth
-from jumpvision.campaign.craters import craters_of, zero_crossing
-from jumpvision.campaign.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion
+from jumpvision.campaign.measured.actuator import Driven, actuator_bandwidth
+from jumpvision.campaign.measured.craters import craters_of, zero_crossing
+from jumpvision.campaign.measured.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, resistances, single

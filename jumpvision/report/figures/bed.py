@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import measured
-from jumpvision.campaign.craters import Crater
+from jumpvision.campaign.measured.craters import Crater
 from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
 from jumpvision.physics.air import Drop

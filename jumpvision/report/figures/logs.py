@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import measured
-from jumpvision.campaign.actuator import Driven
-from jumpvision.campaign.intrusions import IntrusionLaws, SlowIntrusion
+from jumpvision.campaign.measured.actuator import Driven
+from jumpvision.campaign.measured.intrusions import IntrusionLaws, SlowIntrusion
 from jumpvision.estimate.estimate import Estimate, finite
 from jumpvision.estimate.robot import Bandwidth
 from jumpvision.inputs.logs import read_log

@@ -17,9 +17,9 @@ from typing import Any
 from jumpvision import __version__
 from jumpvision.base.arrays import measured
 from jumpvision.base.storage import write_aside
-from jumpvision.campaign.actuator import actuator_bandwidth, driven
-from jumpvision.campaign.craters import measured_in, zero_crossing
-from jumpvision.campaign.intrusions import intrusion_laws, slow_intrusions
+from jumpvision.campaign.measured.actuator import actuator_bandwidth, driven
+from jumpvision.campaign.measured.craters import measured_in, zero_crossing
+from jumpvision.campaign.measured.intrusions import intrusion_laws, slow_intrusions
 from jumpvision.campaign.truth import (
     Truth,
     confirmation_rows,

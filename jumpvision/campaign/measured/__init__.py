@@ -1,0 +1,1 @@
+"""What the experiments beside the jumps of a campaign measured: craters, slow intrusions, the actuator."""
