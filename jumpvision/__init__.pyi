@@ -9,6 +9,7 @@ from .api import diagnose as diagnose
 from .api import sweep as sweep
 from .api import plan as plan
 from .api import ringdown as ringdown
+from .api import triangulate as triangulate
 from .api import Recording as Recording
 from .api import Study as Study
 from .api import Parameter as Parameter
@@ -63,7 +64,7 @@ def piv(a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None =
 @overload
 def track(experiment: Folder, *, results: PathLike | None = ...) -> Track: ...
 @overload
-def track(frames: Any, *, frame_rate: float = 1.0, scale: float | None = None, window: int = 7, **parameters: Any) -> pd.DataFrame: ...
+def track(frames: Any, *, frame_rate: float = 1.0, scale: float | None = None, exposure: float = 0.0, origin: tuple[float, float] | None = None, angle: float = 0.0, masses: tuple[float, ...] = (), window: int = 7, **parameters: Any) -> pd.DataFrame: ...
 @overload
 def simulate(experiment: Folder, *, results: PathLike | None = ...) -> Simulation: ...
 @overload

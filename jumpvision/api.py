@@ -120,6 +120,38 @@ def ringdown(time_s: Any, x: Any, sigma: Any = None) -> pd.DataFrame:
     return Fits(ringdown_of_arrays(time_s, x, sigma)).table
 
 
+def triangulate(
+    first: pd.DataFrame,
+    second: pd.DataFrame,
+    marks: Any,
+    seen_first: Any,
+    seen_second: Any,
+    *,
+    offset: float = 0.0,
+    ball_diameter: float = 0.0,
+    lens: bool = False,
+    window: int = 7,
+) -> pd.DataFrame:
+    """One body in space from two cameras: a row a frame of the first camera.
+
+    first, second: tables with time_s, x_px, y_px, sigma_px, as `jv.track` gives (x right, y down, no axes needed).
+    marks: (n, 3) [m], n >= 6, places that both cameras saw, not in one plane; seen_first, seen_second: (n, 2) column,
+    row [px] of them. offset [s]: what is added to the second camera's clock. ball_diameter [m]: of a ball, whose
+    outline is not centred on it. lens: fit each camera's radial distortion too. window: as in `jv.track`.
+
+    Columns: frame, time_s; x_m, y_m, z_m in the axes of the marks; sigma_x_m ... independent from frame to frame;
+    sigma_common_x_m ... of the calibration, shared by all frames; miss_sigma, by how much the two rays miss each other;
+    vx_m_s ... az_m_s2 with v_sigma, a_sigma (of the worst axis); flag: "" or why there is no place (all NaN then).
+    Raises InputError for marks or tables that cannot be used.
+
+    Example: jv.triangulate(jv.track(film_a, frame_rate=500), jv.track(film_b, frame_rate=500), marks, seen_a, seen_b)
+    """
+    from jumpvision.stages.bodies import triangulate as in_space
+
+    seen = (seen_first, seen_second)
+    return in_space(first, second, marks, seen, offset=offset, ball_diameter=ball_diameter, lens=lens, window=window)
+
+
 def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pictures: bool = True) -> pd.DataFrame:
     """What `jumpvision run` does, but for the report; one row an experiment, as in jumps.csv, with the `problem`.
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from test_ball import BACK, CONTRAST, ball_image, camera, track
 
-from jumpvision.estimate.height import exposure_shift, shift_sigma
+from jumpvision.estimate.height import exposure_shift, shift_noise, shift_sigma
 from jumpvision.stages.track import at_mid_exposure
 from jumpvision.workflow.stage import StageWarning
 
@@ -61,19 +61,20 @@ def test_it_is_said_or_applied_never_silent(recwarn):
     height = 1e-3 * oscillation(time, 25.0)
     motion = pd.DataFrame({"time_s": time, "height_m": height, "sigma_m": 1e-6, "flag": ""})
     shift = exposure_shift(time, height, T)
-    said = motion.assign(exposure_shift_m=shift)
+    own = np.where(np.isfinite(shift), 1e-6 * np.sqrt(6) * (T * RATE) ** 2 / 24, np.nan)
+    said = motion.assign(exposure_shift_m=shift, exposure_shift_sigma_m=own)
     with pytest.warns(StageWarning, match=r"exposure 0\.004 s.*apply"):
-        assert at_mid_exposure(motion, T, "report").equals(said)
-    with pytest.warns(StageWarning, match="taken out, but for 2 frames"):
+        pd.testing.assert_frame_equal(at_mid_exposure(motion, T, "report"), said)
+    with pytest.warns(StageWarning, match="not taken out of 2 frames"):
         better = at_mid_exposure(motion, T, "apply")
     assert np.max(np.abs(better.height_m - height)) == pytest.approx(np.nanmax(np.abs(shift)))
     assert better.exposure_shift_m.equals(said.exposure_shift_m)
     recwarn.clear()
     # no warning, but the number is always there; without an exposure it is unknown, not zero
-    assert at_mid_exposure(motion, T, "none").equals(said)
+    pd.testing.assert_frame_equal(at_mid_exposure(motion, T, "none"), said)
     rough = motion.assign(sigma_m=1e-3)
-    assert at_mid_exposure(rough, T, "report").equals(rough.assign(exposure_shift_m=shift))
-    assert at_mid_exposure(motion, 0.0, "report").exposure_shift_m.isna().all() and not recwarn.list
+    assert at_mid_exposure(rough, T, "report").exposure_shift_m.equals(said.exposure_shift_m)
+    assert at_mid_exposure(motion, 0.0, "apply").exposure_shift_m.isna().all() and not recwarn.list
 
 
 def test_the_correction_adds_the_noise_that_it_says():
@@ -82,3 +83,5 @@ def test_the_correction_adds_the_noise_that_it_says():
     time, height = np.arange(4000) / RATE, rng.normal(0, 1.0, 4000)
     scatter = np.nanstd(height - exposure_shift(time, height, 1 / RATE))
     assert scatter == pytest.approx(shift_sigma(np.ones(1), time, 1 / RATE)[0], rel=0.035)
+    own = np.nanstd(exposure_shift(time, height, 1 / RATE))
+    assert own == pytest.approx(shift_noise(np.ones(1), time, 1 / RATE)[0], rel=0.05)

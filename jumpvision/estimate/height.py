@@ -202,6 +202,12 @@ def shift_sigma(sigma: Array, time: Array, exposure: float) -> Array:
     return np.asarray(sigma * np.sqrt((1.0 + 2.0 * part) ** 2 + 2.0 * part**2))
 
 
+def shift_noise(sigma: Array, time: Array, exposure: float) -> Array:
+    """Standard uncertainty of exposure_shift itself, (n,), from that of the heights, independent."""
+    part = (exposure / float(np.median(np.diff(time)))) ** 2 / 24.0
+    return np.asarray(math.sqrt(6.0) * part * sigma)
+
+
 def parabolas(t: Array, values: Array, sigma: Array, window: int) -> list[tuple[Array, Array]]:
     """(rate, second derivative) of each of the values (k, n), then their sigma: by a parabola about every sample.
 

@@ -66,9 +66,9 @@ class TrackParams(Params):
     )
     diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
     exposure_correction: str = param(
-        "report",
+        "apply",
         "",
-        "acceleration during the exposure shifts a height by a T^2/24: leave it, say so, or take it out",
+        "acceleration during the exposure shifts a height by a T^2/24: leave it, say where it matters, or take it out",
         choices=("none", "report", "apply"),
     )
 

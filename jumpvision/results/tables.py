@@ -50,7 +50,7 @@ class Track(Table):
     others: tuple[pd.DataFrame, ...] = ()
 
     file = "track.csv"
-    further = ("sigma_common_m", "exposure_shift_m", "lens_m")
+    further = ("sigma_common_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m")
     columns = ("frame", "time_s", "x_px", "y_px", "sigma_px", "height_m", "sigma_m", "flag")
 
     def save(self, folder: Path) -> None:

@@ -6,17 +6,15 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jumpvision.base.schema import InputError
-from jumpvision.estimate.height import at_rest, exposure_shift, parabolas, shift_sigma
+from jumpvision.estimate.height import at_rest, exposure_shift, shift_noise, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
-from jumpvision.inputs.parameters import TrackParams, of_keywords
+from jumpvision.inputs.parameters import TrackParams
 from jumpvision.inputs.sections import Actuation, Calibration, RodVideo
 from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
@@ -24,12 +22,13 @@ from jumpvision.vision.ball.track import BallSettings, BallTrack
 from jumpvision.vision.camera import Camera
 from jumpvision.workflow.stage import StageWarning, stage
 
+from .bodies import of_arrays as of_arrays  # jv.track of frames
 from .recordings import height_share, open_film, other_lens, view_of, with_common
 
 SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
 
-@stage(version=5)
+@stage(version=6)
 def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
     """Ball on the rod in every frame of [rod_video]: position [px], height [m], their uncertainties, a flag.
 
@@ -62,31 +61,29 @@ def through(other: Camera | None, motion: pd.DataFrame) -> pd.DataFrame:
 
 
 def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataFrame:
-    """The motion with the column exposure_shift_m: what acceleration during the exposure [s] adds to a height, NaN
-    where unknown. how = "apply" takes it out of height_m, "report" warns where it exceeds SAY_FROM sigma."""
+    """The motion with exposure_shift_m, what acceleration during the exposure [s] adds to a height, and its
+    exposure_shift_sigma_m; NaN where unknown. how = "apply" takes it out of height_m, "report" says where it exceeds
+    SAY_FROM sigma; where it does, what cannot be mended is said too."""
     time, height, sigma = (motion[c].to_numpy(float) for c in ("time_s", "height_m", "sigma_m"))
     shift = exposure_shift(time, height, exposure) if exposure > 0 else np.full(len(motion), np.nan)
-    motion = motion.assign(exposure_shift_m=shift)
-    if how == "none" or np.isnan(shift).all():
+    known = np.isfinite(shift)
+    own = np.where(known, shift_noise(sigma, time, exposure), np.nan) if known.any() else shift
+    motion = motion.assign(exposure_shift_m=shift, exposure_shift_sigma_m=own)
+    if how == "none" or not known.any():
         return motion
     worst = int(np.nanargmax(np.abs(shift)))
+    matters = abs(shift[worst]) > SAY_FROM * sigma[worst]
     size = f"shifts heights by up to {abs(shift[worst]):.2g} m ({abs(shift[worst]) / sigma[worst]:.1f} sigma)"
+    left = np.count_nonzero(np.isfinite(height) & ~known)
     if how == "apply":
-        known = np.isfinite(shift)
-        left = np.count_nonzero(np.isfinite(height) & ~known)
-        warnings.warn(
-            f"exposure {exposure:g} s: acceleration {size}; taken out, but for {left} frames without neighbours",
-            StageWarning,
-            stacklevel=2,
-        )
+        if matters and left:
+            text = f"exposure {exposure:g} s: acceleration {size}; not taken out of {left} frames without neighbours"
+            warnings.warn(text, StageWarning, stacklevel=2)
         better = np.where(known, shift_sigma(sigma, time, exposure), sigma)
         return motion.assign(height_m=height - np.where(known, shift, 0.0), sigma_m=better)
-    if abs(shift[worst]) > SAY_FROM * sigma[worst]:
-        warnings.warn(
-            f'exposure {exposure:g} s: acceleration {size}; track.exposure_correction = "apply" takes it out',
-            StageWarning,
-            stacklevel=2,
-        )
+    if matters:
+        text = f'exposure {exposure:g} s: acceleration {size}; track.exposure_correction = "apply" takes it out'
+        warnings.warn(text, StageWarning, stacklevel=2)
     return motion
 
 
@@ -201,41 +198,3 @@ class BallFilm:
     def exposure(self, frames: Film) -> float:
         """Exposure time [s], 0 where nobody knows it."""
         return self.film.exposure or float(frames.meta.get("exposure_s") or 0.0)
-
-
-def of_arrays(
-    frames: Any, *, frame_rate: float = 1.0, scale: float | None = None, window: int = 7, **parameters: Any
-) -> pd.DataFrame:
-    """A ball in every one of the frames (n, H, W), an array or a sequence of grey images: a row a frame.
-
-    frame_rate [1/s]: default one frame a second. scale [m/px]. window: frames of the parabola from which speed and
-    acceleration are taken; fewer where the acceleration changes within them. parameters: those of [params.track],
-    such as diameter=12 [px], polarity="dark", seed=(column, row).
-
-    Columns: frame, time_s, x_px right, y_px down, sigma_px (of either), flag ("" or why the ball is lost, all else NaN
-    then); vx, vy, v_sigma, ax, ay, a_sigma with the unit in their names: px, y down, or with a scale m, y up, and x_m,
-    y_m, sigma_m. Raises InputError for a parameter.
-    """
-    own = ("markers", "exposure_correction")
-    p = of_keywords(TrackParams, parameters, folder=own, frame_rate=frame_rate, scale=scale)
-    if window < 3:
-        raise InputError([f"jv.track window = {window}: must be >= 3 frames"])
-    images = [np.asarray(f) for f in frames]
-    if not images or any(f.ndim != 2 for f in images):
-        raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")
-    settings = BallSettings(p.diameter, p.polarity, p.method, p.search, tuple(p.seed) or None, False, 0.0)  # type: ignore[arg-type]
-    found = track_film(images, settings, scene=p.background == "static")[0]
-    for note in found.notes:
-        warnings.warn(note, StageWarning, stacklevel=2)
-    n, lost = len(images), found.flag != ""
-    x, y, sigma = (np.where(lost, np.nan, c) for c in (found.x, found.y, found.sigma))
-    time = np.arange(n) / frame_rate
-    out = pd.DataFrame({"frame": range(n), "time_s": time, "x_px": x, "y_px": y, "sigma_px": sigma})
-    unit = "px" if scale is None else "m"
-    if scale is not None:
-        x, y, sigma = x * scale, -y * scale, sigma * scale
-        out = out.assign(x_m=x, y_m=y, sigma_m=sigma)
-    (vx, ax), (vy, ay), (dv, da) = parabolas(time, np.stack([x, y]), sigma, window)
-    out[[f"vx_{unit}_s", f"vy_{unit}_s", f"v_sigma_{unit}_s"]] = np.stack([vx, vy, dv], axis=1)
-    out[[f"ax_{unit}_s2", f"ay_{unit}_s2", f"a_sigma_{unit}_s2"]] = np.stack([ax, ay, da], axis=1)
-    return out.assign(flag=found.flag)
