@@ -57,24 +57,22 @@ def step(
     k: (N_SLOPES, n); k[0] = ds/dt at t on entry, the others are filled; k[6] = ds/dt at t + h.
     """
     n = s.size
-    for j in range(n):
-        s1[j] = s[j] + h * A1[0] * k[0, j]
-    rhs(t + NODES[1] * h, s1, mode, slip, memory, kind, row, p, k, 1)
-    for j in range(n):
-        s1[j] = s[j] + h * (A2[0] * k[0, j] + A2[1] * k[1, j])
-    rhs(t + NODES[2] * h, s1, mode, slip, memory, kind, row, p, k, 2)
-    for j in range(n):
-        s1[j] = s[j] + h * (A3[0] * k[0, j] + A3[1] * k[1, j] + A3[2] * k[2, j])
-    rhs(t + NODES[3] * h, s1, mode, slip, memory, kind, row, p, k, 3)
-    for j in range(n):
-        s1[j] = s[j] + h * (A4[0] * k[0, j] + A4[1] * k[1, j] + A4[2] * k[2, j] + A4[3] * k[3, j])
-    rhs(t + NODES[4] * h, s1, mode, slip, memory, kind, row, p, k, 4)
-    for j in range(n):
-        s1[j] = s[j] + h * (A5[0] * k[0, j] + A5[1] * k[1, j] + A5[2] * k[2, j] + A5[3] * k[3, j] + A5[4] * k[4, j])
-    rhs(t + NODES[5] * h, s1, mode, slip, memory, kind, row, p, k, 5)
-    for j in range(n):
-        s1[j] = s[j] + h * (A6[0] * k[0, j] + A6[2] * k[2, j] + A6[3] * k[3, j] + A6[4] * k[4, j] + A6[5] * k[5, j])
-    rhs(t + NODES[6] * h, s1, mode, slip, memory, kind, row, p, k, 6)
+    for i in range(1, N_SLOPES):  # one call of rhs: written out, it would be compiled six times
+        for j in range(n):
+            if i == 1:
+                slope = A1[0] * k[0, j]
+            elif i == 2:
+                slope = A2[0] * k[0, j] + A2[1] * k[1, j]
+            elif i == 3:
+                slope = A3[0] * k[0, j] + A3[1] * k[1, j] + A3[2] * k[2, j]
+            elif i == 4:
+                slope = A4[0] * k[0, j] + A4[1] * k[1, j] + A4[2] * k[2, j] + A4[3] * k[3, j]
+            elif i == 5:
+                slope = A5[0] * k[0, j] + A5[1] * k[1, j] + A5[2] * k[2, j] + A5[3] * k[3, j] + A5[4] * k[4, j]
+            else:
+                slope = A6[0] * k[0, j] + A6[2] * k[2, j] + A6[3] * k[3, j] + A6[4] * k[4, j] + A6[5] * k[5, j]
+            s1[j] = s[j] + h * slope
+        rhs(t + NODES[i] * h, s1, mode, slip, memory, kind, row, p, k, i)
     worst = 0.0
     for j in range(n):
         total = ERROR[0] * k[0, j] + ERROR[2] * k[2, j] + ERROR[3] * k[3, j]
