@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -77,8 +76,7 @@ def jump_batch(
         for name in LOOP:
             constants[name] = np.broadcast_to(np.asarray(loop[name], float), shape).ravel()
     out = np.empty((each.shape[0], len(compiled.RESULTS)))
-    with nb.parallel_chunksize(8):  # jumps differ in length: threads fetch new ones as they become free
-        compiled.batch_solver()(constants, each, tail, rtol, atol, out)
+    compiled.batch_solver()(len(out), constants, each, tail, rtol, atol, out)
     result: dict[str, NDArray[Any]] = {
         name: out[:, i].reshape(shape) for i, name in enumerate(compiled.RESULTS) if name != "status"
     }

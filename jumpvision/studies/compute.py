@@ -14,7 +14,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
+from jumpvision.base.threads import at_most
 from jumpvision.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.physics.hard.jump import RESULTS as COMPUTED
 from jumpvision.results import plain
@@ -53,18 +53,17 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
             full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan, machine.phi_sigma)
         return {n: np.ascontiguousarray(np.broadcast_to(v, (hi - lo,))) for n, v in full.items()}
 
-    threads = numba.get_num_threads()
     if machine.laws and (said := machine.laws.continued(given.get("phi", np.asarray(machine.values["phi"])))):
         say(said)
     try:
         values(0, 1)
-        numba.set_num_threads(min(workers, threads))
         step = CHUNK if machine.exact else SMALL
         edges = [(lo, min(lo + step, total)) for lo in range(0, total, step)]
         began = time.perf_counter()
         for done, (lo, hi) in enumerate(watch(edges, "jumps, chunks")):
             v = values(lo, hi)
-            found = hard_points(v) if machine.exact else simulated_points(machine.model, v, rtol=RTOL, atol=ATOL)
+            with at_most(workers):
+                found = hard_points(v) if machine.exact else simulated_points(machine.model, v, rtol=RTOL, atol=ATOL)
             for name, column in found.items():
                 out[name][lo:hi] = column
             if done == 0:
@@ -73,8 +72,6 @@ def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, 
         raise
     except ValueError as e:
         raise InputError([f"sweep {machine.model.ground}: {e}"]) from None
-    finally:
-        numba.set_num_threads(threads)
     return {n: v.reshape(shape) for n, v in out.items()}
 
 

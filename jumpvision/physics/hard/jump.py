@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.threads import shared
 from jumpvision.physics.forcing import Forcing, Segments
 from jumpvision.physics.oscillator import natural_frequency
 
@@ -35,8 +36,6 @@ RANGES = {
     "frequency": ("Hz", 0.0, False),
     "phase": ("rad", -math.inf, True),
 }
-
-BLOCK = 256  # jumps
 
 
 class HardRobot(NamedTuple):
@@ -227,8 +226,7 @@ def hard_sweep(
     robots = np.stack([v.ravel() for v in each])
     rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
     out = np.empty((len(RESULTS), rows.shape[0]))
-    with nb.parallel_chunksize(1):  # blocks are handed out as threads become free, where the threading layer can
-        _sweep(np.ascontiguousarray(rows), robots, out)
+    _sweep(len(rows), np.ascontiguousarray(rows), robots, out)
     result: dict[str, NDArray[Any]] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result
@@ -353,21 +351,20 @@ def _sample(
     return x, v, xm, f
 
 
-@nb.njit(parallel=True, **KERNEL)
-def _sweep(laws: NDArray[Any], robots: NDArray[Any], out: NDArray[Any]) -> None:
+@shared(**KERNEL)
+def _sweep(first: int, last: int, laws: NDArray[Any], robots: NDArray[Any], out: NDArray[Any]) -> None:
     """hard_sweep, flat: laws (n, r, 6), robots (6, n or 1) in the order of its arguments, out (8, n) as RESULTS."""
-    for block in nb.prange((laws.shape[0] + BLOCK - 1) // BLOCK):
-        pieces, none = np.zeros((laws.shape[1] + 1, 9)), np.empty((0, 2))
-        for i in range(block * BLOCK, min((block + 1) * BLOCK, laws.shape[0])):
-            j = min(i, robots.shape[1] - 1)
-            motor_mass, k, c, g, loss = robots[0, j], robots[2, j], robots[3, j], robots[4, j], robots[5, j]
-            mass = motor_mass + robots[1, j]
-            for r in range(laws.shape[1]):
-                for column in range(3):
-                    pieces[r, column], pieces[r, 6 + column] = laws[i, r, column], laws[i, r, 3 + column]
-            _, _, n_jumps, first, com, rod, longest, power, force, _ = follow_jump(
-                pieces, motor_mass / mass, g, k / mass, 0.5 * c / mass, math.sqrt(1.0 - loss), math.inf, none, none
-            )
-            out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
-            out[4, i], out[5, i], out[6, i] = first - laws[i, 0, 0], motor_mass * power, motor_mass * force
-            out[7, i] = _peak_speed(pieces, laws.shape[1])
+    pieces, none = np.zeros((laws.shape[1] + 1, 9)), np.empty((0, 2))
+    for i in range(first, last):
+        j = min(i, robots.shape[1] - 1)
+        motor_mass, k, c, g, loss = robots[0, j], robots[2, j], robots[3, j], robots[4, j], robots[5, j]
+        mass = motor_mass + robots[1, j]
+        for r in range(laws.shape[1]):
+            for column in range(3):
+                pieces[r, column], pieces[r, 6 + column] = laws[i, r, column], laws[i, r, 3 + column]
+        _, _, n_jumps, lifted, com, rod, longest, power, force, _ = follow_jump(
+            pieces, motor_mass / mass, g, k / mass, 0.5 * c / mass, math.sqrt(1.0 - loss), math.inf, none, none
+        )
+        out[0, i], out[1, i], out[2, i], out[3, i] = com, g * longest * longest / 8.0, rod, n_jumps
+        out[4, i], out[5, i], out[6, i] = lifted - laws[i, 0, 0], motor_mass * power, motor_mass * force
+        out[7, i] = _peak_speed(pieces, laws.shape[1])

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.threads import shared
 from jumpvision.mechanisms import registry
 from jumpvision.physics import forcing
 from jumpvision.physics.hard.jump import RESULTS as HARD_RESULTS
@@ -226,17 +227,17 @@ def _tracks(key: str) -> Callable[..., Any]:
 
 @functools.cache
 def batch_solver() -> Callable[..., Any]:
-    """solve(constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in parallel."""
+    """solve(n, constants (n,), laws (n, r, 6), tail, rtol, atol, out (n, RESULTS)): `jump` of each, in threads."""
     global _one
     _one = solver()
     return _batch(digest())
 
 
 def _batch(key: str) -> Callable[..., Any]:
-    @njit(cache=True, parallel=True)
-    def solve(constants, laws, tail, rtol, atol, out):  # type: ignore[no-untyped-def]
+    @shared()
+    def solve(first, last, constants, laws, tail, rtol, atol, out):  # type: ignore[no-untyped-def]
         key  # noqa: B018
-        for i in prange(out.shape[0]):
+        for i in range(first, last):
             jump(constants[i : i + 1], laws[i], tail, rtol, atol, out[i])
 
     return solve

@@ -155,7 +155,7 @@ def sample(
     if out.size == 1:
         out[ROD] = x_r
         return
-    force = rhs(t, s, mode, slip, memory, kind, row, p, k, int(0))
+    force = rhs(t, s, mode, slip, memory, kind, row, p, k, 0)
     out[ROD], out[MOTOR], out[ROD_VELOCITY], out[SPRING_FORCE] = x_r, x_r + x, v_r, force
     if p.massless == 1 and mode == AIR:
         out[FOOT], out[FOOT_VELOCITY] = x_r, v_r

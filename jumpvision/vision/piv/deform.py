@@ -10,6 +10,7 @@ import numba as nb
 import numpy as np
 
 from jumpvision.base.arrays import Float32
+from jumpvision.base.threads import shared
 
 from .frame import Frame
 
@@ -24,19 +25,19 @@ def half_way(a: Frame, b: Frame, dx: Float32, dy: Float32) -> tuple[Float32, Flo
     """
     m, r, keep = (np.empty(a.weight.shape, np.float32) for _ in range(3))
     frame = (a.pad, a.pad + a.grey.shape[0], a.pad + a.grey.shape[1])
-    _half_way(a.c, b.c, a.weight, b.weight, a.usable.all(), b.usable.all(), frame, a.fine, dx, dy, m, r, keep)
+    _half_way(len(m), a.c, b.c, a.weight, b.weight, a.usable.all(), b.usable.all(), frame, a.fine, dx, dy, m, r, keep)
     return m, r, keep
 
 
 # "contract" alone, here and wherever threads share a loop: freer rounding differs between a process that compiles
 # and one that loads what was compiled
-@nb.njit(cache=True, parallel=True, fastmath={"contract"})
-def _half_way(ca, cb, wa, wb, clear_a, clear_b, frame, fine, dx, dy, m, r, keep):  # type: ignore[no-untyped-def]
-    rows, cols = m.shape
+@shared(fastmath={"contract"})
+def _half_way(first, last, ca, cb, wa, wb, clear_a, clear_b, frame, fine, dx, dy, m, r, keep):  # type: ignore[no-untyped-def]
+    cols = m.shape[1]
     half = np.float32(0.5)
-    for j in nb.prange(rows):
-        part, grey = np.empty((2, cols + LANES), np.float32), np.empty((2, cols + LANES), np.float32)
-        light, knot = np.empty((2, cols), np.float32), np.empty((2, cols), np.int32)
+    part, grey = np.empty((2, cols + LANES), np.float32), np.empty((2, cols + LANES), np.float32)
+    light, knot = np.empty((2, cols), np.float32), np.empty((2, cols), np.int32)
+    for j in range(first, last):
         _read(ca, wa, clear_a, frame, fine, dx[j], dy[j], -half, j, part, knot, grey[0], light[0])
         _read(cb, wb, clear_b, frame, fine, dx[j], dy[j], half, j, part, knot, grey[1], light[1])
         for i in range(cols):

@@ -10,6 +10,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.base.threads import shared
+
 # products of the pictures m = (a + b) / 2, r = a - b and the gradient g = grad m, and the order to which each is
 # multiplied with the coordinates xi, eta from the centre of the window
 ORDER = np.array([2, 2, 2, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0])
@@ -45,12 +47,11 @@ def slopes(f, y, gx, gy):  # type: ignore[no-untyped-def]
         gy[i] = (k8 * (down[i] - up[i]) - (down2[i] - up2[i])) * k12
 
 
-@nb.njit(cache=True, parallel=True, fastmath={"contract"})
-def gradient(f, gx, gy):  # type: ignore[no-untyped-def]
-    """The slopes of all rows; zero within 2 px of the edge."""
-    rows = len(f)
-    for j in nb.prange(rows):
-        if j < 2 or j >= rows - 2:
+@shared(fastmath={"contract"})
+def gradient(first, last, f, gx, gy):  # type: ignore[no-untyped-def]
+    """The slopes of a row; zero within 2 px of the edge."""
+    for j in range(first, last):
+        if j < 2 or j >= len(f) - 2:
             gx[j] = 0
             gy[j] = 0
         else:
@@ -149,8 +150,8 @@ def _across(columns, x, g, source, out):  # type: ignore[no-untyped-def]
             out[k, s] = total[source[s]]
 
 
-@nb.njit(cache=True, parallel=True, fastmath={"contract"})
-def moments(m, r, keep, gx, gy, x, y, g, source, out):  # type: ignore[no-untyped-def]
+@shared(fastmath={"contract"})
+def moments(first, last, m, r, keep, gx, gy, x, y, g, source, out):  # type: ignore[no-untyped-def]
     """Sums of every product over the windows centred at columns x and rows y: out (ny, nx, FIRST[-1]).
 
     m, r, keep, gx, gy: (H, W), mean, difference, weight, gradient of the mean. g: weight along one side of the window;
@@ -158,20 +159,21 @@ def moments(m, r, keep, gx, gy, x, y, g, source, out):  # type: ignore[no-untype
     """
     cols = m.shape[1]
     h = len(g) // 2
-    for k in nb.prange(len(y)):
-        columns = np.zeros((cols, WIDTH), np.float32)
-        p, total = np.zeros(10 * TILE, np.float32), np.empty(PRODUCTS * TILE, np.float32)
+    columns = np.zeros((cols, WIDTH), np.float32)
+    p, total = np.zeros(10 * TILE, np.float32), np.empty(PRODUCTS * TILE, np.float32)
+    for k in range(first, last):
         for start in range(0, cols, TILE):
             n = min(TILE, cols - start)
             total[:] = 0
             for j in range(h + 1):
                 for side in range(2):
                     row, q = y[k] + (1 - 2 * side) * j, 5 * side * TILE
-                    p[q : q + n] = keep[row, start : start + n]
-                    p[q + TILE : q + TILE + n] = m[row, start : start + n]
-                    p[q + 2 * TILE : q + 2 * TILE + n] = r[row, start : start + n]
-                    p[q + 3 * TILE : q + 3 * TILE + n] = gx[row, start : start + n]
-                    p[q + 4 * TILE : q + 4 * TILE + n] = gy[row, start : start + n]
+                    for i in range(n):  # a slice to a slice takes a second to compile
+                        p[q + i] = keep[row, start + i]
+                        p[q + TILE + i] = m[row, start + i]
+                        p[q + 2 * TILE + i] = r[row, start + i]
+                        p[q + 3 * TILE + i] = gx[row, start + i]
+                        p[q + 4 * TILE + i] = gy[row, start + i]
                 f = g[h + j] if j > 0 else g[h] * np.float32(0.5)  # the middle row is its own pair
                 _add_products(p, total, f, np.float32(j))
             for i in range(n):
@@ -180,21 +182,22 @@ def moments(m, r, keep, gx, gy, x, y, g, source, out):  # type: ignore[no-untype
         _across(columns, x, g, source, out[k])
 
 
-@nb.njit(cache=True, parallel=True, fastmath={"contract"})
-def moments_of(planes, x, y, g, source, out):  # type: ignore[no-untyped-def]
+@shared(fastmath={"contract"})
+def moments_of(first, last, planes, x, y, g, source, out):  # type: ignore[no-untyped-def]
     """As `moments`, of three given planes (3, H, W) up to second order: out (ny, nx, 18); source: OF_PLANES."""
     cols = planes.shape[2]
     h = len(g) // 2
-    for k in nb.prange(len(y)):
-        columns = np.zeros((cols, WIDTH), np.float32)
-        p, total = np.zeros(6 * TILE, np.float32), np.empty(SQUARES * TILE, np.float32)
+    columns = np.zeros((cols, WIDTH), np.float32)
+    p, total = np.zeros(6 * TILE, np.float32), np.empty(SQUARES * TILE, np.float32)
+    for k in range(first, last):
         for start in range(0, cols, TILE):
             n = min(TILE, cols - start)
             total[:] = 0
             for j in range(h + 1):
                 for q in range(6):
                     row = y[k] + (j if q < 3 else -j)
-                    p[q * TILE : q * TILE + n] = planes[q % 3, row, start : start + n]
+                    for i in range(n):
+                        p[q * TILE + i] = planes[q % 3, row, start + i]
                 f = g[h + j] if j > 0 else g[h] * np.float32(0.5)
                 _add_planes(p, total, f, np.float32(j))
             for i in range(n):

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
+from jumpvision.base.threads import shared
 
 from .deform import half_way
 from .frame import Frame, taper
@@ -85,13 +86,13 @@ def refine(
     pictures = []
     for a, b in pairs:
         together = half_way(a, b, dx, dy)
-        moments(*together, *_gradient(together[0]), *places, g, OF_PICTURES, part)
+        moments(ny, *together, *_gradient(together[0]), *places, g, OF_PICTURES, part)
         sums += part
         if errors:
             pictures.append(together)
     step, quality, state = np.empty((ny * nx, 8)), np.empty(ny * nx), np.empty(ny * nx, np.int64)
     sums = sums.reshape(ny * nx, -1)
-    steps(sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, state)
+    steps(ny * nx, sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, state)
 
     change = step.T.reshape(8, ny, nx)
     smooth = np.stack(
@@ -106,13 +107,13 @@ def refine(
         offset, gain, ex, ey = (everywhere(rows, columns, change[q]) for q in (6, 7, 0, 3))
         zz, ss, ratio, clumping = _scatter(pictures, (offset, gain, ex, ey), places[::-1])
         scatter, noise = np.empty((ny, nx, 18)), np.empty((ny, nx, 18))
-        moments_of(zz, *places, g * g, OF_PLANES, scatter)
-        moments_of(ss, *places, g, OF_PLANES, noise)
+        moments_of(ny, zz, *places, g * g, OF_PLANES, scatter)
+        moments_of(ny, ss, *places, g, OF_PLANES, noise)
         scatter *= ratio[:, :, None]
         sigma = np.empty((ny * nx, 6))
         # rounding is there where equal frames leave no residual; the frames of an ensemble share all but two of it
         least = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs) * float((g**2).sum() / g.sum()) ** 2
-        covariances(sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), least, sigma)
+        covariances(ny * nx, sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), least, sigma)
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)
@@ -121,17 +122,17 @@ def refine(
 
 def _gradient(f: Float32) -> tuple[Float32, Float32]:
     gx, gy = np.empty_like(f), np.empty_like(f)
-    gradient(f, gx, gy)
+    gradient(len(f), f, gx, gy)
     return gx, gy
 
 
-@nb.njit(cache=True, parallel=True, fastmath={"contract"})
-def _forces(m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
+@shared(fastmath={"contract"})
+def _forces(first, last, m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
     """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r; |grad m|^2; grad r grad r."""
     rows, cols = m.shape
     offset, gain, ex, ey = change
-    for j in nb.prange(2, rows - 2):
-        gx, gy, left = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
+    gx, gy, left = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
+    for j in range(max(first, 2), min(last, rows - 2)):
         slopes(m, j, gx, gy)
         _left(keep[j], r[j], offset[j], gain[j], m[j], gx, ex[j], gy, ey[j], left)
         _add(z[0, j], gx, left)
@@ -175,7 +176,7 @@ def _scatter(
     shape = change[0].shape
     z, ss, energy = np.zeros((2, *shape), np.float32), np.zeros((3, *shape), np.float32), np.zeros(shape, np.float32)
     for together in pictures:
-        _forces(*together, change, z, ss, energy)
+        _forces(len(z[0]), *together, change, z, ss, energy)
     box = (LAG, LAG)
     around = (AROUND, AROUND)
     together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)

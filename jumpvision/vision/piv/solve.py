@@ -7,11 +7,12 @@ import math
 import numba as nb
 import numpy as np
 
+from jumpvision.base.threads import shared
+
 from .moments import FIRST, GX, GXM, GXR, GXX, GXY, GY, GYM, GYR, GYY, MM, MR, ONE, RR, M, R
 
 N = 8  # unknowns: d_x, u_x, u_y, d_y, v_x, v_y, offset and gain of the grey
 STEPPED, FLAT, COVERED = range(3)
-PART = 64  # windows that a thread takes at a time
 # order of the sums of a product of two factors 1, xi, eta
 PAIR = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
@@ -74,17 +75,15 @@ def _block(h, sums, first, c, d, sign):  # type: ignore[no-untyped-def]
                 h[3 * d + j, 3 * c + i] += value
 
 
-@nb.njit(cache=True, parallel=True)
-def steps(sums, full, texture, step, quality, state):  # type: ignore[no-untyped-def]
+@shared()
+def steps(first, last, sums, full, texture, step, quality, state):  # type: ignore[no-untyped-def]
     """Least-squares step (n, 8) of every window from its sums (n, FIRST[-1]), correlation (n,) and state.
 
     full: sum of the weight of a whole window; texture: [grey] least standard deviation.
     """
-    n = len(sums)
-    for part in nb.prange((n + PART - 1) // PART):
-        h, low, q = np.zeros((N, N)), np.zeros((N, N)), np.empty(N)
-        for k in range(part * PART, min((part + 1) * PART, n)):
-            state[k], quality[k] = _step(sums[k], full, texture, h, low, q, step[k])
+    h, low, q = np.zeros((N, N)), np.zeros((N, N)), np.empty(N)
+    for k in range(first, last):
+        state[k], quality[k] = _step(sums[k], full, texture, h, low, q, step[k])
 
 
 @nb.njit(cache=True)
@@ -107,7 +106,8 @@ def _step(s, full, texture, h, low, q, b):  # type: ignore[no-untyped-def]
     b[6], b[7] = s[FIRST[R]], s[FIRST[MR]]
     if not _factor(h, low):
         return FLAT, np.nan
-    q[:] = b
+    for i in range(N):
+        q[i] = b[i]
     _solve(low, b)
     left = s[FIRST[RR]]
     for i in range(N):
@@ -131,38 +131,36 @@ def normal(s, h):  # type: ignore[no-untyped-def]
     h[6, 7] = h[7, 6] = s[FIRST[M]]
 
 
-@nb.njit(cache=True, parallel=True)
-def covariances(sums, noise, scatter, least, sigma):  # type: ignore[no-untyped-def]
+@shared()
+def covariances(first, last, sums, noise, scatter, least, sigma):  # type: ignore[no-untyped-def]
     """Standard uncertainties (n, 6) d_x, u_x, u_y, d_y, v_x, v_y: H^-1 Z H^-1, Z the covariance of sum w J r.
 
     scatter, noise: (n, 18) sums of z_x z_x, z_x z_y, z_y z_y, and of the same of grad r, up to second order. H is made
     of the products of the gradients of the two frames, which the noise does not inflate: grad a grad b =
     grad m grad m - grad r grad r / 4. Z is at least `least` H. NaN where the noise hides the texture.
     """
-    n = len(sums)
-    for part in nb.prange((n + PART - 1) // PART):
-        h, low, root = np.empty((N, N)), np.zeros((N, N)), np.zeros((N, N))
-        t, z = np.empty((6, 6)), np.empty((6, 6))
-        for k in range(part * PART, min((part + 1) * PART, n)):
-            h[:] = 0.0
-            normal(sums[k], h)
-            _block(h, noise[k], 0, 0, 0, -0.25)
-            _block(h, noise[k], 6, 0, 1, -0.25)
-            _block(h, noise[k], 12, 1, 1, -0.25)
-            if not _factor(h, low):
-                sigma[k] = np.nan
-                continue
-            _inverse(low, root, t)
-            z[:] = 0.0
-            _block(z, scatter[k], 0, 0, 0, 1.0)
-            _block(z, scatter[k], 6, 0, 1, 1.0)
-            _block(z, scatter[k], 12, 1, 1, 1.0)
-            for i in range(6):
-                var = 0.0
-                for p in range(6):
-                    zt = 0.0
-                    for q in range(6):
-                        zt += z[p, q] * t[i, q]
-                    var += t[i, p] * zt
-                var = max(var, least * t[i, i])
-                sigma[k, i] = math.sqrt(var) if var > 0.0 else np.nan
+    h, low, root = np.empty((N, N)), np.zeros((N, N)), np.zeros((N, N))
+    t, z = np.empty((6, 6)), np.empty((6, 6))
+    for k in range(first, last):
+        h[:] = 0.0
+        normal(sums[k], h)
+        _block(h, noise[k], 0, 0, 0, -0.25)
+        _block(h, noise[k], 6, 0, 1, -0.25)
+        _block(h, noise[k], 12, 1, 1, -0.25)
+        if not _factor(h, low):
+            sigma[k] = np.nan
+            continue
+        _inverse(low, root, t)
+        z[:] = 0.0
+        _block(z, scatter[k], 0, 0, 0, 1.0)
+        _block(z, scatter[k], 6, 0, 1, 1.0)
+        _block(z, scatter[k], 12, 1, 1, 1.0)
+        for i in range(6):
+            var = 0.0
+            for p in range(6):
+                zt = 0.0
+                for q in range(6):
+                    zt += z[p, q] * t[i, q]
+                var += t[i, p] * zt
+            var = max(var, least * t[i, i])
+            sigma[k, i] = math.sqrt(var) if var > 0.0 else np.nan

@@ -7,11 +7,11 @@ import math
 from typing import NamedTuple
 
 import cv2
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
+from jumpvision.base.threads import shared
 
 from .validate import response
 
@@ -85,13 +85,13 @@ def everywhere(rows: Axis, columns: Axis, f: Array) -> Float32:
     """A field of vectors (ny, nx) at every pixel (height, width)."""
     c = rows.coefficients @ f @ columns.coefficients.T
     out = np.empty((len(rows.knot), len(columns.knot)), np.float32)
-    _evaluate(c.astype(np.float32), rows.knot, rows.weight, columns.knot, columns.weight, out)
+    _evaluate(len(out), c.astype(np.float32), rows.knot, rows.weight, columns.knot, columns.weight, out)
     return out
 
 
-@nb.njit(cache=True, parallel=True, fastmath={"contract"})
-def _evaluate(c, row, row_weight, column, column_weight, out):  # type: ignore[no-untyped-def]
-    for j in nb.prange(out.shape[0]):
+@shared(fastmath={"contract"})
+def _evaluate(first, last, c, row, row_weight, column, column_weight, out):  # type: ignore[no-untyped-def]
+    for j in range(first, last):
         line = np.zeros(c.shape[1], np.float32)
         for q in range(4):
             for k in range(c.shape[1]):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
+from jumpvision.base.threads import shared
 
 from .frame import taper
 
@@ -62,14 +63,18 @@ def _bordered(f: Array, reach: int, slope: tuple[Array, Array] | None) -> tuple[
     return p, px, py
 
 
-@nb.njit(cache=True, parallel=True)
-def _medians(p, px, py, reach, wanted):  # type: ignore[no-untyped-def]
+def _medians(p: Array, px: Array, py: Array, reach: int, wanted: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Median of the neighbours within `reach` and of their distances from it, of a bordered field, where `wanted`."""
-    ny, nx = p.shape[0] - 2 * reach, p.shape[1] - 2 * reach
-    middle, scatter = np.full((ny, nx), np.nan), np.full((ny, nx), np.nan)
-    for j in nb.prange(ny):
-        near = np.empty((2 * reach + 1) ** 2 - 1)
-        for i in range(nx):
+    middle, scatter = np.full(wanted.shape, np.nan), np.full(wanted.shape, np.nan)
+    _fill_medians(len(middle), p, px, py, reach, wanted, middle, scatter)
+    return middle, scatter
+
+
+@shared()
+def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # type: ignore[no-untyped-def]
+    near = np.empty((2 * reach + 1) ** 2 - 1)
+    for j in range(first, last):
+        for i in range(middle.shape[1]):
             if not wanted[j, i]:
                 continue
             n = 0
@@ -86,7 +91,6 @@ def _medians(p, px, py, reach, wanted):  # type: ignore[no-untyped-def]
                 for k in range(n):
                     near[k] = abs(near[k] - m)
                 scatter[j, i] = _median(near, n)
-    return middle, scatter
 
 
 @nb.njit(cache=True)

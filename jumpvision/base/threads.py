@@ -1,0 +1,83 @@
+"""Compiled loops shared between threads, as many as NUMBA_NUM_THREADS says (default: one a core)."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import contextlib
+import functools
+import os
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numba as nb
+
+PIECES = 8  # a thread: rows differ in work
+
+_limit: int | None = None  # of `at_most`
+_pool: concurrent.futures.ThreadPoolExecutor | None = None
+
+
+def threads() -> int:
+    """How many share a loop, this one included."""
+    most = int(nb.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    return most if _limit is None else max(1, min(most, _limit))
+
+
+@contextlib.contextmanager
+def at_most(number: int) -> Iterator[None]:
+    """No more threads than that within."""
+    global _limit
+    before, _limit = _limit, number
+    try:
+        yield
+    finally:
+        _limit = before
+
+
+def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """f(first, last, *arguments), which works on rows first to last - 1 alone, becomes f(rows, *arguments) on all.
+
+    It is compiled for one thread and called by several, without the interpreter's lock: numba's own `parallel=True`
+    takes twice as long to compile. What a row becomes does not depend on the number of threads. options: of `njit`.
+    """
+
+    def made(f: Callable[..., None]) -> Callable[..., None]:
+        compiled = nb.njit(**{"cache": True, "nogil": True, **options})(f)
+
+        @functools.wraps(f)
+        def call(rows: int, *arguments: Any) -> None:
+            size = max(1, -(-rows // (PIECES * threads())))
+            pieces = iter(range(0, rows, size))
+
+            def work() -> None:
+                for first in pieces:  # each piece goes to the thread that asks for it first
+                    compiled(first, min(first + size, rows), *arguments)
+
+            others = [_workers().submit(work) for _ in range(min(threads(), -(-rows // size)) - 1)]
+            try:
+                work()
+            finally:
+                concurrent.futures.wait(others)
+            for other in others:
+                other.result()
+
+        return call
+
+    return made
+
+
+def _workers() -> concurrent.futures.ThreadPoolExecutor:
+    global _pool
+    if _pool is None:
+        _pool = concurrent.futures.ThreadPoolExecutor(max(1, threads() - 1), "rows")
+    return _pool
+
+
+def _forget() -> None:
+    """A forked process has none of the threads."""
+    global _pool
+    _pool = None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forget)

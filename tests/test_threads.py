@@ -1,0 +1,75 @@
+"""Loops shared between threads: every row once, whatever their number; errors arrive; a forked process has its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+
+import numba as nb
+import numpy as np
+import pytest
+
+from jumpvision.base import threads
+
+
+@threads.shared()
+def squares(first, last, x, out, count):
+    for i in range(first, last):
+        out[i] = x[i] * x[i]
+        count[i] += 1
+
+
+@threads.shared()
+def refuses(first, last, bad):
+    for i in range(first, last):
+        if i == bad:
+            raise ValueError("a bad row")
+
+
+def check(n: int) -> None:
+    x, out, count = np.arange(float(n)), np.zeros(n), np.zeros(n, np.int64)
+    squares(n, x, out, count)
+    assert (count == 1).all() and np.array_equal(out, x * x)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 7])
+def test_every_row_is_worked_on_once(number, monkeypatch):
+    monkeypatch.setattr(nb.config, "NUMBA_NUM_THREADS", number)
+    monkeypatch.setattr(threads, "_pool", None)
+    for n in (0, 1, 2, 5, 63, 64, 1000):
+        check(n)
+    with threads.at_most(2):
+        assert threads.threads() == min(number, 2)
+        check(101)
+    assert threads.threads() == number
+
+
+def test_an_error_of_any_row_arrives(monkeypatch):
+    monkeypatch.setattr(nb.config, "NUMBA_NUM_THREADS", 3)
+    monkeypatch.setattr(threads, "_pool", None)
+    for bad in (0, 50, 99):
+        with pytest.raises(ValueError, match="a bad row"):
+            refuses(100, bad)
+    refuses(100, -1)
+
+
+def test_several_threads_may_call_at_once():
+    """numba's own workqueue ends the process then."""
+    callers = [threading.Thread(target=lambda: [check(500) for _ in range(20)]) for _ in range(4)]
+    for c in callers:
+        c.start()
+    for c in callers:
+        c.join()
+    check(500)
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="no fork here")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_forked_process_does_not_wait_for_threads_that_it_has_not(monkeypatch):
+    monkeypatch.setattr(nb.config, "NUMBA_NUM_THREADS", 2)
+    monkeypatch.setattr(threads, "_pool", None)
+    check(500)
+    child = multiprocessing.get_context("fork").Process(target=check, args=(500,))
+    child.start()
+    child.join(60)
+    assert child.exitcode == 0
