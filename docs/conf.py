@@ -7,11 +7,12 @@ import jumpvision
 PARTS = {  # of the site; all but the last are at most 15,000 words together (tests/test_docs.py)
     "Begin": ["samples", "tutorial", "notebook", "bring_your_own_data", "glossary"],
     "Only match pictures": ["velocity_fields"],
+    "Only track": ["tracking"],
     "Question a model": ["diagnosis", "any_simulator"],
     "Jumping robots": ["planning", "demo", "report", "scale"],
     "Reference": [
         "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "rft", "laboratory",
-        "diagnosis_real", "real", "benchmarks", "architecture",
+        "diagnosis_real", "real", "benchmarks", "features", "architecture",
     ],
 }  # fmt: skip
 

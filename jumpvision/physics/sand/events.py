@@ -27,6 +27,7 @@ from .granular import (
     LANDED,
     N_MEMORY,
     N_MOTION,
+    NOW,
     STUCK,
     VF,
     XF,
@@ -175,7 +176,7 @@ def run(
                     begin(t, s, mode, slip, kind, row, p, arc)
                 else:
                     longest = max_step
-                    rhs(t, s, mode, slip, memory, kind, row, p, slopes, 0)  # a literal would be compiled apart
+                    rhs(t, s, mode, slip, memory, kind, row, p, slopes, NOW[0])
                     if mode == INTRUDE:
                         h = min(h, first_step(s, slopes[0, VF], p))
                 here = heights(t, s, kind, row, p)
