@@ -29,8 +29,9 @@ print(float(path.sigma_px.median()), float((path.flag == "").mean()))
 DIAGNOSE = """
 import numpy as np, jumpvision as jv
 t, y, z = np.loadtxt("{FOLDER}/two.csv", delimiter=",", unpack=True)
-study = jv.Study(lambda p, r: r.inputs["h"] - p["g"] * r.t**2 / 2, [jv.Parameter("g", 9.81, sigma=0.01)], [], [jv.Channel("height", "m")])
-print(jv.diagnose([jv.Recording("one", t, y, inputs={"h": 1.0}), jv.Recording("two", t, z, inputs={"h": 2.0})], study).verdict)
+recordings = [jv.Recording(f"drop {h}", t, x, inputs={"h": h}) for h, x in ((1.0, y), (2.0, z))]
+fall = jv.Study(lambda p, r: r.inputs["h"] - p["g"] * r.t**2 / 2, [jv.Parameter("g", 9.81, sigma=0.01)], [])
+print(jv.diagnose(recordings, fall).verdict)
 """
 
 

@@ -123,7 +123,8 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
     from . import terminal
 
     stages = not done.plan.whole and done.plan.stages
-    if stages and not any(o.steps or o.errors for o in done.outcomes):  # nothing there for the one stage asked for
+    made = {s.stage for o in done.outcomes for s in o.steps}
+    if stages and made.isdisjoint(stages) and not any(o.errors for o in done.outcomes):  # nothing of what was asked for
         raise InputError(
             list(dict.fromkeys(f"{done.campaign.path}: {why}" for o in done.outcomes for why in o.not_run))
         )
