@@ -18,7 +18,7 @@ from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.diagnosis.proposing import gain, searched
+from jumpvision.diagnosis.worth.gain import gain, searched
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def ours(task: Task) -> Answer:
         folds.append((part, base, searched(part, base, rng)))
         return folds[-1][2]
 
-    found = foretell(problem, found, rng, by=("kind",), stops=stops, runnable=(), say=say, gained=worth)
+    found = foretell(problem, found, rng, by=("kind",), stops=stops, say=say, gained=worth)
     left = None if law else leftover(found, problem, system, lambda text: None)
     d = document(found, learned, left, law=law)
     chances = {c.mechanism: c.probability for c in d.causes}

@@ -5,15 +5,14 @@ from __future__ import annotations
 import hashlib
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from jumpvision import __version__
-from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import ChangedFile, copy_aside
 from jumpvision.diagnosis.diagnose import Findings, explain, foretell
@@ -25,9 +24,8 @@ from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.model import Considered
-from jumpvision.inputs.sections import PHASES, Actuation
+from jumpvision.inputs.sections import Actuation
 from jumpvision.mechanisms.record import Mechanism
-from jumpvision.physics.forcing import delayed, sinusoid
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Unexplained, WithoutFilms
 from jumpvision.workflow import entries
@@ -36,13 +34,14 @@ from jumpvision.workflow.stage import StageWarning
 
 from .discovered import Laws, law_gain
 from .document import document, model_files, unexplained_of, values
+from .explore.offers import offer, usual
 from .films import Film, confirmation, energies, films, jumps_alone
 from .findings import told
 from .folder import PICTURE
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer
-VERSION = 12  # of the method: another one asks again
+VERSION = 13  # of the method: another one asks again
 STAGE = "diagnose"
 
 Say = Callable[[str], None]
@@ -207,7 +206,7 @@ def _answer(asked: Question, path: Path, workers: int, draw: Draw, say: Say) -> 
         rng,
         by=by,
         stops=[j.stop for j in asked.jumps],
-        runnable=proposals(system, driven),
+        offered=lambda: offer(problem, system, usual(driven), asked.ranges, asked.priors, asked.own),
         say=say,
         gained=partial(law_gain, law, problem) if law else None,
     )
@@ -237,42 +236,3 @@ def leftover(d: Findings, problem: Problem, system: Jumper, say: Say) -> Unexpla
     return unexplained_of(
         unexplained(problem, [d.baseline, d.naming.best.fit], Shaped(system), np.random.default_rng(SEED))
     )
-
-
-@dataclass(frozen=True)
-class Proposable:
-    """An experiment that could be done with this robot."""
-
-    labels: Mapping[str, Any]
-    t: Array
-    jump: Jump
-    system: Jumper
-
-    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> Array:
-        return self.system.height(self.jump, self.t, mechanisms, values)
-
-
-def proposals(system: Jumper, laws: list[Actuation]) -> list[Proposable]:
-    """Half-cycle jumps of the campaign's amplitude over kinds, frequencies about those done, and delays."""
-    known = [law for law in laws if law.frequency and law.amplitude]
-    if not known:
-        return []
-    amplitude = float(np.median([law.amplitude for law in known if law.amplitude]))
-    f = [law.frequency for law in known if law.frequency]
-    base, start = system.jumps[0], 0.2
-    frame = float(np.median(np.diff(base.t)))
-    out = []
-    for kind in ("single", "stutter", "delayed_stutter"):
-        for frequency in np.linspace(0.8 * min(f), 1.25 * max(f), 9).round(1):
-            for delay in (0.05, 0.1, 0.2) if kind == "delayed_stutter" else (0.0,):
-                phase = PHASES[kind]
-                law = (
-                    delayed(frequency, amplitude, phase, delay, start)
-                    if delay
-                    else sinusoid(frequency, amplitude, phase, 1.0, start)
-                )
-                t = np.arange(0.0, law.stop + 0.5, frame)
-                jump = replace(base, forcing=law, stop=law.stop)
-                labels = {"kind": kind, "frequency": float(frequency), "delay": delay}
-                out.append(Proposable(labels, t, jump, system))
-    return out

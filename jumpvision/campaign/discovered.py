@@ -14,8 +14,8 @@ from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.forms import forms, seen_by
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.naming import held_out_score
-from jumpvision.diagnosis.proposing import Gain, gain
 from jumpvision.diagnosis.search import Search
+from jumpvision.diagnosis.worth.gain import Gain, gain
 from jumpvision.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
 from jumpvision.mechanisms.record import Mechanism
 from jumpvision.physics.passivity import POSITIONS, RATES, is_passive

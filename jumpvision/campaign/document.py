@@ -16,8 +16,8 @@ from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import called, is_common
 from jumpvision.diagnosis.naming import Explanation
 from jumpvision.diagnosis.noise.learning import Learned
-from jumpvision.diagnosis.proposing import apex
 from jumpvision.diagnosis.unexplained import Unexplained
+from jumpvision.diagnosis.worth.gain import apex
 from jumpvision.mechanisms.own import bare
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.physics.model import ROBOT, Model

@@ -13,9 +13,9 @@ from jumpvision.base.arrays import Z90
 from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.fitting import Fit
 from jumpvision.diagnosis.naming import Explanation, likely
-from jumpvision.diagnosis.proposing import Gain
 from jumpvision.diagnosis.search import MOST
 from jumpvision.diagnosis.system import Parameter, System
+from jumpvision.diagnosis.worth.gain import Gain
 from jumpvision.results import findings as record
 from jumpvision.results.diagnosis import Diagnosis
 

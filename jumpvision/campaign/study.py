@@ -13,13 +13,13 @@ from jumpvision.base.schema import InputError, read
 from jumpvision.diagnosis.diagnose import Findings, diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.naming import Explanation
-from jumpvision.diagnosis.proposing import FEW_GROUPS
 from jumpvision.diagnosis.study.learn import Readings, learn_readings
 from jumpvision.diagnosis.study.processes import How, described
 from jumpvision.diagnosis.study.runs import BudgetUsed, Runs
 from jumpvision.diagnosis.study.study import Recording, Study
 from jumpvision.diagnosis.study.system import DUMMY, Studied
 from jumpvision.diagnosis.study.walk import with_walks
+from jumpvision.diagnosis.worth.gain import FEW_GROUPS
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.parameters import SimulateParams
 from jumpvision.inputs.sections import Actuation, Motor, MotorLog

@@ -6,6 +6,7 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -20,6 +21,8 @@ from jumpvision.workflow.run import Outcome
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
+
+    from jumpvision.campaign.explore.rounds import Round
 
 
 def line(text: str) -> None:
@@ -172,6 +175,24 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
         far = n.expected_log10_odds >= CERTAIN
         odds = "beyond doubt, it is expected" if far else f"odds of {10**n.expected_log10_odds:.2g} expected"
         line(f"next experiment: {what} separates {' from '.join(n.separates)} ({odds})")
+    line("written: " + ", ".join(str(f) for f in made))
+
+
+def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json: bool) -> None:
+    """What is believed now, what is to be done next, or why nothing is."""
+    causes = sorted(((p, m) for m, p in told.causes.items()), reverse=True)
+    rows = [{"cause": m, "probability": p} for p, m in causes[:6]]
+    data = {**asdict(told), "folders": [str(f) for f in folders], "files": [str(f) for f in made]}
+    result(data, rows, as_json=as_json)
+    for text in told.left_out[:6]:
+        line(f"not weighed: {text}")
+    for p in told.proposed:
+        odds = f"odds of 10^{p.log10_odds:.1f} for the right one expected"
+        line(f"next: {p.name} tells {' from '.join(p.separates)} ({p.bits:.2f} bits, {odds}; cost {p.cost:g})")
+    if told.end:
+        line(f"end: {told.end}")
+    elif folders:
+        line(f"record {', '.join(str(f) for f in folders)}, then say the same again")
     line("written: " + ", ".join(str(f) for f in made))
 
 

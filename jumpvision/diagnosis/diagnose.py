@@ -13,9 +13,10 @@ from jumpvision.diagnosis.noise.noise import Noise
 from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
 from .fitting import Fit, Problem
 from .naming import Naming, name
-from .proposing import Gain, Proposal, Runnable, extrapolation, gain, propose
 from .search import Enough
 from .system import Costly, Parameter, System
+from .worth.design import Proposal, propose
+from .worth.gain import Gain, extrapolation, gain
 
 STARTS = 6  # of the baseline's fit, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
@@ -44,6 +45,7 @@ class Findings:
         return not self.detection.discrepant
 
 
+Offer = Callable[[], tuple[Problem, Sequence[int]]]  # motions that could be made: a system that has them, their places
 Known = Callable[[Findings], None]  # is told what is known so far, for whoever may have to stop
 
 
@@ -56,7 +58,7 @@ def diagnose(
     measured: Sequence[Measured] = (),
     by: Sequence[str] = (),
     stops: Sequence[float] | None = None,
-    runnable: Sequence[Runnable] = (),
+    offered: Offer | None = None,
     say: Say = lambda text: None,
     known: Known = lambda findings: None,
 ) -> Findings:
@@ -67,7 +69,7 @@ def diagnose(
     """
     problem = Problem(system, noise, scatter, measured)
     found = explain(problem, rng, by=by, say=say, known=known)
-    return foretell(problem, found, rng, by=by, stops=stops, runnable=runnable, say=say)
+    return foretell(problem, found, rng, by=by, stops=stops, offered=offered, say=say)
 
 
 def explain(
@@ -105,13 +107,14 @@ def foretell(
     *,
     by: Sequence[str],
     stops: Sequence[float] | None,
-    runnable: Sequence[Runnable],
+    offered: Offer | None = None,
     say: Say,
     gained: Callable[[], Gain | None] | None = None,
 ) -> Findings:
     """What is explained, with its gain on conditions held out, the next experiment, and what might yet be hidden.
 
-    stops: time after which each observation's apex counts. gained: in place of the gain by the vocabulary.
+    offered: the next experiment is one of these. stops: time after which each observation's apex counts. gained: in
+    place of the gain by the vocabulary.
     """
     base, found, naming = d.baseline, d.detection, d.naming
     if naming is None:
@@ -122,8 +125,7 @@ def foretell(
     gain_of = gained or (lambda: gain(problem, fit_baseline, times, rng, NEIGHBOURS))
     worth = gain_of()
     beyond = extrapolation(problem, base, best, by[0], times) if by else {}
-    second = next((e.fit for e in naming.tried if e is not naming.best), base)
-    proposal = propose(runnable, best, second, problem.noise) if runnable else None
+    proposal = propose(*offered(), naming.tried) if offered else None
     seen = naming.best.detection if naming.named else found
     hidden = detectable(problem, best if naming.named else base, seen or found, rng)
     return replace(d, gain=worth, extrapolation=beyond, next_experiment=proposal, detectable=tuple(hidden))

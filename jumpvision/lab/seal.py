@@ -8,11 +8,13 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import tempfile
+import tomllib
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,9 +22,10 @@ from jumpvision.base.schema import InputError, closest
 
 from . import write
 from .blind import ROBOTS, Nuisance, Setting, draw
-from .campaign import carry_out, defaults
-from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE
-from .protocol import CAMERA_PARAMETERS, values_at
+from .campaign import PROTOCOL, carry_out, defaults, write_experiment
+from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE, Law
+from .protocol import CAMERA_PARAMETERS, Protocol, checked, read_protocol, values_at
+from .protocol_keys import Jump, MotorLog, Records, RodTrack
 
 
 def sealed_file(out: Path) -> Path:
@@ -46,6 +49,43 @@ def write_blind(out: Path, *, seed: int, ground: str = "granular", workers: int 
     carry_out(work, out, seed=seed, workers=workers, sealed=True)
     write.toml(out / "campaign.toml", defaults(setting.protocol), comment="Is the model below adequate? If not, why?")
     sealed_file(out).write_text(json.dumps(seal(answer_of(setting)), indent=1) + "\n", encoding="utf-8")
+
+
+def truth_for(out: Path) -> Protocol:
+    """The protocol by which further jumps of a written campaign are made: of a blind one by its sealed answer, of
+    another by its own. Raises InputError where it is neither."""
+    if sealed_file(out).exists():
+        answer = unseal(sealed_file(out))
+        ground = tomllib.loads((out / "campaign.toml").read_text(encoding="utf-8"))["ground"]
+        setting = draw(np.random.default_rng(0), ground=ground, hidden=())  # for what all settings have alike
+        track = RodTrack(**answer.nuisance)  # type: ignore[arg-type]
+        log = MotorLog() if "motor_lag" not in answer.hidden else None
+        true = dict(answer.truth)
+        terms = tuple(cast(Sequence[str], true.pop("terms")))
+        records = Records(rod_track=track, motor_log=log)
+        protocol = replace(setting.protocol, terms=terms, parameters=cast(Any, true), records=records)
+        return checked(protocol, str(sealed_file(out)))
+    if not (out / PROTOCOL).exists():
+        raise InputError([f"{out}: no campaign of the laboratory; give one that synth or synth blind wrote"])
+    return read_protocol(out / PROTOCOL)
+
+
+def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int, number: int) -> list[str]:
+    """The recordings of one jump more of the campaign `out`, put into `folder`; their names. motion: as [actuation]."""
+    protocol = truth_for(out)
+    law = Law(
+        motion["frequency"], motion["amplitude"], motion["phase"], motion["start"], motion["cycles"],
+        motion.get("delay", 0.0), motion.get("dwell_gain", 1.0),
+    )  # fmt: skip
+    phi = protocol.jumps[0].volume_fraction
+    jump = Jump(number, folder.name, folder.name, motion["kind"], law, phi)
+    header = replace(protocol.header, duration=max(protocol.header.duration, law.stop + 1.0))
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".lab-") as aside:
+        write_experiment(replace(protocol, header=header), jump, out=Path(aside), seed=seed, sealed=True)
+        made = [f for f in sorted((Path(aside) / folder.name).iterdir()) if f.name != "experiment.toml"]
+        for f in made:
+            f.replace(folder / f.name)
+    return [f.name for f in made]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,175 @@
+"""Experiments handed to an apparatus: protocol and motor table, a folder that waits for its recordings, the return.
+
+A folder of the campaign is prepared whole and put in place at once. Until its recordings are there it is excluded, so
+that the campaign can be run meanwhile; what is excluded says why.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.schema import InputError, read
+from jumpvision.base.storage import write_aside
+from jumpvision.inputs.experiment import EXPERIMENT, Experiment
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.sections import Actuation, MotorLog, RodTrack
+from jumpvision.stages.rod import commanded, read_motor
+
+from .offers import Limits, asked_of_motor
+
+PROTOCOL, TABLE = "protocol.toml", "motor_command.csv"
+WAITS, LIVE = "waits for", "#: "  # of the reason to exclude; lines that hold once the recordings are there
+RECORDED = ("rod_video", "rod_track", "motor_log", "bed_image")  # sections of a jump whose files are asked for
+TICK = 1e-3  # s, of the motor's table
+OFF = 0.1  # share of the travel by which a motor may leave its command
+
+
+@dataclass(frozen=True)
+class Returned:
+    """A prepared folder. missing: recordings not there yet; differs: why they are not those of its protocol."""
+
+    folder: Path
+    missing: tuple[str, ...] = ()
+    differs: str = ""
+
+    @property
+    def good(self) -> bool:
+        return not self.missing and not self.differs
+
+
+def prepare(like: Experiment, law: Actuation, name: str, limits: Limits, why: Sequence[str] = ()) -> Path:
+    """The folder of a jump beside another of its campaign: experiment.toml, protocol.toml, motor_command.csv.
+
+    why: lines on what it is for. Raises InputError for a command that the motor cannot do, or a folder that exists.
+    """
+    folder = like.path.parent / name
+    if broken := limits.broken(law):
+        raise InputError([f"{folder}: the motor cannot do it: {b}; ask for a slower or smaller motion" for b in broken])
+    if folder.exists():
+        raise InputError([f"{folder}: exists already; remove it, or give the new experiment another name"])
+    aside = folder.with_name(f".{name}.part")
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir()
+    motion = _actuation(law)
+    (aside / EXPERIMENT).write_text(_experiment(like, motion, why), encoding="utf-8", newline="\n")
+    protocol = {"name": name, "duration": round(law.stop + 0.8, 3), "start": law.start}
+    text = _lines(protocol) + "\n\n[actuation]\n" + _lines(motion) + "\n"
+    (aside / PROTOCOL).write_text("".join(f"# {w}\n" for w in why) + text, encoding="utf-8", newline="\n")
+    t = np.arange(0.0, law.stop + TICK, TICK)
+    x, v = commanded(law)(t)
+    np.savetxt(
+        aside / TABLE, np.column_stack([t, x, v]), fmt=["%.4f", "%.8f", "%.6f"], delimiter=",", comments="",
+        header="time_s,position_m,speed_m_per_s", newline="\n",
+    )  # fmt: skip
+    os.replace(aside, folder)
+    return folder
+
+
+def _actuation(law: Actuation) -> dict[str, Any]:
+    keys = ("kind", "frequency", "amplitude", "phase", "cycles", "delay", "start")
+    return {k: v for k in keys if (v := getattr(law, k)) is not None and (k, v) != ("delay", 0.0)}
+
+
+def _experiment(like: Experiment, motion: Mapping[str, Any], why: Sequence[str]) -> str:
+    """experiment.toml: what the other experiment declares, this motion, the recordings under `LIVE`."""
+    own = tomllib.loads((like.path / EXPERIMENT).read_text(encoding="utf-8-sig"))
+    plain = {k: v for k, v in own.items() if not isinstance(v, Mapping) and k not in ("name", "group", "exclude")}
+    asked = {k: v for k, v in own.items() if k in RECORDED}
+    kept = {k: v for k, v in own.items() if isinstance(v, Mapping) and "file" not in v and k != "actuation"}
+    files = [v["file"] for v in asked.values()]
+    head = ["# prepared by jumpvision explore: record, put the files here, say explore again", *(f"# {w}" for w in why)]
+    group = "-".join(str(v) for v in motion.values())
+    plain |= {"group": group, "exclude": f"{WAITS} {', '.join(files)}"}
+    parts = ["\n".join(head) + "\n" + _lines(plain), *(_table(k, v) for k, v in (kept | {"actuation": motion}).items())]
+    live = "\n".join(_table(k, v) for k, v in asked.items())
+    return "\n\n".join(parts) + "\n\n" + "\n".join(LIVE + x for x in live.splitlines()) + "\n"
+
+
+def _table(name: str, values: Mapping[str, Any]) -> str:
+    inner = {k: v for k, v in values.items() if not isinstance(v, Mapping)}
+    deeper = [_table(f"{name}.{k}", v) for k, v in values.items() if isinstance(v, Mapping)]
+    return "\n".join([f"[{name}]", *([_lines(inner)] if inner else []), *deeper])
+
+
+def _lines(values: Mapping[str, Any]) -> str:
+    return "\n".join(f"{k} = {json.dumps(v, ensure_ascii=False, default=str)}" for k, v in values.items())
+
+
+def waiting(campaign: Path) -> list[Path]:
+    """Prepared folders that are not yet part of the campaign, the first prepared first."""
+    found = [f.parent for f in sorted(campaign.glob(f"*/{EXPERIMENT}")) if LIVE in f.read_text(encoding="utf-8-sig")]
+    return [f for f in found if (f / PROTOCOL).exists()]
+
+
+def take_in(folder: Path) -> Returned:
+    """Makes a prepared folder part of its campaign, where its recordings are there and are those of its protocol.
+
+    experiment.toml then has their sections, and no reason to exclude; else that reason says what is wrong.
+    """
+    file = folder / EXPERIMENT
+    text = file.read_text(encoding="utf-8-sig")
+    live = "\n".join(x.removeprefix(LIVE).strip() if x.startswith(LIVE) else x for x in text.splitlines()) + "\n"
+    live = "\n".join(x for x in live.splitlines() if not x.startswith("exclude = ")) + "\n"
+    try:
+        tables = tomllib.loads(live)
+    except tomllib.TOMLDecodeError as e:
+        raise InputError(
+            [f"{file}: not valid TOML once its recordings are in: {e}; mend it, or prepare it again"]
+        ) from e
+    missing = tuple(v["file"] for k, v in tables.items() if k in RECORDED and not (folder / v["file"]).exists())
+    if missing:
+        return Returned(folder, missing)
+    differs = mismatch(folder, tables)
+    if differs:
+        reason = f"exclude = {json.dumps(f'not its protocol: {differs}', ensure_ascii=False)}"
+        kept = "\n".join(reason if x.startswith("exclude = ") else x for x in text.splitlines()) + "\n"
+        write_aside(file, kept)
+        return Returned(folder, differs=differs)
+    write_aside(file, live)
+    return Returned(folder)
+
+
+def mismatch(folder: Path, tables: Mapping[str, Any]) -> str:
+    """How the recordings differ from [actuation]; "" where they are those of it."""
+    law, problems = read(Actuation, tables["actuation"], f"{folder / EXPERIMENT}: [actuation]")
+    if problems:
+        raise InputError(problems)
+    for cls in (MotorLog, RodTrack):
+        if cls.name not in tables:
+            continue
+        section, problems = read(cls, tables[cls.name], f"{folder / EXPERIMENT}: [{cls.name}]")
+        if problems:
+            raise InputError(problems)
+        section = replace(section, path=folder / section.file)
+        t, x = read_motor(section, law) if cls is MotorLog else _track(section)
+        if t[0] > law.start or t[-1] < law.stop:
+            return (
+                f"{section.path.name} goes from {t[0]:.3g} to {t[-1]:.3g} s, the motion from {law.start:.3g} to "
+                f"{law.stop:.3g} s; record all of it"
+            )
+        if cls is MotorLog and (off := np.abs(x - commanded(law)(t)[0])).max() > (most := OFF * asked_of_motor(law)[0]):
+            return (
+                f"{section.path.name}: the motor was up to {1e3 * off.max():.2f} mm from its command (at "
+                f"{t[np.argmax(off)]:.3f} s; at most {1e3 * most:.2f} mm is taken for it); record again, or give "
+                "[actuation] as it was"
+            )
+    return ""
+
+
+def _track(section: RodTrack) -> tuple[Any, Any]:
+    d = read_log(section, "time_s", "height_m", at_least=8)
+    return d.time_s.to_numpy(), d.height_m.to_numpy()
+
+
+def returned(campaign: Path) -> list[Returned]:
+    """Every prepared folder, taken into the campaign where its recordings are there and right."""
+    return [take_in(f) for f in waiting(campaign)]

@@ -1,0 +1,286 @@
+"""A round of the exploration: what is believed, whether that is enough, else the experiments to be made next."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.schema import InputError
+from jumpvision.base.storage import write_aside
+from jumpvision.campaign.diagnose import Question
+from jumpvision.diagnosis.detect import detect, directions
+from jumpvision.diagnosis.diagnose import fit_baseline
+from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.jumper.jumper import Jumper
+from jumpvision.diagnosis.naming import Naming, name
+from jumpvision.diagnosis.noise.learning import learn_noise
+from jumpvision.diagnosis.worth.design import Held, batch, belief, entropy, measuring, prospect
+from jumpvision.inputs.sections import Actuation, Motor
+
+from .handover import prepare
+from .offers import HALF_CYCLE, Limits, every, limits_of, named, offer
+
+FILE = "explore.json"
+SEED = 1
+FORMAT = 1
+OTHER = {  # what else could be measured: parameters with the relative sigma that they are usually known to, cost
+    "spring test": ({"spring_stiffness": 0.003}, 2.0),
+    "ring-down": ({"spring_damping": 0.03}, 1.0),
+    "slow intrusion": ({"k1": 0.005, "k2": 0.01}, 3.0),
+    "grain film": ({"C": 0.05, "mu": 0.05}, 6.0),
+}
+KINDS = (*HALF_CYCLE, "sine", *OTHER)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When to stop, and what an experiment costs. level: probability at which a cause is decided; least: bits that a
+    jump must be expected to bring for its cost; most: experiments in all; batch: at a time; costs: of other kinds than
+    jumps, a jump being 1."""
+
+    level: float = 0.95
+    least: float = 0.02
+    most: int = 12
+    batch: int = 1
+    costs: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Proposed:
+    """An experiment that was chosen. separates: the two likeliest models; bits, log10_odds: expected of it; bits_after:
+    of it and those chosen before it."""
+
+    name: str
+    kind: str
+    separates: tuple[str, ...]
+    bits: float
+    log10_odds: float
+    cost: float
+    actuation: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Round:
+    """What was believed of a campaign with these jumps. models, causes: probabilities; entropy_bits: of the models.
+
+    end: why no more is asked for, "" where something is; proposed: what is; left_out: what could not be weighed, and
+    why.
+    """
+
+    jumps: tuple[str, ...]
+    models: Mapping[str, float]
+    causes: Mapping[str, float]
+    entropy_bits: float
+    end: str = ""
+    proposed: tuple[Proposed, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Believed:
+    """A campaign questioned, whatever its verdict."""
+
+    problem: Problem
+    system: Jumper
+    naming: Naming
+    held: Sequence[Held]
+    discrepant: bool
+
+    @property
+    def unexplained(self) -> bool:
+        """Whether the declared model is wrong, and no set of the vocabulary is right."""
+        return self.discrepant and self.naming.status != "complete" and not self.naming.by_chance
+
+    def undecided(self, level: float) -> list[str]:
+        """Causes that neither stand nor are excluded at this probability."""
+        return [m for m in self.naming.probabilities if 1.0 - level < self.naming.probability(m) < level]
+
+
+def believe(asked: Question, workers: int = 1) -> Believed:
+    """What is believed after the jumps of a campaign: every set of causes that was tried, with its probability.
+
+    Raises InputError where the noise cannot be learned or the model not be followed.
+    """
+    rng = np.random.default_rng(SEED)
+    try:
+        learned = learn_noise(Jumper(asked.jumps, asked.ranges, asked.priors, workers, asked.own))
+        problem = Problem(learned.system, learned.noise, learned.scatter, asked.measured)
+        base = fit_baseline(problem, rng)
+    except ValueError as e:
+        raise InputError([f"explore: {e}"]) from None
+    found = detect(problem, base, directions(problem, base), rng)
+    naming = name(problem, base, found, rng)
+    return Believed(problem, learned.system, naming, belief(naming.tried), found.discrepant)
+
+
+def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> Round:
+    """What is believed and, unless that is enough, what to do next. spent: experiments that were asked for before."""
+    now = believe(asked, workers)
+    causes = {m: now.naming.probability(m) for m in now.naming.probabilities}
+    models = {h.name: h.weight for h in now.held}
+    told = Round(tuple(j.name for j in asked.jumps), models, causes, entropy(list(models.values())))
+    if now.unexplained:
+        best = " and ".join(now.naming.named) or "no cause"
+        why = f"no set of the vocabulary explains these jumps ({best} is established): further ones tell nothing of it"
+        return _ended(told, f"{why}; jumpvision diagnose describes what is left")
+    open_causes = now.undecided(rules.level)
+    if not open_causes:
+        return _ended(told, decided(causes, rules.level))
+    if spent >= rules.most:
+        return _ended(
+            told, f"{spent} experiments were asked for, the most that were allowed; open: {', '.join(open_causes)}"
+        )
+    proposed, left_out = proposals(asked, now, rules, min(rules.batch, rules.most - spent))
+    worthy = [p for p in proposed if p.bits >= rules.least * p.cost]
+    if not worthy:
+        best = max(proposed, key=lambda p: p.bits / p.cost, default=None)
+        said = (
+            f"the best, {best.name}, would bring {best.bits:.3f} bits for a cost of {best.cost:g}" if best else "none"
+        )
+        end = f"nothing left is worth its cost: {said} (asked: {rules.least:g} a jump); open: {', '.join(open_causes)}"
+        return _ended(told, end, left_out)
+    return Round(told.jumps, models, causes, told.entropy_bits, "", tuple(worthy), tuple(left_out))
+
+
+def _ended(told: Round, end: str, left_out: Sequence[str] = ()) -> Round:
+    return Round(told.jumps, told.models, told.causes, told.entropy_bits, end, (), tuple(left_out))
+
+
+def decided(causes: Mapping[str, float], level: float) -> str:
+    """The end of an exploration that found an answer, in words."""
+    stand = [m for m, p in causes.items() if p >= level]
+    others = max((p for m, p in causes.items() if m not in stand), default=0.0)
+    if not stand:
+        return f"no cause is missing at {100 * (1 - level):.3g} % or more (the likeliest: {100 * others:.2g} %)"
+    least = min(causes[m] for m in stand)
+    return f"{' and '.join(stand)} at {100 * least:.4g} %, every other cause below {100 * (1 - level):.3g} %"
+
+
+def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[list[Proposed], list[str]]:
+    """(the experiments that tell most for their cost, what could not be weighed and why)."""
+    driven = [e for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
+    if not driven:
+        raise InputError(["explore: no experiment has [actuation] with a known motion; give it to one at least"])
+    motor = driven[0].section(Motor)
+    laws = every([a for e in driven if (a := e.section(Actuation))], limits_for(asked))
+    wider, places = offer(now.problem, now.system, laws, asked.ranges, asked.priors, asked.own, motor)
+    offered = {k: p for k, i in enumerate(places) if (p := prospect(wider, now.held, i)) is not None}
+    left_out = [f"{named(laws[k])}: a model cannot be followed there" for k in range(len(laws)) if k not in offered]
+    costs = {k: rules.costs.get(laws[k].kind, 1.0) for k in offered}
+    others: dict[int, str] = {}
+    for what, (relative, cost) in OTHER.items():
+        p = measuring(now.held, relative)
+        if p is None:
+            left_out.append(f"{what}: not every likely model has {', '.join(relative)} free, so it cannot be weighed")
+            continue
+        k = len(laws) + len(others)
+        offered[k], costs[k], others[k] = p, rules.costs.get(what, cost), what
+    if not offered:
+        return [], left_out
+    weights = [h.weight for h in now.held]
+    out = []
+    for c in batch(offered, costs, weights, size, np.random.default_rng(SEED)):
+        law = None if c.which in others else laws[c.which]
+        pair = tuple(h.name for h in now.held[:2])
+        kind, cost = others.get(c.which, law.kind if law else ""), costs[c.which]
+        out.append(
+            Proposed(named(law) if law else kind, kind, pair, c.worth.bits, c.worth.log10_odds, cost,
+                     None if law is None else {k: v for k, v in asdict(law).items() if v is not None})
+        )  # fmt: skip
+    return out, left_out
+
+
+def limits_for(asked: Question) -> Limits:
+    """What the motor of a campaign can do: [motor], else what was run."""
+    laws = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
+    model, motor = asked.jumps[0].model, next((m for e in asked.experiments if (m := e.section(Motor))), None)
+    return limits_of(laws, motor, model.motor_mass, model.motor_mass * model.g)
+
+
+def law_of(p: Proposed) -> Actuation:
+    """The command of a proposed jump."""
+    return Actuation(**(p.actuation or {}))
+
+
+@dataclass(frozen=True)
+class History:
+    """explore.json: rounds, the first one first."""
+
+    rounds: tuple[Round, ...] = ()
+
+    @property
+    def asked_for(self) -> int:
+        return sum(len(r.proposed) for r in self.rounds)
+
+    def with_round(self, new: Round) -> History:
+        """The round added; in place of the last one where that was of the same jumps."""
+        kept = self.rounds[:-1] if self.rounds and set(self.rounds[-1].jumps) == set(new.jumps) else self.rounds
+        return History((*kept, new))
+
+    def save(self, folder: Path) -> Path:
+        folder.mkdir(parents=True, exist_ok=True)
+        data = {"format": FORMAT, "rounds": [asdict(r) for r in self.rounds]}
+        write_aside(folder / FILE, json.dumps(data, indent=1, default=_plain) + "\n")
+        return folder / FILE
+
+
+def continued(
+    history: History, asked: Question, rules: Rules, waiting: Sequence[Path], results: Path, workers: int = 1
+) -> tuple[History, list[Path]]:
+    """(the history with this round, folders prepared now): nothing new is asked for while folders wait.
+
+    What is proposed is written down before its folders are made, and what was written down and has no folder is made.
+    """
+    last = history.rounds[-1] if history.rounds else None
+    if last is None or set(last.jumps) != {j.name for j in asked.jumps}:
+        spent = history.asked_for
+        last = next_round(asked, rules, spent, workers)
+        jumps = [p for p in last.proposed if p.actuation is not None]
+        names = {p.name: f"next-{spent + 1 + k:02d}-{p.name}" for k, p in enumerate(jumps)}
+        last = replace(last, proposed=tuple(replace(p, name=names.get(p.name, p.name)) for p in last.proposed))
+        history = history.with_round(last)
+        history.save(results)
+    like = next(e for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves)
+    there = {f.name for f in waiting}
+    made = [
+        prepare(like, law_of(p), p.name, limits_for(asked), told_for(p))
+        for p in last.proposed
+        if p.actuation is not None and p.name not in there and not (like.path.parent / p.name).exists()
+    ]
+    return history, made
+
+
+def told_for(p: Proposed) -> list[str]:
+    """What an experiment is for, in words."""
+    odds = f"odds of 10^{p.log10_odds:.1f} for the right one"
+    return [f"tells {' from '.join(p.separates)}: {p.bits:.2f} bits expected, {odds}"]
+
+
+def _plain(x: Any) -> Any:
+    return float(x) if isinstance(x, np.floating) and math.isfinite(x) else str(x)
+
+
+def read_history(folder: Path) -> History:
+    """Of an earlier call; empty where there is none. Raises InputError for a file that is not one."""
+    file = folder / FILE
+    if not file.exists():
+        return History()
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+        rounds = []
+        for r in data["rounds"]:
+            proposed = tuple(Proposed(**{**p, "separates": tuple(p["separates"])}) for p in r.pop("proposed"))
+            rounds.append(
+                Round(**{**r, "jumps": tuple(r["jumps"]), "left_out": tuple(r["left_out"])}, proposed=proposed)
+            )
+        return History(tuple(rounds))
+    except (ValueError, KeyError, TypeError, AttributeError) as e:
+        raise InputError(
+            [f"{file}: not a record of an exploration ({e}); remove it, and the rounds are told anew"]
+        ) from e

@@ -1,0 +1,178 @@
+"""The command that asks the next question of a campaign itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from .app import DONE, OPTIONS, Options, app, cores
+from .folders import work
+
+if TYPE_CHECKING:
+    from jumpvision.campaign.explore.rounds import History, Rules
+
+
+def _rule(text: str) -> Parameter:
+    return Parameter(help=text, group="When to stop, what it costs")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class RuleOptions:
+    """When an exploration ends, and what its experiments cost."""
+
+    level: Annotated[float, _rule("Probability at which a cause is decided.")] = 0.95
+    least: Annotated[float, _rule("Bits that an experiment must be expected to bring for a cost of 1.")] = 0.02
+    most: Annotated[int, _rule("Experiments in all.")] = 12
+    batch: Annotated[int, _rule("Experiments at a time.")] = 1
+    cost: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="", group="When to stop, what it costs",
+            help="Of a kind, e.g. delayed_stutter=2, 'grain film=10'; a jump costs 1.",
+        ),
+    ] = ()  # fmt: skip
+
+
+@app.command
+def explore(
+    path: Path,
+    /,
+    *,
+    laboratory: bool = False,
+    before: Path | None = None,
+    tell: tuple[str, ...] = (),
+    rules: RuleOptions = RuleOptions(),
+    options: Options = OPTIONS,
+) -> int:
+    """The experiments that tell most of what is still open, prepared for the apparatus; say it again when recorded.
+
+    Writes explore.json, explore.png and explore.html among the results, and a folder for each experiment beside the
+    others, with experiment.toml, protocol.toml and motor_command.csv (docs/experimenter.md).
+
+    Example: jumpvision explore mystery --laboratory
+
+    Parameters
+    ----------
+    path
+        A campaign with at least 4 jumps; with --before, the folder with its campaign.toml.
+    laboratory
+        Make the jumps in the virtual laboratory, for a campaign of synth or synth blind, until it ends.
+    before
+        A planned protocol (TOML with [[jumps]]): what it can and cannot tell, before the first jump.
+    tell
+        With --before: causes that are to be told, e.g. --tell added_mass=0.3; the shortest protocol that does.
+    """
+    from jumpvision.base.schema import InputError
+
+    given = _rules(rules)
+    if before is not None:
+        return _planned(path, before, tell, options)
+    if tell:
+        raise InputError(["explore --tell: goes with --before PROTOCOL"])
+    while True:
+        history, open_work = _round(path, given, options)
+        if not laboratory or not open_work:
+            return DONE
+        _perform(path, open_work, history)
+
+
+def _rules(given: RuleOptions) -> Rules:
+    from jumpvision.base.schema import InputError
+    from jumpvision.campaign.explore.rounds import KINDS, Rules
+
+    problems = [
+        f"explore --{name} {x}: must be {allowed}"
+        for name, x, good, allowed in (
+            ("level", given.level, 0.5 < given.level < 1, "above 0.5 and below 1"),
+            ("least", given.least, given.least >= 0, "0 or more"),
+            ("most", given.most, given.most >= 1, "1 or more"),
+            ("batch", given.batch, 1 <= given.batch <= 8, "in [1, 8]"),
+        )
+        if not good
+    ]
+    costs = {}
+    for text in given.cost:
+        kind, _, value = text.partition("=")
+        try:
+            costs[kind] = float(value)
+        except ValueError:
+            costs[kind] = 0.0
+        if kind not in KINDS or not 0 < costs[kind] < 1e6:
+            problems.append(f"explore --cost {text}: must be KIND=NUMBER above 0, KIND one of {', '.join(KINDS)}")
+    if problems:
+        raise InputError(problems)
+    return Rules(given.level, given.least, given.most, given.batch, costs)
+
+
+def _round(path: Path, rules: Rules, options: Options) -> tuple[History, list[Path]]:
+    """Takes in what was recorded, says what is believed, and prepares what is to be done: (history, folders to do)."""
+    from jumpvision.campaign.diagnose import asked_of
+    from jumpvision.campaign.explore.handover import returned
+    from jumpvision.campaign.explore.rounds import continued, read_history
+    from jumpvision.campaign.folder import DIAGNOSED, results_of
+    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.report.pages.explore import write_exploration
+
+    from . import terminal
+
+    folder = folder_of(path)
+    results = options.results or results_of(folder)
+    history = read_history(results)
+    waiting = []
+    for found in returned(folder):
+        if found.good:
+            terminal.line(f"{found.folder.name}: taken in")
+            continue
+        waiting.append(found.folder)
+        why = found.differs or f"waits for {', '.join(found.missing)}"
+        terminal.line(f"{found.folder.name}: {'not its protocol: ' if found.differs else ''}{why}")
+    done = work(path, replace(options, json=False), stages=DIAGNOSED, ask=False)
+    asked = asked_of(done.campaign, {o.name: o for o in done.outcomes}, lambda text: terminal.line(f"explore: {text}"))
+    terminal.line(f"explore: {len(asked.jumps)} jumps; weighing what could be done next")
+    history, made = continued(history, asked, rules, waiting, results, options.workers or cores())
+    files = write_exploration(history, results, folder.absolute().name, pictures=options.pictures)
+    terminal.exploration(history.rounds[-1], [*waiting, *made], [results / "explore.json", *files], options.json)
+    return history, [*waiting, *made]
+
+
+def _perform(path: Path, folders: list[Path], history: History) -> None:
+    """The recordings of prepared folders, by the virtual laboratory."""
+    import tomllib
+
+    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.lab.seal import record_jump
+
+    from . import terminal
+
+    campaign = folder_of(path)
+    for folder in folders:
+        motion = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
+        number = 10_000 + len([f for f in campaign.iterdir() if f.is_dir()])
+        made = record_jump(campaign, folder, motion, seed=len(history.rounds), number=number)
+        terminal.line(f"{folder.name}: recorded by the laboratory: {', '.join(made)}")
+
+
+def _planned(path: Path, before: Path, tell: tuple[str, ...], options: Options) -> int:
+    """What a planned protocol can tell."""
+    from jumpvision.campaign.explore.planned import identified, read_planned
+    from jumpvision.campaign.folder import results_of
+    from jumpvision.inputs.experiment import folder_of
+
+    from . import terminal
+
+    folder = folder_of(path)
+    found = identified(read_planned(folder, before), tell, options.workers or cores())
+    results = options.results or results_of(folder)
+    file = found.save(results)
+    rows = [
+        {"cause": c.mechanism, "detectable from": c.said, "not told apart from": ", ".join(c.twins) or "-"}
+        for c in found.causes
+    ]
+    terminal.result(found.data | {"files": [str(file)]}, rows, as_json=options.json)
+    for text in found.sentences:
+        terminal.line(text)
+    return DONE
