@@ -27,8 +27,8 @@ from jumpvision.diagnosis.noise.noise import (
     step_apart,
 )
 from jumpvision.diagnosis.noise.whitening import Whitening
-from jumpvision.diagnosis.proposing import apex, expected_log10_odds, ratio_interval
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+from jumpvision.diagnosis.worth.gain import apex, ratio_interval
 from jumpvision.results.diagnosis import strength
 
 FRAME = 0.005
@@ -292,30 +292,6 @@ def test_the_held_out_score_is_that_of_fits_without_each_condition():
         covariance = np.eye(r.size) + j @ fit.covariance @ j.T
         total += -0.5 * r @ np.linalg.solve(covariance, r) - 0.5 * np.linalg.slogdet(covariance)[1]
     assert held_out_score(problem, problem.fit()) == pytest.approx(total, rel=2e-3)
-
-
-def test_expected_odds_are_the_mean_log_likelihood_ratio():
-    """Two models with known parameters: half the squared distance in noise units, over ln 10."""
-    rng = np.random.default_rng(16)
-    system, noise = questioned(rng)
-    problem = Problem(system, noise)
-    first, second = problem.fit(), problem.fit(("cubic",), {"a": 0.0})
-    for fit in (first, second):
-        fit.covariance[...] = 0.0
-        fit.values[:2] = 1.2, 9.8
-    second.values[2] = 0.4
-
-    class Next:
-        labels: Mapping[str, object] = {}
-        t = np.arange(60) * FRAME
-
-        @staticmethod
-        def predict(mechanisms, values):
-            return Falling._motion(Next.t, mechanisms, values)
-
-    d = 0.4 * Next.t**3
-    expected = np.sum((d - d.mean()) ** 2) / noise.s**2 / 2 / math.log(10)  # the zero level is unknown
-    assert expected_log10_odds(Next(), first, second, noise) == pytest.approx(expected, rel=1e-3)
 
 
 def test_an_apex_is_read_below_the_frame():

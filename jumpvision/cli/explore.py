@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,10 @@ from .app import DONE, OPTIONS, Options, app, cores
 from .folders import work
 
 if TYPE_CHECKING:
-    from jumpvision.campaign.explore.rounds import History, Rules
+    from jumpvision.campaign.diagnose import Question
+    from jumpvision.campaign.explore.rounds import Rules
+
+SEED = 1  # of what the laboratory records, beside the number of the folder
 
 
 def _rule(text: str) -> Parameter:
@@ -31,10 +35,11 @@ class RuleOptions:
     cost: Annotated[
         tuple[str, ...],
         Parameter(
-            negative="", group="When to stop, what it costs",
+            negative="",
+            group="When to stop, what it costs",
             help="Of a kind, e.g. delayed_stutter=2, 'grain film=10'; a jump costs 1.",
         ),
-    ] = ()  # fmt: skip
+    ] = ()
 
 
 @app.command
@@ -43,6 +48,7 @@ def explore(
     /,
     *,
     laboratory: bool = False,
+    lift_off: str = "",
     before: Path | None = None,
     tell: tuple[str, ...] = (),
     rules: RuleOptions = RuleOptions(),
@@ -61,6 +67,8 @@ def explore(
         A campaign with at least 4 jumps; with --before, the folder with its campaign.toml.
     laboratory
         Make the jumps in the virtual laboratory, for a campaign of synth or synth blind, until it ends.
+    lift_off
+        KIND:FREQUENCY, e.g. stutter:9: the smallest amplitude that lifts off hard ground, by bisection over trials.
     before
         A planned protocol (TOML with [[jumps]]): what it can and cannot tell, before the first jump.
     tell
@@ -74,10 +82,10 @@ def explore(
     if tell:
         raise InputError(["explore --tell: goes with --before PROTOCOL"])
     while True:
-        history, open_work = _round(path, given, options)
+        open_work = _lift_off(path, lift_off, options) if lift_off else _round(path, given, options)
         if not laboratory or not open_work:
             return DONE
-        _perform(path, open_work, history)
+        _perform(path, open_work)
 
 
 def _rules(given: RuleOptions) -> Rules:
@@ -108,38 +116,69 @@ def _rules(given: RuleOptions) -> Rules:
     return Rules(given.level, given.least, given.most, given.batch, costs)
 
 
-def _round(path: Path, rules: Rules, options: Options) -> tuple[History, list[Path]]:
-    """Takes in what was recorded, says what is believed, and prepares what is to be done: (history, folders to do)."""
+def _asked(path: Path, options: Options) -> tuple[Question, list[Path], Path]:
+    """(what the campaign lets one ask, recordings taken in that are there; folders that wait; the results)."""
     from jumpvision.campaign.diagnose import asked_of
     from jumpvision.campaign.explore.handover import returned
-    from jumpvision.campaign.explore.rounds import continued, read_history
     from jumpvision.campaign.folder import DIAGNOSED, results_of
     from jumpvision.inputs.experiment import folder_of
-    from jumpvision.report.pages.explore import write_exploration
 
     from . import terminal
 
-    folder = folder_of(path)
-    results = options.results or results_of(folder)
-    history = read_history(results)
     waiting = []
-    for found in returned(folder):
+    for found in returned(folder_of(path)):
         if found.good:
             terminal.line(f"{found.folder.name}: taken in")
             continue
         waiting.append(found.folder)
         why = found.differs or f"waits for {', '.join(found.missing)}"
         terminal.line(f"{found.folder.name}: {'not its protocol: ' if found.differs else ''}{why}")
-    done = work(path, replace(options, json=False), stages=DIAGNOSED, ask=False)
+    done = work(path, options, stages=DIAGNOSED, ask=False)
     asked = asked_of(done.campaign, {o.name: o for o in done.outcomes}, lambda text: terminal.line(f"explore: {text}"))
+    return asked, waiting, options.results or results_of(folder_of(path))
+
+
+def _round(path: Path, rules: Rules, options: Options) -> list[Path]:
+    """Says what is believed, and prepares what is to be done: its folders."""
+    from jumpvision.campaign.explore.rounds import continued, read_history
+    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.report.pages.explore import write_exploration
+
+    from . import terminal
+
+    asked, waiting, results = _asked(path, options)
+    history = read_history(results)
     terminal.line(f"explore: {len(asked.jumps)} jumps; weighing what could be done next")
     history, made = continued(history, asked, rules, waiting, results, options.workers or cores())
-    files = write_exploration(history, results, folder.absolute().name, pictures=options.pictures)
+    files = write_exploration(history, results, folder_of(path).absolute().name, pictures=options.pictures)
     terminal.exploration(history.rounds[-1], [*waiting, *made], [results / "explore.json", *files], options.json)
-    return history, [*waiting, *made]
+    return [*waiting, *made]
 
 
-def _perform(path: Path, folders: list[Path], history: History) -> None:
+def _lift_off(path: Path, asked_for: str, options: Options) -> list[Path]:
+    """The smallest amplitude that lifts off, as far as the trials say: the folder of the next."""
+    from jumpvision.base.schema import InputError
+    from jumpvision.campaign.explore.lift_off import FILE, KINDS, search
+
+    from . import terminal
+
+    kind, _, text = asked_for.partition(":")
+    try:
+        frequency = float(text)
+    except ValueError:
+        frequency = 0.0
+    if kind not in KINDS or not 0 < frequency < 1000:
+        allowed = f"KIND:FREQUENCY in Hz, KIND one of {', '.join(KINDS)}"
+        raise InputError([f"explore --lift-off {asked_for}: must be {allowed}"])
+    asked, waiting, results = _asked(path, options)
+    found, made = search(asked, kind, frequency, results, waiting)
+    rows = [{"amplitude_m": found.value, "low_m": found.low, "high_m": found.high, "trials": found.trials}]
+    terminal.result({**rows[0], "next_m": found.next}, rows, as_json=options.json)
+    terminal.line(f"written: {results / FILE}" + (f"; record {made}, then say the same again" if made else ""))
+    return [*waiting, *([made] if made else [])]
+
+
+def _perform(path: Path, folders: list[Path]) -> None:
     """The recordings of prepared folders, by the virtual laboratory."""
     import tomllib
 
@@ -152,7 +191,7 @@ def _perform(path: Path, folders: list[Path], history: History) -> None:
     for folder in folders:
         motion = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
         number = 10_000 + len([f for f in campaign.iterdir() if f.is_dir()])
-        made = record_jump(campaign, folder, motion, seed=len(history.rounds), number=number)
+        made = record_jump(campaign, folder, motion, seed=SEED, number=number)
         terminal.line(f"{folder.name}: recorded by the laboratory: {', '.join(made)}")
 
 
@@ -169,10 +208,14 @@ def _planned(path: Path, before: Path, tell: tuple[str, ...], options: Options) 
     results = options.results or results_of(folder)
     file = found.save(results)
     rows = [
-        {"cause": c.mechanism, "detectable from": c.said, "not told apart from": ", ".join(c.twins) or "-"}
+        {
+            "cause": c.mechanism,
+            "shows from": f"{c.parameter} = {c.from_:.3g} {c.unit}" if math.isfinite(c.from_) else "blind",
+            "not told apart from": ", ".join(c.twins) or "-",
+        }
         for c in found.causes
     ]
-    terminal.result(found.data | {"files": [str(file)]}, rows, as_json=options.json)
+    terminal.result({**found.data, "files": [str(file)]}, rows, as_json=options.json)
     for text in found.sentences:
         terminal.line(text)
     return DONE

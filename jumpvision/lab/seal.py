@@ -74,9 +74,14 @@ def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int
     """The recordings of one jump more of the campaign `out`, put into `folder`; their names. motion: as [actuation]."""
     protocol = truth_for(out)
     law = Law(
-        motion["frequency"], motion["amplitude"], motion["phase"], motion["start"], motion["cycles"],
-        motion.get("delay", 0.0), motion.get("dwell_gain", 1.0),
-    )  # fmt: skip
+        motion["frequency"],
+        motion["amplitude"],
+        motion["phase"],
+        motion["start"],
+        motion["cycles"],
+        motion.get("delay", 0.0),
+        motion.get("dwell_gain", 1.0),
+    )
     phi = protocol.jumps[0].volume_fraction
     jump = Jump(number, folder.name, folder.name, motion["kind"], law, phi)
     header = replace(protocol.header, duration=max(protocol.header.duration, law.stop + 1.0))

@@ -67,14 +67,19 @@ def prepare(like: Experiment, law: Actuation, name: str, limits: Limits, why: Se
     t = np.arange(0.0, law.stop + TICK, TICK)
     x, v = commanded(law)(t)
     np.savetxt(
-        aside / TABLE, np.column_stack([t, x, v]), fmt=["%.4f", "%.8f", "%.6f"], delimiter=",", comments="",
-        header="time_s,position_m,speed_m_per_s", newline="\n",
-    )  # fmt: skip
+        aside / TABLE,
+        np.column_stack([t, x, v]),
+        fmt=["%.4f", "%.8f", "%.6f"],
+        delimiter=",",
+        comments="",
+        header="time_s,position_m,speed_m_per_s",
+        newline="\n",
+    )
     os.replace(aside, folder)
     return folder
 
 
-def _actuation(law: Actuation) -> dict[str, Any]:
+def _actuation(law: Actuation) -> Mapping[str, str | float]:
     keys = ("kind", "frequency", "amplitude", "phase", "cycles", "delay", "start")
     return {k: v for k in keys if (v := getattr(law, k)) is not None and (k, v) != ("delay", 0.0)}
 

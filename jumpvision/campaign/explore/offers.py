@@ -65,7 +65,7 @@ def limits_of(laws: Sequence[Actuation], motor: Motor | None, mass: float | None
     by_force = max(force - weight, 0.0) / mass if force is not None and mass else None
     most = [g if g is not None else float(r) for g, r in zip((given.stroke, given.max_speed, by_force), run)]
     said = "of [motor] and of the jumps that were run" if (given.stroke or given.max_speed or by_force) else Limits.said
-    return Limits(*most, said)
+    return Limits(most[0], most[1], most[2], said)
 
 
 def usual(laws: Sequence[Actuation], *, start: float = START) -> list[Actuation]:
@@ -121,9 +121,18 @@ def unmade(base: Jump, law: Actuation, motor: Motor | None = None) -> Jump:
     name = named(law)
     blank: Array = np.zeros(t.size)
     return replace(
-        base, name=name, forcing=drives, stop=law.stop, t=t, y=blank, group=name, condition=name, labels=labels,
-        sigma=None, shared=replace(base.shared, lens=None),
-    )  # fmt: skip
+        base,
+        name=name,
+        forcing=drives,
+        stop=law.stop,
+        t=t,
+        y=blank,
+        group=name,
+        condition=name,
+        labels=labels,
+        sigma=None,
+        shared=replace(base.shared, lens=None),
+    )
 
 
 def offer(

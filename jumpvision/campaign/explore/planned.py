@@ -111,13 +111,10 @@ class Identified:
     whole: bool
 
     @property
-    def data(self) -> dict[str, Any]:
-        """identifiability.json; NaN as null."""
-        out = asdict(self)
-        for row in out["causes"]:
-            value = row.pop("from_")
-            row["detectable_from"] = value if math.isfinite(value) else None
-        return out
+    def data(self) -> Mapping[str, object]:
+        """identifiability.json; a strength that is NaN as null."""
+        causes = [asdict(c) | {"from_": c.from_ if math.isfinite(c.from_) else None} for c in self.causes]
+        return {**asdict(self), "causes": causes}
 
     def save(self, folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
@@ -176,7 +173,7 @@ def _problem(planned: Planned, laws: Sequence[Actuation], workers: int) -> Probl
     e = _experiment(planned, laws[0])
     spec, robot = spec_of(e), e.section(Robot)
     priors = {n: s for n, s in asdict(robot.sigma).items() if s} if robot else {}
-    system = Jumper(jumps, spec.fit, {**spec.sigma, **priors}, workers)
+    system = Jumper(jumps, {n: (low, high) for n, (low, high) in spec.fit.items()}, {**spec.sigma, **priors}, workers)
     return Problem(system, Noise(planned.camera.noise, planned.camera.rho, 1.0 / planned.camera.rate))
 
 

@@ -125,11 +125,9 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
     causes = {m: now.naming.probability(m) for m in now.naming.probabilities}
     models = {h.name: h.weight for h in now.held}
     told = Round(tuple(j.name for j in asked.jumps), models, causes, entropy(list(models.values())))
-    if now.unexplained:
-        best = " and ".join(now.naming.named) or "no cause"
-        why = f"no set of the vocabulary explains these jumps ({best} is established): further ones tell nothing of it"
-        return _ended(told, f"{why}; jumpvision diagnose describes what is left")
     open_causes = now.undecided(rules.level)
+    if now.unexplained:
+        open_causes = ["what no set of the vocabulary explains (jumpvision diagnose describes it)"]
     if not open_causes:
         return _ended(told, decided(causes, rules.level))
     if spent >= rules.most:
@@ -190,9 +188,16 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
         pair = tuple(h.name for h in now.held[:2])
         kind, cost = others.get(c.which, law.kind if law else ""), costs[c.which]
         out.append(
-            Proposed(named(law) if law else kind, kind, pair, c.worth.bits, c.worth.log10_odds, cost,
-                     None if law is None else {k: v for k, v in asdict(law).items() if v is not None})
-        )  # fmt: skip
+            Proposed(
+                named(law) if law else kind,
+                kind,
+                pair,
+                c.worth.bits,
+                c.worth.log10_odds,
+                cost,
+                None if law is None else {k: v for k, v in asdict(law).items() if v is not None},
+            )
+        )
     return out, left_out
 
 

@@ -1,0 +1,343 @@
+"""The experimenter: information against closed forms and integrals, what is handed over and taken in, bisection."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jumpvision.base.schema import InputError
+from jumpvision.campaign.explore import handover
+from jumpvision.campaign.explore.lift_off import TRIALS, Trial, threshold, trial
+from jumpvision.campaign.explore.offers import Limits, every, limits_of, usual
+from jumpvision.campaign.explore.planned import identified, read_planned
+from jumpvision.campaign.explore.rounds import FILE, read_history
+from jumpvision.cli import main
+from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.noise.noise import Noise
+from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+from jumpvision.diagnosis.worth.design import Prospect, batch, worth
+from jumpvision.diagnosis.worth.identify import TIMES, information, shortest, shown
+from jumpvision.inputs.experiment import open_campaign
+from jumpvision.inputs.sections import Actuation, Motor
+from jumpvision.lab import write
+from jumpvision.lab.blind import AMPLITUDE, Nuisance, campaign, draw
+from jumpvision.lab.campaign import carry_out, defaults
+from jumpvision.lab.jumper import Law, motion_of
+from jumpvision.lab.protocol_keys import Jump, JumpSweep, jumps_of
+from jumpvision.lab.seal import answer_of, seal, sealed_file
+
+RNG = np.random.default_rng
+
+
+def gaussians(means, roots=None):
+    """A prospect of models whose parameters make `roots` (n, k) of the readings."""
+    n = len(means[0])
+    roots = roots or [np.zeros((n, 1))] * len(means)
+    return Prospect(tuple(np.asarray(m, float) for m in means), tuple(roots), tuple(np.zeros((n, 0)) for _ in means))
+
+
+# -- what an experiment is worth ---------------------------------------------------------------------------------------
+
+
+def test_log_odds_of_two_gaussians_are_half_their_distance_squared():
+    """Equal covariance S = 1 + u u^T: the mean log-likelihood ratio is d^T S^-1 d / 2; 256 antithetic draws are exact in
+    what is linear of them, and the ratio is linear."""
+    d, u = np.array([1.0, -2.0, 0.5, 3.0]), np.array([[0.5], [1.0], [0.0], [2.0]])
+    known = worth(gaussians([np.zeros(4), d]), [0.5, 0.5], RNG(0))
+    assert known.log10_odds == pytest.approx(d @ d / 2 / math.log(10), rel=1e-9)
+    unsure = worth(gaussians([np.zeros(4), d], [u, u]), [0.5, 0.5], RNG(0))
+    expected = d @ np.linalg.solve(np.eye(4) + u @ u.T, d) / 2 / math.log(10)
+    assert unsure.log10_odds == pytest.approx(expected, rel=1e-9)
+
+
+def test_bits_are_the_mutual_information():
+    """Three models in one dimension, of different spreads and weights, against the integral over the reading."""
+    means, spreads, weights = [0.0, 1.5, 4.0], [0.0, 0.7, 1.5], [0.5, 0.3, 0.2]
+    found = [
+        worth(gaussians([[m] for m in means], [np.array([[s]]) for s in spreads]), weights, RNG(k)).bits
+        for k in range(60)
+    ]
+    y = np.linspace(-15, 20, 40001)
+    density = [
+        np.exp(-0.5 * (y - m) ** 2 / (1 + s * s)) / math.sqrt(2 * math.pi * (1 + s * s)) for m, s in zip(means, spreads)
+    ]
+    mixed = sum(w * p for w, p in zip(weights, density))
+    exact = sum(w * np.trapezoid(p * np.log2(np.maximum(p, 1e-300) / mixed), y) for w, p in zip(weights, density))
+    error = np.std(found) / math.sqrt(len(found))
+    assert np.mean(found) == pytest.approx(exact, abs=4 * error)
+    assert error < 0.01
+
+
+def test_what_parameters_can_mimic_tells_nothing():
+    d = np.array([1.0, 2.0, -1.0])
+    free = [1e4 * d[:, None]] * 2
+    assert worth(gaussians([np.zeros(3), d], free), [0.5, 0.5], RNG(1)).bits < 1e-3
+
+
+def test_a_batch_is_chosen_beside_what_was_chosen_before():
+    """Two experiments alike that tell a from b and c, a weaker one that tells b from c: after the first, the other."""
+    first = gaussians([[0.0], [6.0], [6.0]])
+    again = gaussians([[0.0], [5.9], [5.9]])
+    other = gaussians([[0.0], [0.0], [4.0]])
+    chosen = batch({0: first, 1: again, 2: other}, dict.fromkeys(range(3), 1.0), [1 / 3] * 3, 2, RNG(2))
+    assert [c.which for c in chosen] == [0, 2]
+    assert chosen[1].together.bits == pytest.approx(math.log2(3), abs=0.1)
+
+
+def test_cost_decides_between_experiments_that_tell_alike():
+    p = gaussians([[0.0], [2.0]])
+    assert batch({0: p, 1: p}, {0: 3.0, 1: 1.0}, [0.5, 0.5], 1, RNG(3))[0].which == 1
+
+
+def test_shared_parameters_are_learned_within_a_batch():
+    """An offset that both models leave open drowns one reading of d; of two readings, one blind to d, it cancels."""
+    offset = [np.array([[100.0]])] * 2
+    one, blind = gaussians([[0.0], [3.0]], offset), gaussians([[0.0], [0.0]], offset)
+    alone = worth(one, [0.5, 0.5], RNG(4)).bits
+    both = worth(one.beside(blind), [0.5, 0.5], RNG(4))
+    assert alone < 1e-2
+    assert both.log10_odds == pytest.approx(9.0 / 2 / 2 / math.log(10), rel=1e-3)  # the difference has variance 2
+
+
+# -- before the first jump ---------------------------------------------------------------------------------------------
+
+
+class Lines:
+    """y = b t + a t^2 + q t^2 (1 + 0.01 t) + s sin(40 t): `q` is the twin of `a`, `s` is not, `n` does nothing."""
+
+    baseline = (Parameter("b", 1.0, -100.0, 100.0, 1.0),)
+    candidates = {  # noqa: RUF012
+        n: Candidate((Parameter(n, 0.0, -1e3, 1e3, 1.0),)) for n in ("a", "q", "s", "n")
+    }
+
+    def __init__(self, times):
+        self.observations = [Observation(f"o{k}", t, np.zeros(t.size), f"g{k}", f"c{k}") for k, t in enumerate(times)]
+
+    def predict(self, mechanisms, values, which):
+        at = [self.observations[i].t for i in which]
+        return [
+            values.get("b", 1.0) * t
+            + values.get("a", 0.0) * t**2
+            + values.get("q", 0.0) * t**2 * (1 + 0.01 * t)
+            + values.get("s", 0.0) * np.sin(40 * t)
+            for t in at
+        ]
+
+    def scatter(self, mechanisms, values, which):
+        return {}
+
+
+def test_detectable_strengths_twins_and_blind_spots_against_least_squares():
+    t, noise = np.linspace(0.0, 1.0, 200), Noise(0.01, 0.0, 0.005)
+    info = information(Problem(Lines([t]), noise))
+    found = {x.mechanism: x for x in shown(info, [0])}
+    design = np.stack([np.ones_like(t), t], axis=1)  # the zero level, and b
+    for name, column in (("a", t**2), ("s", np.sin(40 * t))):
+        left = column - design @ np.linalg.lstsq(design, column, rcond=None)[0]
+        assert found[name].from_ == pytest.approx(info.z * noise.s / np.linalg.norm(left), rel=1e-3)
+    assert found["a"].twins == ("q",) and found["q"].twins == ("a",)
+    assert found["s"].twins == ()
+    assert math.isnan(found["n"].from_)
+
+
+def test_the_shortest_protocol_tells_what_is_asked_and_says_what_none_can():
+    short, long = np.linspace(0, 0.05, 100), np.linspace(0, 1, 100)
+    info = information(Problem(Lines([short, long, short]), Noise(0.01, 0.0, 0.01)))
+    strength = TIMES * shown(info, [1])[2].from_
+    taken, never = shortest(info, {"s": strength}, 5)
+    assert taken == [1] and never == {"s": ["n"]} or taken == [1] and not never
+    taken, never = shortest(info, {"a": 1.0}, 5)
+    assert never["a"] == ["q"]
+
+
+def test_a_planned_protocol_is_read_and_told(tmp_path):
+    setting, _ = blind(tmp_path / "c", "motor_lag", 0.03)
+    plan = tmp_path / "plan.toml"
+    plan.write_text('[[jumps]]\nkind = "single"\nfrequency = [9.0, 12.0]\namplitude = 0.004\n', encoding="utf-8")
+    found = identified(read_planned(tmp_path / "c", plan), ["payload"])
+    causes = {c.mechanism: c for c in found.causes}
+    assert "time_offset" in causes["motor_lag"].twins  # a late motor, a late film: thesis or not, one shift in time
+    assert math.isfinite(causes["payload"].from_)
+    assert found.shortest
+    with pytest.raises(InputError, match="unknown cause 'pay'|unknown cause"):
+        identified(read_planned(tmp_path / "c", plan), ["pay"])
+    plan.write_text('[[jumps]]\nkind = "sinle"\nfrequency = 9.0\namplitude = 0.004\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"plan.toml: \[\[jumps\]\] number 1"):
+        read_planned(tmp_path / "c", plan)
+
+
+# -- what the motor can do ---------------------------------------------------------------------------------------------
+
+
+def test_no_jump_is_offered_that_the_motor_cannot_do():
+    laws = [Actuation("single", f, 0.004, start=0.2) for f in (9.0, 12.0, 15.0)]
+    run = limits_of(laws, None)
+    assert run.travel == pytest.approx(0.008, rel=1e-3)
+    assert run.speed == pytest.approx(2 * math.pi * 15 * 0.004, rel=1e-3)
+    for law in every(laws, run):
+        x, v = handover.commanded(law)(np.linspace(law.start, law.stop, 1001)[:-1])
+        assert np.ptp(x) <= 1.002 * run.travel and np.max(np.abs(v)) <= 1.002 * run.speed
+    slow = limits_of(laws, Motor(max_speed=0.2))
+    assert slow.speed == 0.2
+    assert 0 < len(every(laws, slow)) < len(every(laws, run))
+    assert all(law.cycles == 1 for law in usual(laws))
+
+
+# -- handed over, taken in ---------------------------------------------------------------------------------------------
+
+
+def blind(out: Path, hidden: str, strength: float, noise: float = 2e-4):
+    """A campaign of eight jumps on hard ground with one hidden effect, its answer sealed beside it."""
+    setting = draw(RNG(1), ground="hard", hidden=[hidden], strength=strength, nuisance=Nuisance(noise, 0.0, 0.0))
+    kinds = (("single", (9.0, 12.0, 15.0, 18.0)), ("stutter", (6.5, 7.5, 8.5, 9.5)))
+    sweeps = [JumpSweep(k, f, (AMPLITUDE["hard"],)) for k, f in kinds]
+    jumps = jumps_of(sweeps, start=0.2, ground="hard", part="", first=0)
+    setting = replace(setting, protocol=replace(setting.protocol, jumps=jumps))
+    out.mkdir(parents=True)
+    carry_out([(setting.protocol, j) for j in jumps], out, seed=1, workers=1, sealed=True)
+    write.toml(out / "campaign.toml", defaults(setting.protocol))
+    sealed_file(out).write_text(json.dumps(seal(answer_of(setting))), encoding="utf-8")
+    return setting, out
+
+
+FREE = Limits(1.0, 100.0, 1e5)
+
+
+@pytest.fixture
+def lent(tmp_path):
+    """A campaign whose motor is logged, and one of its experiments."""
+    _, out = blind(tmp_path / "c", "payload", 0.5)
+    return out, open_campaign(out).experiments[0]
+
+
+def test_a_folder_waits_is_taken_in_and_the_campaign_runs_meanwhile(lent):
+    out, like = lent
+    law = Actuation("stutter", 8.0, 0.004, start=0.2)
+    folder = handover.prepare(like, law, "next-01", FREE, ["why"])
+    assert {f.name for f in folder.iterdir()} == {"experiment.toml", "protocol.toml", "motor_command.csv"}
+    assert "waits for" in open_campaign(out).excluded["next-01"]
+    table = np.loadtxt(folder / "motor_command.csv", delimiter=",", skiprows=1)
+    assert np.allclose(table[:, 1], handover.commanded(law)(table[:, 0])[0], atol=1e-8)
+    (waits,) = handover.returned(out)
+    assert not waits.good and set(waits.missing) == {"rod_track.csv", "motor.csv"}
+    for name in ("rod_track.csv", "motor.csv"):  # of another jump: 9 Hz in place of 8, single in place of stutter
+        (folder / name).write_bytes((like.path / name).read_bytes())
+    (other,) = handover.returned(out)
+    assert "from its command" in other.differs
+    assert "not its protocol" in open_campaign(out).excluded["next-01"]
+    t = np.arange(0, 1.8, 1e-3)
+    np.savetxt(
+        folder / "motor.csv", np.column_stack([t, handover.commanded(law)(t)[0], 0 * t]), delimiter=",",
+        header="time_s,position_m,force_N", comments="",
+    )  # fmt: skip
+    (good,) = handover.returned(out)
+    assert good.good and not handover.returned(out)
+    assert "next-01" in {e.name for e in open_campaign(out).experiments}
+
+
+def test_what_the_motor_cannot_do_and_what_is_there_is_refused(lent):
+    out, like = lent
+    law = Actuation("stutter", 8.0, 0.004, start=0.2)
+    with pytest.raises(InputError, match=r"travel 0\.008 m: at most 0\.005 m"):
+        handover.prepare(like, law, "next-01", Limits(0.005, 100.0, 1e5))
+    assert not (out / "next-01").exists()
+    (out / ".next-01.part").mkdir()  # a killed run's
+    handover.prepare(like, law, "next-01", FREE)
+    with pytest.raises(InputError, match="exists already"):
+        handover.prepare(like, law, "next-01", FREE)
+
+
+def test_a_record_that_is_none_is_refused(tmp_path):
+    (tmp_path / FILE).write_text('{"rounds": [{"jumps": 3}]}', encoding="utf-8")
+    with pytest.raises(InputError, match="not a record of an exploration"):
+        read_history(tmp_path)
+    assert read_history(tmp_path / "nowhere").rounds == ()
+
+
+def test_bad_calls_are_told_with_what_is_allowed(tmp_path, capsys):
+    (tmp_path / "c").mkdir()
+    assert main(["explore", str(tmp_path / "c"), "--level", "1.5", "--cost", "hop=2"]) == 2
+    told = capsys.readouterr().err
+    assert "--level 1.5: must be above 0.5 and below 1" in told and "--cost hop=2" in told
+    assert main(["explore", str(tmp_path / "c"), "--lift-off", "jump:x"]) == 2
+    assert "KIND:FREQUENCY" in capsys.readouterr().err
+
+
+@pytest.mark.long
+def test_it_tells_twins_apart_in_the_laboratory_and_takes_up_a_killed_call(tmp_path, capsys):
+    """A late motor and a late film, 8 jumps: the experimenter asks, records, and ends with the right one. Before, a call
+    that was killed after its proposal was written down and before its folder was made."""
+    _, out = blind(tmp_path / "c", "motor_lag", 0.03)
+    results = tmp_path / "results" / "c"
+    assert main(["explore", str(out), "--workers", "1"]) == 0
+    first = read_history(results)
+    (asked,) = first.rounds[0].proposed
+    assert asked.separates == ("motor_lag", "time_offset") and (out / asked.name).is_dir()
+    for f in (out / asked.name).iterdir():
+        f.unlink()
+    (out / asked.name).rmdir()
+    assert main(["explore", str(out), "--workers", "1", "--laboratory"]) == 0
+    history = read_history(results)
+    last = history.rounds[-1]
+    assert [p.name for p in history.rounds[0].proposed] == [asked.name]
+    assert last.end.startswith("motor_lag at") and last.causes["motor_lag"] >= 0.95
+    assert len(last.jumps) == 8 + history.asked_for
+    assert last.entropy_bits < first.rounds[0].entropy_bits
+    page = (results / "explore.html").read_text(encoding="utf-8")
+    assert asked.name in page and "motor_lag from time_offset" in page
+    assert (results / "explore.png").stat().st_size > 10_000
+
+
+# -- the smallest amplitude that lifts off -----------------------------------------------------------------------------
+
+
+def test_bisection_finds_a_threshold_within_two_per_cent_and_its_interval_covers():
+    """Trials with r = A / A* and Gaussian errors of 2 %, from starts 0.3 to 30 times too large: 90 % intervals, 300 runs;
+    the 99.9 % ends of a binomial count, and the 2 % of the bar."""
+    rng, inside, off = RNG(5), 0, []
+    for _ in range(300):
+        true, trials = 2.2e-4, []
+        amplitude = true * float(np.exp(rng.uniform(math.log(0.3), math.log(30.0))))
+        while True:
+            sigma = 0.02 * max(amplitude / true, 1.0) ** 0.5
+            trials.append(Trial(amplitude, amplitude / true + sigma * rng.normal(), sigma))
+            found = threshold(trials)
+            if found.next is None:
+                break
+            amplitude = found.next
+        assert len(trials) <= TRIALS
+        inside += found.low <= true <= found.high
+        off.append(abs(found.value / true - 1))
+    assert 250 <= inside <= 290
+    assert np.mean(np.array(off) < 0.02) > 0.97
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 4, 7])
+def test_bisection_in_the_laboratory_against_its_own_threshold(seed):
+    """0.05 mm of noise, a spring known to 0.5 %: the exact threshold is that of the laboratory's integrator."""
+    from benchmarks.diagnosis import jumps_of as read_jumps
+
+    rng = RNG([seed, 3])
+    setting = draw(rng, ground="hard", hidden=(), nuisance=Nuisance(5e-5, 0.0, 0.0))
+    p, frequency, phase = setting.protocol, float(rng.choice([7.0, 9.0, 11.0, 14.0])), 1.5 * math.pi
+    low, high = 1e-4, 4e-3
+    while high / low > 1.0005:
+        a, (_, true) = math.sqrt(low * high), p.truth(0.0, rng)
+        seen = motion_of(p.robot, Law(frequency, a, phase, 0.2), p.terms, true, ground="hard", duration=0.7, dt=1e-5)
+        low, high = (low, a) if len(seen.lift_offs) else (a, high)
+    amplitude, trials = 0.004, []
+    while amplitude is not None:
+        jump = Jump(len(trials), "trial", "trial", "single", Law(frequency, amplitude, phase, 0.2), 0.57)
+        made = replace(setting, protocol=replace(p, jumps=(jump,)))
+        jumps, _, priors = read_jumps(made, campaign(made, rng))
+        trials.append(trial(jumps[0]))
+        found = threshold(trials, priors["spring_stiffness"] / p.robot.spring_stiffness)
+        amplitude = found.next
+    assert len(trials) <= TRIALS
+    assert found.value == pytest.approx(math.sqrt(low * high), rel=0.02)
