@@ -8,7 +8,7 @@ PARTS = {  # of the site; all but the last are at most 15,000 words together (te
     "Begin": ["samples", "tutorial", "notebook", "bring_your_own_data", "glossary"],
     "Only match pictures": ["velocity_fields"],
     "Only track": ["tracking"],
-    "Question a model": ["diagnosis", "any_simulator"],
+    "Question a model": ["diagnosis", "experimenter", "any_simulator"],
     "Jumping robots": ["planning", "demo", "report", "scale"],
     "Reference": [
         "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "rft", "laboratory",

@@ -74,6 +74,11 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_lab_blind.test_the_game_on_disk",
 }  # fmt: skip
 EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
+ELSEWHERE |= {
+    "explore mystery": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
+    "explore mystery --laboratory": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
+    "explore mystery --before plan.toml --tell payload=0.01": "test_explore.test_a_planned_protocol_is_read_and_told",
+}
 ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
 ELSEWHERE["sweep hard --analysis traces --frequency 5:12:8 --phase 1.5708"] = EACH
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,8 +46,8 @@ def gaussians(means, roots=None):
 
 
 def test_log_odds_of_two_gaussians_are_half_their_distance_squared():
-    """Equal covariance S = 1 + u u^T: the mean log-likelihood ratio is d^T S^-1 d / 2; 256 antithetic draws are exact in
-    what is linear of them, and the ratio is linear."""
+    """Equal covariance S = 1 + u u^T: the mean log-likelihood ratio is d^T S^-1 d / 2, linear in the readings, and
+    antithetic draws are exact in what is linear."""
     d, u = np.array([1.0, -2.0, 0.5, 3.0]), np.array([[0.5], [1.0], [0.0], [2.0]])
     known = worth(gaussians([np.zeros(4), d]), [0.5, 0.5], RNG(0))
     assert known.log10_odds == pytest.approx(d @ d / 2 / math.log(10), rel=1e-9)
@@ -150,21 +151,23 @@ def test_the_shortest_protocol_tells_what_is_asked_and_says_what_none_can():
     info = information(Problem(Lines([short, long, short]), Noise(0.01, 0.0, 0.01)))
     strength = TIMES * shown(info, [1])[2].from_
     taken, never = shortest(info, {"s": strength}, 5)
-    assert taken == [1] and never == {"s": ["n"]} or taken == [1] and not never
+    assert taken == [1] and not never
     taken, never = shortest(info, {"a": 1.0}, 5)
     assert never["a"] == ["q"]
 
 
 def test_a_planned_protocol_is_read_and_told(tmp_path):
-    setting, _ = blind(tmp_path / "c", "motor_lag", 0.03)
+    (tmp_path / "c").mkdir()
+    setting = draw(RNG(1), ground="hard", hidden=["motor_lag"])
+    write.toml(tmp_path / "c" / "campaign.toml", defaults(setting.protocol))
     plan = tmp_path / "plan.toml"
     plan.write_text('[[jumps]]\nkind = "single"\nfrequency = [9.0, 12.0]\namplitude = 0.004\n', encoding="utf-8")
     found = identified(read_planned(tmp_path / "c", plan), ["payload"])
     causes = {c.mechanism: c for c in found.causes}
-    assert "time_offset" in causes["motor_lag"].twins  # a late motor, a late film: thesis or not, one shift in time
+    assert "time_offset" in causes["motor_lag"].twins  # a late motor and a late film shift alike
     assert math.isfinite(causes["payload"].from_)
     assert found.shortest
-    with pytest.raises(InputError, match="unknown cause 'pay'|unknown cause"):
+    with pytest.raises(InputError, match="unknown cause"):
         identified(read_planned(tmp_path / "c", plan), ["pay"])
     plan.write_text('[[jumps]]\nkind = "sinle"\nfrequency = 9.0\namplitude = 0.004\n', encoding="utf-8")
     with pytest.raises(InputError, match=r"plan.toml: \[\[jumps\]\] number 1"):
@@ -208,11 +211,17 @@ def blind(out: Path, hidden: str, strength: float, noise: float = 2e-4):
 FREE = Limits(1.0, 100.0, 1e5)
 
 
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    """A campaign whose motor is logged."""
+    return blind(tmp_path_factory.mktemp("blind") / "c", "payload", 0.5)[1]
+
+
 @pytest.fixture
-def lent(tmp_path):
-    """A campaign whose motor is logged, and one of its experiments."""
-    _, out = blind(tmp_path / "c", "payload", 0.5)
-    return out, open_campaign(out).experiments[0]
+def lent(logged, tmp_path):
+    """A copy of it, and one of its experiments."""
+    shutil.copytree(logged, tmp_path / "c")
+    return tmp_path / "c", open_campaign(tmp_path / "c").experiments[0]
 
 
 def test_a_folder_waits_is_taken_in_and_the_campaign_runs_meanwhile(lent):
@@ -269,9 +278,9 @@ def test_bad_calls_are_told_with_what_is_allowed(tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_it_tells_twins_apart_in_the_laboratory_and_takes_up_a_killed_call(tmp_path, capsys):
-    """A late motor and a late film, 8 jumps: the experimenter asks, records, and ends with the right one. Before, a call
-    that was killed after its proposal was written down and before its folder was made."""
+def test_it_tells_twins_apart_and_takes_up_a_killed_call(tmp_path, capsys):
+    """A late motor and a late film, 8 jumps: the experimenter asks, records, and ends with the right one. A call before
+    was killed after its proposal was written down and before its folder was made."""
     _, out = blind(tmp_path / "c", "motor_lag", 0.03)
     results = tmp_path / "results" / "c"
     assert main(["explore", str(out), "--workers", "1"]) == 0
@@ -297,8 +306,8 @@ def test_it_tells_twins_apart_in_the_laboratory_and_takes_up_a_killed_call(tmp_p
 
 
 def test_bisection_finds_a_threshold_within_two_per_cent_and_its_interval_covers():
-    """Trials with r = A / A* and Gaussian errors of 2 %, from starts 0.3 to 30 times too large: 90 % intervals, 300 runs;
-    the 99.9 % ends of a binomial count, and the 2 % of the bar."""
+    """Trials with r = A / A* and Gaussian errors of 2 %, from starts 0.3 to 30 times the truth: 90 % intervals, 300
+    runs; the 99.9 % ends of a binomial count, and the 2 % of the bar."""
     rng, inside, off = RNG(5), 0, []
     for _ in range(300):
         true, trials = 2.2e-4, []

@@ -146,7 +146,9 @@ def search(
         return found, None
     law = Actuation(kind, frequency, float(f"{found.next:.4g}"), PHASES[kind], start=START)
     name = f"lift-off-{kind}-{frequency:g}Hz-{len(trials) + 1:02d}"
-    like = asked.experiments[0]
+    like = next((e for e in asked.experiments if e.ground == "hard"), None)
+    if like is None:
+        raise InputError([f"{asked.experiments[0].path.parent}: no experiment on hard ground; --lift-off needs one"])
     return found, prepare(
         like, law, name, limits, [f"trial {len(trials) + 1} of the smallest amplitude that lifts off"]
     )

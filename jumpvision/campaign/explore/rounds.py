@@ -251,7 +251,7 @@ def continued(
         last = replace(last, proposed=tuple(replace(p, name=names.get(p.name, p.name)) for p in last.proposed))
         history = history.with_round(last)
         history.save(results)
-    like = next(e for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves)
+    like = next(e for e in asked.experiments if e.name == asked.jumps[0].name)
     there = {f.name for f in waiting}
     made = [
         prepare(like, law_of(p), p.name, limits_for(asked), told_for(p))

@@ -110,8 +110,8 @@ def shown(info: Information, which: Sequence[int]) -> list[Shown]:
         need = info.z / math.sqrt(own) if own > 0 else math.inf
         ends = [info.nulls[i] + sign * need for sign in (1.0, -1.0)]
         at = next((x for x in ends if p.low <= x <= p.high), math.nan)
-        twins = [n for j, n in enumerate(names) if j != i and beside[i, j] * (TIMES * need) ** 2 < info.z**2]
-        out.append(Shown(name, p.name, p.unit or "1", at, tuple(twins) if math.isfinite(need) else ()))
+        twins = [n for j, n in enumerate(names) if j != i and beside[i, j] * TIMES**2 < own]
+        out.append(Shown(name, p.name, p.unit or "1", at, tuple(twins)))
     return out
 
 
