@@ -1,8 +1,9 @@
 """The experimenter on hidden effects: campaigns of 8 jumps that leave a doubt, and what the proposed jumps make of it.
 
-`python -m benchmarks.explore [--each N] [--workers N] [--rows FILE]` prints the tables of docs/benchmarks.md. A campaign
-of the laboratory hides one effect, strength drawn evenly in its logarithm; it is taken where the verdict is discrepant
-and the right cause has less than 95 %. Then one jump after the other is made, the best of the list, or one at random.
+`python -m benchmarks.explore [--each N] [--workers N] [--rows FILE]` prints the tables of docs/benchmarks.md. A
+campaign of the laboratory hides one effect, strength drawn evenly in its logarithm; it is taken where the verdict is
+discrepant and the right cause has less than 95 %. Then one jump after the other is made, the best of the list, or one
+at random.
 """
 
 from __future__ import annotations
@@ -159,7 +160,9 @@ def explored(state: State, seed: int, *, at_random: bool) -> dict[str, Any]:
         law = laws[at]
         state = made(state, law, np.random.default_rng([seed, step, 7]))
         after = log_odds(state.problem, held, right) if right is not None else math.nan
-        out["made"].append(f"{law.kind} {law.frequency} Hz {1e3 * (law.amplitude or 0):.3g} mm x{law.cycles:g} {law.delay}")
+        out["made"].append(
+            f"{law.kind} {law.frequency} Hz {1e3 * (law.amplitude or 0):.3g} mm x{law.cycles:g} {law.delay}"
+        )
         out["chances"].append(state.chance(true[0]))
         out["standing"].append(sorted(state.standing))
         if stated is not None:
@@ -195,7 +198,7 @@ def table(rows: list[Row]) -> str:
     lines = [
         f"{n} campaigns, {n - len(good)} failed.",
         "",
-        "| the next jumps are | right cause at 95 % within 2 | within 4 | within 6 | median | a wrong cause at 95 % on the way |",
+        "| the next jumps are | right cause at 95 % within 2 | within 4 | within 6 | median | a wrong one at 95 % |",
         "|---|---|---|---|---|---|",
     ]
     for arm in ("design", "random"):
@@ -209,15 +212,15 @@ def table(rows: list[Row]) -> str:
         if x.size >= 3:
             slope = float(x @ y / (x @ x))
             error = math.sqrt(float(np.sum(x * x * (y - slope * x) ** 2))) / float(x @ x)
-            lines.append(f"\nstated at most {top:g}: {x.size} jumps, slope {slope:.2f} +- {error:.2f}, means {x.mean():.2f} "
-                         f"stated, {y.mean():.2f} came, medians {np.median(x):.2f}, {np.median(y):.2f}")  # fmt: skip
+            middle = f"means {x.mean():.2f} stated, {y.mean():.2f} came, medians {np.median(x):.2f}, {np.median(y):.2f}"
+            lines.append(f"\nstated at most {top:g}: {x.size} jumps, slope {slope:.2f} +- {error:.2f}, {middle}")
     cpu = [c for r in good for c in r["design"]["cpu"]]
     if cpu:
         lines.append(f"\na proposal takes {np.median(cpu):.1f} s of processor (median), {max(cpu):.1f} s at most")
     for r in rows:
         lines.append(f"\n{r['key']}: " + (r["failed"] if "failed" in r else
-            f"{r['hidden']} strength {r['strength']:.2f}, noise {1e3 * r['noise']:.2f} mm, before {r['before']:.3f}, top "
-            f"{[(m, round(p, 2)) for p, m in r['top']]}, design {r['design']['needed']} "
+            f"{r['hidden']} strength {r['strength']:.2f}, noise {1e3 * r['noise']:.2f} mm, before {r['before']:.3f}, "
+            f"top {[(m, round(p, 2)) for p, m in r['top']]}, design {r['design']['needed']} "
             f"{np.round(r['design']['chances'], 3).tolist()} random {r['random']['needed']}"))  # fmt: skip
     return "\n".join(lines)
 
@@ -226,7 +229,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--each", type=int, default=20, help="campaigns on each ground")
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--rows", default=None, help="file for one JSON line a campaign; those there are not made again")
+    parser.add_argument(
+        "--rows", default=None, help="file for one JSON line a campaign; those there are not made again"
+    )
     args = parser.parse_args()
     every_case = [Case(g, s) for s in range(args.each) for g in ("hard", "granular")]
     print(table(gather(every_case, run, args.rows, args.workers)))
