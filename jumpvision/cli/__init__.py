@@ -8,7 +8,16 @@ import sys
 
 from cyclopts import CycloptsError
 
-from . import explore, export, folders, init, machine, matter, sweep  # noqa: F401  (each adds its commands to --help)
+from . import (  # noqa: F401  (each adds its commands to --help)
+    explore,
+    export,
+    folders,
+    init,
+    machine,
+    matter,
+    sweep,
+    workbench,
+)
 from .app import BAD_CALL, DONE, FAILED, app
 
 # before NumPy is imported: the matrices are small, threads of BLAS wait for each other and round by their number

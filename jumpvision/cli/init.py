@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from .app import DONE, app, cores
+from .workbench import open_path
 
 if TYPE_CHECKING:
     from jumpvision.init.measure import Picks
@@ -19,7 +20,7 @@ def _which(text: str) -> Parameter:
 
 
 def _eye(text: str) -> Parameter:
-    return Parameter(help=text, group="Chosen by eye; --pick asks for these in the browser")
+    return Parameter(help=text, group="Chosen by eye; --pick opens the workbench for these")
 
 
 @Parameter(name="*", show_default=False)
@@ -64,8 +65,6 @@ def init(
     which: Which = Which(),
     eye: Eye = Eye(),
     pick: bool = False,
-    port: int = 0,
-    browser: bool = True,
     json: bool = False,
 ) -> int:
     """Write a commented experiment.toml from the recordings in a folder; of sub-folders one each, and campaign.toml.
@@ -81,11 +80,7 @@ def init(
     ground
         hard or granular; default: by the recordings and the folder's name.
     pick
-        Show the first frames in the browser, to click ball, marks, foot and floor.
-    port
-        Of the page of --pick; default: a free one.
-    browser
-        Open the page of --pick in the browser.
+        Then open the workbench (jumpvision open) on the folder, to click ball, marks, foot and floor.
     json
         Machine-readable result on stdout.
     """
@@ -97,12 +92,7 @@ def init(
     if ground not in ("", "hard", "granular"):
         raise InputError([f"--ground {ground}: must be hard or granular"])
     files = {SECTIONS[k]: f for k in SECTIONS if (f := getattr(which, k))}
-    ask = None
-    if pick:
-        from jumpvision.init.measure import Page
-
-        ask = Page(port, open_browser=browser, say=show.line).ask
-    written = init(folder, Choices(files, _picks(eye), ground), ask)
+    written = init(folder, Choices(files, _picks(eye), ground))
     show.result({"written": [str(f) for f in written]}, [{"written": str(f)} for f in written], as_json=json)
     for f in written:
         if f.name == NEW:
@@ -113,7 +103,7 @@ def init(
         if lacking := still_open(f):
             show.line(f"{f}: to be filled in: {'; '.join(lacking)}")
     show.line(f"fill in the open lines, then: jumpvision check {folder}")
-    return DONE
+    return open_path(folder) if pick else DONE
 
 
 def _picks(eye: Eye) -> dict[str, Picks]:

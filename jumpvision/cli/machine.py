@@ -251,13 +251,13 @@ def gpu() -> Finding:
 
 
 def browser() -> Finding:
-    """The browser that demo and init --pick would open."""
+    """The browser that demo and open would open."""
     import webbrowser
 
     try:
         return "browser", getattr(webbrowser.get(), "name", None) or "the system's own", ""
     except webbrowser.Error:
-        return "browser", "none found", "demo and init --pick print an address: open it in any browser of this machine"
+        return "browser", "none found", "demo and open print an address: open it in any browser of this machine"
 
 
 def disk(folder: Path) -> list[Finding]:

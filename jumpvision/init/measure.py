@@ -1,27 +1,19 @@
-"""What is chosen by eye, from options or clicks, as keys of experiment.toml; and the motor's law from its log.
-
-`init --pick`: a page on this machine that shows first frames, takes clicks and gives the picks back:
-GET / and the page's files, GET /api/pictures (what is to be picked where), GET /picture/SECTION.png, POST /api/picks
-(section -> picks; it ends the page). Bad picks are answered with 400 and {"problems": [...]}.
-"""
+"""What is chosen by eye, from options or clicks, as keys of experiment.toml; and the motor's law from its log."""
 
 from __future__ import annotations
 
-import json
 import math
 import re
-import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.schema import InputError
 from jumpvision.inputs.sections import PHASES
-from jumpvision.vision.camera import READING, marks_share
+from jumpvision.vision.camera import READING, UP, marks_share
 
 from .recognise import FILMS, Recording, ball, moving_ball, opened
 
@@ -38,7 +30,8 @@ class Picks:
 
     ball: centre of the ball on the rod in the first frame. ball_diameter: its true diameter. marks: two points as
     x, y, x, y; distance: between them. foot: its lower face on its axis in the first frame. floor: row of the bed's.
-    roi: two corners of the part of the grain film to match. rate: frames per second that the film was recorded at.
+    roi: two corners of the part of the grain film to match. leave_out: polygons of it that are not. rail: two points
+    along the rail. rate: frames per second that the film was recorded at.
     """
 
     ball: tuple[float, ...] | None = None
@@ -47,19 +40,25 @@ class Picks:
     distance: float | None = None
     foot: tuple[float, ...] | None = None
     roi: tuple[float, ...] | None = None
+    leave_out: tuple[tuple[float, ...], ...] | None = None
+    rail: tuple[float, ...] | None = None
     floor: float | None = None
     rate: float | None = None
 
     def check(self, where: str) -> list[str]:
         """What is wrong with them, in words."""
-        sizes = (("ball", self.ball, 2), ("marks", self.marks, 4), ("foot", self.foot, 2), ("roi", self.roi, 4))
+        sizes = (
+            *(("ball", self.ball, 2), ("marks", self.marks, 4), ("foot", self.foot, 2)),
+            *(("roi", self.roi, 4), ("rail", self.rail, 4)),
+        )
         out = [f"{where}: {k} = {list(v)}: must be {n} numbers" for k, v, n in sizes if v is not None and len(v) != n]
         lengths = (("ball diameter", self.ball_diameter), ("distance", self.distance), ("frame rate", self.rate))
         out += [f"{where}: {k} = {v:g}: must be > 0" for k, v in lengths if v is not None and not 0 < v < math.inf]
         if (self.marks is None) != (self.distance is None):
             out.append(f"{where}: two marks and their distance in mm belong together; give both")
-        elif self.marks and not out and math.dist(self.marks[:2], self.marks[2:]) == 0:
-            out.append(f"{where}: marks = {list(self.marks)}: the two points are the same")
+        for k, v in (("marks", self.marks), ("rail", self.rail)):
+            if v and not out and math.dist(v[:2], v[2:]) == 0:
+                out.append(f"{where}: {k} = {list(v)}: the two points are the same")
         return out
 
 
@@ -90,6 +89,8 @@ def with_picks(folder: Path, recording: Recording, picks: Picks) -> tuple[Record
     if recording.section == "grain_video" and picks.roi:
         x, y = sorted(picks.roi[::2]), sorted(picks.roi[1::2])
         values["roi"] = ([round(v) for v in (x[0], y[0], x[1], y[1])], "as picked")
+    if recording.section == "grain_video" and picks.leave_out:
+        values["leave_out"] = ([[round(v, 1) for v in p] for p in picks.leave_out], "as picked")
     if recording.section == "bed_image" and picks.floor is not None:
         values["floor_row"] = (round(picks.floor, 2), "as picked")
     return replace(recording, values=values, notes=tuple(notes)), track
@@ -140,6 +141,14 @@ def _digits(value: float) -> float:
     return float(f"{value:.5g}")
 
 
+def tilt_of(rail: tuple[float, ...], up: str) -> float:
+    """Angle [rad] of a rail through two points x, y, x, y [px, rows down] against physical up, counter-clockwise, in
+    (-pi/2, pi/2]."""
+    along = complex(rail[2] - rail[0], rail[1] - rail[3]) / UP[up]
+    angle = math.atan2(along.imag, along.real)
+    return angle - math.copysign(math.pi, angle) if abs(angle) > math.pi / 2 else angle
+
+
 KINDS = ("delayed_stutter", "delayed-stutter", "stutter", "single", "sine")
 
 
@@ -178,125 +187,16 @@ def picks_of(table: Mapping[str, Any]) -> Picks:
     for key, value in table.items():
         if key not in known or value is None:
             continue
-        items = value if isinstance(value, list) else [value]
-        if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in items):
-            raise InputError([f"{key} = {value!r}: must be numbers"])
-        out[key] = tuple(map(float, items)) if isinstance(value, list) else float(value)
+        nested = key == "leave_out"
+        if nested != (isinstance(value, list) and all(isinstance(v, list) for v in value)):
+            raise InputError([f"{key} = {value!r}: must be {'a list of polygons' if nested else 'numbers'}"])
+        out[key] = tuple(_numbers(key, v) for v in value) if nested else _numbers(key, value)
     return Picks(**out)
 
 
-LARGEST = 100_000  # bytes of an answer
-MARKS = [("marks", 4, "Two marks (or the ends of a known length)"), ("distance", 1, "their distance [mm]")]
-TOOLS: dict[str, list[tuple[str, int, str]]] = {  # section: (pick, how many numbers, its words)
-    "rod_video": [("ball", 2, "Ball on the rod"), ("ball_diameter", 1, "its diameter [mm]"), *MARKS],
-    "grain_video": [
-        ("foot", 2, "Foot: its lower face, on its axis"),
-        *MARKS,
-        ("roi", 4, "Part to match (two corners; empty: all)"),
-    ],
-    "bed_image": [("floor", 1, "Floor of the bed (row)"), *MARKS],
-    "crater_image": MARKS,
-}
-
-
-class Page:
-    """Asks in the browser. port: 0 takes a free one. say: told the address."""
-
-    def __init__(self, port: int, *, open_browser: bool, say: Callable[[str], None]):
-        self.port, self.open_browser, self.say = port, open_browser, say
-
-    def ask(self, folder: Path, found: Sequence[Recording]) -> Mapping[str, Picks]:
-        """Picks by section for one folder; waits until the page is answered. None are asked where nothing is seen."""
-        shown = [r for r in found if r.section in TOOLS]
-        if not shown:
-            return {}
-        with Server(self.port, folder, shown) as server:
-            self.say(f"{folder.name}: pick in the browser at {server.address} (Ctrl-C leaves everything unwritten)")
-            if self.open_browser:
-                import webbrowser
-
-                webbrowser.open(server.address)
-            threading.Thread(target=server.serve_forever, daemon=True).start()
-            try:
-                server.answered.wait()
-            finally:
-                server.shutdown()
-        return server.picks
-
-
-class Server(LocalServer):
-    """Serves until picks came (`answered`)."""
-
-    def __init__(self, port: int, folder: Path, found: Sequence[Recording]):
-        self.answered, self.picks = threading.Event(), dict[str, Picks]()
-        self.sections = {r.section for r in found}
-        pictures, self.files = [], static_files(__package__, "pick.html")
-        for r in found:
-            png, shape = _first_frame(folder / r.file)
-            self.files[f"/picture/{r.section}.png"] = ("image/png", png)
-            tools = [{"key": k, "numbers": n, "label": label} for k, n, label in TOOLS[r.section]]
-            pictures.append({"section": r.section, "file": r.file, "facts": r.facts, "shape": shape, "tools": tools})
-        page = {"folder": folder.resolve().name, "pictures": pictures}
-        self.files["/api/pictures"] = ("application/json", json.dumps(page).encode())
-        super().__init__(port, Handler, "init")
-
-    def take(self, answer: Any) -> None:
-        """The page's answer. InputError with every problem."""
-        if not isinstance(answer, dict) or not all(isinstance(v, dict) for v in answer.values()):
-            raise InputError(["answer: must be a JSON object of sections"])
-        picks = {s: picks_of(v) for s, v in answer.items() if s in self.sections}
-        if problems := [p for s, v in picks.items() for p in v.check(s)]:
-            raise InputError(problems)
-        self.picks = picks
-
-
-def _first_frame(path: Path) -> tuple[bytes, tuple[int, int]]:
-    """The first frame as an 8 bit PNG, its darkest grey black and its brightest white; its (rows, columns)."""
-    import cv2
-    import numpy as np
-
-    film, _ = opened(path)
-    with film:
-        image = np.asarray(film[0], float)
-    low, high = np.nanmin(image), np.nanmax(image)
-    grey = np.nan_to_num((image - low) * (255.0 / max(high - low, 1e-12))).round().astype(np.uint8)
-    return cv2.imencode(".png", grey)[1].tobytes(), (image.shape[0], image.shape[1])
-
-
-class Handler(LocalHandler):
-    server: Server
-
-    def do_GET(self) -> None:
-        try:
-            self.check_asker()
-        except Refused as e:
-            self._problems(e.status, [e.text])
-            return
-        found = self.server.files.get(self.path.partition("?")[0])
-        if found:
-            self.send(200, *found)
-        else:
-            self._problems(404, [f"{self.path}: there is no such page"])
-
-    def do_POST(self) -> None:
-        try:
-            self.check_asker()
-            body = self.body(LARGEST)
-            if self.path != "/api/picks":
-                raise Refused(404, f"{self.path}: an answer goes to /api/picks")
-        except Refused as e:
-            self._problems(e.status, [e.text])
-            return
-        try:
-            self.server.take(json.loads(body))
-        except InputError as e:
-            self._problems(400, e.problems)
-        except (ValueError, RecursionError):
-            self._problems(400, ["answer: must be JSON"])
-        else:
-            self.close_connection = True
-            self.send(200, "application/json", b"{}")
-            self.server.answered.set()
-
-    def _problems(self, status: int, problems: list[str]) -> None:
-        self.send(status, "application/json", json.dumps({"problems": problems}).encode())
+def _numbers(key: str, value: Any) -> Any:
+    """A number, or a tuple of them."""
+    items = value if isinstance(value, list) else [value]
+    if not all(isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in items):
+        raise InputError([f"{key} = {value!r}: must be numbers"])
+    return tuple(map(float, items)) if isinstance(value, list) else float(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,7 @@ def experiment_toml(
     shared: bool,
 ) -> str:
     """The whole file. shared: robot, bed and model stand in campaign.toml."""
-    parts = [HEAD, f"schema = 1\n{_line('ground', ground, why)}\n{_open('group', GROUP)}"]
+    parts = [HEAD, f"schema = 1\n{line_of('ground', ground, why)}\n{_open('group', GROUP)}"]
     if notes:
         parts.append("\n".join(["# Not used:", *(f"# - {_comment(n)}" for n in notes)]))
     parts += [] if shared else [robot_and_bed(ground)]
@@ -67,14 +67,14 @@ def experiment_toml(
         facts = [f"# {_comment(t)}" for t in (r.facts, *r.notes)]
         parts.append(_section(r.section, {"file": (r.file, ""), **r.values}, OPEN.get(r.section, ()), facts=facts))
     if track:
-        parts.append("[params.track]\n" + "\n".join(_line(k, v, why) for k, (v, why) in track.items()))
+        parts.append("[params.track]\n" + "\n".join(line_of(k, v, why) for k, (v, why) in track.items()))
     return "\n\n".join(parts) + "\n"
 
 
 def campaign_toml(ground: str, why: str) -> str:
     """What the experiments of a campaign share."""
     head = "# Written by `jumpvision init`: what all experiments of this folder share; an experiment.toml wins over it."
-    return f"{head}\nschema = 1\n{_line('ground', ground, why)}\n\n{robot_and_bed(ground)}\n"
+    return f"{head}\nschema = 1\n{line_of('ground', ground, why)}\n\n{robot_and_bed(ground)}\n"
 
 
 def robot_and_bed(ground: str) -> str:
@@ -93,7 +93,7 @@ def _section(name: str, values: Values, keys: Sequence[str], *, facts: Sequence[
         if key in values:
             value, why = values[key]
             unit = fields[key].metadata["unit"]
-            lines.append(_line(key, value, ", ".join(t for t in (unit, why) if t)))
+            lines.append(line_of(key, value, ", ".join(t for t in (unit, why) if t)))
         else:
             lines.append(_open(key, fields[key]))
     if not live:
@@ -101,7 +101,7 @@ def _section(name: str, values: Values, keys: Sequence[str], *, facts: Sequence[
     return "\n".join(lines)
 
 
-def _line(key: str, value: Any, why: str) -> str:
+def line_of(key: str, value: Any, why: str) -> str:
     text = f"{key} = {json.dumps(value, ensure_ascii=False)}"
     return f"{text:<32}# {_comment(why)}" if why else text
 
@@ -137,14 +137,13 @@ STOPPED = {  # keys without which the section's stage stops
     "bed_image": ("scale", "floor_row"),
     "crater_image": ("scale",),
 }
-Ask = Callable[[Path, list[Recording]], Mapping[str, Picks]]
 
 
-def init(folder: Path, choices: Choices, ask: Ask | None = None) -> list[Path]:
+def init(folder: Path, choices: Choices) -> list[Path]:
     """Write experiment.toml, or one a sub-folder and campaign.toml; the files written, the campaign's last.
 
-    ask: asked for picks with the recordings found in a folder. Where a file exists, experiment.new.toml is written
-    beside it; an existing campaign.toml is left alone. Raises InputError when there is nothing to write.
+    Where a file exists, experiment.new.toml is written beside it; an existing campaign.toml is left alone. Raises
+    InputError when there is nothing to write.
     """
     if not folder.is_dir():
         raise InputError([f"{folder}: no such folder; give the folder that holds the recordings"])
@@ -152,7 +151,7 @@ def init(folder: Path, choices: Choices, ask: Ask | None = None) -> list[Path]:
     given = {s: f for s, f in choices.files.items() if not any((sub / f).exists() for sub in below)}
     found, notes = recordings(folder, given)
     if found:
-        return [_experiment(folder, found, notes, choices, ask, shared=(folder.parent / CAMPAIGN).exists())]
+        return [_experiment(folder, found, notes, choices, shared=(folder.parent / CAMPAIGN).exists())]
     each = {sub: recordings(sub, {s: f for s, f in choices.files.items() if (sub / f).exists()}) for sub in below}
     each = {sub: of for sub, of in each.items() if of[0]}
     if not each:
@@ -160,7 +159,7 @@ def init(folder: Path, choices: Choices, ask: Ask | None = None) -> list[Path]:
         raise InputError(
             [*why, f"{folder}: no recording here or one folder below; it needs a film, a picture or a table"]
         )
-    written = [_experiment(sub, *of, choices, ask, shared=True) for sub, of in each.items()]
+    written = [_experiment(sub, *of, choices, shared=True) for sub, of in each.items()]
     if not (folder / CAMPAIGN).exists():
         ground, reason = _ground(folder, [r for of, _ in each.values() for r in of], choices.ground)
         write_aside(folder / CAMPAIGN, campaign_toml(ground, reason))
@@ -175,27 +174,27 @@ def still_open(file: Path) -> list[str]:
     return [f"[{s}] {', '.join(keys)}" for s, keys in lacking.items() if keys]
 
 
-def _experiment(
-    folder: Path, found: list[Recording], notes: list[str], choices: Choices, ask: Ask | None, *, shared: bool
-) -> Path:
+def _experiment(folder: Path, found: list[Recording], notes: list[str], choices: Choices, *, shared: bool) -> Path:
     target = folder / (NEW if (folder / EXPERIMENT).exists() else EXPERIMENT)
     if target.exists():
         raise InputError([f"{target}: exists, and {EXPERIMENT} too; take over what you need and delete it"])
-    picks = dict(choices.picks)
-    if ask:
-        picks |= ask(folder, found)
+    write_aside(target, drafted(folder, found, notes, choices, shared=shared))
+    return target
+
+
+def drafted(folder: Path, found: list[Recording], notes: list[str], choices: Choices, *, shared: bool) -> str:
+    """The text of an experiment.toml for the recordings found in a folder; shared: as in `experiment_toml`."""
     done, track = [], Values()
     for r in found:
-        recording, more = with_picks(folder, r, picks.get(r.section, Picks())) if r.section in PICKED else (r, {})
+        picks = choices.picks.get(r.section, Picks())
+        recording, more = with_picks(folder, r, picks) if r.section in PICKED else (r, {})
         done.append(recording)
         track |= more
     log = next((folder / r.file for r in found if r.section == "motor_log"), None)
     actuation = law(folder.resolve().name, log)
     ground, why = _ground(folder, found, choices.ground)
     order = sorted(done, key=lambda r: r.section not in FILMS)
-    text = experiment_toml(order, track, actuation, notes, ground=ground, why=why, shared=shared)
-    write_aside(target, text)
-    return target
+    return experiment_toml(order, track, actuation, notes, ground=ground, why=why, shared=shared)
 
 
 def _ground(folder: Path, found: list[Recording], given: str) -> tuple[str, str]:

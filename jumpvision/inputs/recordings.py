@@ -247,6 +247,13 @@ class RodTrack(TimedLog):
     )
 
 
+class RodCorrections(LogSection):
+    """frame,x_px,y_px,sigma_px: where a person says that the ball of [rod_video] is; it goes before what was found."""
+
+    name = "rod_corrections"
+    knows = ("frame", "x_px", "y_px", "sigma_px")
+
+
 class MotorLog(TimedLog):
     """time_s,position_m[,force_N]: X_m from the encoder."""
 

@@ -50,7 +50,10 @@ class Track(Table):
     others: tuple[pd.DataFrame, ...] = ()
 
     file = "track.csv"
-    further = ("sigma_common_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m")
+    further = (
+        *("sigma_common_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m"),
+        *("corrected", "x_found_px", "y_found_px", "flag_found"),  # where [rod_corrections] is given
+    )
     columns = ("frame", "time_s", "x_px", "y_px", "sigma_px", "height_m", "sigma_m", "flag")
 
     def save(self, folder: Path) -> None:
@@ -99,12 +102,13 @@ class RodMotion(Table):
     """Height of the rod [m] against time, zero at rest, only where it is known.
 
     sigma_m is all of a height's standard uncertainty, sigma_common_m the part that other recordings share; lens_m the
-    signed change of the height by one standard uncertainty of the lens' k1, where that is stated.
+    signed change of the height by one standard uncertainty of the lens' k1, where that is stated; corrected is 1 where
+    a person said where the ball is.
     """
 
     file = "rod.csv"
     columns = ("time_s", "height_m", "sigma_m")
-    further = ("sigma_common_m", "lens_m")
+    further = ("sigma_common_m", "lens_m", "corrected")
 
     @property
     def arrays(self) -> tuple[Any, Any, Any]:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from jumpvision.estimate.height import at_rest, exposure_shift, shift_noise, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
+from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import TrackParams
-from jumpvision.inputs.sections import Actuation, Calibration, RodVideo
+from jumpvision.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo
 from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
 from jumpvision.vision.ball.track import BallSettings, BallTrack
@@ -28,28 +29,62 @@ from .recordings import height_share, open_film, other_lens, view_of, with_commo
 SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
 
-@stage(version=6)
-def track(film: RodVideo, calibration: Calibration | None, actuation: Actuation | None, *, p: TrackParams) -> Track:
+@stage(version=5)
+def track(
+    film: RodVideo,
+    calibration: Calibration | None,
+    actuation: Actuation | None,
+    corrections: RodCorrections | None = None,
+    *,
+    p: TrackParams,
+) -> Track:
     """Ball on the rod in every frame of [rod_video]: position [px], height [m], their uncertainties, a flag.
 
-    Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN.
+    Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN. Where [rod_corrections]
+    gives a frame, that is taken and marked, with what was found kept beside it.
     """
-    motions, share = from_film(film, calibration, p)
+    motions, share = from_film(film, calibration, p, corrections)
     first, *others = (with_common(with_rest_zero(motion, actuation), share) for motion in motions)
     return Track(first, tuple(others))
 
 
-def from_film(film: RodVideo, calibration: Calibration | None, p: TrackParams) -> tuple[list[pd.DataFrame], float]:
+def from_film(
+    film: RodVideo, calibration: Calibration | None, p: TrackParams, corrections: RodCorrections | None = None
+) -> tuple[list[pd.DataFrame], float]:
     """Columns of Track for every ball, height along the rail from the camera's own zero, sigma_m the noise alone; and
-    the relative uncertainty that all heights share."""
+    the relative uncertainty that all heights share. corrections: of the first ball."""
     balls = BallFilm(film, p, partial(view_of, calibration, film))
     with open_film(film, balls.see if balls.ready else None) as frames:
         tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
         other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)
         time = frames.time + exposure / 2
-    motions = [through(other, ball_motion(film, ball, time, view, k + 1)) for k, ball in enumerate(tracks)]
+    motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
+    if corrections is not None:
+        motions[0] = by_hand(motions[0], corrections, view)
+    motions = [through(other, motion) for motion in motions]
     corrected = [at_mid_exposure(motion, exposure, p.exposure_correction) for motion in motions]
     return corrected, height_share(view, calibration)
+
+
+def by_hand(motion: pd.DataFrame, corrections: RodCorrections, view: Camera) -> pd.DataFrame:
+    """The motion with the positions that a person gives: corrected is 1 there, and x_found_px, y_found_px, flag_found
+    hold what was found. Raises InputError for a frame that the film does not have or a sigma that is none."""
+    given = read_log(corrections, "frame", "x_px", "y_px", "sigma_px", at_least=0)
+    n, at = len(motion), given.frame.to_numpy()
+    for row, (frame, sigma) in enumerate(zip(at, given.sigma_px), 1):
+        if frame != int(frame) or not 0 <= frame < n:
+            raise InputError(
+                [f"{corrections.path}: row {row}, frame = {frame:g}: must be a frame of the film, 0 to {n - 1}"]
+            )
+        if not sigma > 0:
+            raise InputError([f"{corrections.path}: row {row}, sigma_px = {sigma:g}: must be above 0 px"])
+    x, y, sigma = (given[c].to_numpy(float) for c in ("x_px", "y_px", "sigma_px"))
+    found = {"x_found_px": motion.x_px, "y_found_px": motion.y_px, "flag_found": motion.flag}
+    motion = motion.assign(corrected=0, **found)
+    values = {"x_px": x, "y_px": y, "sigma_px": sigma, "height_m": view.height(x, y), "sigma_m": sigma * view.scale}
+    for column, value in (values | {"flag": "", "corrected": 1}).items():
+        motion.loc[at.astype(int), column] = value
+    return motion
 
 
 def through(other: Camera | None, motion: pd.DataFrame) -> pd.DataFrame:

@@ -69,6 +69,11 @@ class FilmTracker:
         if len(self._waiting) == BATCH:
             self._catch_up()
 
+    @property
+    def found(self) -> list[Found]:
+        """The first ball in the frames followed so far; those that wait are not in it."""
+        return [f[0] for f in self._found]
+
     def _catch_up(self) -> None:
         for image in self._waiting:
             self._follow(image)

@@ -1,0 +1,236 @@
+"""What lies on the bench: one experiment's recordings, and what is going on with them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.schema import InputError
+from jumpvision.init.recognise import ANY_RATE, Recording, ball, recognised, recordings
+from jumpvision.init.text import PICKED, RESULTS, Choices, drafted
+from jumpvision.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.model import read_toml
+from jumpvision.inputs.parameters import BedParams, PivParams, TrackParams
+from jumpvision.inputs.sections import SECTIONS, BedImage, Calibration, GrainVideo, RodVideo
+
+from .draft import CORRECTIONS, HEAD, Composed, Draft, composed
+from .films import Shown
+from .following import Following, Row
+from .logs import Trace, traces
+from .matching import BedLine, Pair, bed_line, pair
+from .running import Running
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A film or picture as the page lists it; time [s]: of each frame; timed: whether the file knows it."""
+
+    section: str
+    file: str
+    facts: str
+    rows: int
+    columns: int
+    time: list[float]
+    timed: bool
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """All that the page begins with. given: tables of experiment.toml (or of its draft) and campaign.toml."""
+
+    folder: str
+    name: str
+    experiments: list[str]
+    exists: bool
+    films: list[Seen]
+    given: Mapping[str, Any]
+    corrections: dict[int, tuple[float, float]]
+    notes: list[str]
+
+
+class Bench:
+    """One experiment: a folder, or one film in it. `close` gives its films back."""
+
+    def __init__(self, folder: Path, only: str = ""):
+        self.folder = folder
+        if only:
+            found, self.notes = [recognised(folder, only, "rod_video")], list[str]()
+        else:
+            found, self.notes = recordings(folder, {})
+        file = folder / EXPERIMENT
+        inherited, problems = read_toml(folder.parent / CAMPAIGN) if (folder.parent / CAMPAIGN).exists() else ({}, [])
+        own, more = read_toml(file) if file.exists() else ({}, [])
+        if problems or more:
+            raise InputError(problems + more)
+        if not found and not own:
+            raise InputError(
+                [f"{folder}: no recording that is known: {'; '.join(self.notes) or 'the folder is empty'}"]
+            )
+        self.inherited = inherited
+        shared = bool(inherited)
+        self.base = self._text(file) if file.exists() else drafted(folder, found, self.notes, Choices(), shared=shared)
+        by_file = {r.file: r for r in found}
+        named = {s: t["file"] for s, t in own.items() if s in SECTIONS and isinstance(t, dict) and "file" in t}
+        self.recordings = {r.section: r for r in found} | {
+            s: replace(by_file.get(f, Recording(s, f, "")), section=s) for s, f in named.items()
+        }
+        self.films = {s: Shown(folder / r.file) for s, r in self.recordings.items() if s in PICKED}
+        self.following: Following | None = None
+        self._lock = threading.Lock()
+
+    def _text(self, file: Path) -> str:
+        return file.read_text(encoding="utf-8-sig")
+
+    def close(self) -> None:
+        if self.following:
+            self.following.stop()
+        for film in self.films.values():
+            film.close()
+
+    def state(self) -> State:
+        """What the page begins with."""
+        films = [
+            Seen(
+                section=s,
+                file=self.recordings[s].file,
+                facts=self.recordings[s].facts,
+                rows=f.film.shape[0],
+                columns=f.film.shape[1],
+                time=np.round(f.film.time, 7).tolist(),
+                timed=f.timed,
+                notes=tuple(w.removeprefix(f"{f.path}: ") for w in f.film.warnings),
+            )
+            for s, f in self.films.items()
+        ]
+        exists, name = (self.folder / EXPERIMENT).exists(), self.folder.resolve().name
+        given = self.composed(Draft()).table
+        return State(str(self.folder), name, [], exists, films, given, self.corrections(), self.notes)
+
+    def corrections(self) -> dict[int, tuple[float, float]]:
+        """Those on the disk. InputError where the file is none of ours: it would be written over."""
+        file = self.folder / CORRECTIONS
+        if not file.exists():
+            return {}
+        table = read_log(file, *HEAD.split(","), at_least=0)
+        return {int(i): (float(x), float(y)) for i, x, y in zip(table.frame, table.x_px, table.y_px)}
+
+    def composed(self, draft: Draft) -> Composed:
+        """The experiment.toml that the draft makes."""
+        return composed(self.folder, self.base, self.inherited, self.recordings, draft)
+
+    def write(self, draft: Draft, seen: str) -> list[str]:
+        """Write what the draft makes; the files' names."""
+        written = self.composed(draft).write(seen)
+        self.base = self._text(self.folder / EXPERIMENT)
+        return written
+
+    def film(self, section: str) -> Shown:
+        """InputError where there is none."""
+        if section not in self.films:
+            raise InputError([f"[{section}]: no such film here; there are {', '.join(self.films) or 'none'}"])
+        return self.films[section]
+
+    def find(self, section: str, frame: int, seed: tuple[float, float] | None) -> dict[str, float | str] | None:
+        """The ball in one frame: polarity, x, y, diameter [px]; None where there is none, or several without a seed."""
+        found = ball(self.film(section).grey(frame), seed)
+        return dict(zip(("polarity", "x", "y", "diameter"), found, strict=True)) if found else None
+
+    def follow(self, draft: Draft) -> None:
+        """Begin the track of the draft; one that runs is stopped."""
+        made = self.composed(draft)
+        film = made.section(RodVideo)
+        if film is None:
+            raise InputError([f"{self.folder}: no [rod_video] here: nothing to track"])
+        calibration, p = made.section(Calibration), made.params(TrackParams)
+        with self._lock:
+            if self.following:
+                self.following.stop()
+            self.following = Following(film, calibration, p, self._rate("rod_video"))
+
+    def _rate(self, section: str) -> float:
+        time = self.film(section).film.time
+        return 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else ANY_RATE
+
+    def followed(self, since: int) -> tuple[list[Row], Following | None]:
+        """Rows from frame `since` on, and the run that they are of."""
+        run = self.following
+        return (run.rows(since), run) if run else ([], None)
+
+    def pair(self, draft: Draft, frame: int) -> Pair:
+        """Vectors of one pair of the grain film."""
+        made = self.composed(draft)
+        film = made.section(GrainVideo)
+        if film is None:
+            raise InputError([f"{self.folder}: no [grain_video] here: nothing to match"])
+        if film.frame_rate is None:
+            film = replace(film, frame_rate=self._rate("grain_video"))
+        return pair(film, made.section(Calibration), made.params(PivParams), frame)
+
+    def bed(self, draft: Draft, frame: int) -> BedLine:
+        """The bed's surface in one picture."""
+        made = self.composed(draft)
+        image = made.section(BedImage)
+        if image is None:
+            raise InputError([f"{self.folder}: no [bed_image] here: no surface to find"])
+        return bed_line(image, made.params(BedParams), self.film("bed_image").grey(frame))
+
+    def logs(self, draft: Draft) -> Sequence[Trace]:
+        """The logs under the film."""
+        return traces(self.composed(draft))
+
+
+class Benches:
+    """The benches of what `open` was given, one at a time, and the run of all of it."""
+
+    def __init__(self, path: Path):
+        path = folder_of(path)
+        if not path.exists():
+            raise InputError([f"{path}: does not exist; give a film, an experiment's folder or a folder of those"])
+        self.only = "" if path.is_dir() else path.name
+        folder = path if path.is_dir() else path.parent
+        below = [] if self.only else [f for f in sorted(folder.iterdir()) if _holds_recordings(f)]
+        own = bool(self.only) or (folder / EXPERIMENT).exists() or bool(recordings(folder, {})[0])
+        self.whole = folder
+        self.folders = {f.name: f for f in ([folder] if own or not below else below)}
+        if own and (folder.parent / CAMPAIGN).exists():
+            self.whole = folder.parent
+            self.folders = {f.name: f for f in sorted(folder.parent.iterdir()) if _holds_recordings(f)}
+        first = folder if own or not below else below[0]
+        self.bench, self.running = Bench(first, self.only), None  # type: Bench, Running | None
+        self._lock = threading.Lock()
+
+    def state(self) -> State:
+        return replace(self.bench.state(), experiments=list(self.folders))
+
+    def change(self, name: str) -> None:
+        """Take another experiment onto the bench."""
+        if name not in self.folders:
+            raise InputError([f"experiment = '{name}': must be one of {', '.join(self.folders)}"])
+        with self._lock:
+            old, self.bench = self.bench, Bench(self.folders[name])
+            old.close()
+
+    def run(self) -> None:
+        """`jumpvision run` on all of it."""
+        with self._lock:
+            if self.running and self.running.running:
+                raise InputError(["run: already running; stop it first"])
+            self.running = Running(self.whole)
+
+    def close(self) -> None:
+        if self.running:
+            self.running.stop()
+        self.bench.close()
+
+
+def _holds_recordings(folder: Path) -> bool:
+    if not folder.is_dir() or folder.name.startswith(".") or folder.name == RESULTS:
+        return False
+    return (folder / EXPERIMENT).exists() or bool(recordings(folder, {})[0])

@@ -1,0 +1,103 @@
+"""The track stage's tracker, watched as it runs: what it found so far, stopped at any frame, ended as the stage does."""
+
+from __future__ import annotations
+
+import threading
+import traceback
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+from jumpvision.base.progress import HOOK
+from jumpvision.base.schema import InputError
+from jumpvision.frames import FrameError
+from jumpvision.inputs.parameters import TrackParams
+from jumpvision.inputs.sections import Calibration, RodVideo
+from jumpvision.stages.recordings import SCALE_OF_PIXELS, open_film, view_of
+from jumpvision.stages.track import BallFilm
+from jumpvision.vision.ball.measure import Found
+from jumpvision.vision.ball.track import BallTrack
+from jumpvision.workflow.stage import StageWarning
+
+Row = tuple[float | None, float | None, float | None, str]  # x, y, sigma [px], flag
+
+
+class Following:
+    """One run over the film of a section in a thread of its own. rate [Hz]: where neither file nor section has one."""
+
+    def __init__(self, film: RodVideo, calibration: Calibration | None, p: TrackParams, rate: float):
+        if film.scale is None and not (calibration and calibration.marks):
+            film = replace(film, scale=SCALE_OF_PIXELS, scale_sigma=0.0, ball_diameter=None)
+        self._section = replace(film, frame_rate=film.frame_rate or rate)
+        self._balls = BallFilm(self._section, p, lambda shape: view_of(calibration, self._section, shape))
+        self._stop, self._thread = threading.Event(), threading.Thread(target=self._run, daemon=True)
+        self._final: list[Row] | None = None
+        self.frames, self.doing, self.problem, self.notes = 0, "opening the film", "", tuple[str, ...]()
+        self._thread.start()
+
+    @property
+    def running(self) -> bool:
+        return self._thread.is_alive()
+
+    @property
+    def finished(self) -> bool:
+        """Whether the track is the one that the stage would give, and no part of it."""
+        return self._final is not None
+
+    def stop(self) -> None:
+        """Ends the run; what was found stays."""
+        self._stop.set()
+        self._thread.join()
+
+    def rows(self, since: int) -> list[Row]:
+        """Frames from `since` on, as far as they are known."""
+        if self._final is not None:
+            return self._final[since:]
+        follower = self._balls.follower
+        return [_row(f) for f in follower.found[since:]] if follower is not None else []
+
+    def _run(self) -> None:
+        HOOK.set(self._told)
+        try:
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always", StageWarning)
+                track = self._track()
+            if track is not None:
+                self.notes = (*(str(w.message) for w in said), *track.notes)
+                self._final = rows_of(track)
+        except (ValueError, InputError, FrameError) as e:
+            self.problem = str(e)
+        except Exception as e:
+            traceback.print_exc()
+            self.problem = f"the tracker failed: {type(e).__name__}: {e}"
+        self.doing = ""
+
+    def _track(self) -> BallTrack | None:
+        with open_film(self._section) as film:
+            self.frames = len(film)
+            for i, image in enumerate(film):
+                if self._stop.is_set():
+                    return None
+                self._balls.see(image)
+                self._told("frames followed", i + 1, len(film))
+            film.shown = True
+            return self._balls.tracks(film)[0]
+
+    def _told(self, what: str, done: int, total: int | None) -> None:
+        if self._stop.is_set():
+            raise InputError(["stopped"])
+        self.doing = f"{what}: {done} of {total}"
+
+
+def rows_of(track: BallTrack) -> list[Row]:
+    """One row a frame."""
+    return [_row(Found(str(f), x, y, s)) for f, x, y, s in zip(track.flag, track.x, track.y, track.sigma, strict=True)]
+
+
+def _row(f: Found) -> Row:
+    return (None, None, None, f.flag) if f.flag else (float(f.x), float(f.y), float(f.sigma), "")
+
+
+def lost(rows: Sequence[Row]) -> int:
+    """Frames with a flag."""
+    return sum(bool(r[3]) for r in rows)

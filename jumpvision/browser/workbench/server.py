@@ -1,0 +1,197 @@
+"""The workbench's page: this machine only; it answers from the readers, trackers and matchers of the package.
+
+GET / and the page's files; GET /api/state, /api/frame/SECTION/N/WIDTH.jpg, /api/track?since=N, /api/run. POST with a
+JSON object, see `QUESTIONS`. Bad input is answered with 400 and {"problems": [text, ...]}.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
+from jumpvision.base.schema import InputError
+from jumpvision.frames import FrameError
+from jumpvision.results import plain
+
+from .bench import Benches
+from .draft import draft_of
+
+LARGEST = 4_000_000  # bytes of a question
+FRAME = re.compile(r"/api/frame/([a-z_]+)/([0-9]{1,9})/([0-9]{1,5})\.jpg")
+TRACK = re.compile(r"/api/track\?since=([0-9]{1,9})")
+Question = dict[str, object]
+
+
+def _whole(q: Question, key: str) -> int:
+    value = q.get(key)
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InputError([f"{key} = {value!r}: must be a whole number"])
+    return value
+
+
+def _text(q: Question, key: str) -> str:
+    value = q.get(key)
+    if not isinstance(value, str):
+        raise InputError([f"{key} = {value!r}: must be text"])
+    return value
+
+
+def _find(b: Benches, q: Question) -> object:
+    seed = q.get("seed")
+    if seed is None:
+        return b.bench.find(_text(q, "section"), _whole(q, "frame"), None)
+    if not (isinstance(seed, list) and len(seed) == 2 and all(isinstance(v, int | float) for v in seed)):
+        raise InputError([f"seed = {seed!r}: must be [column, row] in px"])
+    return b.bench.find(_text(q, "section"), _whole(q, "frame"), (float(seed[0]), float(seed[1])))
+
+
+def _preview(b: Benches, q: Question) -> object:
+    made = b.bench.composed(draft_of(q.get("draft")))
+    made.check()
+    return {"text": made.text, "difference": made.difference, "seen": made.seen, "table": made.table}
+
+
+def _write(b: Benches, q: Question) -> object:
+    return {"written": b.bench.write(draft_of(q.get("draft")), _text(q, "seen"))}
+
+
+def _track(b: Benches, q: Question) -> object:
+    b.bench.follow(draft_of(q.get("draft")))
+    return {}
+
+
+def _stop(b: Benches, _: Question) -> object:
+    if b.bench.following:
+        b.bench.following.stop()
+    return {}
+
+
+def _change(b: Benches, q: Question) -> object:
+    b.change(_text(q, "experiment"))
+    return b.state()
+
+
+def _run(b: Benches, _: Question) -> object:
+    b.run()
+    return {}
+
+
+def _halt(b: Benches, _: Question) -> object:
+    if b.running:
+        b.running.stop()
+    return {}
+
+
+def _followed(b: Benches, since: int) -> object:
+    rows, run = b.bench.followed(since)
+    if run is None:
+        return {"rows": [], "running": False, "finished": False}
+    ended = not run.running  # before the rows are taken: none may come after the last answer
+    rows = run.rows(since) if ended else rows
+    now = {"doing": run.doing, "problem": run.problem, "notes": run.notes}
+    return {"rows": rows, "running": not ended, "finished": run.finished, **now}
+
+
+def _ran(b: Benches) -> object:
+    run = b.running
+    if run is None:
+        return {"running": False}
+    return {"running": run.running, "said": run.said, "lines": list(run.lines), "done": run.done, "total": run.total}
+
+
+QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
+    "/api/find": _find,
+    "/api/preview": _preview,
+    "/api/write": _write,
+    "/api/track": _track,
+    "/api/track/stop": _stop,
+    "/api/pair": lambda b, q: b.bench.pair(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
+    "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
+    "/api/open": _change,
+    "/api/run": _run,
+    "/api/run/stop": _halt,
+}
+
+
+class Server(LocalServer):
+    """Serves the benches of a path. Raises InputError where nothing is there to open."""
+
+    def __init__(self, path: Path, port: int):
+        self.files = static_files(__package__, "index.html")
+        self.benches = Benches(path)
+        super().__init__(port, Handler, "open")
+
+    def close_benches(self) -> None:
+        """Stops what runs and gives the films back."""
+        self.benches.close()
+
+
+class Handler(LocalHandler):
+    server: Server
+
+    def do_GET(self) -> None:
+        self._answer(self._get)
+
+    def do_POST(self) -> None:
+        self._answer(self._post)
+
+    def _get(self) -> None:
+        self.check_asker()
+        benches = self.server.benches
+        if m := FRAME.fullmatch(self.path):
+            self.send(200, "image/jpeg", benches.bench.film(m[1]).jpeg(int(m[2]), int(m[3])))
+        elif m := TRACK.fullmatch(self.path):
+            self._json(200, _followed(benches, int(m[1])))
+        elif self.path == "/api/state":
+            self._json(200, benches.state())
+        elif self.path == "/api/run":
+            self._json(200, _ran(benches))
+        elif self.path.partition("?")[0] in self.server.files:
+            self.send(200, *self.server.files[self.path.partition("?")[0]])
+        else:
+            raise Refused(404, f"{self.path}: there is no such page")
+
+    def _post(self) -> None:
+        self.check_asker()
+        body = self.body(LARGEST)
+        answer = QUESTIONS.get(self.path)
+        if answer is None:
+            raise Refused(404, f"{self.path}: there is no such question")
+        try:
+            question = json.loads(body)
+        except (ValueError, RecursionError):
+            raise Refused(400, "question: must be JSON") from None
+        if not isinstance(question, dict):
+            raise Refused(400, "question: must be a JSON object")
+        self._json(200, answer(self.server.benches, question))
+
+    def _answer(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Refused as e:
+            self._json(e.status, {"problems": [e.text]})
+        except InputError as e:
+            self._json(400, {"problems": e.problems})
+        except (FrameError, ValueError, OSError) as e:
+            if isinstance(e, ConnectionError | TimeoutError):
+                raise
+            self._json(400, {"problems": [str(e)]})
+        except Exception:
+            traceback.print_exc()
+            self._json(500, {"problems": ["the workbench failed; the terminal of `jumpvision open` says where"]})
+
+    def _json(self, status: int, answer: object) -> None:
+        self.send(status, "application/json", json.dumps(plain(_open(answer))).encode())
+
+
+def _open(value: object) -> object:
+    """Records as objects, at any depth of lists and objects."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return dataclasses.asdict(value)
+    return [_open(v) for v in value] if isinstance(value, list | tuple) else value

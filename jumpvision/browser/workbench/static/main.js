@@ -1,0 +1,136 @@
+// The page: header, transport, steps, keys. What is clicked in the steps stands in scale.js, find.js and check.js.
+import { attempt, changed, emit, film, load, on, post, start, store } from "./store.js";
+import { watchRun } from "./check.js";
+import { button, element, take } from "./fields.js";
+import { act, problem } from "./find.js";
+import { play, player, seek, speeds } from "./player.js";
+import { look } from "./scale.js";
+import "./timeline.js";
+import { fit, zoom } from "./view.js";
+
+const $ = (id) => document.getElementById(id);
+const STEPS = ["scale", "find", "check", "run"];
+const WORDS = { rod_video: "Rod", grain_video: "Grains", bed_image: "Bed", crater_image: "Crater" };
+
+export function step(name) {
+  store.step = name;
+  take(null);
+  for (const s of STEPS) {
+    const on = s === name;
+    $(`tab-${s}`).setAttribute("aria-selected", String(on));
+    $(`tab-${s}`).tabIndex = on ? 0 : -1;
+    $(`step-${s}`).hidden = !on;
+  }
+  if (name === "run") changed();
+}
+
+function choose(section) {
+  if (player.playing) play(false);
+  Object.assign(store, { section, frame: 0, tool: null, pair: null, bed: null });
+  emit("section");
+  seek(0);
+}
+
+STEPS.forEach((s, i) => {
+  $(`tab-${s}`).addEventListener("click", () => step(s));
+  $(`tab-${s}`).addEventListener("keydown", (e) => {
+    const by = { ArrowRight: 1, ArrowLeft: -1 }[e.key];
+    if (by) { e.stopPropagation(); const next = STEPS[(i + by + 4) % 4]; step(next); $(`tab-${next}`).focus(); }
+  });
+});
+
+on("state", () => {
+  const { films, name, experiments } = store.state;
+  document.title = `${name} · jumpvision workbench`;
+  $("which").hidden = experiments.length < 2;
+  $("experiment").replaceChildren(...experiments.map((e) => element("option", { value: e, textContent: e, selected: e === name })));
+  $("films").replaceChildren(...films.map((f) => {
+    const b = button(WORDS[f.section] ?? f.section, () => choose(f.section));
+    b.dataset.section = f.section;
+    return b;
+  }));
+  $("hint").textContent = films.length ? "" : "No film or picture here that could be shown.";
+  if (films.length) choose(films[0].section);
+  step("scale");
+});
+on("section", () => {
+  const f = film(), { all, usual } = speeds();
+  for (const b of $("films").children) b.setAttribute("aria-pressed", String(b.dataset.section === store.section));
+  $("facts").textContent = [f.file, f.facts, ...(f.timed ? [] : ["no clock in the file: give the frame rate"])].filter(Boolean).join(" · ");
+  $("facts").title = [...f.notes, ...store.state.notes].join("\n");
+  Object.assign($("scrub"), { max: f.time.length - 1, value: 0 });
+  $("speed").replaceChildren(...all.map((s) => element("option", { value: s, textContent: s === 1 ? "1" : `1/${Math.round(1 / s)}`, selected: s === usual })));
+  player.speed = usual;
+  for (const id of ["play", "back", "forth", "scrub"]) $(id).disabled = f.time.length < 2;
+  look(store.draft.picks.rod_video?.ball);
+});
+on("frame section", () => {
+  const f = film();
+  $("scrub").value = store.frame;
+  $("clock").textContent = `${(1e3 * f.time[store.frame]).toFixed(3)} ms · ${store.frame} / ${f.time.length - 1}`;
+  const t = $("timeline");
+  t.setAttribute("aria-valuemax", f.time.length - 1);
+  t.setAttribute("aria-valuenow", store.frame);
+  t.setAttribute("aria-valuetext", $("clock").textContent);
+  $("film").setAttribute("aria-label", `${f.file}, frame ${store.frame}`);
+});
+on("tool", () => { $("hint").textContent = store.tool?.hint ?? ""; });
+on("playing", () => {
+  $("play").textContent = player.playing ? "❚❚" : "▶";
+  $("play").setAttribute("aria-label", player.playing ? "Pause" : "Play");
+});
+
+$("scrub").addEventListener("input", () => seek(Number($("scrub").value)));
+$("play").addEventListener("click", () => play());
+$("back").addEventListener("click", () => seek(store.frame - 1));
+$("forth").addEventListener("click", () => seek(store.frame + 1));
+$("speed").addEventListener("change", () => { player.speed = Number($("speed").value); });
+$("zoom-in").addEventListener("click", () => zoom(1.5));
+$("zoom-out").addEventListener("click", () => zoom(1 / 1.5));
+$("zoom-fit").addEventListener("click", fit);
+$("experiment").addEventListener("change", async () => {
+  const state = await attempt(() => post("api/open", { experiment: $("experiment").value }));
+  if (state) load(state);
+});
+
+const KEYS = [
+  [[" "], "Play and pause", () => play()],
+  [["ArrowLeft"], "Back one frame; with Shift ten", (e) => seek(store.frame - (e.shiftKey ? 10 : 1))],
+  [["ArrowRight"], "On one frame; with Shift ten", (e) => seek(store.frame + (e.shiftKey ? 10 : 1))],
+  [["Home"], "First frame", () => seek(0)],
+  [["End"], "Last frame", () => seek(Infinity)],
+  [["1", "2", "3", "4"], "Scale, Find, Check, Run", (e) => step(STEPS[Number(e.key) - 1])],
+  [["b"], "Click the ball", () => { step("scale"); take({ key: "ball", numbers: 2, hint: "Click the ball" }); }],
+  [["m"], "Click two marks", () => { step("scale"); take({ key: "marks", numbers: 4, hint: "Click the one mark, then the other" }); }],
+  [["t"], "Track, match or find the surface", () => { step("find"); act(); }],
+  [["s"], "Stop the tracker", () => attempt(() => post("api/track/stop"))],
+  [["["], "Previous lost frame", () => problem(-1)],
+  [["]"], "Next lost frame", () => problem(1)],
+  [["c"], "Correct the ball in this frame", () => { step("check"); take({ key: "correct", numbers: 2, hint: "Click where the ball is in this frame" }); }],
+  [["+", "="], "Magnify", () => zoom(1.5)],
+  [["-"], "Make smaller", () => zoom(1 / 1.5)],
+  [["0"], "Whole picture", fit],
+  [["Escape", "Enter"], "End what is being clicked", () => take(null)],
+  [["?"], "This list", () => $("help").showModal()],
+];
+const NAMES = { " ": "Space", ArrowLeft: "←", ArrowRight: "→" };
+$("keys").append(...KEYS.flatMap(([keys, words]) => [
+  element("dt", {}, ...keys.map((k) => element("kbd", { textContent: NAMES[k] ?? k }))), element("dd", { textContent: words })]));
+$("help-open").addEventListener("click", () => $("help").showModal());
+addEventListener("keydown", (e) => {
+  if (e.ctrlKey || e.metaKey || e.altKey || $("help").open) return;
+  const at = e.target, typing = at.matches("input:not([type=range]):not([type=checkbox]), select, textarea");
+  if (e.key === "Escape" && typing) { at.blur(); return; }
+  const slides = at.matches("input[type=range]") && /^(Arrow|Home|End)/.test(e.key);
+  const presses = at.matches("button, input[type=checkbox], summary") && (e.key === " " || e.key === "Enter");
+  if (typing || slides || presses) return;
+  const found = KEYS.find(([keys]) => keys.includes(e.key));
+  if (!found || !film()) return;
+  e.preventDefault();
+  found[2](e);
+});
+
+await attempt(start);
+watchRun();
+window.workbench.ready = true;
+

@@ -1,0 +1,109 @@
+// Step 1: what is known of the film, clicked or typed. And what a click on the film means.
+import { attempt, changed, emit, film, on, picks, post, setPick, store } from "./store.js";
+import { button, element, pickNumber, place, take, valueChoice, valueNumber } from "./fields.js";
+import { onPick } from "./view.js";
+
+const box = document.getElementById("step-scale");
+const FIRST = "rod_video grain_video".split(" "); // sections whose places are those of the first frame
+
+const marks = () => [
+  place("marks", "Two marks", 4, "Click the one mark, then the other"),
+  pickNumber("distance", "Their distance [mm]"),
+];
+const rate = (section) => {
+  const { made } = valueNumber(section, "frame_rate", "Frame rate [1/s]", { note: "" });
+  return element("div", {}, made, valueChoice(section, "clock", "Times are", [["file", "the file's own"], ["declared", "by this frame rate"]], "file"));
+};
+const parts = {
+  rod_video: [
+    element("h3", { textContent: "The ball" }),
+    place("ball", "Ball", 2, "Click the ball, or whatever is to be followed"),
+    pickNumber("ball_diameter", "Its diameter [mm]"),
+    element("p", { className: "note", textContent: "The diameter gives the scale to 1 %; two marks are better." }),
+    element("h3", { textContent: "A known length" }), ...marks(),
+    element("h3", { textContent: "Rail and clock" }),
+    place("rail", "Along the rail", 4, "Click two points along the rail"),
+    valueChoice("rod_video", "up", "Up in the picture", [["-y", "up"], ["+y", "down"], ["-x", "left"], ["+x", "right"]], "-y"),
+    rate("rod_video"),
+  ],
+  grain_video: [
+    element("h3", { textContent: "Origin and axes" }),
+    place("foot", "Foot, on its axis", 2, "Click the foot's lower face on its axis: the origin, x right, y up"),
+    element("h3", { textContent: "A known length" }), ...marks(),
+    element("h3", { textContent: "What is matched" }),
+    place("roi", "Part to match", 4, "Click two corners of the part to match"),
+    polygons(), rate("grain_video"),
+  ],
+  bed_image: [place("floor", "Floor of the bed", 1, "Click the floor of the bed"), element("h3", { textContent: "A known length" }), ...marks()],
+  crater_image: [element("h3", { textContent: "A known length" }), ...marks()],
+};
+const made = Object.fromEntries(Object.entries(parts).map(([s, children]) => [s, element("div", {}, ...children)]));
+const facts = element("p", { className: "note", id: "scale-now" });
+box.append(element("h2", { textContent: "What is known of the film" }), facts, ...Object.values(made));
+
+function polygons() {
+  const said = element("span", { className: "note" });
+  const draw = button("Draw", () => take({ key: "leave_out", numbers: 0, hint: "Click the corners; Enter or the button ends the polygon" }));
+  draw.dataset.tool = "leave_out";
+  const out = element("div", { className: "tool" }, element("div", { className: "row" },
+    element("label", { textContent: "Polygons left out" }), draw, button("Remove last", () => {
+      setPick("leave_out", (picks().leave_out ?? []).slice(0, -1));
+    }), said));
+  on("state section draft tool", () => {
+    const n = (picks().leave_out ?? []).filter((p) => p.length >= 6).length, active = store.tool?.key === "leave_out";
+    said.textContent = n ? `${n}` : "none";
+    draw.textContent = active ? "End polygon" : "Draw";
+    out.classList.toggle("active", active);
+  });
+  return out;
+}
+
+on("state section preview", () => {
+  for (const [s, e] of Object.entries(made)) e.hidden = s !== store.section;
+  const scale = store.table[store.section]?.scale, sigma = store.table[store.section]?.scale_sigma;
+  facts.textContent = scale ? `Scale: ${Number((1e3 * scale).toPrecision(4))} mm per pixel${sigma ? ` ± ${(100 * sigma / scale).toPrecision(2)} %` : ""}`
+    : "No scale yet: a track stays in pixels until two marks or the ball's diameter are given.";
+});
+
+// A click goes to the tool that is armed; without one, on the rod film, it is the ball.
+onPick((c, r) => {
+  const tool = store.tool;
+  if (tool?.key === "correct") { store.draft.corrections[store.frame] = [c, r]; changed(); emit("track"); return; }
+  if (!tool) { if (store.section === "rod_video" && store.step !== "check") ballAt(c, r); return; }
+  if (tool.key === "leave_out") {
+    const all = (picks().leave_out ??= []);
+    if (tool.open) all.at(-1).push(c, r); else all.push([c, r]);
+    tool.open = true;
+    emit("draft");
+    return;
+  }
+  if (tool.key === "ball") { ballAt(c, r); take(null); return; }
+  const v = picks()[tool.key], old = Array.isArray(v) && v.length < tool.numbers ? v : [];
+  const next = tool.numbers === 1 ? r : [...old, c, r];
+  if (tool.numbers > 1 && next.length < tool.numbers) { picks()[tool.key] = next; emit("draft"); return; }
+  take(null);
+  setPick(tool.key, next);
+});
+
+on("tool", () => { // a polygon that is ended is asked for; one of less than three corners is none
+  const p = picks();
+  if (store.tool?.key === "leave_out" || !p.leave_out) return;
+  const whole = p.leave_out.filter((q) => q.length >= 6);
+  if (whole.length !== p.leave_out.length || p.leave_out.open !== whole.length) { p.leave_out = whole; whole.open = whole.length; changed(); }
+});
+
+function ballAt(c, r) {
+  picks("rod_video").ball = [c, r];
+  changed();
+  look([c, r]);
+}
+
+// The ball in the first frame, with or without a click.
+export async function look(seed) {
+  if (!film() || store.section !== "rod_video") return;
+  const frame = FIRST.includes(store.section) ? 0 : store.frame;
+  const found = await attempt(() => post("api/find", { section: store.section, frame, ...(seed && { seed }) }));
+  store.ball = found ? { ...found, frame } : null;
+  store.looked = true;
+  emit("ball");
+}

@@ -1,0 +1,101 @@
+// Questions to the server, and what the page knows: whoever changes that says so with emit(topic), whoever shows it
+// listens with on(topic). What the server refuses is thrown as Refusal, with its texts.
+export class Refusal extends Error {
+  constructor(problems) { super(problems.join("\n")); this.problems = problems; }
+}
+
+async function answer(reply) {
+  const body = await reply.json();
+  if (!reply.ok) throw new Refusal(body.problems);
+  return body;
+}
+
+const gone = new Refusal(["The server does not answer; is `jumpvision open` still running?"]);
+
+export async function get(path) {
+  const reply = await fetch(path).catch(() => { throw gone; });
+  return answer(reply);
+}
+
+export async function post(path, question = {}) {
+  const reply = await fetch(path, {
+    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question),
+  }).catch(() => { throw gone; });
+  return answer(reply);
+}
+
+// Of calls that come while one is under way only the last is made afterwards.
+export function latest(work) {
+  let busy = false, again = null;
+  return async function run(...args) {
+    if (busy) { again = args; return; }
+    busy = true;
+    try { await work(...args); } finally {
+      busy = false;
+      if (again) { const next = again; again = null; run(...next); }
+    }
+  };
+}
+
+export async function picture(section, frame, width) {
+  const reply = await fetch(`api/frame/${section}/${frame}/${width}.jpg`).catch(() => { throw gone; });
+  if (!reply.ok) throw new Refusal((await reply.json()).problems);
+  return createImageBitmap(await reply.blob());
+}
+
+const listeners = {};
+export const on = (topics, work) => topics.split(" ").forEach((t) => (listeners[t] ??= []).push(work));
+export const emit = (topic) => (listeners[topic] ?? []).forEach((work) => work());
+
+export const store = {
+  state: null,        // of the server: films, experiments, given
+  table: {},          // tables of the experiment.toml that the draft makes
+  preview: null,      // its text, difference and what it was made from
+  section: "", frame: 0, step: "scale",
+  tool: null,         // {key, numbers}: what a click on the film sets
+  draft: { picks: {}, values: {}, corrections: {} },
+  ball: null,         // found in the frame that the track begins with
+  track: { rows: [], running: false },
+  pair: null, bed: null, logs: [], rejected: true,
+};
+
+export const film = () => store.state?.films.find((f) => f.section === store.section);
+export const picks = (section = store.section) => (store.draft.picks[section] ??= {});
+export const value = (section, key) => section.split(".").reduce((t, part) => t?.[part], store.table)?.[key];
+export const mine = (section, key) => store.draft.values[section]?.[key];
+
+// A place that is shown: hand before what was found.
+export const placed = (i) => store.draft.corrections[i] ?? (store.track.rows[i]?.[0] == null ? null : store.track.rows[i]);
+
+export function trouble(error) {
+  const box = document.getElementById("trouble");
+  if (error && !(error instanceof Refusal)) console.error(error);
+  box.hidden = !error;
+  box.textContent = error ? (error.problems ?? [String(error)]).join("\n") : "";
+}
+
+export async function attempt(work) {
+  try { const answer = await work(); trouble(null); return answer; } catch (e) { trouble(e); return undefined; }
+}
+
+// Every change of the draft asks what it makes; a draft that is refused leaves the last one standing.
+const ask = latest(() => attempt(async () => {
+  const made = await post("api/preview", { draft: store.draft });
+  Object.assign(store, { preview: made, table: made.table });
+  emit("preview");
+}));
+export function changed() { emit("draft"); ask(); }
+
+export function setPick(key, v) { picks()[key] = v; changed(); }
+export function setValue(section, key, v) { (store.draft.values[section] ??= {})[key] = v; changed(); }
+
+export async function load(state) {
+  Object.assign(store, { state, table: state.given, frame: 0, tool: null, ball: null, pair: null, bed: null, preview: null,
+    track: { rows: [], running: false }, draft: { picks: {}, values: {}, corrections: { ...state.corrections } } });
+  store.section = state.films[0]?.section ?? "";
+  emit("state");
+  ask();
+  await attempt(async () => { store.logs = await post("api/logs", { draft: store.draft }); emit("logs"); });
+}
+
+export const start = async () => load(await get("api/state"));
