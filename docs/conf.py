@@ -5,7 +5,7 @@ import re
 import jumpvision
 
 PARTS = {  # of the site; all but the last are at most 15,000 words together (tests/test_docs.py)
-    "Begin": ["samples", "tutorial", "notebook", "bring_your_own_data", "glossary"],
+    "Begin": ["samples", "tutorial", "workbench", "notebook", "bring_your_own_data", "glossary"],
     "Only match pictures": ["velocity_fields"],
     "Only track": ["tracking"],
     "Question a model": ["diagnosis", "experimenter", "any_simulator"],

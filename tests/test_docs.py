@@ -45,7 +45,7 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "figures results/sweep/sweep.nc --format svg":
         "test_figures.test_the_same_results_give_the_same_files",
     "init my_jumps/stutter-8.2Hz-1 --pick":
-        "test_init.test_pick_writes_what_was_answered",
+        "test_workbench.test_init_pick_writes_what_is_known_and_opens_the_workbench",
     "init my_jumps/stutter-8.2Hz-1 --marks 12,40,12,540 --distance-mm 250 --ball 25,101":
         "test_init.test_marks_foot_and_floor_become_scale_and_positions",
     "completion bash --install":
@@ -60,6 +60,8 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_rft.test_the_command_draws_the_foot",
     "rft --shape cone --height 0.066 --table stresses.csv":
         "test_rft.test_a_table_of_stresses_gives_what_its_law_gives",
+    "open my_jumps/stutter-8.2Hz-1":
+        "test_workbench.test_init_pick_writes_what_is_known_and_opens_the_workbench",
     "demo":
         "test_demo.test_the_command_prints_the_address_serves_and_stops_on_interrupt",
     "sweep hard --analysis comparison --campaign my_campaign":

@@ -5,10 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import threading
 import tomllib
-import urllib.error
-import urllib.request
 from pathlib import Path
 
 import cv2
@@ -18,7 +15,7 @@ from conftest import SAMPLES
 
 from jumpvision.cli import main
 from jumpvision.frames import open_frames
-from jumpvision.init.measure import TOOLS, Picks, Server, law
+from jumpvision.init.measure import law
 from jumpvision.init.recognise import recordings
 from jumpvision.inputs.experiment import open_experiment
 
@@ -199,97 +196,3 @@ def test_a_folder_without_recordings_says_what_it_needs(tmp_path, capsys):
     assert main(["init", str(tmp_path)]) == 2
     assert "needs a film, a picture or a table" in capsys.readouterr().err
     assert main(["init", str(tmp_path / "none")]) == 2
-
-
-# --- the page ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def server(film):
-    found = [r for r in recordings(film, {})[0] if r.section in TOOLS]
-    with Server(0, film, found) as s:
-        threading.Thread(target=s.serve_forever, daemon=True).start()
-        yield s
-        s.shutdown()
-
-
-def asked(address, body, **headers):
-    return urllib.request.Request(address, body, {"Content-Type": "application/json", **headers})
-
-
-def test_the_page_serves_what_it_lists_and_refuses_the_rest(server):
-    page = json.loads(urllib.request.urlopen(server.address + "api/pictures").read())
-    shapes = {p["section"]: p["shape"] for p in page["pictures"]}
-    for section, shape in shapes.items():
-        png = urllib.request.urlopen(f"{server.address}picture/{section}.png").read()
-        assert list(cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_GRAYSCALE).shape) == shape
-    wrong = (b"[]", b"{", b'{"rod_video": {"ball": ["a", 1]}}', b'{"rod_video": {"ball": [1]}}')
-    for path, body in (("picture/../pick.py", None), *(("api/picks", w) for w in wrong)):
-        with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(asked(server.address + path, body))
-        assert refused.value.code in (400, 404) and json.loads(refused.value.read())["problems"]
-    good = b'{"rod_video": {"ball": [25, 54], "ball_diameter": [9.5]}}'
-    for path, body, headers in (
-        ("", None, {"Host": "elsewhere.example:80"}),
-        ("api/picks", good, {"Origin": "https://elsewhere.example"}),  # a page that is open beside ours
-        ("api/picks", good, {"Content-Type": "text/plain"}),
-    ):
-        with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(asked(server.address + path, body, **headers))
-        assert refused.value.code in (403, 415)
-    assert not server.answered.is_set()
-
-
-def test_clicks_become_picks(server, browser):
-    page = browser.new_page(viewport={"width": 1000, "height": 900})
-    said = []
-    page.on("console", lambda m: said.append(m.text))
-    page.on("pageerror", lambda e: said.append(str(e)))
-    page.goto(server.address)
-    page.wait_for_selector("#rod_video canvas")
-
-    def click(section: str, column: float, row: float) -> None:
-        zoom = float(page.locator(f"#{section}-zoom").input_value())
-        at = {"x": (column + 0.5) * zoom, "y": (row + 0.5) * zoom}
-        page.locator(f"#{section} canvas").click(position=at)
-
-    click("rod_video", 25, 54)
-    page.locator("#rod_video-ball_diameter-0").fill("9.5")
-    click("grain_video", 195, 53)
-    page.locator("#grain_video-roi-0").focus()
-    click("grain_video", 60, 12)
-    click("grain_video", 340, 250)
-    page.locator("#bed_image-marks-0").focus()
-    click("bed_image", 20, 600)
-    click("bed_image", 20, 100)
-    page.locator("#bed_image-floor-0").fill("620")  # by the keyboard alone
-    page.locator("#save").click()
-    page.wait_for_selector("text=two marks and their distance")  # refused, with the remedy, nothing lost
-    page.locator("#bed_image-distance-0").fill("250")
-    page.locator("#save").click()
-    page.wait_for_selector("text=Written.")
-    assert server.answered.wait(5)
-    expected = {
-        "rod_video": Picks(ball=(25, 54), ball_diameter=9.5),
-        "grain_video": Picks(foot=(195, 53), roi=(60, 12, 340, 250)),
-        "bed_image": Picks(floor=620, marks=(20, 600, 20, 100), distance=250),
-    }  # fmt: skip
-    for section, wanted in expected.items():
-        for key in ("ball", "ball_diameter", "foot", "roi", "floor", "marks", "distance"):
-            # a click has whole screen pixels: 1/0.76 of the picture's at its coarsest magnification
-            assert getattr(server.picks[section], key) == pytest.approx(getattr(wanted, key), abs=1.32), (section, key)
-    assert [s for s in said if "400" not in s] == []
-    page.close()
-
-
-def test_pick_writes_what_was_answered(film, tmp_path, monkeypatch):
-    shutil.copy(film / "rod.avi", tmp_path)
-
-    def answer(address: str) -> None:
-        picks = b'{"rod_video": {"ball": [25, 54], "ball_diameter": 9.5}}'
-        urllib.request.urlopen(asked(address + "api/picks", picks))
-
-    monkeypatch.setattr("webbrowser.open", lambda a: threading.Thread(target=answer, args=(a,)).start())
-    assert main(["init", str(tmp_path), "--pick"]) == 0
-    assert toml(tmp_path)["rod_video"]["ball_diameter"] == 0.0095
-    assert np.allclose(toml(tmp_path)["params"]["track"]["seed"], [25.4, 53.9], atol=0.1)

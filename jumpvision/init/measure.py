@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -102,12 +103,7 @@ def _ball(path: Path, picks: Picks) -> tuple[Values, Values, list[str]]:
     if picks.ball_diameter:
         values["ball_diameter"] = (1e-3 * picks.ball_diameter, "as given")
     seed = (picks.ball[0], picks.ball[1]) if picks.ball else None
-    film, _ = opened(path)
-    with film:
-        seen = [(i, b) for i in range(min(FRAMES, len(film))) if (b := ball(film[i], seed))]
-        moving = None if seen or seed else moving_ball(film)
-    if moving:
-        seen = [(moving[0], moving[1:])]
+    seen = _seen(path, seed)
     if not seen:
         if seed is None:
             return values, {}, ["no ball was found in the first frames: give --ball COLUMN,ROW, or run init --pick"]
@@ -131,6 +127,19 @@ def _ball(path: Path, picks: Picks) -> tuple[Values, Values, list[str]]:
         track,
         [f"a {polarity} ball {d:.1f} px wide at column {column:.1f}, row {row:.1f} of frame {first}"],
     )
+
+
+Ball = tuple[str, float, float, float]  # polarity, column, row, diameter [px]
+
+
+@lru_cache(maxsize=32)  # a page asks again for every number that is typed beside it
+def _seen(path: Path, seed: tuple[float, float] | None) -> list[tuple[int, Ball]]:
+    """The ball in the first frames, with their numbers; where it moves into a film later, there."""
+    film, _ = opened(path)
+    with film:
+        seen = [(i, b) for i in range(min(FRAMES, len(film))) if (b := ball(film[i], seed))]
+        moving = None if seen or seed else moving_ball(film)
+    return [(moving[0], moving[1:])] if moving else seen
 
 
 def _rounded(sigma: float) -> float:

@@ -6,12 +6,13 @@ import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from jumpvision.base.schema import InputError
-from jumpvision.init.recognise import ANY_RATE, Recording, ball, recognised, recordings
+from jumpvision.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
 from jumpvision.init.text import PICKED, RESULTS, Choices, drafted
 from jumpvision.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
 from jumpvision.inputs.logs import read_log
@@ -56,14 +57,15 @@ class State:
 
 
 class Bench:
-    """One experiment: a folder, or one film in it. `close` gives its films back."""
+    """One experiment: a folder, or `only` one film in it. roles: section -> file, over what is guessed. `close` gives
+    its films back."""
 
-    def __init__(self, folder: Path, only: str = ""):
-        self.folder = folder
+    def __init__(self, folder: Path, only: str = "", roles: Mapping[str, str] = MappingProxyType({})):
+        self.folder, self.only = folder, only
         if only:
-            found, self.notes = [recognised(folder, only, "rod_video")], list[str]()
+            found, self.notes = [recognised(folder, only, next(iter(roles), "rod_video"))], list[str]()
         else:
-            found, self.notes = recordings(folder, {})
+            found, self.notes = recordings(folder, roles)
         file = folder / EXPERIMENT
         inherited, problems = read_toml(folder.parent / CAMPAIGN) if (folder.parent / CAMPAIGN).exists() else ({}, [])
         own, more = read_toml(file) if file.exists() else ({}, [])
@@ -75,18 +77,21 @@ class Bench:
             )
         self.inherited = inherited
         shared = bool(inherited)
-        self.base = self._text(file) if file.exists() else drafted(folder, found, self.notes, Choices(), shared=shared)
+        self._drafted = "" if file.exists() else drafted(folder, found, self.notes, Choices(), shared=shared)
         by_file = {r.file: r for r in found}
         named = {s: t["file"] for s, t in own.items() if s in SECTIONS and isinstance(t, dict) and "file" in t}
         self.recordings = {r.section: r for r in found} | {
             s: replace(by_file.get(f, Recording(s, f, "")), section=s) for s, f in named.items()
         }
-        self.films = {s: Shown(folder / r.file) for s, r in self.recordings.items() if s in PICKED}
+        self.films = {s: Shown(folder / self.recordings[s].file) for s in PICKED if s in self.recordings}
         self.following: Following | None = None
         self._lock = threading.Lock()
 
-    def _text(self, file: Path) -> str:
-        return file.read_text(encoding="utf-8-sig")
+    @property
+    def base(self) -> str:
+        """The experiment.toml as it lies on the disk, else as init would write it."""
+        file = self.folder / EXPERIMENT
+        return file.read_text(encoding="utf-8-sig") if file.exists() else self._drafted
 
     def close(self) -> None:
         if self.following:
@@ -127,9 +132,17 @@ class Bench:
 
     def write(self, draft: Draft, seen: str) -> list[str]:
         """Write what the draft makes; the files' names."""
-        written = self.composed(draft).write(seen)
-        self.base = self._text(self.folder / EXPERIMENT)
-        return written
+        return self.composed(draft).write(seen)
+
+    def as_role(self, section: str, role: str) -> Bench:
+        """The bench on which the film of a section is another: a ball on the rod, grains. InputError where a file
+        says what it is already."""
+        self.film(section)
+        if (self.folder / EXPERIMENT).exists():
+            raise InputError([f"{self.folder / EXPERIMENT}: says [{section}]; write another section's name there"])
+        if role not in FILMS:
+            raise InputError([f"role = '{role}': must be {' or '.join(FILMS)}"])
+        return Bench(self.folder, self.only, {role: self.recordings[section].file})
 
     def film(self, section: str) -> Shown:
         """InputError where there is none."""
@@ -213,8 +226,15 @@ class Benches:
         """Take another experiment onto the bench."""
         if name not in self.folders:
             raise InputError([f"experiment = '{name}': must be one of {', '.join(self.folders)}"])
+        self._take(Bench(self.folders[name]))
+
+    def as_role(self, section: str, role: str) -> None:
+        """Take a film for another kind."""
+        self._take(self.bench.as_role(section, role))
+
+    def _take(self, bench: Bench) -> None:
         with self._lock:
-            old, self.bench = self.bench, Bench(self.folders[name])
+            old, self.bench = self.bench, bench
             old.close()
 
     def run(self) -> None:

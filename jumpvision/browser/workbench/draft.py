@@ -171,6 +171,8 @@ def _picked(folder: Path, recording: Recording, picks: Picks) -> Edits:
     if picks == Picks() or (recording.section == "rod_video" and picks == Picks(rail=picks.rail)):
         return {}
     values, track = _found(folder, recording.section, recording.file, picks)
+    if picks.ball is None and picks.ball_diameter is None:
+        track = {}  # marks and rail say nothing of the ball
     known = recording.values.get("frame_rate")
     if known and picks.rate and abs(known[0] / picks.rate - 1) > 1e-3:
         values = values | {"clock": ("declared", f"the file's own time stamps say {known[0]:g} Hz")}

@@ -17,6 +17,7 @@ from jumpvision.init.recognise import opened
 
 KEPT = 256 * 2**20  # bytes of encoded frames
 AHEAD = 48  # frames made ahead of the one that was asked for
+QUIET = 0.08  # s without a question, after which frames are made ahead
 QUALITY = 85  # of a JPEG
 WIDTHS = (64, 4096)  # px that may be asked for
 DARKEST, BRIGHTEST = 0.1, 99.9  # percentiles of grey that become black and white
@@ -98,6 +99,8 @@ class Shown:
         while True:
             self._wake.wait()
             self._wake.clear()
+            if not self._closed and self._wake.wait(QUIET):
+                continue  # a hand is moving: what it asks for comes first
             if self._closed:
                 return
             first, width = self._wanted

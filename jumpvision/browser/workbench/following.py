@@ -1,11 +1,10 @@
-"""The track stage's tracker, watched as it runs: what it found so far, stopped at any frame, ended as the stage does."""
+"""The tracker of the track stage, watched as it runs: what it found so far; stopped at any frame, or ended as there."""
 
 from __future__ import annotations
 
 import threading
 import traceback
 import warnings
-from collections.abc import Sequence
 from dataclasses import replace
 
 from jumpvision.base.progress import HOOK
@@ -96,8 +95,3 @@ def rows_of(track: BallTrack) -> list[Row]:
 
 def _row(f: Found) -> Row:
     return (None, None, None, f.flag) if f.flag else (float(f.x), float(f.y), float(f.sigma), "")
-
-
-def lost(rows: Sequence[Row]) -> int:
-    """Frames with a flag."""
-    return sum(bool(r[3]) for r in rows)

@@ -76,6 +76,11 @@ def _change(b: Benches, q: Question) -> object:
     return b.state()
 
 
+def _role(b: Benches, q: Question) -> object:
+    b.as_role(_text(q, "section"), _text(q, "role"))
+    return b.state()
+
+
 def _run(b: Benches, _: Question) -> object:
     b.run()
     return {}
@@ -114,6 +119,7 @@ QUESTIONS: dict[str, Callable[[Benches, Question], object]] = {
     "/api/bed": lambda b, q: b.bench.bed(draft_of(q.get("draft")), _whole(q, "frame")),
     "/api/logs": lambda b, q: b.bench.logs(draft_of(q.get("draft"))),
     "/api/open": _change,
+    "/api/role": _role,
     "/api/run": _run,
     "/api/run/stop": _halt,
 }

@@ -34,8 +34,8 @@ on("state track frame draft tool", () => {
 on("logs", () => {
   const made = store.logs.map((log) => element("div", { className: "tool" },
     element("strong", { textContent: `[${log.section}]` }), ...(log.problem ? [element("p", { className: "bad", textContent: log.problem })]
-      : [valueNumber(log.section, "start", "Starts at [s]").made])));
-  const sigma = valueNumber("clock", "offset_sigma", "How well that is known, sigma [s]").made;
+      : [valueNumber(log.section, "start", "Starts at [s]", { usual: 0 }).made])));
+  const sigma = valueNumber("clock", "offset_sigma", "How well that is known, sigma [s]", { usual: 0 }).made;
   logs.replaceChildren(...(made.length ? [...made, sigma, element("p", { className: "note", textContent: "Drag a log under the film until its motion lies on that of the ball; sigma is set to the time of one pixel." })]
     : [element("p", { className: "note", textContent: "There are none here." })]));
   emit("preview");
@@ -69,7 +69,7 @@ const same = () => JSON.stringify(store.state.corrections) === JSON.stringify(st
 export async function save() {
   const p = store.preview && (await attempt(() => post("api/preview", { draft: store.draft })));
   const done = p && (await attempt(() => post("api/write", { draft: store.draft, seen: store.preview.seen })));
-  if (!done) { if (p) store.preview = p; return; }
+  if (!done) { if (p) { store.preview = p; emit("preview"); } return; }
   wrote.className = "good";
   wrote.textContent = `Written: ${done.written.join(", ")}`;
   Object.assign(store.state, { exists: true, corrections: { ...store.draft.corrections } });

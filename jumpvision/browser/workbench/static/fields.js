@@ -34,8 +34,9 @@ export function pickNumber(key, words) {
 }
 
 // A key of experiment.toml. factor: of what is shown over what is written (1000 for mm).
-export function valueNumber(section, key, words, { factor = 1, note = "", min = null, max = null, step = null, whole = false } = {}) {
+export function valueNumber(section, key, words, { factor = 1, note = "", min = null, max = null, step = null, usual = "", whole = false } = {}) {
   const slider = min !== null, input = slider ? element("input", { type: "range", min, max, step }) : element("input", { type: "text", inputMode: "decimal", autocomplete: "off" });
+  input.dataset.usual = usual;
   const read = slider && element("output", {});
   input.addEventListener("input", () => {
     const v = number(input.value);
@@ -45,7 +46,7 @@ export function valueNumber(section, key, words, { factor = 1, note = "", min = 
   on("state preview section", () => {
     if (!quiet(input)) return;
     const v = mine(section, key) ?? value(section, key);
-    input.value = v == null ? (slider ? input.dataset.usual : "") : shown(v * factor);
+    input.value = v == null ? input.dataset.usual ?? "" : shown(v * factor);
     if (read) read.textContent = input.value;
   });
   const made = row(words, input, note);

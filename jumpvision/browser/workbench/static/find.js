@@ -13,6 +13,7 @@ begin.id = "track";
 const rod = element("div", {}, seen,
   valueChoice("params.track", "polarity", "The ball is", [["bright", "brighter than behind it"], ["dark", "darker"]], "bright"),
   valueChoice("params.track", "method", "Method", [["disc", "disc fit"], ["threshold", "threshold, centroid"], ["template", "as a picture (any target)"]], "disc"),
+  valueNumber("params.track", "diameter", "Size in the picture [px]").made,
   slider("params.track", "search", "Search window [diameters]", { min: 0.6, max: 10, step: 0.1 }, 1.5),
   element("div", { className: "buttons" }, begin, stop), bar, row("The film follows the tracker", follow), said);
 
@@ -33,8 +34,7 @@ const sections = { rod_video: rod, grain_video: grain, bed_image: bed, crater_im
 box.append(element("h2", { textContent: "What is found" }), ...Object.values(sections));
 
 function slider(section, key, words, limits, usual) {
-  const { made, input } = valueNumber(section, key, words, limits);
-  input.dataset.usual = usual;
+  const { made, input } = valueNumber(section, key, words, { ...limits, usual });
   if (section === "params.piv") input.addEventListener("input", () => { if (live.checked && store.pair) match(); });
   return made;
 }

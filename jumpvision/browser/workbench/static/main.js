@@ -1,5 +1,5 @@
 // The page: header, transport, steps, keys. What is clicked in the steps stands in scale.js, find.js and check.js.
-import { attempt, changed, emit, film, load, on, post, start, store } from "./store.js";
+import { attempt, changed, emit, film, load, on, post, start, store, times } from "./store.js";
 import { watchRun } from "./check.js";
 import { button, element, take } from "./fields.js";
 import { act, problem } from "./find.js";
@@ -21,6 +21,7 @@ export function step(name) {
     $(`tab-${s}`).tabIndex = on ? 0 : -1;
     $(`step-${s}`).hidden = !on;
   }
+  $("next").hidden = name !== "scale" || store.section === "crater_image";
   if (name === "run") changed();
 }
 
@@ -50,7 +51,7 @@ on("state", () => {
     return b;
   }));
   $("hint").textContent = films.length ? "" : "No film or picture here that could be shown.";
-  if (films.length) choose(films[0].section);
+  if (films.length) choose(store.section);
   step("scale");
 });
 on("section", () => {
@@ -64,16 +65,17 @@ on("section", () => {
   for (const id of ["play", "back", "forth", "scrub"]) $(id).disabled = f.time.length < 2;
   look(store.draft.picks.rod_video?.ball);
 });
-on("frame section", () => {
+on("frame section preview", () => {
   const f = film();
   $("scrub").value = store.frame;
-  $("clock").textContent = `${(1e3 * f.time[store.frame]).toFixed(3)} ms · ${store.frame} / ${f.time.length - 1}`;
+  $("clock").textContent = `${(1e3 * times()[store.frame]).toFixed(3)} ms · ${store.frame} / ${f.time.length - 1}`;
   const t = $("timeline");
   t.setAttribute("aria-valuemax", f.time.length - 1);
   t.setAttribute("aria-valuenow", store.frame);
   t.setAttribute("aria-valuetext", $("clock").textContent);
   $("film").setAttribute("aria-label", `${f.file}, frame ${store.frame}`);
 });
+on("section", () => { $("act").textContent = { rod_video: "Track the film", grain_video: "Match a pair", bed_image: "Find the surface" }[store.section] ?? ""; });
 on("tool", () => { $("hint").textContent = store.tool?.hint ?? ""; });
 on("playing", () => {
   $("play").textContent = player.playing ? "❚❚" : "▶";
@@ -88,6 +90,7 @@ $("speed").addEventListener("change", () => { player.speed = Number($("speed").v
 $("zoom-in").addEventListener("click", () => zoom(1.5));
 $("zoom-out").addEventListener("click", () => zoom(1 / 1.5));
 $("zoom-fit").addEventListener("click", fit);
+$("act").addEventListener("click", () => { step("find"); act(); });
 $("experiment").addEventListener("change", async () => {
   const state = await attempt(() => post("api/open", { experiment: $("experiment").value }));
   if (state) load(state);

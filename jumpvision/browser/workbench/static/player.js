@@ -1,7 +1,7 @@
 // Frames on the screen: fetched at its width, the next ones ahead; played on the film's own clock.
-import { emit, film, picture, store, trouble } from "./store.js";
+import { emit, film, picture, store, times, trouble } from "./store.js";
 
-const WIDTHS = [320, 640, 960, 1280, 1920, 2560, 4096], KEPT = 160, AHEAD = 6, AT_ONCE = 4;
+const WIDTHS = [320, 640, 960, 1280, 1920, 2560, 4096], KEPT = 160, AHEAD = 6, AT_ONCE = 2, NEAR = 2;
 const kept = new Map(), under = new Map();
 export const player = { image: null, shown: -1, playing: false, speed: 1, width: 640, direction: 1, drawn: 0 };
 
@@ -28,7 +28,7 @@ async function fetched(i) {
 }
 
 // While frames are on their way only the newest wish is kept: the film follows the hand.
-let busy = false, again = false;
+let busy = false, again = false, last = 0;
 async function show() {
   if (busy) { again = true; return; }
   busy = true;
@@ -39,7 +39,8 @@ async function show() {
       const image = await fetched(i);
       if (section === store.section) Object.assign(player, { image, shown: i, drawn: player.drawn + 1 });
       emit("image");
-      ahead(i);
+      if (Math.abs(i - last) <= NEAR) ahead(i); // a hand that jumps will not come by
+      last = i;
     } catch (e) { trouble(e); }
   } while (again);
   busy = false;
@@ -62,7 +63,7 @@ export function seek(i) {
 }
 
 export function frameAt(t) {
-  const time = film().time;
+  const time = times();
   let low = 0, high = time.length - 1;
   while (low < high) { const mid = (low + high + 1) >> 1; if (time[mid] <= t) low = mid; else high = mid - 1; }
   return low;
@@ -70,7 +71,7 @@ export function frameAt(t) {
 
 let clock = 0, before = 0;
 export function play(on = !player.playing) {
-  const time = film().time;
+  const time = times();
   if (on && store.frame === time.length - 1) seek(0);
   player.playing = on && time.length > 1;
   clock = time[store.frame];
@@ -81,7 +82,7 @@ export function play(on = !player.playing) {
 
 function tick(now) {
   if (!player.playing) return;
-  const time = film().time;
+  const time = times();
   clock += player.speed * (now - before) / 1000;
   before = now;
   const i = frameAt(clock);
@@ -92,7 +93,7 @@ function tick(now) {
 
 // Slow enough that 25 frames are seen in a second.
 export function speeds() {
-  const time = film().time, rate = time.length > 1 ? (time.length - 1) / (time.at(-1) - time[0]) : 1;
+  const time = times(), rate = time.length > 1 ? (time.length - 1) / (time.at(-1) - time[0]) : 1;
   const all = [1, 1 / 2, 1 / 5, 1 / 10, 1 / 20, 1 / 50, 1 / 100, 1 / 500, 1 / 1000, 1 / 5000];
   return { all, usual: all.find((s) => rate * s <= 30) ?? all.at(-1) };
 }

@@ -1,5 +1,5 @@
 // Step 1: what is known of the film, clicked or typed. And what a click on the film means.
-import { attempt, changed, emit, film, on, picks, post, setPick, store } from "./store.js";
+import { attempt, changed, emit, film, load, on, picks, post, setPick, store } from "./store.js";
 import { button, element, pickNumber, place, take, valueChoice, valueNumber } from "./fields.js";
 import { onPick } from "./view.js";
 
@@ -37,9 +37,19 @@ const parts = {
   bed_image: [place("floor", "Floor of the bed", 1, "Click the floor of the bed"), element("h3", { textContent: "A known length" }), ...marks()],
   crater_image: [element("h3", { textContent: "A known length" }), ...marks()],
 };
+const roles = element("div", { className: "row" }, element("span", { id: "shows", textContent: "This film shows" }),
+  element("div", { className: "choice", data: { role: "group", "aria-labelledby": "shows" } }, ...[["rod_video", "a ball"], ["grain_video", "grains"]].map(([role, words]) => {
+    const b = button(words, async () => {
+      if (role === store.section) return;
+      const state = await attempt(() => post("api/role", { section: store.section, role }));
+      if (state) load(state, role);
+    });
+    b.dataset.role = role;
+    return b;
+  })));
 const made = Object.fromEntries(Object.entries(parts).map(([s, children]) => [s, element("div", {}, ...children)]));
 const facts = element("p", { className: "note", id: "scale-now" });
-box.append(element("h2", { textContent: "What is known of the film" }), facts, ...Object.values(made));
+box.append(element("h2", { textContent: "What is known of the film" }), roles, facts, ...Object.values(made));
 
 function polygons() {
   const said = element("span", { className: "note" });
@@ -60,6 +70,8 @@ function polygons() {
 
 on("state section preview", () => {
   for (const [s, e] of Object.entries(made)) e.hidden = s !== store.section;
+  roles.hidden = store.state.exists || !FIRST.includes(store.section);
+  for (const b of roles.querySelectorAll("button")) b.setAttribute("aria-pressed", String(b.dataset.role === store.section));
   const scale = store.table[store.section]?.scale, sigma = store.table[store.section]?.scale_sigma;
   facts.textContent = scale ? `Scale: ${Number((1e3 * scale).toPrecision(4))} mm per pixel${sigma ? ` ± ${(100 * sigma / scale).toPrecision(2)} %` : ""}`
     : "No scale yet: a track stays in pixels until two marks or the ball's diameter are given.";

@@ -64,6 +64,19 @@ export const picks = (section = store.section) => (store.draft.picks[section] ??
 export const value = (section, key) => section.split(".").reduce((t, part) => t?.[part], store.table)?.[key];
 export const mine = (section, key) => store.draft.values[section]?.[key];
 
+// Times of a film's frames on the common clock [s]: its own, or by the frame rate where that is to be taken.
+const clocks = {};
+export function times(section = store.section) {
+  const f = store.state.films.find((g) => g.section === section), t = f.time, n = t.length;
+  const { frame_rate: rate, clock, start = 0 } = store.table[section] ?? {}, declared = rate && n > 1 && (!f.timed || clock === "declared");
+  const key = `${store.state.folder} ${section} ${declared ? rate : 0} ${start}`;
+  if (clocks[section]?.key !== key) {
+    const steps = declared ? t.slice(1).map((v, i) => v - t[i]).sort((a, b) => a - b) : [], k = declared ? 1 / (rate * steps[steps.length >> 1]) : 1;
+    clocks[section] = { key, time: t.map((v) => start + (v - t[0]) * k) };
+  }
+  return clocks[section].time;
+}
+
 // A place that is shown: hand before what was found.
 export const placed = (i) => store.draft.corrections[i] ?? (store.track.rows[i]?.[0] == null ? null : store.track.rows[i]);
 
@@ -89,10 +102,10 @@ export function changed() { emit("draft"); ask(); }
 export function setPick(key, v) { picks()[key] = v; changed(); }
 export function setValue(section, key, v) { (store.draft.values[section] ??= {})[key] = v; changed(); }
 
-export async function load(state) {
+export async function load(state, section = "") {
   Object.assign(store, { state, table: state.given, frame: 0, tool: null, ball: null, pair: null, bed: null, preview: null,
     track: { rows: [], running: false }, draft: { picks: {}, values: {}, corrections: { ...state.corrections } } });
-  store.section = state.films[0]?.section ?? "";
+  store.section = section || (state.films[0]?.section ?? "");
   emit("state");
   ask();
   await attempt(async () => { store.logs = await post("api/logs", { draft: store.draft }); emit("logs"); });

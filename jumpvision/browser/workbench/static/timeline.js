@@ -1,6 +1,6 @@
 // Under the film, on its clock: the height of the ball in the picture, lost frames, the logs. Drag to move the time, drag a
 // log to move it against the film.
-import { film, mine, on, placed, store, value } from "./store.js";
+import { film, mine, on, placed, store, times, value } from "./store.js";
 import { frameAt, seek } from "./player.js";
 import { shiftLog } from "./check.js";
 
@@ -12,7 +12,7 @@ const colour = (name) => getComputedStyle(document.documentElement).getPropertyV
 const start = (log) => mine(log.section, "start") ?? value(log.section, "start") ?? log.start;
 
 function span() { // of the film, with a tenth of it on either side for the logs
-  const time = film()?.time ?? [0], a = time[0], b = time.at(-1), pad = store.logs.length ? 0.1 * (b - a || 1) : 0;
+  const time = film() ? times() : [0], a = time[0], b = time.at(-1), pad = store.logs.length ? 0.1 * (b - a || 1) : 0;
   return [a - pad, (b > a ? b : a + 1) + pad];
 }
 function lanes(height) {
@@ -46,16 +46,24 @@ function draw() {
     pen.beginPath();
     pen.rect(LEFT, lane.top, width - LEFT - RIGHT, lane.h);
     pen.clip();
+    if (lane.log) labels(lane, lane.log.y);
     if (lane.log) line(lane.log.t.map((t) => x(t + start(lane.log) - lane.log.start)), lane.log.y, lane, "--log", 1);
-    else ball(f, x, lane);
+    else ball(x, lane);
     pen.restore();
   }
   pen.strokeStyle = colour("--ink");
   pen.lineWidth = 1.5;
   pen.beginPath();
-  const now = x(f.time[store.frame]);
+  const now = x(times()[store.frame]);
   pen.moveTo(now, 0); pen.lineTo(now, height - AXIS);
   pen.stroke();
+}
+
+function labels(lane, ys, sign = 1) { // the ends of a lane; sign -1: rows, which count down
+  const good = ys.filter((v) => v !== null), short = (v) => String(Number(v.toPrecision(3)));
+  const ends = [Math.max(...good), Math.min(...good)], [high, low] = sign > 0 ? ends : [ends[1], ends[0]];
+  pen.fillStyle = colour("--soft");
+  if (lane.h > 26) { pen.fillText(short(high), LEFT + 4, lane.top + 13); pen.fillText(short(low), LEFT + 4, lane.top + lane.h - 5); }
 }
 
 function ticks(a, b, x, height) {
@@ -84,20 +92,22 @@ function line(xs, ys, lane, name, sign) {
   return y;
 }
 
-function ball(f, x, lane) {
+function ball(x, lane) {
   const n = store.track.rows.length;
-  if (store.section !== "rod_video" || (!n && !Object.keys(store.draft.corrections).length)) return;
+  if (!n) return;
+  const time = times("rod_video");
   const every = Math.max(1, Math.floor(n / 4000)), along = /x/.test(value("rod_video", "up") ?? "-y") ? 0 : 1;
   const xs = [], ys = [];
-  for (let i = 0; i < n; i += every) { xs.push(x(f.time[i])); ys.push(placed(i)?.[along] ?? null); }
+  for (let i = 0; i < n; i += every) { xs.push(x(time[i])); ys.push(placed(i)?.[along] ?? null); }
   if (!ys.some((v) => v !== null)) return;
+  labels(lane, ys, -1);
   const y = line(xs, ys, lane, "--trace", -1);
   pen.fillStyle = colour("--bad");
-  store.track.rows.forEach((r, i) => { if (r[3] && !store.draft.corrections[i]) pen.fillRect(x(f.time[i]) - 1, lane.top + lane.h - 6, 2, 6); });
+  store.track.rows.forEach((r, i) => { if (r[3] && !store.draft.corrections[i]) pen.fillRect(x(time[i]) - 1, lane.top + lane.h - 6, 2, 6); });
   pen.fillStyle = colour("--hand");
   for (const [i, p] of Object.entries(store.draft.corrections)) {
     pen.beginPath();
-    pen.arc(x(f.time[i]), y(p[along]), 4, 0, 7);
+    pen.arc(x(time[i]), y(p[along]), 4, 0, 7);
     pen.fill();
   }
 }
