@@ -5,6 +5,7 @@ from __future__ import annotations
 import http.client
 import json
 import math
+import os
 import shutil
 import threading
 import time
@@ -167,7 +168,7 @@ def test_a_run_is_stopped_where_it_is_and_its_rows_stay(hard, monkeypatch):
     until(lambda: len(b.bench.followed(0)[0]) >= 32)
     b.bench.following.stop()
     rows, run = b.bench.followed(0)
-    assert 32 <= len(rows) < 719 and not run.finished and not run.running and not any(r[3] for r in rows)
+    assert 32 <= len(rows) < 719 and not (run.finished or run.running or run.problem) and not any(r[3] for r in rows)
     assert len(b.bench.followed(10)[0]) == len(rows) - 10
     b.close()
 
@@ -427,7 +428,10 @@ def phone(folder: Path) -> None:
             out.mux(packet)
 
 
-@pytest.mark.parametrize("name", CASES)
+LONG = pytest.mark.long
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=LONG if n == "phone" else ()) for n in CASES])
 def test_from_an_unknown_film_to_a_written_track_in_six_clicks(name, tmp_path, browser, served, request):
     file, place, diameter, ball = CASES[name]
     if name == "phone":
@@ -490,6 +494,7 @@ def test_a_frame_is_corrected_by_hand_and_a_log_is_moved(hard, browser, served):
     assert p.get("Object.keys(workbench.store.draft.corrections)") == ["5"]
 
 
+@pytest.mark.long
 def test_clicks_on_sand_become_foot_part_polygon_and_floor(tmp_path, browser, served):
     shutil.copytree(SAND, tmp_path / "film", ignore=shutil.ignore_patterns("truth.json", "*.toml"))
     p = Page(browser, served(tmp_path / "film"))
@@ -517,9 +522,11 @@ def test_clicks_on_sand_become_foot_part_polygon_and_floor(tmp_path, browser, se
     assert p.said == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1280, 820])
-def test_no_serious_finding_of_axe(scheme, width, hard, browser, served):
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [(1280, "light"), *(pytest.param(*c, marks=LONG) for c in ((1280, "dark"), (820, "light"), (820, "dark")))],
+)
+def test_no_serious_finding_of_axe(width, scheme, hard, browser, served):
     module = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
     p = Page(browser, served(hard), width, scheme, touch=width < 1000)
     found = {}
@@ -546,6 +553,8 @@ def test_the_campaign_is_run_by_its_button(hard, browser, served):
 @pytest.mark.long
 def test_scrubbing_and_controls_answer_in_time(tmp_path, browser, served):
     """1280 x 1024 px: 20 frames a second under a moving hand, and 95 % of what is typed answered within 0.1 s."""
+    if os.getloadavg()[0] > (os.cpu_count() or 1):
+        pytest.skip(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores: times would be those of other programs")
     rng = np.random.default_rng(1)
     film = rng.integers(20, 60, (200, 1024, 1280), dtype=np.uint8)
     for i, image in enumerate(film):

@@ -8,7 +8,6 @@ import warnings
 from dataclasses import replace
 
 from jumpvision.base.progress import HOOK
-from jumpvision.base.schema import InputError
 from jumpvision.frames import FrameError
 from jumpvision.inputs.parameters import TrackParams
 from jumpvision.inputs.sections import Calibration, RodVideo
@@ -64,8 +63,8 @@ class Following:
             if track is not None:
                 self.notes = (*(str(w.message) for w in said), *track.notes)
                 self._final = rows_of(track)
-        except (ValueError, InputError, FrameError) as e:
-            self.problem = str(e)
+        except (ValueError, FrameError) as e:
+            self.problem = "" if self._stop.is_set() else str(e)
         except Exception as e:
             traceback.print_exc()
             self.problem = f"the tracker failed: {type(e).__name__}: {e}"
@@ -84,7 +83,7 @@ class Following:
 
     def _told(self, what: str, done: int, total: int | None) -> None:
         if self._stop.is_set():
-            raise InputError(["stopped"])
+            raise ValueError("stopped")  # out of whatever loop is watched
         self.doing = f"{what}: {done} of {total}"
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -56,14 +55,17 @@ def pair(film: GrainVideo, calibration: Calibration | None, p: PivParams, i: int
     left, top = film.roi[:2] if film.roi else (0.0, 0.0)
     x, y = np.meshgrid(f.x + left, f.y + top)
     there = np.isfinite(f.u_raw) | np.isfinite(f.u)
-    flat: dict[str, Any] = {
-        name: plain(values[there])
-        for name, values in (("x", x), ("y", y), ("u", f.u), ("v", f.v), ("reason", f.reason))
-    }
-    sigma = plain(np.hypot(f.u_sigma, f.v_sigma)[there])
-    measured = int(np.isin(f.reason, MEASURED).sum())
-    said = {k: "" if k in MEASURED else text for k, text in REASONS.items()}
-    return Pair(frame=i, sigma=sigma, reasons=said, measured=measured, **flat)
+    return Pair(
+        frame=i,
+        x=plain(x[there]),
+        y=plain(y[there]),
+        u=plain(f.u[there]),
+        v=plain(f.v[there]),
+        sigma=plain(np.hypot(f.u_sigma, f.v_sigma)[there]),
+        reason=plain(f.reason[there]),
+        reasons={k: "" if k in MEASURED else text for k, text in REASONS.items()},
+        measured=int(np.isin(f.reason, MEASURED).sum()),
+    )
 
 
 @dataclass(frozen=True)

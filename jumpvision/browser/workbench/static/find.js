@@ -11,7 +11,7 @@ const follow = element("input", { type: "checkbox", checked: true });
 begin.id = "track";
 
 const rod = element("div", {}, seen,
-  valueChoice("params.track", "polarity", "The ball is", [["bright", "brighter than behind it"], ["dark", "darker"]], "bright"),
+  valueChoice("params.track", "polarity", "The ball is", [["bright", "brighter"], ["dark", "darker"]], "bright"),
   valueChoice("params.track", "method", "Method", [["disc", "disc fit"], ["threshold", "threshold, centroid"], ["template", "as a picture (any target)"]], "disc"),
   valueNumber("params.track", "diameter", "Size in the picture [px]").made,
   slider("params.track", "search", "Search window [diameters]", { min: 0.6, max: 10, step: 0.1 }, 1.5),

@@ -27,23 +27,27 @@ async function fetched(i) {
   return under.get(name);
 }
 
-// While frames are on their way only the newest wish is kept: the film follows the hand.
-let busy = false, again = false, last = 0;
+// Two frames may be on their way, the one decoded while the other is made; of further wishes only the newest is kept, and
+// none is drawn after a newer one: the film follows the hand.
+let busy = 0, again = false, asked = 0, newest = 0, last = 0;
 async function show() {
-  if (busy) { again = true; return; }
-  busy = true;
+  if (busy === 2) { again = true; return; }
+  busy++;
   do {
     again = false;
-    const i = store.frame, section = store.section;
+    const i = store.frame, section = store.section, turn = ++asked;
     try {
       const image = await fetched(i);
-      if (section === store.section) Object.assign(player, { image, shown: i, drawn: player.drawn + 1 });
+      if (section === store.section && turn > newest) {
+        newest = turn;
+        Object.assign(player, { image, shown: i, drawn: player.drawn + 1 });
+      }
       emit("image");
       if (Math.abs(i - last) <= NEAR) ahead(i); // a hand that jumps will not come by
       last = i;
     } catch (e) { trouble(e); }
   } while (again);
-  busy = false;
+  busy--;
 }
 
 function ahead(i) {
