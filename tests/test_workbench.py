@@ -274,6 +274,8 @@ def test_nothing_is_written_over_that_somebody_else_changed(tmp_path, served):
     status, said = asked(s, "/api/write", {"draft": draft, "seen": made["seen"]})
     assert status == 400 and "changed on the disk" in said["problems"][0]
     assert (tmp_path / "experiment.toml").read_text() == "schema = 1\n" and not (tmp_path / CORRECTIONS).exists()
+    added = asked(s, "/api/preview", {"draft": draft})[1]["table"]["rod_video"]  # to what is there now
+    assert added["file"] == "rod.npy" and added["frame_rate"] == 250
     (tmp_path / "experiment.toml").unlink()
     status, said = asked(s, "/api/write", {"draft": draft, "seen": made["seen"]})
     assert (status, said) == (200, {"written": [CORRECTIONS, "experiment.toml"]})

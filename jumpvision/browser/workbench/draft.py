@@ -122,11 +122,11 @@ class Composed:
 
     def write(self, seen: str) -> list[str]:
         """Write both files; their names. InputError where one has changed since `seen`."""
-        self.check()
         if fingerprint(self.folder) != seen:
             raise InputError(
                 [f"{self.folder / EXPERIMENT}: changed on the disk since the difference was shown: look at it again"]
             )
+        self.check()
         written = []
         if self.corrections:
             write_aside(self.folder / CORRECTIONS, self.corrections)
@@ -139,7 +139,7 @@ def composed(
     folder: Path, base: str, inherited: Mapping[str, Any], recordings: Mapping[str, Recording], draft: Draft
 ) -> Composed:
     """The text that a draft makes of `base`. inherited: tables of campaign.toml."""
-    edits: dict[str, Values] = {}
+    edits, named = dict[str, Values](), tomllib.loads(base)
     for section, picks in draft.picks.items():
         if section not in recordings:
             raise InputError([f"draft: picks in [{section}]: there is no such recording here"])
@@ -147,10 +147,12 @@ def composed(
     for section, values in draft.values.items():
         _put(edits, {section: {k: (v, BY_HAND) for k, v in values.items() if v is not None}})
     if rail := next((p.rail for p in draft.picks.values() if p.rail), None):
-        up = draft.values.get("rod_video", {}).get("up") or tomllib.loads(base).get("rod_video", {}).get("up", "-y")
+        up = draft.values.get("rod_video", {}).get("up") or named.get("rod_video", {}).get("up", "-y")
         if up not in ("-y", "+y", "-x", "+x"):
             raise InputError([f"[rod_video] up = {up!r}: must be -y, +y, -x or +x"])
         _put(edits, {"calibration": {"tilt": (round(tilt_of(rail, str(up)), 5), "two points along the rail")}})
+    for section in edits.keys() & recordings.keys() - named.keys():
+        edits[section] = {"file": (recordings[section].file, ""), **edits[section]}
     text, file = "", folder / CORRECTIONS
     if draft.corrections or file.exists():
         rows = [f"{i},{x:g},{y:g},{READING:g}" for i, (x, y) in draft.corrections.items()]
