@@ -157,6 +157,7 @@ def write_intrusion_log(
         saw=parameters.get("saw", 0.0),
         fluctuation=record.fluctuation * size**2,
         grain_length=record.grain_length,
+        carry=parameters.get("carry", 0.0),
         **extra,
         **lam,
     )

@@ -177,6 +177,7 @@ OUTSIDE: dict[str, tuple[str, ...]] = {
     "depth_rate_drag": ("d_zv",),  # d_zv z |v| against the foot's motion while it intrudes [N s/m^2]
 }
 KNOWN = MECHANISMS | OUTSIDE
+MAY_BE = {"carry": "stop_go_overshoot"}  # 0 where it is not given
 AT_THE_CAMERA = ("camera_scale", "time_offset")  # they change the record, not the motion
 STATIC = ("linear_penetration", "two_resistance", "rft_cone")
 
@@ -257,6 +258,7 @@ class Truth(NamedTuple):
     tan_theta: float
     s: float
     s_p: float
+    carry: float
     lam: float
     c_v: float
     F_c: float
@@ -288,7 +290,8 @@ def truth_of(
     if problems:
         raise ValueError("; ".join(problems))
 
-    p: dict[str, float] = {name: float(parameters[name]) for name in need}
+    may = [name for name, t in MAY_BE.items() if t in terms and name in parameters]
+    p: dict[str, float] = {name: float(parameters[name]) for name in (*need, *may)}
     if "linear_penetration" in terms:
         p |= {"k1": p["k"], "k2": 0.0, "delta": math.inf}
     m_m = robot.motor_mass + p.get("dm", 0.0)

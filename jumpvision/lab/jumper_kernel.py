@@ -74,7 +74,7 @@ def penetration(z, stiffer, q):  # type: ignore[no-untyped-def]
 
 @nb.njit(cache=True)
 def _resistance(z, over, q):  # type: ignore[no-untyped-def]
-    """F_p with the overshoots of re-intrusion and stop-go; over = (s z_g, z_g, s_p z_stop, z_stop, k1's factor)."""
+    """F_p with the overshoots of re-intrusion and stop-go; over = (s z_g, z_g, that at z_stop, z_stop, k1's factor)."""
     extra = 0.0
     if over[0] > 0.0:
         extra += over[0] * math.exp(-(z - over[1]) / q.lam)
@@ -283,7 +283,8 @@ def integrate(q, cmd, loop, dt, every, n):  # type: ignore[no-untyped-def]
         elif mode == INTRUDING:
             if v_f >= 0.0:
                 mode, v_f, z_g = STUCK, 0.0, max(z_g, -x_f)
-                over = (over[0], over[1], q.s_p * z_g, z_g, over[4])
+                left = over[2] * math.exp(-(z_g - over[3]) / q.lam) if over[2] > 0.0 else 0.0
+                over = (over[0], over[1], q.s_p * z_g + q.carry * left, z_g, over[4])
         else:
             push = _spring(x_r, v_r, x_f, 0.0, mode, q) + q.m_f * q.g
             if push < 0.0:

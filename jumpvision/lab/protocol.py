@@ -18,7 +18,7 @@ import numpy as np
 
 from jumpvision.base.schema import InputError, closest, read, type_of
 
-from .jumper import AT_THE_CAMERA, KNOWN, Motor, Robot, truth_of
+from .jumper import AT_THE_CAMERA, KNOWN, MAY_BE, Motor, Robot, truth_of
 from .protocol_keys import (
     BED_RECORDS,
     FILMED_BY,
@@ -41,7 +41,7 @@ from .write import Value
 
 Points = tuple[tuple[float, float], ...]  # (volume fraction, value), rising
 CAMERA_PARAMETERS = {"camera_scale": "scale", "time_offset": "dt"}
-PARAMETERS = {name for names in KNOWN.values() for name in names} | set(CAMERA_PARAMETERS.values())
+PARAMETERS = {name for names in KNOWN.values() for name in names} | {*CAMERA_PARAMETERS.values(), *MAY_BE}
 BED_PROPERTIES = ("saw", "crater_volume")  # of [truth] besides the parameters of mechanisms: N, m^3
 MADE_BY_AN_ARM = {"motor_mass": 1.0, "rod_mass": 1.0, "spring_stiffness": 1.0, "foot_mass": 1.0}  # without [[jumps]]
 

@@ -66,6 +66,15 @@ LAM = Parameter(
     lo=0,
     open_lo=True,
 )
+CARRY = Parameter(
+    "carry",
+    "",
+    "share of what is left of an overshoot that the next pause adds to its own",
+    lambda m: Prior(0.0, 0.0, 1.0, 0.1),
+    default=0.0,
+    lo=0,
+    hi=1,
+)
 FACTOR = Parameter(
     "factor", "", "k1 under an earlier footprint / k1", lambda m: Prior(1.0, 0.1, 10.0, 0.2), lo=0, open_lo=True
 )
@@ -96,9 +105,12 @@ def reintrusion_overshoot(xp: Any, z: Any, z_g: Any, s: float, lam: float) -> An
 
 
 @law
-def stop_go_overshoot(xp: Any, z: Any, z_stop: Any, s_p: float, lam: float) -> Any:
-    """s_p z_stop exp(-(z - z_stop) / lambda) after a pause at z_stop without lift-off: the law of a re-intrusion."""
-    return reintrusion_overshoot(xp, z, z_stop, s_p, lam)
+def stop_go_overshoot(xp: Any, z: Any, z_stop: Any, z_left: Any, s_p: float, lam: float, carry: float) -> Any:
+    """s_p (z_stop + carry z_left) exp(-(z - z_stop) / lambda) after a pause at z_stop without lift-off.
+
+    With s_p = 1 at the next pause, the z_left of that one: a pause before the last overshoot is over compounds it.
+    """
+    return s_p * (z_stop + carry * z_left) * xp.exp(-(z - z_stop) / lam)
 
 
 LINEAR_PENETRATION = Mechanism(
@@ -148,13 +160,14 @@ REINTRUSION_OVERSHOOT = Mechanism(
 STOP_GO_OVERSHOOT = Mechanism(
     "stop_go_overshoot",
     Body.OVERSHOOT,
-    (S_P, LAM),
-    "extra force after a pause while intruding",
+    (S_P, LAM, CARRY),
+    "extra force after a pause while intruding; repeated pauses compound by `carry`",
     "the extra force after a pause in the sand",
-    "thesis chapter III, re-intrusion after a pause",
-    "s_p z_stop exp(-(z - z_stop)/lam)",
+    "thesis chapter III, re-intrusion after a pause; Fig 69",
+    "s_p (z_stop + carry z_left) exp(-(z - z_stop)/lam)",
     stop_go_overshoot,
     grounds=SAND,
+    assumed={"carry": 0.0},
 )
 COMPACTION = Mechanism(
     "compaction",

@@ -25,6 +25,7 @@ STATE: dict[str, tuple[str, str]] = {
     "a": ("m/s^2", "acceleration of the foot, positive up"),
     "z_g": ("m", "depth of the hole at the last lift-off, 0 before the first"),
     "z_stop": ("m", "depth of the last pause of the intrusion, 0 before the first"),
+    "z_left": ("m", "overshoot of the pauses before, as it was left at the last one, over s_p; 0 before the second"),
     "v_m": ("m/s", "velocity of the carriage, v_r + X_m'"),
     "stretch": ("m", "extension of the spring, x_r - x_f"),
     "stretch_rate": ("m/s", "rate of extension of the spring, v_r - v_f"),

@@ -53,7 +53,13 @@ def is_passive(model: Model, law: Mechanism, seen: Mapping[str, Range], *, alone
     least = 0.0 if law.acts_on is Body.FOOT else -math.inf
     axes = [np.linspace(max(least, seen[n][0]), seen[n][1], POINTS) for n in names]
     grid = dict(zip(names, np.meshgrid(*axes, indexing="ij")))
-    at = {n: x[..., None] for n, x in grid.items()} | {"z_g": 0.0, "z_stop": 0.0, "time_s": 0.0, "u": 0.0}
+    at = {n: x[..., None] for n, x in grid.items()} | {
+        "z_g": 0.0,
+        "z_stop": 0.0,
+        "z_left": 0.0,
+        "time_s": 0.0,
+        "u": 0.0,
+    }
     since = np.r_[LONG_AGO, np.geomspace(1e-3, 10.0, POINTS)] if "contact_s" in law.symbols else np.array([LONG_AGO])
     for contact in since:
 

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from jumpvision.base.schema import InputError
+from jumpvision.mechanisms.ground import stop_go_overshoot
 from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.model import Model
@@ -38,6 +39,7 @@ class Memory:
     floor: Any
     hole: Any = 0.0
     pause: Any = 0.0
+    left: Any = 0.0  # m, of the overshoots before the last pause (`record.STATE`'s z_left)
     moved: bool = False  # the foot has intruded before
     landed: bool = False  # the foot has left the ground before
 
@@ -138,7 +140,14 @@ class Jumper:
             stiffer |= {n: self.model.symbol(m.names[0]) * v for n, v in given.items() if v is not None}
         hole = memory.hole if memory.landed else 0.0
         force = self.sum_of(Body.STATIC, z=z, **stiffer)
-        return force + self.sum_of(Body.OVERSHOOT, z=z, z_g=hole, z_stop=memory.pause)
+        return force + self.sum_of(Body.OVERSHOOT, z=z, z_g=hole, z_stop=memory.pause, z_left=memory.left)
+
+    def left(self, z: Any, memory: Memory) -> Any:
+        """`z_left` of a pause at z [m]."""
+        carry = self.model.parameters.carry if "stop_go_overshoot" in self.model else 0.0
+        if not carry:
+            return 0.0
+        return stop_go_overshoot(self.xp, z, memory.pause, memory.left, 1.0, self.model.parameters.lam, carry)
 
     def yield_force(self, memory: Memory) -> Any:
         """What the ground carries at the floor before the foot moves [N]: own laws too, as motion begins."""

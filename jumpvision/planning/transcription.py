@@ -270,10 +270,10 @@ class Programme:
         if mode == INTRUDE and following == STUCK:
             self.row(state.v_f, 0.0, 0.0, 0.5)
             floor = -state.x_f
-            return state, Memory(floor, memory.hole, floor, True, memory.landed)
+            return state, Memory(floor, memory.hole, floor, j.left(floor, memory), True, memory.landed)
         if mode == STUCK and following == AIR:
             self.row(e.rod, 0.0, 0.0, 0.01) if j.massless else self.row(e.push, 0.0, 0.0, self.weight)
-            left = Memory(memory.floor, memory.floor, 0.0, memory.moved, True)
+            left = Memory(memory.floor, memory.floor, moved=memory.moved, landed=True)
             return state._replace(x_f=-memory.floor, v_f=0.0), left
         if mode == AIR and following == INTRUDE:
             self.row(state.x_f + memory.floor, 0.0, 0.0, 0.01)

@@ -23,7 +23,9 @@ from jumpvision.workflow.run import Outcome
 
 CONE = ("k1_cone", "sigma_cone", "mu_cone")
 FITTED = ("k1", "k2", "delta", "s", "s_p", "lam", "ripple_N", "ripple_variance_N2", *CONE)
-LAWFUL = FITTED[:6]  # that a law against packing is fitted to
+SLOPES = {"k1": "k1", "k2": "k2", "delta": "delta"}  # parameter of the bed -> fit, where two slopes tell the force
+GROWING = {"k1": "k1_cone", "sigma_cone": "sigma_cone", "mu": "mu_cone"}  # where the growing cone does
+OVERSHOOTS = ("s", "s_p", "lam")
 LEAST = 5  # packings that a law needs
 KINKED = 0.05  # p of a straight line below which a law has a kink
 
@@ -44,7 +46,8 @@ class SlowIntrusion:
     """One slow intrusion: foot [m], packing, every fit; force [N] against depth [m], (n,); NaN where unknown.
 
     event: (n,) number of the pause or withdrawal that a sample follows, below 0 before the first. cone: force of the
-    fitted cone, (n,), flat, mantle: those of its face and its side; None without a foot.
+    fitted cone, (n,), flat, mantle: those of its face and its side; None without a foot. cone_odds: logarithm of its
+    odds against the slopes, NaN without a foot.
     """
 
     experiment: str
@@ -59,6 +62,7 @@ class SlowIntrusion:
     cone: Array | None
     flat: Array | None = None
     mantle: Array | None = None
+    cone_odds: float = np.nan
 
     @property
     def cells(self) -> dict[str, str | float]:
@@ -100,6 +104,7 @@ def slow_intrusion(
     """An experiment's, from its intrusion.json. radius: of the foot [m]; phi_common: what beds share of phi's sigma."""
     record = Intrusion.load(results).values
     fits, profile = {n: record["fits"].get(n, {}) for n in FITTED}, record["profile"]
+    cone = record["cone"]
     return SlowIntrusion(
         name,
         number(radius),
@@ -110,7 +115,8 @@ def slow_intrusion(
         np.array(profile["depth_m"]),
         np.array(profile["force_N"]),
         np.array(profile["event"]),
-        *(np.array(record["cone"][f"{part}_N"]) if record["cone"] else None for part in ("force", "flat", "mantle")),
+        *(np.array(cone[f"{part}_N"]) if cone else None for part in ("force", "flat", "mantle")),
+        number(cone["log_odds"]) if cone else np.nan,
     )
 
 
@@ -122,6 +128,14 @@ def common_share(rows: Sequence[SlowIntrusion]) -> float:
     known = [r for r in rows if r.volume_fraction > 0.0]
     shares = [float(np.nan_to_num(r.sigma_common_volume_fraction)) / r.volume_fraction for r in known]
     return sum(shares) / len(shares) if shares else 0.0
+
+
+def static_fits(rows: Sequence[SlowIntrusion]) -> dict[str, str]:
+    """Parameters of the static force -> their fits: of the growing cone where all rows together tell it before slopes.
+
+    Two slopes take a wide foot's k1 for 10 % too little where the cone grows.
+    """
+    return GROWING if sum(r.cone_odds for r in rows) > 0.0 else SLOPES
 
 
 class ConeMisfit(NamedTuple):
@@ -168,11 +182,12 @@ def intrusion_laws(rows: Sequence[SlowIntrusion]) -> IntrusionLaws:
         return list(table[np.all(np.isfinite(table[:, : 4 if foot else 3]), axis=1)].T.copy())
 
     laws: dict[str, Estimate] = {}
-    for name in ("k1", "k2"):
-        phi, value, sigma, radius = columns(name, foot=True)
+    k1_fit = static_fits(rows)["k1"]
+    for name, fit in (("k1", k1_fit), ("k2", "k2")):
+        phi, value, sigma, radius = columns(fit, foot=True)
         if value.size:
             laws[f"{name}_radius_exponent"] = radius_exponent(radius, value, sigma, phi)
-    phi, k1, sigma, radius = columns("k1", foot=True)
+    phi, k1, sigma, radius = columns(k1_fit, foot=True)
     area = np.pi * radius**2
     bends = {"phi_c_from_k1": bend_of(phi, k1 / area, sigma / area, unit="")}
     phi, ripple, sigma, _ = columns("ripple_variance_N2", foot=False)
@@ -222,7 +237,8 @@ class BedLaws:
     def toml(self, source: str) -> str:
         """[model.laws], with what is known of each kink."""
         lines = [
-            "# Parameters of the bed against its volume fraction, from slow intrusions, "
+            f"# Parameters of the bed ({'rft_cone' if 'sigma_cone' in self.fits else 'two_resistance'}) against its "
+            "volume fraction, from slow intrusions, "
             "for `sweep granular --laws FILE`",
             "# and `simulate PATH --model FILE`, where the experiment's volume fraction picks the values.",
             "",
@@ -258,8 +274,8 @@ def bed_laws(rows: Sequence[SlowIntrusion]) -> BedLaws | None:
     foot = Counter(r.foot_radius for r in packed).most_common(1)[0][0]
     known = [r for r in packed if r.foot_radius == foot]
     fits = {}
-    for name in LAWFUL:
-        use = [(r.volume_fraction, *r.fits[name]) for r in known if r.fits[name].known]
+    for name, fit in (static_fits(known) | {n: n for n in OVERSHOOTS}).items():
+        use = [(r.volume_fraction, *r.fits[fit]) for r in known if r.fits[fit].known]
         if len({phi for phi, *_ in use}) >= LEAST:
             fits[name] = fit_packing_law(*np.array(use).T.copy())
     return BedLaws(foot, common_share(known), fits) if fits else None

@@ -18,13 +18,16 @@ from numba import njit
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.mechanisms.ground import stop_go_overshoot
 
+from . import scalar
 from .granular import (
     AIR,
     CONTACT,
     HARD,
     INTRUDE,
     LANDED,
+    LEFT,
     N_MEMORY,
     N_MOTION,
     NOW,
@@ -133,7 +136,8 @@ def run(
     if p.tau > 0.0:
         lagged(kind, rows, edges, p.tau, late)
         rows = late
-    memory[0], memory[1], memory[2], memory[3], memory[CONTACT] = floor, 0.0, 0.0, 0.0, NEVER
+    memory[:] = 0.0
+    memory[0], memory[CONTACT] = floor, NEVER
     if peaks.size > 0:
         peaks[:] = 0.0
         peaks[0] = peaks[3] = p.m_m * p.g
@@ -164,7 +168,7 @@ def run(
                     log[n_log, 0], log[n_log, 1] = t, LIFT_OFF if new_mode == AIR else YIELD
                     n_log += 1
                     if new_mode == AIR:
-                        memory[1], memory[2] = memory[0], 0.0
+                        memory[1], memory[2], memory[LEFT] = memory[0], 0.0, 0.0
                 mode = new_mode
                 if slip == 0:
                     v_m = rod(t, s, kind, row, p)[2]
@@ -366,6 +370,8 @@ def run(
                 if taken == 0.0:  # an intrusion over before it could be seen: the foot rests meanwhile
                     held = t + RESOLVE
                 memory[0] = max(memory[0], -s[XF])
+                if p.carry > 0.0 and memory[0] > memory[2]:  # else the same pause goes on
+                    memory[LEFT] = stop_go_overshoot(scalar, memory[0], memory[2], memory[LEFT], 1.0, p.lam, p.carry)
                 memory[2] = memory[0]
                 s[XF], s[VF] = -memory[0], 0.0
                 log[n_log, 0], log[n_log, 1] = t, STOP

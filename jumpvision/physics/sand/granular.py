@@ -41,9 +41,9 @@ SINE, CUBIC = 0, 1
 Y, W, XF, VF, X, V, INNER = range(7)
 N_MOTION = INNER + 1
 NEAR = 1e-6  # m, over which the slope of a law of the user's own is taken
-FLOOR, HOLE, PAUSE, HELD, CONTACT, N_MEMORY = range(6)
+FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
-foot last came down [s]."""
+foot last came down [s]; `z_left` of the last pause."""
 OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
@@ -68,13 +68,13 @@ carriage [m], for x_m. FIELDS, ARRAYS: laws of the user's own (`program`)."""
 
 springs = summed(Body.SPRING, "stretch, stretch_rate")
 static_law = chosen(Body.STATIC, "z")
-overshoots = summed(Body.OVERSHOOT, "z, z_g, z_stop")
+overshoots = summed(Body.OVERSHOOT, "z, z_g, z_stop, z_left")
 drags = summed(Body.DRAG, "z", at="v=1.0")
 forces = summed(Body.FOOT, "z, v, z_g, z_stop")
 inertias = summed(Body.INERTIA, "z", at="a=-1.0")
 frictions = summed(Body.CARRIAGE, "v_m")
 dry_frictions = summed(Body.RAIL, "v_m")
-write_overshoots = each(LOSSES[0], "z, z_g, z_stop")
+write_overshoots = each(LOSSES[0], "z, z_g, z_stop, z_left")
 write_drags = running(LOSSES[1], "z", at="v=1.0")
 write_forces = each(LOSSES[2], "z, v, z_g, z_stop")
 write_slopes = each(LOSSES[3], "z", part="slope")
@@ -165,10 +165,10 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
 
 
 @kernel
-def static_force(z: float, z_g: float, z_stop: float, p: Any) -> float:
-    """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop: last pause (0: none)."""
+def static_force(z: float, z_g: float, z_stop: float, z_left: float, p: Any) -> float:
+    """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop, z_left: last pause (0: none)."""
     factor = p.stiffer if z_g > 0.0 else 1.0
-    return overshoots(static_law(p.static, factor, z, p), z, z_g, z_stop, p)
+    return overshoots(static_law(p.static, factor, z, p), z, z_g, z_stop, z_left, p)
 
 
 @kernel
@@ -213,7 +213,7 @@ def own_spring(stretch: float, rate: float, s: Array, p: Any) -> float:
 @kernel
 def yield_force(t: float, s: Array, memory: Array, p: Any) -> float:
     """What the ground carries at the floor before the foot moves [N]: static force, and own laws as motion begins."""
-    force = static_force(memory[FLOOR], memory[HOLE], memory[PAUSE], p)
+    force = static_force(memory[FLOOR], memory[HOLE], memory[PAUSE], memory[LEFT], p)
     if p.own_foot > 0:
         force += own_foot(t, memory[FLOOR], -REST, s, memory, p)
     return force
@@ -255,7 +255,7 @@ def rhs(
         k[i, VF] = -p.g - force / p.m_f
     else:
         z = -s[XF]
-        resist = static_force(z, memory[1], memory[2], p) + drags(0.0, z, p) * s[VF] * s[VF]
+        resist = static_force(z, memory[1], memory[2], memory[LEFT], p) + drags(0.0, z, p) * s[VF] * s[VF]
         resist = forces(resist, z, s[VF], memory[1], memory[2], p)
         if p.own_foot > 0:
             resist += own_foot(t, z, s[VF], s, memory, p)
@@ -344,11 +344,11 @@ def works(
             k[i, LANDED + 4] = own_spring(x_r - s[XF], v_r - s[VF], s, p) * (s[VF] - v_r)
     if mode == INTRUDE:
         z, speed = -s[XF], -s[VF]
-        write_overshoots(k, i, OVERSHOOT, z, memory[1], memory[2], p)
+        write_overshoots(k, i, OVERSHOOT, z, memory[1], memory[2], memory[LEFT], p)
         write_drags(k, i, DRAG, z, p)
         write_forces(k, i, FORCE, z, s[VF], memory[1], memory[2], p)
         write_slopes(k, i, INERTIA, z, p)
-        resist = static_force(z, memory[1], memory[2], p)
+        resist = static_force(z, memory[1], memory[2], memory[LEFT], p)
         for j in range(OVERSHOOT, DRAG):
             resist -= k[i, j]
             k[i, j] *= speed

@@ -179,7 +179,7 @@ def settled(at: int, z: float, stretch: float, p: Any) -> float:
 @kernel
 def carried(z: float, p: Any) -> float:
     """Force of the undisturbed bed on a foot at rest [N]."""
-    force = static_force(z, 0.0, 0.0, p)
+    force = static_force(z, 0.0, 0.0, 0.0, p)
     if p.own_foot > 0:
         force += settled(p.own_foot, z, 0.0, p)
     return force
