@@ -15,6 +15,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.integrate import solve_ivp
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
@@ -32,6 +33,7 @@ from jumpvision.studies.axes import AXES, read_axes
 from jumpvision.studies.compute import RESULTS, write
 from jumpvision.studies.machine import machine
 from jumpvision.studies.study import Call, run, studies
+from jumpvision.studies.thresholds import catapult
 
 THESIS = {
     "motor_mass": 1.003,
@@ -342,6 +344,40 @@ def test_the_best_frequency_rises_with_amplitude_for_the_single_and_falls_for_th
             data.best_frequency_Hz.sel(jump=kind), data.frequency, data.minimum_amplitude_m.sel(jump=kind)
         )
         assert (least < data.amplitude).all()
+
+
+def test_a_catapult_is_the_damped_oscillator_let_go():
+    """scipy on M x'' = -M g - k e - c e' until the spring is relaxed; without damping k d^2/(2 M g) + M g/(2 k)."""
+    for damping, travel in ((0.0, 0.008), (1.368, 0.008), (30.0, 0.02)):
+        robot = HardRobot(1.003, 0.175, 5760.6, damping, 2.7)
+        relaxed = robot.mass * robot.gravity / robot.stiffness
+
+        def slope(t, s, robot=robot):
+            return s[1], -(robot.stiffness * s[0] + robot.damping * s[1]) / robot.mass
+
+        def leaves(t, s, relaxed=relaxed):
+            return s[0] - relaxed
+
+        leaves.terminal, leaves.direction = True, 1
+        way = solve_ivp(slope, (0.0, 1.0), (-travel, 0.0), events=leaves, rtol=1e-10, atol=1e-13)
+        height = relaxed + way.y[1, -1] ** 2 / (2 * robot.gravity)
+        shot = catapult(robot, travel)
+        assert shot.height_m == pytest.approx(height, rel=1e-7)
+        assert shot.catch_force_N == pytest.approx(robot.stiffness * travel + robot.mass * robot.gravity)
+        if not damping:
+            energy = robot.stiffness * travel**2 / (2 * robot.mass * robot.gravity) + relaxed / 2
+            assert shot.height_m == pytest.approx(energy, rel=1e-9)
+    assert np.isnan(catapult(robot, 1e-4).height_m)
+
+
+def test_less_power_never_jumps_higher_and_the_limits_hold():
+    """At the highest limit the sheet's RK4: 41.0 and 38.1 mm, single / stutter peak power 1.52 where both are best."""
+    data, rows = study("power-limit")
+    height = data.com_height_m.fillna(0.0)
+    assert (height.diff("power") >= 0).all() and (data.peak_power_W.fillna(0.0) <= data.power).all()
+    np.testing.assert_allclose(1e3 * height.isel(power=-1), [41.0, 38.1], atol=0.06)
+    best = [float(x) for x in rows[0]["ours"].split(",")]
+    assert best[1] / best[0] == pytest.approx(1.52, abs=0.006)
 
 
 def ours(name, quantity):

@@ -1,17 +1,26 @@
-"""Analyses of lift-off: the least amplitude (thesis Fig 24) and the time it takes (Fig 26)."""
+"""What a jump needs: the least amplitude (thesis Fig 24), the time to lift off (Fig 26), the power of the motor."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from jumpvision.base.progress import watch
-from jumpvision.physics.hard.analysis import Search, easiest_frequency, inertial_peak, minimum_amplitude
-from jumpvision.physics.hard.jump import hard_sweep, sine_rows
+from jumpvision.physics.hard.analysis import (
+    SINGLE,
+    STUTTER,
+    Search,
+    easiest_frequency,
+    inertial_peak,
+    minimum_amplitude,
+)
+from jumpvision.physics.hard.jump import HardRobot, hard_sweep, sine_rows
 from jumpvision.physics.oscillator import damping_of
 
-from .compute import RESULTS, dataset
+from .compute import RESULTS, Variable, dataset
 from .study import Found, Row, Sweep, study
 
 ENCODER_STEP = 6.25e-6  # m, docs/physics.md section 2
@@ -184,3 +193,77 @@ def lift_off_time(s: Sweep) -> Found:
         )
     )
     return data, rows
+
+
+@dataclass(frozen=True)
+class Catapult:
+    """What a spring gives that a catch holds pressed by `travel_m` below rest and lets go: its rise and its load."""
+
+    travel_m: float
+    height_m: float
+    catch_force_N: float
+
+
+def catapult(robot: HardRobot, travel: float) -> Catapult:
+    """The motor loads the spring as slowly as it likes and stands still on the rod: x = -travel at rest, released.
+
+    A damped oscillator until the spring is relaxed, then free flight; height_m: of the centre of mass above rest, NaN
+    without a lift-off.
+    """
+    w, z = 2.0 * math.pi * robot.f0, robot.zeta
+    turn, relaxed = w * math.sqrt(1.0 - z * z), robot.gravity / w**2
+
+    def x(t: float) -> float:
+        return -travel * math.exp(-z * w * t) * (math.cos(turn * t) + z * w / turn * math.sin(turn * t))
+
+    height, top = math.nan, math.pi / turn
+    if x(top) > relaxed:
+        t = brentq(lambda t: x(t) - relaxed, 0.0, top, xtol=1e-12)
+        v = travel * w * w / turn * math.exp(-z * w * t) * math.sin(turn * t)
+        height = relaxed + v * v / (2.0 * robot.gravity)
+    return Catapult(travel, height, robot.stiffness * (travel + relaxed))
+
+
+@study("power-limit", "hard", source="1.2.2, 2.5.2", values=("amplitude",))
+def power_limit(s: Sweep) -> Found:
+    """Best heights of stutter and squat (single) jumps under a limit of the motor's power, beside a catapult."""
+    amplitude = float(s.machine.values["amplitude"])
+    f, a = np.linspace(0.2, 3.0, 561) * s.robot.f0, amplitude * np.linspace(0.01, 1.0, 100)
+    rows = sine_rows(f[:, None], a, np.array([STUTTER, SINGLE])[:, None, None], 1.0)
+    found = {n: v.reshape(2, -1) for n, v in hard_sweep(rows, **s.robot._asdict()).items()}
+    power = np.geomspace(0.01, 1.0, 100) * float(found["peak_power_W"].max())
+    lifts = np.isfinite(found["lift_off_s"])  # else the motor only pulls the rod up
+    allowed = (found["peak_power_W"][:, None, :] <= power[:, None]) & lifts[:, None, :]
+    reach = np.where(allowed, found["com_height_m"][:, None, :], -1.0)
+    best = np.argmax(reach, axis=-1)
+    own = {n: np.where(reach.max(axis=-1) < 0.0, np.nan, np.take_along_axis(found[n], best, -1)) for n in RESULTS}
+    extra: dict[str, Variable] = {
+        "frequency_ratio": (
+            ("jump", "power"),
+            f[best // a.size] / s.robot.f0,
+            "1",
+            "of the best jump's frequency to f_0",
+        ),
+        "amplitude_m": (("jump", "power"), a[best % a.size], "m", "of the best jump"),
+    }
+    shot = catapult(s.robot, 2.0 * amplitude)
+    data = dataset(s, {"jump": ["stutter", "single"], "power": power}, ("jump", "power"), own, extra, facts=shot)
+    stutter, single = own["com_height_m"]
+    above = power[stutter > single]
+    most = [found["peak_power_W"][k, np.argmax(found["com_height_m"][k])] for k in (0, 1)]
+    half = float(np.interp(0.5 * most[0], power, stutter - single))
+    table = [
+        s.number("power of the best stutter, single [W]", f"{most[0]:.2f}, {most[1]:.2f}"),
+        s.number(
+            "stutter the higher one at a limit of [W]",
+            f"{above.min():.2f} to {above.max():.2f}" if above.size else "none",
+            "preferable where power is limited",
+        ),
+        s.number("stutter - single at half the power of the best stutter [mm]", f"{1e3 * half:.1f}"),
+        s.number(
+            "best stutter, single; catapult of the same travel [mm]",
+            f"{1e3 * stutter[-1]:.1f}, {1e3 * single[-1]:.1f}; {1e3 * shot.height_m:.1f}",
+            "catapult and countermovement above the squat jump",
+        ),
+    ]
+    return data, table

@@ -166,7 +166,7 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
 
 @kernel
 def static_force(z: float, z_g: float, z_stop: float, z_left: float, p: Any) -> float:
-    """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off, z_stop, z_left: last pause (0: none)."""
+    """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off; z_stop, z_left: last pause."""
     factor = p.stiffer if z_g > 0.0 else 1.0
     return overshoots(static_law(p.static, factor, z, p), z, z_g, z_stop, z_left, p)
 

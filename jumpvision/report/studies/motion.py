@@ -244,3 +244,24 @@ def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
     )
     right.legend()
     return figure
+
+
+@figure_of(thresholds.power_limit)
+def power_limit(data: xr.Dataset, Figure: Any) -> Any:
+    """Best height under a limit of the motor's power, and at which frequency and amplitude; a catapult beside them."""
+    figure = Figure(figsize=(9.6, 3.6), layout="constrained")
+    axes = figure.subplots(1, 3)
+    shot = attributes_of(thresholds.Catapult, data)
+    shown = {
+        "best height [mm]": 1e3 * data.com_height_m,
+        "f / f₀": data.frequency_ratio,
+        "A [mm]": 1e3 * data.amplitude_m,
+    }
+    for axis, (words, values) in zip(axes, shown.items()):
+        for name, color, style in (("stutter", MODEL, "-"), ("single", MEASURED, "--")):
+            axis.plot(data.power, values.sel(jump=name), style, color=color, label=name)
+        axis.set(title=words, xlabel="limit of the motor's power [W]", xscale="log", ylim=(0, None))
+    axes[0].axhline(1e3 * shot.height_m, color=GREEN, ls=":", label="catapult, loaded slowly")
+    axes[0].set(ylim=(0, 1.1e3 * np.nanmax([shot.height_m, data.com_height_m.max()])))
+    axes[0].legend(loc="lower right")
+    return figure
