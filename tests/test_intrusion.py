@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from jumpvision.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws
 from jumpvision.cli import main
 from jumpvision.estimate.mean import correlation_time
 from jumpvision.estimate.strokes import deep_ripple
@@ -133,6 +134,30 @@ def test_the_cone_is_fitted_to_the_log_itself(radius):
         near(fits[name], true, 3.0)
     if radius > 0.03:
         assert fits["k1"].value < 0.93 * k1 and fits["k1_cone"].sigma < 0.02 * k1
+
+
+@pytest.mark.parametrize("cone", [True, False])
+def test_laws_of_a_bed_take_k1_of_what_tells_the_intrusions(cone):
+    """Five beds, the foot of 76 mm: k1 of the cone's own fit where the cone grows, of two slopes where it bends."""
+    radius, rows, true = 0.0381, [], []
+    z = np.linspace(0.0, 0.07, 351)
+    for i, phi in enumerate((0.57, 0.58, 0.59, 0.60, 0.61)):
+        k1, grown = 2000.0 + 300.0 * i, 0.5 * (2000.0 + 300.0 * i) / (2.0 * math.pi * radius**2)
+        F = np.array([rings(x, k1, grown, 2.2, radius) for x in z])
+        static = {"static": lambda x, F=F: float(np.interp(x, z, F))} if cone else {"k1": k1, "k2": 0.6 * k1}
+        found = fitted(DOWN, Grains(fluctuation=6e-5 * k1, **static), seed=i, radius=radius)
+        fits = {n: Fitted(e.value, e.sigma) for n in FITTED if (e := found.fits.get(n))}
+        odds = found.cone_entry(math.pi / 3, radius)["log_odds"]
+        none, unknown = np.zeros(0), dict.fromkeys(FITTED, Fitted(math.nan, math.nan))
+        rows.append(
+            SlowIntrusion(str(phi), radius, phi, 0.0, 0.0, unknown | fits, none, none, none, None, cone_odds=odds)
+        )
+        true.append(k1)
+    laws = bed_laws(rows)
+    assert set(laws.fits) == ({"k1", "sigma_cone", "mu"} if cone else {"k1", "k2", "delta"})
+    packings = np.array([r.volume_fraction for r in rows])
+    assert laws.fits["k1"].line(packings) == pytest.approx(true, rel=0.02)  # a log's sigma is 1 %; slopes are 10 % off
+    assert ("rft_cone" in laws.toml("test")) == cone
 
 
 def test_oscillations_below_the_bend_are_measured():

@@ -252,6 +252,9 @@ def test_discs_are_filmed_and_their_momentum_is_known(tmp_path):
     with xr.open_dataset(root / "r" / "flow.nc", decode_times=False) as flow:
         pairs = {k: np.array(v) for k, v in true["pairs"].items()}
         momentum = pairs["momentum_in_view_kg_m_s"]
+        moving = pairs["foot_speed_m_s"] > 0.05  # elsewhere there is no added mass
+        peak = np.argmax(np.where(moving, momentum, 0.0))
+        assert told(folder)["summary"]["added_mass_kg"] == pytest.approx(momentum[peak] / pairs["foot_speed_m_s"][peak])
         large = momentum > 0.3 * momentum.max()
         assert momentum.max() > 1e-3 and large.sum() >= 2
         # a window is a fifth of this small foot: see test_dem_loop

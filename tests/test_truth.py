@@ -9,14 +9,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from conftest import SAMPLES
 from diagnosis_sample import causes, confirmation, diagnosis, parameter
 
 from jumpvision.base.arrays import measured
-from jumpvision.campaign.truth import Truth, confirmation_rows, coverage_words, parameter_rows, true_mass
+from jumpvision.campaign.truth import (
+    Truth,
+    confirmation_rows,
+    coverage_words,
+    parameter_rows,
+    true_added_mass,
+    true_mass,
+)
 from jumpvision.cli import terminal as show
 from jumpvision.inputs.experiment import open_campaign
 from jumpvision.report.pages.page import causes_shown
+from jumpvision.results.fields import Flow
 from jumpvision.results.findings import Cause
 from jumpvision.workflow.run import Outcome
 
@@ -153,3 +162,14 @@ def test_the_terminal_shows_the_tables_and_json_nothing_but_json(campaign, capsy
     assert json.loads(capsys.readouterr().out) == d.values
     show.outcome(campaign, outcomes, [], SAND, [], as_json=True, single=False, diagnosis=d)
     assert json.loads(capsys.readouterr().out)["diagnosis"] == d.values
+
+
+def test_the_true_added_mass_is_that_of_the_time_it_was_measured_at():
+    """Noise of the momentum moves its flat peak by a frame, where the foot slows down and the mass is another one."""
+    pairs = {"time_s": [0.1, 0.102, 0.104, 0.106], "added_mass_in_view_kg": [0.063, 0.0687, 0.0754, 0.0]}
+    mass = np.array([0.063, 0.069, 0.075, np.nan])
+    for momentum, true in (([3.0, 4.01, 4.0, 4.2], 0.0687), ([3.0, 4.0, 4.01, 4.2], 0.0754)):
+        values = {"momentum": ("t", momentum), "added_mass": ("t", mass)}
+        field = xr.Dataset(values, coords={"t": np.array(pairs["time_s"]) + 1e-4})
+        assert true_added_mass(pairs, Flow(field, None)) == true
+    assert true_added_mass(pairs, Flow(field.assign(added_mass=field.added_mass * np.nan), None)) is None

@@ -12,10 +12,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import Z95, measured, plain_number, with_digits_of
+from jumpvision.grains.momentum import peak_momentum
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Bed, Robot
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.fields import Flow
 from jumpvision.results.findings import Cause, Confirmation, Parameter
 from jumpvision.workflow.run import Outcome
 
@@ -53,9 +55,26 @@ DETAILS = (
 )
 
 
-def true_summaries(campaign: Campaign) -> dict[str, dict[str, float | None]]:
-    """The summaries that synthetic folders state, by experiment."""
-    return {e.name: truth_of(e.path).get("summary", {}) for e in campaign.experiments}
+def true_summaries(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dict[str, float | None]]:
+    """The summaries that synthetic folders state, by experiment; the added mass at the time it was measured at."""
+    out = {e.name: truth_of(e.path) for e in campaign.experiments}
+    for o in outcomes:
+        if "grain_film" in out[o.name] and o.made(Flow):
+            at = true_added_mass(out[o.name]["grain_film"]["pairs"], Flow.load(o.results))
+            out[o.name] = {**out[o.name], "summary": {**out[o.name]["summary"], "added_mass_kg": at}}
+    return {name: dict(t.get("summary", {})) for name, t in out.items()}
+
+
+def true_added_mass(pairs: Mapping[str, Sequence[float]], flow: Flow) -> float | None:
+    """The true added mass in view [kg] at the time of the greatest momentum measured; None where it is not known.
+
+    The momentum is flat at its peak where the foot slows down: a frame beside it can have another mass by 10 %.
+    """
+    peak = peak_momentum(flow.field.momentum, flow.field.added_mass)
+    if peak is None:
+        return None
+    near = int(np.argmin(np.abs(np.asarray(pairs["time_s"]) - float(flow.field.t[peak]))))
+    return pairs["added_mass_in_view_kg"][near] or None
 
 
 def sigmas_off(value: float | None, sigma: float | None, true: float | None) -> float | None:
@@ -182,7 +201,7 @@ def true_mass(row: Confirmation, campaign: Campaign, truth: Truth) -> float | No
 
 def deviations(campaign: Campaign, outcomes: Sequence[Outcome]) -> Iterator[tuple[str, float]]:
     """(what, sigmas from the truth) of everything that the tables of experiments state with an uncertainty."""
-    truth = true_summaries(campaign)
+    truth = true_summaries(campaign, outcomes)
     for o in outcomes:
         for q in (*OVERVIEW, *DETAILS):
             if (z := sigmas_off(*q.of(o.summary), truth[o.name].get(q.key))) is not None:
@@ -202,7 +221,7 @@ def coverage_words(campaign: Campaign, outcomes: Sequence[Outcome]) -> str:
 
 def overview(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, str]]:
     """One row an experiment: jump height, model and bed, with the truth beside them where the folder is synthetic."""
-    truth = true_summaries(campaign)
+    truth = true_summaries(campaign, outcomes)
     rows = []
     for o in outcomes:
         row = {"experiment": o.name}
@@ -217,7 +236,7 @@ def overview(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, 
 
 def details(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, str]]:
     """One row a quantity that only some experiments have: the cone from grain films, the ring-down."""
-    truth = true_summaries(campaign)
+    truth = true_summaries(campaign, outcomes)
     rows = []
     for o in outcomes:
         for q in (q for q in DETAILS if o.summary.get(q.key) is not None):

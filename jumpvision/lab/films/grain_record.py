@@ -26,8 +26,9 @@ Columns = dict[str, NDArray[Any]]
 
 
 def mass_at_peak(pairs: Columns) -> float:
-    """The added mass in view when the momentum in view is largest [kg]."""
-    return float(pairs["added_mass_in_view_kg"][int(np.argmax(pairs["momentum_in_view_kg_m_s"]))])
+    """The added mass in view when the momentum in view is largest [kg], of the pairs that have one: the foot moves."""
+    mass = pairs["added_mass_in_view_kg"]
+    return float(mass[int(np.argmax(np.where(mass > 0.0, pairs["momentum_in_view_kg_m_s"], -np.inf)))])
 
 
 @dataclass(frozen=True)

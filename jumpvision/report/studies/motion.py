@@ -261,7 +261,8 @@ def power_limit(data: xr.Dataset, Figure: Any) -> Any:
         for name, color, style in (("stutter", MODEL, "-"), ("single", MEASURED, "--")):
             axis.plot(data.power, values.sel(jump=name), style, color=color, label=name)
         axis.set(title=words, xlabel="limit of the motor's power [W]", xscale="log", ylim=(0, None))
-    axes[0].axhline(1e3 * shot.height_m, color=GREEN, ls=":", label="catapult, loaded slowly")
+    axes[0].axhline(1e3 * shot.height_m, color=GREEN, ls=":")
+    axes[0].text(0.02, 0.97, "dotted: catapult, loaded slowly", transform=axes[0].transAxes, va="top", fontsize=8)
     axes[0].set(ylim=(0, 1.1e3 * np.nanmax([shot.height_m, data.com_height_m.max()])))
-    axes[0].legend(loc="lower right")
+    axes[1].legend()
     return figure
