@@ -116,7 +116,7 @@ def slow_intrusion(
         np.array(profile["force_N"]),
         np.array(profile["event"]),
         *(np.array(cone[f"{part}_N"]) if cone else None for part in ("force", "flat", "mantle")),
-        number(cone["log_odds"]) if cone else np.nan,
+        cone_odds=number(cone["log_odds"]) if cone else np.nan,
     )
 
 
