@@ -105,6 +105,7 @@ def slow_intrusion(
     record = Intrusion.load(results).values
     fits, profile = {n: record["fits"].get(n, {}) for n in FITTED}, record["profile"]
     cone = record["cone"]
+    force, flat, mantle = (np.array(cone[f"{part}_N"]) if cone else None for part in ("force", "flat", "mantle"))
     return SlowIntrusion(
         name,
         number(radius),
@@ -115,8 +116,10 @@ def slow_intrusion(
         np.array(profile["depth_m"]),
         np.array(profile["force_N"]),
         np.array(profile["event"]),
-        *(np.array(cone[f"{part}_N"]) if cone else None for part in ("force", "flat", "mantle")),
-        cone_odds=number(cone["log_odds"]) if cone else np.nan,
+        force,
+        flat,
+        mantle,
+        number(cone["log_odds"]) if cone else np.nan,
     )
 
 
