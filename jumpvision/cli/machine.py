@@ -17,8 +17,8 @@ from .app import DONE, app
 
 
 @app.command
-def demo(*, port: int = 8765, browser: bool = True) -> int:
-    """The interactive jumper: a page in the browser, computed on this machine; Ctrl-C stops it.
+def demo(*, port: int = 8765, browser: bool = True, export: Path | None = None) -> int:
+    """The interactive jumper: a page in the browser, which computes itself; Ctrl-C stops the server.
 
     Example: jumpvision demo --port 8765
 
@@ -28,15 +28,18 @@ def demo(*, port: int = 8765, browser: bool = True) -> int:
         Of http://127.0.0.1; 0 takes a free one.
     browser
         Open the page in the browser.
+    export
+        Write the page into this new folder instead: open its index.html, or put it on any web space.
     """
-    from jumpvision.browser.demo.jumper import warm_up
-    from jumpvision.browser.demo.server import Server
+    from jumpvision.browser.demo import server as page
 
     from . import terminal as show
 
-    with Server(port) as server:
-        show.line("compiling the solvers (the first time up to a minute) ...")
-        warm_up()
+    if export is not None:
+        page.export(export)
+        print(export / "index.html")
+        return DONE
+    with page.Server(port) as server:
         print(server.address, flush=True)
         show.line("Ctrl-C stops the server")
         if browser:

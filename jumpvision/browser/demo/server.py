@@ -1,32 +1,40 @@
-"""The page's server: standard library only, on this machine only, answering with the package's solvers.
-
-GET / and the page's files, GET /api/page (what the page is built from), POST /api/jump and POST /api/map (`jumper`).
-Bad input is answered with 400 and {"problems": [{"keys", "text"}]}, keys being the settings that a problem names.
-"""
+"""The page's files: served on this machine only, or written to a folder for any web space. The page computes itself."""
 
 from __future__ import annotations
 
 import json
 import re
-import traceback
-from collections.abc import Callable
-from typing import Any
+from importlib.resources import files
+from pathlib import Path
 
-from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
+from jumpvision.base.local_page import TYPES, LocalHandler, LocalServer, Refused
 from jumpvision.base.schema import InputError
 
-from . import controls, jumper
+from . import controls
 
-LARGEST = 2_000_000  # bytes of a question
-QUESTIONS: dict[str, Callable[[Any], dict[str, Any]]] = {"/api/jump": jumper.jump, "/api/map": jumper.height_map}
+DATA = "page.js"  # what the page is built from: a module, so that it also loads without a server
+BUNDLE = "jumper.js"  # all modules in one classic script: browsers load no module from a folder (file://)
+
+
+def page_files() -> dict[str, bytes]:
+    """Path inside the page's folder -> content."""
+    out = {DATA: f"export default {json.dumps(controls.page(), ensure_ascii=False)};\n".encode()}
+    folders = [("", files(__package__).joinpath("static"))]
+    for prefix, folder in folders:
+        for f in folder.iterdir():
+            if f.is_dir():
+                folders.append((f"{prefix}{f.name}/", f))
+            elif Path(f.name).suffix in TYPES:
+                out[prefix + f.name] = f.read_bytes()
+    return out
 
 
 class Server(LocalServer):
     """The jumper's page."""
 
     def __init__(self, port: int):
-        self.files = static_files(__package__, "index.html")
-        self.page = json.dumps(controls.page()).encode()
+        self.files = {f"/{name}": (f"{TYPES[Path(name).suffix]}; charset=utf-8", x) for name, x in page_files().items()}
+        self.files["/"] = self.files["/index.html"]
         super().__init__(port, Handler, "demo")
 
 
@@ -38,51 +46,72 @@ class Handler(LocalHandler):
         try:
             self.check_asker()
         except Refused as e:
-            self._problem(e.status, e.text)
+            self.send(e.status, "text/plain; charset=utf-8", e.text.encode())
             return
-        if path == "/api/page":
-            self.send(200, "application/json", self.server.page)
-        elif path in self.server.files:
+        if path in self.server.files:
             self.send(200, *self.server.files[path])
         else:
-            self._problem(404, f"{path}: there is no such page")
-
-    def do_POST(self) -> None:
-        try:
-            self.check_asker()
-            body = self.body(LARGEST)
-        except Refused as e:
-            self._problem(e.status, e.text)
-            return
-        answer = QUESTIONS.get(self.path)
-        if answer is None:
-            self._problem(404, f"{self.path}: there is no such question")
-            return
-        try:
-            question = json.loads(body)
-            if not isinstance(question, dict):
-                raise InputError(["question: must be a JSON object"])
-            self._json(200, answer(question))
-        except InputError as e:
-            self._json(400, {"problems": [{"keys": keys(p), "text": p} for p in e.problems]})
-        except (ValueError, RecursionError):
-            self._problem(400, "question: must be JSON")
-        except Exception:
-            traceback.print_exc()
-            self._problem(500, "the solver failed; the terminal of `jumpvision demo` says where")
-
-    def _problem(self, status: int, text: str) -> None:
-        self._json(status, {"problems": [{"keys": [], "text": text}]})
-
-    def _json(self, status: int, answer: Any) -> None:
-        self.send(status, "application/json", json.dumps(answer).encode())
+            self.send(404, "text/plain; charset=utf-8", f"{path}: there is no such page".encode())
 
 
-NAMES = sorted({s.key for s in controls.SLIDERS})
+def export(folder: Path) -> list[Path]:
+    """Writes the page into a new or empty folder, to be opened there or put on any web space: the files written."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError([f"demo --export {folder}: is not empty; name a new or an empty folder"])
+    pages = page_files()
+    modules = {name: x.decode() for name, x in pages.items() if name.endswith(".js")}
+    index = pages["index.html"].decode().replace('type="module" src="main.js"', f'defer src="{BUNDLE}"')
+    written = {n: x for n, x in pages.items() if n not in modules} | {BUNDLE: bundled(modules, "main.js").encode()}
+    written |= {"index.html": index.encode()}  # the last: a folder with it is whole
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in sorted(written, key="index.html".__eq__):
+        (folder / name).write_bytes(written[name])
+    return [folder / name for name in written]
 
 
-def keys(problem: str) -> list[str]:
-    """The settings that a problem is about: those named before its first colon or value."""
-    head = re.split(r"[:=]", problem, maxsplit=1)[0]
-    words = set(re.findall(r"\w+", head))
-    return [n for n in NAMES if n in words]
+IMPORT = re.compile(r'^import (\w+|\{[^}]*\}) from "([^"]+)";$', re.MULTILINE)
+EXPORT = re.compile(r"^export (?:async )?(?:const|let|function|class) (\w+)", re.MULTILINE)
+
+
+def bundled(modules: dict[str, str], first: str) -> str:
+    """The modules as one classic script, each in a function of its own, those it imports before it."""
+    order: list[str] = []
+
+    def visit(name: str) -> None:
+        for _, source in IMPORT.findall(modules[name]):
+            other = _beside(name, source)
+            if other not in order:
+                visit(other)
+        order.append(name)
+
+    visit(first)
+    parts = [_wrapped(name, modules[name]) for name in order]
+    return "\n".join(['"use strict";', "(() => {", "const modules = {};", *parts, "})();", ""])
+
+
+def _wrapped(name: str, text: str) -> str:
+    """A module as a function that leaves what it exports in `modules`."""
+    exported = EXPORT.findall(text)
+    if "export default " in text:
+        exported = ["default: whole"]
+    text = IMPORT.sub(lambda m: _taken(m[1], _beside(name, m[2])), text)
+    text = text.replace("export default ", "const whole = ")
+    text = re.sub(r"^export ", "", text, flags=re.MULTILINE)
+    return f"modules[{name!r}] = (() => {{\n{text}\nreturn {{ {', '.join(exported)} }};\n}})();"
+
+
+def _taken(what: str, source: str) -> str:
+    """An import as a constant of the bundle."""
+    names = what.replace(" as ", ": ") if what.startswith("{") else f"{{ default: {what} }}"
+    return f"const {names} = modules[{source!r}];"
+
+
+def _beside(name: str, source: str) -> str:
+    """The path that a module's import names."""
+    parts = name.split("/")[:-1]
+    for step in source.split("/"):
+        if step == "..":
+            parts.pop()
+        elif step != ".":
+            parts.append(step)
+    return "/".join(parts)

@@ -1,4 +1,6 @@
-// Sliders as the server declares them. A value is kept in SI units; it is shown times `factor`, in `unit`.
+import { t } from "./words.js";
+
+// Sliders as page.js declares them. A value is kept in SI units; it is shown times `factor`, in `unit`.
 const digits = (step) => Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
 
 const el = (tag, props = {}, ...children) => {
@@ -9,14 +11,14 @@ const el = (tag, props = {}, ...children) => {
 
 function row(slider, change) {
   const id = `s-${slider.key}`;
-  const range = el("input", { type: "range", id, min: slider.lo, max: slider.hi, step: slider.step, title: slider.meaning });
-  const number = el("input", { type: "number", step: "any", id: `${id}-n`, title: slider.meaning });
+  const range = el("input", { type: "range", id, min: slider.lo, max: slider.hi, step: slider.step });
+  const number = el("input", { type: "number", step: "any", id: `${id}-n` });
   const unit = el("span", { className: "unit", textContent: slider.unit });
   const wrong = el("p", { className: "wrong", id: `${id}-wrong`, hidden: true });
-  number.setAttribute("aria-label", `${slider.label}, ${slider.unit || "number"}`);
+  number.setAttribute("aria-label", `${t(`s_${slider.key}`)}, ${slider.unit || t("number")}`);
   number.setAttribute("aria-describedby", wrong.id);
   range.setAttribute("aria-describedby", wrong.id);
-  const node = el("div", { className: "row" }, el("label", { htmlFor: id, textContent: slider.label, title: slider.meaning }),
+  const node = el("div", { className: "row" }, el("label", { htmlFor: id, textContent: t(`s_${slider.key}`) }),
     el("span", { className: "value" }, number, unit), range, wrong);
   node.dataset.key = slider.key;
   const say = (shown) => range.setAttribute("aria-valuetext", `${shown} ${slider.unit}`);
@@ -42,36 +44,36 @@ function row(slider, change) {
   return { slider, node, set, fail };
 }
 
-export function build(form, page, on) {
+export function build(form, page, on, isShown) {
+  form.replaceChildren();
   const narrow = matchMedia("(max-width: 46rem)").matches; // a phone shows one group at first
   form.onsubmit = (event) => event.preventDefault();
   const rows = page.sliders.map((s) => row(s, on.change));
   const two = el("input", { type: "checkbox", id: "two" });
   two.onchange = () => on.two(two.checked);
-  const sand = el("fieldset", { className: "choice", id: "sand" }, el("legend", { textContent: "Law of the sand" }),
-    ...[["cone", "Jammed cone"], ["drag", "Constant drag"]].map(([value, text]) => {
+  const sand = el("fieldset", { className: "choice", id: "sand" }, el("legend", { textContent: t("sand_law") }),
+    ...Object.keys(page.sand).map((value) => {
       const input = el("input", { type: "radio", name: "sand", value });
       input.onchange = () => on.sand(value);
-      return el("label", {}, input, el("span", { textContent: text }));
+      return el("label", {}, input, el("span", { textContent: t(value) }));
     }));
   for (const name of [...new Set(page.sliders.map((s) => s.group))]) {
-    const box = el("details", { open: name === "Motor" || !narrow }, el("summary", { textContent: name }));
+    const box = el("details", { open: name === "Motor" || !narrow }, el("summary", { textContent: t(name) }));
     if (name === "Ground") box.append(sand);
     for (const r of rows.filter((r) => r.slider.group === name)) {
-      if (r.slider.key === "frequency2") box.append(el("label", { className: "check" }, two, "two frequencies"));
+      if (r.slider.key === "frequency2") box.append(el("label", { className: "check" }, two, t("two")));
       box.append(r.node);
     }
     form.append(box);
   }
-  const reset = el("button", { type: "button", className: "foot", textContent: "Back to the thesis’ robot" });
+  const reset = el("button", { type: "button", className: "foot", textContent: t("reset") });
   reset.onclick = on.reset;
   form.append(reset);
   return {
     show(state) {
       for (const r of rows) {
-        const { section, key, only } = r.slider;
-        const there = only === "" || only === state.ground || (state.ground === "granular" && only === state.sand);
-        r.node.hidden = !there || (key === "frequency2" && !state.two);
+        const { section, key } = r.slider;
+        r.node.hidden = !isShown(r.slider, state);
         const value = key === "frequency2" ? state.frequency2 : state.set[section]?.[key];
         if (value !== undefined && value !== null) r.set(value);
         r.fail("");

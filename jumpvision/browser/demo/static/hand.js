@@ -44,7 +44,7 @@ export class Hand {
   }
 
   record() {
-    return { t: [...this.log.t], x: [...this.log.x], step: Math.min(0.01, Math.max(1e-5, 1 / this.log.scale)) };
+    return { t: [...this.log.t], x: [...this.log.x] };
   }
 
   end() {

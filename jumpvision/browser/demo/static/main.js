@@ -1,92 +1,103 @@
-// State of the page and its conversation with the server. All physics is the server's.
+// The page: what is set, the jump that follows from it (physics/), and what is shown of it.
 import { build } from "./controls.js";
 import { Hand } from "./hand.js";
-import { HeightMap } from "./map.js";
-import { Robot } from "./robot.js";
-import { Traces } from "./traces.js";
-import { headline, story, table } from "./words.js";
+import page from "./page.js";
+import { problems } from "./physics/check.js";
+import { jump } from "./physics/jump.js";
+import { CHALLENGES, judge } from "./play/challenges.js";
+import { Saved } from "./play/saved.js";
+import { decode, encode, fresh, question } from "./play/state.js";
+import { Energy } from "./view/energy.js";
+import { HeightMap } from "./view/map.js";
+import { Robot } from "./view/robot.js";
+import { Traces } from "./view/traces.js";
+import { current, headline, languages, mm, number, rise, speak, story, t, table } from "./words.js";
 
 const $ = (id) => document.getElementById(id);
 const still = matchMedia("(prefers-reduced-motion: reduce)");
-const page = await (await fetch("api/page")).json();
-const fresh = (ground) => structuredClone({ ground, set: page.grounds[ground].defaults, sand: "cone", two: false, hand: null,
-  frequency2: page.grounds[ground].defaults.actuation.frequency });
 const states = { hard: fresh("hard"), granular: fresh("granular") };
 let state = states.hard, answer = null, time = 0, playing = !still.matches, rested = 0, before = 0, dirty = true;
 
-async function post(path, question) {
-  const reply = await fetch(path, {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(question),
-  });
-  return { ok: reply.ok, ...(await reply.json()) };
-}
-
-const question = () => ({ ground: state.ground, set: state.set, hand: state.hand, ...(state.two && { frequency2: state.frequency2 }) });
-
-// One question at a time; what changes meanwhile is asked afterwards.
-let busy = false, again = false;
-async function ask() {
-  again = true;
-  if (busy) return;
-  busy = true;
-  while (again) {
-    again = false;
-    const asked = question(), from = state;
-    let reply;
-    try {
-      reply = await post("api/jump", asked);
-    } catch {
-      reply = { ok: false, problems: [{ keys: [], text: "The server does not answer; is `jumpvision demo` still running?" }] };
+// Answered at the next frame: a slider that moves faster is answered once.
+let asked = false;
+function ask() {
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => {
+    asked = false;
+    const q = structuredClone(question(state)), wrong = problems(q, page.sliders, (s) => isShown(s, state));
+    if (wrong.length) { complain(wrong); return; }
+    try { show(jump(q), q); } catch (e) {
+      if (!e.keys) throw e;
+      complain([{ keys: e.keys, word: `bad_${e.message}`, values: {} }]);
     }
-    if (from !== state) { again = true; continue; }
-    if (reply.ok) show(reply, asked); else complain(reply.problems);
-  }
-  busy = false;
+  });
 }
 
-function complain(problems) {
-  controls.fail(problems);
+const isShown = (s, { ground, sand, two }) => (s.only === "" || s.only === ground || (ground === "granular" && s.only === sand))
+  && (s.key !== "frequency2" || two);
+
+function complain(list) {
+  const said = list.map(({ keys, word, values }) => ({ keys, text: t(word, { ...values, label: values.key && t(`s_${values.key}`) }) }));
+  controls.fail(said);
   $("trouble").hidden = false;
-  const kept = answer ? "The last jump that could be computed is shown." : "";
-  $("trouble").textContent = `No jump for these values. ${problems.map((p) => p.text).join(". ")}. ${kept}`;
+  $("trouble").textContent = `${t("trouble")} ${said.map((p) => `${p.text}.`).join(" ")} ${answer ? t("kept") : ""}`;
 }
 
-function show(reply, asked) {
-  const first = answer === null || answer.ground !== asked.ground;
-  answer = { ...reply, ground: asked.ground };
+function show(reply, q) {
+  const first = answer === null || answer.question.ground !== q.ground;
+  answer = { ...reply, question: q };
   const { motion, numbers } = reply;
   controls.fail([]);
   $("trouble").hidden = true;
-  $("headline").textContent = headline(numbers);
-  $("story").textContent = story(numbers);
-  $("numbers").replaceChildren(...table(numbers, asked).flatMap(([term, value]) => [
-    Object.assign(document.createElement("dt"), { textContent: term }), Object.assign(document.createElement("dd"), { textContent: value })]));
-  $("robot").setAttribute("aria-label", `The jumping robot: ${headline(numbers)}`);
-  robot.fit(motion, asked.set.robot, asked.set.actuation.amplitude, numbers.jump_height_m);
-  if (hand.log) time = asked.hand ? asked.hand.t.at(-1) : 0;
+  tell();
+  robot.fit(motion, q.set.robot, q.set.actuation.amplitude, rise(numbers, q.hand));
+  if (hand.log) time = q.hand ? q.hand.t.at(-1) : 0;
   else if (first) time = still.matches ? apex(motion) : motion.t[0];
   time = Math.min(time, motion.t.at(-1));
   map.f0 = numbers.f0_Hz;
-  map.point = asked.hand ? null : [asked.set.actuation.frequency, asked.set.actuation.phase];
+  map.point = q.hand ? null : [q.set.actuation.frequency, q.set.actuation.phase];
   map.draw();
-  askMap(reply.exact);
+  askMap();
+  remember();
   dirty = true;
+}
+
+// The result in words, in the language of the page.
+function tell() {
+  const { numbers, question: q } = answer;
+  $("headline").textContent = headline(numbers, q.hand);
+  $("story").textContent = story(numbers, q.hand);
+  $("numbers").replaceChildren(...table(numbers, q).flatMap(([term, value]) => [
+    Object.assign(document.createElement("dt"), { textContent: term }), Object.assign(document.createElement("dd"), { textContent: value })]));
+  $("robot").setAttribute("aria-label", `${t("the_robot")}: ${headline(numbers, q.hand)}`);
+  const task = $("challenge").value, verdict = task && judge(task, numbers, state);
+  $("doing").hidden = $("judged").hidden = !task;
+  if (!task) return;
+  $("doing").textContent = t(`c_${task}_do`);
+  const reached = `${mm(numbers.jump_height_m)}, ${number(numbers.peak_power_W, 2)}\u00a0W`;
+  $("judged").textContent = verdict === "won" ? `${t("won")} ${reached}` : verdict === "not_yet" ? t("not_yet", { reached }) : t("not_allowed", { what: t(verdict) });
 }
 
 const apex = (motion) => motion.t[motion.rod.indexOf(Math.max(...motion.rod))];
 
+// The link in the address bar, once the settings rest: browsers refuse many changes a second.
+let linkTimer = 0;
+function remember() {
+  clearTimeout(linkTimer);
+  linkTimer = setTimeout(() => history.replaceState(null, "", `#${encode(state)}`), 300);
+}
+
 let mapKey = "", mapTimer = 0;
-function askMap(exact) {
+function askMap() {
   const { actuation, ...rest } = state.set, { frequency, phase, kind, ...law } = actuation;
-  const key = JSON.stringify([state.ground, rest, law, state.two && state.frequency2]);
+  const key = JSON.stringify([state.ground, state.sand, rest, law, state.two && state.frequency2]);
   if (key === mapKey || hand.log) return;
   mapKey = key;
   clearTimeout(mapTimer);
   map.run++;
-  const asked = { ...question(), hand: null };
-  mapTimer = setTimeout(() => map.refresh(asked, exact, controls.range("frequency")), 150);
+  const q = structuredClone({ ...question(state), hand: null });
+  mapTimer = setTimeout(() => map.refresh(q, controls.range("frequency")), 150);
 }
 
 function change(slider, value) {
@@ -122,18 +133,31 @@ function enter(ground) {
   ask();
 }
 
-const controls = build($("controls"), page, {
+const make = () => build($("controls"), page, {
   change,
   two(on) { state.two = on; byLaw(); controls.show(state); ask(); },
-  sand(law) { state.sand = law; state.set.model.terms = page.sand[law]; controls.show(state); ask(); },
+  sand(law) { state.sand = law; controls.show(state); ask(); },
   reset() { states[state.ground] = fresh(state.ground); enter(state.ground); },
-});
+}, isShown);
+
+// Everything that is written, in a language.
+function talk(name) {
+  speak(name);
+  const options = (list) => list.map(([value, text]) => Object.assign(document.createElement("option"), { value, textContent: text }));
+  $("language").replaceChildren(...options(languages.map((l) => [l, page.words.language[l]])));
+  $("language").value = current();
+  const task = $("challenge").value;
+  $("challenge").replaceChildren(...options([["", t("free")], ...Object.keys(CHALLENGES).map((c) => [c, t(`c_${c}`)])]));
+  $("challenge").value = task;
+  $("map").setAttribute("aria-label", `${t("map")}; ${t("map_help")}`);
+  $("told").textContent = "";
+}
+talk(navigator.language.slice(0, 2));
+let controls = make();
 const robot = new Robot($("robot"), $("grip"));
+const energy = new Energy($("energy"));
 const traces = new Traces($("traces"), scrubTo);
-const map = new HeightMap($("map"), $("map-note"), async (q) => {
-  const reply = await post("api/map", q).catch(() => ({ ok: false }));
-  return reply.ok ? reply : null;
-}, (f, phase) => {
+const map = new HeightMap($("map"), $("map-note"), (f, phase) => {
   Object.assign(state.set.actuation, { frequency: Number(f.toFixed(2)), phase: Number(phase.toFixed(3)) });
   byLaw();
   controls.set("frequency", f);
@@ -167,6 +191,40 @@ for (const input of document.querySelectorAll("input[name=kind]")) {
     ask();
   };
 }
+const saved = new Saved($("saved"), follow);
+$("language").onchange = () => {
+  talk($("language").value);
+  controls = make();
+  controls.show(state);
+  saved.show();
+  if (answer) tell();
+  redraw();
+};
+$("challenge").onchange = () => { if (answer) tell(); };
+$("save").onclick = () => {
+  const { numbers, question: q } = answer, law = q.set.actuation;
+  const how = q.hand ? t("by_hand") : `${number(law.frequency, 2)} Hz`;
+  saved.add(`${t(q.ground)}, ${how}: ${mm(rise(numbers, q.hand))}`, encode(state));
+  $("runs").hidden = false;
+};
+$("share").onclick = async () => {
+  const link = new URL(`#${encode(state)}`, location.href).href;
+  history.replaceState(null, "", link);
+  try {
+    await navigator.clipboard.writeText(link);
+    $("told").textContent = t("shared");
+  } catch { $("told").textContent = t("address"); }
+};
+
+// Shows the jump of a link, or says that it holds none.
+function follow(link) {
+  const found = decode(link);
+  if (!found) { $("told").textContent = t("bad_link"); return; }
+  states[found.ground] = found;
+  for (const input of document.querySelectorAll("input[name=ground]")) input.checked = input.value === found.ground;
+  enter(found.ground);
+}
+addEventListener("hashchange", () => { if (location.hash.slice(1) !== encode(state)) follow(location.hash.slice(1)); });
 $("law").onclick = () => { byLaw(); ask(); $("play").focus(); };
 
 function play(on) {
@@ -204,9 +262,10 @@ function frame(now) {
   dirty = false;
   traces.drawn = traces.pointer;
   robot.draw(motion, time);
-  traces.draw(motion, time, answer.ground);
+  traces.draw(motion, time, answer.question.ground);
+  energy.draw(motion, answer.bars, time);
   $("play").textContent = playing ? "❚❚" : "▶";
-  $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
+  $("play").setAttribute("aria-label", t(playing ? "pause" : "play"));
   if (document.activeElement !== $("scrub") || playing) $("scrub").value = Math.round((1000 * (time - motion.t[0])) / (end - motion.t[0]));
   $("clock").textContent = `${Math.round(time * 1e3)} ms`.replace("-", "−");
   $("scrub").setAttribute("aria-valuetext", $("clock").textContent);
@@ -218,5 +277,11 @@ const sizes = new ResizeObserver(redraw);
 for (const canvas of document.querySelectorAll("canvas")) sizes.observe(canvas);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 
-enter("hard");
+saved.show();
+$("runs").hidden = !saved.jumps.length;
+if (location.hash.length > 1 && decode(location.hash.slice(1))) follow(location.hash.slice(1));
+else {
+  if (location.hash.length > 1) $("told").textContent = t("bad_link");
+  enter("hard");
+}
 requestAnimationFrame(frame);

@@ -1,33 +1,55 @@
-// The numbers of a jump in words with units.
-const number = (v, digits) => (v === null || v === undefined ? "–" : v.toFixed(digits).replace("-", "−"));
-const mm = (v) => `${number(v === null ? null : v * 1e3, 1)} mm`;
-const ms = (v) => `${number(v === null ? null : v * 1e3, 1)} ms`;
+// Every text of the page, in its language, from one table (words.json).
+import page from "./page.js";
 
-export const headline = (n) => (n.n_jumps === 0 ? "Stays on the ground" : `Jumps ${mm(n.jump_height_m)} high`);
+export const languages = Object.keys(page.words.language);
+let language = "en";
+export const current = () => language;
 
-export function story(n) {
-  const stays = "the foot never leaves the ground.";
-  if (n.n_jumps === 0) return n.jump_height_m > 5e-5 ? `The rod rises ${mm(n.jump_height_m)}, ${stays}` : stays.replace("t", "T");
-  const flights = n.n_jumps === 1 ? "One flight" : `${n.n_jumps} flights`;
-  const text = `${flights}; lifts off ${ms(n.lift_off_s)} after the motor starts, which runs for ${ms(n.stop_s)}.`;
-  return text.replace(/ ms/g, "\u00a0ms");
+export function speak(name) {
+  language = languages.includes(name) ? name : "en";
+  document.documentElement.lang = language;
+  document.title = `${t("title")} · jumpvision`;
+  for (const node of document.querySelectorAll("[data-t]")) node.textContent = t(node.dataset.t);
+  for (const node of document.querySelectorAll("[data-label]")) node.setAttribute("aria-label", t(node.dataset.label));
+}
+
+export const t = (key, values = {}) => page.words[key][language].replace(/\{(\w+)\}/g, (_, name) => values[name]);
+
+// Decimal sign of the language, a true minus, a dash for what is not known.
+export function number(v, digits) {
+  if (v === null || v === undefined || !Number.isFinite(v)) return "–";
+  const text = v.toFixed(digits).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
+  return language === "en" ? text : text.replace(".", ",");
+}
+
+export const plain = (v) => (language === "en" ? String(v) : String(v).replace(".", ",")).replace("-", "−");
+export const mm = (v) => `${number(v * 1e3, 1)}\u00a0mm`;
+const ms = (v) => `${number(v * 1e3, 1)}\u00a0ms`;
+
+// The one height of the page [m]: the rise of the rod above rest, after the motor stops; by hand over the whole motion.
+export const rise = (n, hand) => (hand ? Math.max(n.driven_m, n.jump_height_m) : n.jump_height_m);
+
+export const headline = (n, hand) => (n.n_jumps === 0 ? t("stays") : t("rises", { mm: mm(rise(n, hand)) }));
+
+export function story(n, hand) {
+  const meaning = hand ? t("meaning_hand", { driven: mm(n.driven_m), after: mm(n.jump_height_m) })
+    : n.n_jumps === 0 ? t("meaning_stays", { mm: mm(n.jump_height_m) }) : t("meaning");
+  if (n.n_jumps === 0) return meaning;
+  const flights = n.n_jumps === 1 ? t("flight") : t("flights", { n: n.n_jumps });
+  return `${meaning} ${t("lifts", { flights, ms: ms(n.lift_off_s), stop: ms(n.stop_s) })}`;
 }
 
 export function table(n, question) {
   const rows = [
-    ["flight height g t²/8", mm(n.flight_height_m)],
-    ["rise of the centre of mass", mm(n.com_height_m)],
-    ["peak power of the motor", `${number(n.peak_power_W, 2)} W`],
-    ["peak force of the motor", `${number(n.peak_force_N, 1)} N`],
-    ["peak speed of the motor", `${number(n.peak_motor_speed, 3)} m/s`],
-    ["natural frequency f₀", `${number(n.f0_Hz, 2)} Hz`],
+    [t("n_com"), mm(n.com_height_m)], [t("n_flight_height"), mm(n.flight_height_m)],
+    [t("n_power"), `${number(n.peak_power_W, 2)}\u00a0W`], [t("n_force"), `${number(n.peak_force_N, 1)}\u00a0N`],
+    [t("n_speed"), `${number(n.peak_motor_speed, 3)}\u00a0m/s`], [t("n_f0"), `${number(n.f0_Hz, 2)}\u00a0Hz`],
   ];
   if (!question.hand) rows.push(["f / f₀", number(n.f_over_f0, 3)], ["α = M g / (k A)", number(n.alpha, 3)]);
-  rows.push(["damping ratio ζ", number(n.zeta, 4)]);
-  if (n.depth_m !== undefined) rows.push(["deepest point of the foot", mm(n.depth_m)]);
+  rows.push([t("n_zeta"), number(n.zeta, 4)]);
+  if (question.ground === "granular") rows.push([t("n_depth"), mm(n.depth_m)]);
   if (n.added_mass_kg !== undefined) {
-    rows.push(["mass of the jammed cone", `${number(n.added_mass_kg * 1e3, 0)} g`]);
-    rows.push(["cone / foot mass", number(n.added_mass_kg / question.set.robot.foot_mass, 1)]);
+    rows.push([t("n_cone"), `${number(n.added_mass_kg * 1e3, 0)}\u00a0g`], [t("n_cone_foot"), number(n.added_mass_kg / question.set.robot.foot_mass, 1)]);
   }
   return rows;
 }

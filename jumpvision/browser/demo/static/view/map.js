@@ -1,13 +1,16 @@
-// The map of jump heights over (f, phase) with the current point; exact ground in one piece, sand in passes and strips.
+// The map of jump heights over (f, phase) with the current point; computed in the pauses of the page, coarse before fine.
+import { heightOf } from "../physics/jump.js";
+import { mm, number, t } from "../words.js";
 import { colours, context, label, ticks } from "./draw.js";
 
 const LEFT = 40, RIGHT = 58, TOP = 6, BOTTOM = 34;
-const FINE = 200, PASSES = [24, 72], STRIP = 6; // points each way; on sand: of each pass, and columns of one request
+const PASSES = { hard: [24, 120], granular: [12, 36] }; // points each way of each pass
+const SLICE = 8; // ms of computing at a time, so that a control is answered at once
 const spaced = (lo, hi, n) => Array.from({ length: n }, (_, i) => lo + ((i + 0.5) / n) * (hi - lo));
 
 export class HeightMap {
-  constructor(canvas, note, ask, pick) {
-    Object.assign(this, { canvas, note, ask, point: null, heights: null, run: 0, hover: null });
+  constructor(canvas, note, pick) {
+    Object.assign(this, { canvas, note, point: null, heights: null, run: 0, hover: null });
     this.phase = [0, 2 * Math.PI];
     const place = (e) => {
       const box = canvas.getBoundingClientRect(), [lo, hi] = this.frequency;
@@ -36,27 +39,29 @@ export class HeightMap {
     this.say();
   }
 
-  // Asks for the whole map; a later call makes an earlier one stop.
-  async refresh(question, exact, frequency) {
+  // Computes the whole map; a later call makes an earlier one stop.
+  async refresh(question, frequency) {
     const run = ++this.run;
     this.frequency = frequency;
-    for (const n of exact ? [FINE] : PASSES) {
+    for (const n of PASSES[question.ground]) {
       const f = spaced(...frequency, n), phases = spaced(...this.phase, n);
-      const strip = exact ? n : n === PASSES[0] ? n / 2 : STRIP;
-      const heights = this.heights && n !== PASSES[0] && !exact ? Array.from(f, (x) => phases.map((p) => this.value(x, p))) : [];
-      for (let i = 0; i < n; i += strip) {
-        const reply = await this.ask({ ...question, frequencies: f.slice(i, i + strip), phases });
-        if (run !== this.run) return;
-        if (!reply) { this.note.textContent = "no map for these values"; return; }
-        reply.height_m.forEach((column, j) => { heights[i + j] = column; });
-        if (heights.length === n) { this.heights = heights; this.paint(); this.draw(); }
-        this.progress = exact ? "" : `${n} × ${n} jumps, integrated: ${Math.round(100 * Math.min(1, (i + strip) / n))} %`;
-        this.say();
+      const heights = Array.from(f, (x) => phases.map((p) => (this.heights ? this.value(x, p) : null)));
+      let began = performance.now();
+      for (let i = 0; i < n; i++) {
+        for (let j = 0; j < n; j++) {
+          heights[i][j] = height(question, f[i], phases[j]);
+          if (performance.now() - began < SLICE) continue;
+          this.say(t("map_part", { n, part: Math.round((100 * (i * n + j)) / (n * n)) }));
+          await new Promise((go) => setTimeout(go, SLICE));
+          if (run !== this.run) return;
+          began = performance.now();
+        }
       }
+      this.heights = heights;
+      this.paint();
+      this.draw();
+      this.say(t("map_done", { n }));
     }
-    if (!exact) this.progress = `${PASSES[1]} × ${PASSES[1]} jumps, integrated`;
-    else this.progress = `${FINE} × ${FINE} jumps`;
-    this.say();
   }
 
   value(f, phase) {
@@ -65,11 +70,12 @@ export class HeightMap {
     return this.heights[i][j];
   }
 
-  say() {
-    let text = this.progress || "";
+  say(progress = this.progress) {
+    this.progress = progress;
+    let text = progress || "";
     if (this.hover && this.heights) {
       const v = this.value(...this.hover);
-      text = `${this.hover[0].toFixed(2)} Hz, ${(this.hover[1] / Math.PI).toFixed(2)} π: ${v === null ? "unknown" : `${(v * 1e3).toFixed(1)} mm`}`;
+      text = `${number(this.hover[0], 2)} Hz, ${number(this.hover[1] / Math.PI, 2)} π: ${v === null ? t("unknown") : mm(v)}`;
     }
     if (this.note.textContent !== text) this.note.textContent = text;
   }
@@ -102,7 +108,7 @@ export class HeightMap {
     c.textBaseline = "middle";
     c.textAlign = "center";
     for (const f of ticks(lo, hi, 5)) c.fillText(label(f), x(f), h - BOTTOM + 10);
-    c.fillText("frequency [Hz]", LEFT + W / 2, h - 7);
+    c.fillText(t("map_axis"), LEFT + W / 2, h - 7);
     c.textAlign = "right";
     for (const [p, text] of [[0, "0"], [0.5, "π/2"], [1, "π"], [1.5, "3π/2"], [2, "2π"]]) {
       c.fillText(text, LEFT - 6, Math.min(Math.max(y(p * Math.PI), TOP + 6), TOP + H - 4));
@@ -143,4 +149,13 @@ export class HeightMap {
       c.lineWidth = 1;
     }
   }
+}
+
+// Height of the map's point [m]; null where the motion cannot be followed.
+function height(question, frequency, phase) {
+  const actuation = { ...question.set.actuation, frequency, phase };
+  try {
+    const h = heightOf({ ...question, set: { ...question.set, actuation } });
+    return Number.isFinite(h) ? h : null;
+  } catch { return null; }
 }

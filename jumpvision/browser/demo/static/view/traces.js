@@ -1,5 +1,6 @@
 // Rod height, motor, forces and power against time, with a play-head and a read-out at the pointer.
 import { at, colours, context, label, ticks } from "./draw.js";
+import { number, t as word } from "../words.js";
 
 const LEFT = 46, RIGHT = 8, TOP = 4, BOTTOM = 24, TITLE = 22;
 
@@ -26,13 +27,14 @@ export class Traces {
     const { c, w, h } = context(this.canvas), ink = colours();
     this.span = [motion.t[0], motion.t.at(-1)];
     const [lo, hi] = this.span, x = (v) => LEFT + ((v - lo) / (hi - lo)) * (w - LEFT - RIGHT);
-    const force = [["spring", "spring", ink.mark, []]];
-    if (ground === "granular") force.unshift(["ground", "ground", ink.soft, [4, 3]]);
+    const force = [["spring", word("force_spring"), ink.mark, []]];
+    if (ground === "granular") force.unshift(["ground", word("force_ground"), ink.soft, [4, 3]]);
     const panels = [
-      ["Rod height", "mm", 1e3, [["rod", "", ink.mark, []]]],
-      ["Motor on the rod", "mm", 1e3, [["drive", "", ink.mark, []]]],
-      ["Force", "N", 1, force],
-      ["Power of the motor", "W", 1, [["power", "", ink.mark, []]]],
+      [word("trace_rod"), "mm", 1e3, [["rod", "", ink.mark, []]]],
+      [word("trace_foot"), "mm", 1e3, [["foot", "", ink.mark, []]]],
+      [word("trace_drive"), "mm", 1e3, [["drive", "", ink.mark, []]]],
+      [word("trace_force"), "N", 1, force],
+      [word("trace_power"), "W", 1, [["power", "", ink.mark, []]]],
     ];
     const height = (h - TOP - BOTTOM) / panels.length;
     const shown = this.pointer ?? t, now = at(motion, shown);
@@ -66,7 +68,7 @@ export class Traces {
       c.fillStyle = ink.ink;
       c.fillText(title, LEFT, top - TITLE / 2);
       c.textAlign = "right";
-      const read = lines.map(([name, word]) => `${word} ${label(Number((now[name] * factor).toFixed(1)))} ${unit}`.trim());
+      const read = lines.map(([name, said]) => `${said} ${number(now[name] * factor, 1)} ${unit}`.trim());
       c.fillStyle = ink.soft;
       c.fillText(read.join(", "), w - RIGHT, top - TITLE / 2);
     });

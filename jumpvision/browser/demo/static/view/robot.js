@@ -1,5 +1,6 @@
 // The robot to scale: motor on the rod, coil spring, foot, and the floor or the sand with its hole and jammed cone.
 import { at, colours, context } from "./draw.js";
+import { mm, number, t as word } from "../words.js";
 
 const STEP = 1.12; // the scale changes by such steps only, so that it does not tremble under a slider
 
@@ -23,6 +24,7 @@ export class Robot {
     this.size = parts(motion, robot, amplitude);
     this.size.foot ??= 0.7 * this.size.motor;
     this.height = height;
+    this.weight = (robot.motor_mass + robot.rod_mass) * robot.gravity;
     const s = this.size;
     this.top = s.spring + s.rod + Math.max(0, ...motion.rod) + 0.3 * s.motor;
     const cone = motion.cone_height ? Math.max(...motion.cone_height) : 0;
@@ -68,7 +70,10 @@ export class Robot {
       c.beginPath(); c.moveTo(o.x - 0.36 * size, y); c.lineTo(o.x + 0.36 * size, y); c.stroke();
     }
     c.globalAlpha = 1;
-    if (now.ground > 0) this.arrow(c, ink, o.x + half + 12, Y(foot), Math.min(90, 90 * now.ground / Math.max(...motion.ground)), now.ground);
+    const most = Math.max(this.weight, ...motion.ground, ...motion.spring.map(Math.abs)), left = o.x - Math.max(half, 0.62 * size) - 14;
+    this.arrow(c, ink, o.x + half + 12, Y(foot), (80 * now.ground) / most, now.ground, "force_ground");
+    this.arrow(c, ink, left, Y(seat), (80 * now.spring) / most, now.spring, "force_spring");
+    this.arrow(c, ink, left, Y(middle), (-80 * this.weight) / most, this.weight, "force_weight");
     const style = this.grip.style, wide = Math.max(44, 1.3 * size), tall = Math.max(44, size);
     style.width = `${wide}px`;
     style.height = `${tall}px`;
@@ -134,18 +139,20 @@ export class Robot {
       c.beginPath(); c.moveTo(left, y); c.lineTo(right, y); c.stroke();
       c.setLineDash([]);
       const near = height * this.scale < 26 && levels.length > 1;
-      c.fillText(v ? `${(v * 1e3).toFixed(1)} mm` : "rest", right, y + (v ? -9 : near ? 10 : -9));
+      c.fillText(v ? mm(v) : word("rest"), right, y + (v ? -9 : near ? 10 : -9));
     }
   }
 
-  arrow(c, ink, x, y, length, force) {
-    if (length < 6) return;
-    c.strokeStyle = c.fillStyle = ink.soft;
+  // A force [N] as an arrow with its name, upwards where the length is positive; to the left of the robot read leftwards.
+  arrow(c, ink, x, y, length, force, name) {
+    if (Math.abs(length) < 3) return;
+    const way = Math.sign(length), right = x > this.canvas.clientWidth / 2;
+    c.strokeStyle = c.fillStyle = ink.ink;
     c.lineWidth = 2;
-    c.beginPath(); c.moveTo(x, y); c.lineTo(x, y - length + 5); c.stroke();
-    c.beginPath(); c.moveTo(x, y - length); c.lineTo(x - 4, y - length + 7); c.lineTo(x + 4, y - length + 7); c.fill();
-    c.textAlign = "left";
+    c.beginPath(); c.moveTo(x, y); c.lineTo(x, y - length + 5 * way); c.stroke();
+    c.beginPath(); c.moveTo(x, y - length); c.lineTo(x - 4, y - length + 7 * way); c.lineTo(x + 4, y - length + 7 * way); c.fill();
+    c.textAlign = right ? "left" : "right";
     c.textBaseline = "middle";
-    c.fillText(`${force.toFixed(0)} N`, x + 8, y - 8);
+    c.fillText(`${word(name)} ${number(Math.abs(force), 0)} N`, x + (right ? 8 : -8), y - 0.5 * length);
   }
 }

@@ -1,3 +1,5 @@
+import { plain } from "../words.js";
+
 // What the drawings share: crisp canvases, colours of the theme, ticks, interpolation in time.
 export function context(canvas) {
   const ratio = window.devicePixelRatio || 1, { clientWidth: w, clientHeight: h } = canvas;
@@ -32,7 +34,7 @@ export function ticks(lo, hi, n) {
   return out;
 }
 
-export const label = (v) => String(Number(v.toPrecision(6))).replace("-", "−");
+export const label = (v) => plain(Number(v.toPrecision(6)));
 
 // The columns of a motion (equally spaced in time) at the time t.
 export function at(motion, t) {
