@@ -116,9 +116,11 @@ def test_500_random_jumps_on_hard_ground_are_hard_jumps_to_a_nanometre():
     for q, page in zip(questions, solved(questions, 1e-8), strict=True):
         direct = by_hard_jump(q)
         assert page["n_jumps"] == direct.pop("n_jumps"), q
+        force = 1e-9 * q["set"]["robot"]["spring_stiffness"]  # of a nanometre on the spring
+        atol = dict.fromkeys(direct, 1e-9) | {"peak_force_N": force, "peak_power_W": force * direct["peak_motor_speed"]}
         for name, x in direct.items():
             ours = math.nan if page[name] is None else page[name]
-            np.testing.assert_allclose(ours, x, rtol=1e-9, atol=1e-9, err_msg=f"{name} of {q}")
+            np.testing.assert_allclose(ours, x, rtol=1e-12, atol=atol[name], err_msg=f"{name} of {q}")
 
 
 @needs_node
@@ -139,19 +141,19 @@ def test_500_random_jumps_with_a_foot_are_simulates_to_ten_nanometres():
 
 @needs_node
 def test_the_pages_own_tolerance_is_enough_for_what_it_shows():
-    """Heights are shown to 0.1 mm; the page integrates to 1e-8, its map to 1e-6."""
+    """Heights are shown to 0.1 mm; the page integrates to 1e-7, its map to 1e-6."""
     rng = np.random.default_rng(3)
     questions = [drawn(rng, "granular", list(SAND)[i % 2]) for i in range(20)]
-    fine, page, coarse = (solved(questions, t) for t in (1e-11, 1e-8, 1e-6))
+    fine, page, coarse = (solved(questions, t) for t in (1e-11, 1e-7, 1e-6))
     for a, b, c in zip(fine, page, coarse, strict=True):
-        assert b["jump_height_m"] == pytest.approx(a["jump_height_m"], abs=1e-6)
+        assert b["jump_height_m"] == pytest.approx(a["jump_height_m"], abs=5e-6)
         assert c["jump_height_m"] == pytest.approx(a["jump_height_m"], abs=5e-5)
 
 
 @needs_node
 def test_energy_is_neither_made_nor_lost_where_nothing_takes_it():
     """Without damping and loss on hard ground the motor's work is all in the bars; the trapezoidal rule over 1 ms
-    errs by (omega dt)^2 / 12 of it, below 1e-2 with an impulse inside a step."""
+    errs by (omega dt)^2 / 12 of it, 1e-3 at 17 Hz; the force turns at contacts inside a step, as much again."""
     tables = defaults("hard")
     tables["robot"]["spring_damping"] = 0.0
     for phase in (0.7, math.pi / 2, 4.0):
@@ -164,7 +166,7 @@ def test_energy_is_neither_made_nor_lost_where_nothing_takes_it():
         assert p.returncode == 0, p.stderr
         bars = json.loads(p.stdout)
         most = max(bars["motor"])
-        assert most > 0.01 and max(map(abs, bars["taken"])) < 0.02 * most
+        assert most > 0.01 and max(map(abs, bars["taken"])) < 2e-3 * most
 
 
 def test_every_text_exists_in_every_language_and_every_key_is_used():

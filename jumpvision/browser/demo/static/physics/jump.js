@@ -7,7 +7,7 @@ import { AIR, ground, Run } from "./sand.js";
 const TAIL = 0.6, MOST = 30; // s followed after the motor stops, doubled until a flight has ended
 const LEAD = 0.08, AFTER = 0.3, SPACING = 1e-3, LEAST = 600, MOST_POINTS = 2500; // of the motion that is drawn, s and points
 const DRIVEN = 400; // samples of the motor's force while it runs, on sand
-export const TOLERANCE = 1e-8, COARSE = 1e-6; // of a step: a jump, a point of the map
+export const TOLERANCE = 1e-7, COARSE = 1e-6; // of a step: a jump, a point of the map
 
 export const values = ({ set }) => ({ ...set.robot, ...set.bed, ...set.model });
 export const isExact = (q) => q.ground === "hard" && !(q.set.robot.foot_mass > 0);
@@ -22,20 +22,22 @@ function untilLanded(stop, go) {
   }
 }
 
-function integrated(v, q, pieces, tolerance) {
+function integrated(v, q, pieces, tolerance, driven) {
   const run = new Run(ground(v, q.ground === "hard" ? "" : q.sand), pieces, tolerance), { stop } = run;
+  run.wanted = driven;
   untilLanded(stop, (end) => { run.until(end); return run; });
   const late = run.flights.findIndex((f) => !(f[1] <= stop)), landed = run.flights.filter((f) => f[1] > stop).map((f) => f[1] - f[0]);
-  return { flights: run.flights, rest: run.rest, stop, numbers: {
+  return { flights: run.flights, rest: run.rest, stop, samples: run.samples, numbers: {
     com_height_m: run.com - run.low, jump_height_m: run.after - run.rest,
     flight_height_m: late < 0 ? 0 : landed.length ? (v.gravity * Math.max(...landed) ** 2) / 8 : NaN,
     n_jumps: late < 0 ? run.flights.length : late + 1, depth_m: run.mode === AIR ? run.floor : Math.max(run.floor, -run.s[2]),
   } };
 }
 
-function solved(q, v, pieces, tolerance) {
+// driven: times at which the samples are kept, where the jump is integrated.
+function solved(q, v, pieces, tolerance, driven = []) {
   const stop = pieces.at(-1)[1];
-  return isExact(q) ? untilLanded(stop, (end) => hardJump(v, pieces, end)) : integrated(v, q, pieces, tolerance);
+  return isExact(q) ? untilLanded(stop, (end) => hardJump(v, pieces, end)) : integrated(v, q, pieces, tolerance, driven);
 }
 
 function samples(q, v, pieces, times, found, tolerance) {
@@ -56,13 +58,17 @@ function motorForce(v, pieces, t, spring) {
 // Energies [J] more than at rest, and what the motor has given: cumulative power and the impulses of its velocity steps.
 // taken: the rest, by ground, spring and grains.
 function energies(v, pieces, columns, q) {
-  const { t, rod, motor, rodV, footV, foot, stretch, power } = columns, g = v.gravity, foot0 = isExact(q) ? 0 : v.foot_mass;
+  const { t, rod, motor, rodV, footV, foot, stretch, power, spring: pull } = columns, g = v.gravity, foot0 = isExact(q) ? 0 : v.foot_mass;
   const reduced = (v.motor_mass * v.rod_mass) / (v.motor_mass + v.rod_mass), k = v.spring_stiffness;
   const stop = pieces.at(-1)[1], into = motorAt(pieces, pieces[0][0])[1], out = motorAt(pieces, stop - 1e-12)[1];
   const bars = { kinetic: [], height: [], spring: [], motor: [], taken: [] };
   let work = 0;
   t.forEach((now, i) => {
-    if (i) work += 0.5 * (power[i] + power[i - 1]) * (now - t[i - 1]);
+    if (i && now > 0 && t[i - 1] < stop) { // the last step ends with the motor
+      const end = Math.min(now, stop), share = (end - t[i - 1]) / (now - t[i - 1]), force = pull[i - 1] + share * (pull[i] - pull[i - 1]);
+      const final = now < stop ? power[i] : motorForce(v, pieces, stop - 1e-12, force)[1];
+      work += 0.5 * (final + power[i - 1]) * (end - t[i - 1]);
+    }
     const given = work + (now >= pieces[0][0] ? 0.5 * reduced * into ** 2 : 0) - (now >= stop ? 0.5 * reduced * out ** 2 : 0);
     const motorV = rodV[i] + motorAt(pieces, now)[1];
     const kinetic = 0.5 * (v.motor_mass * motorV ** 2 + v.rod_mass * rodV[i] ** 2 + foot0 * footV[i] ** 2);
@@ -76,10 +82,10 @@ function energies(v, pieces, columns, q) {
 
 // The numbers alone, as those of jumpvision's sweeps.
 export function numbersOf(q, tolerance = TOLERANCE) {
-  const v = values(q), pieces = piecesOf(q), found = solved(q, v, pieces, tolerance), { numbers, stop } = found;
+  const v = values(q), pieces = piecesOf(q), end = pieces.at(-1)[1], times = linspace(0, end, DRIVEN + 1).slice(0, -1);
+  const found = solved(q, v, pieces, tolerance, times), { numbers, stop } = found;
   if (!isExact(q)) {
-    const times = linspace(0, stop, DRIVEN + 1).slice(0, -1);
-    const forces = samples(q, v, pieces, times, found, tolerance).map((s, i) => motorForce(v, pieces, times[i], s[4]));
+    const forces = found.samples.map((s, i) => motorForce(v, pieces, times[i], s[4]));
     numbers.peak_force_N = Math.max(...forces.map((f) => f[0]));
     numbers.peak_power_W = Math.max(...forces.map((f) => f[1]));
   }
@@ -95,7 +101,9 @@ export function heightOf(q) {
 export function jump(q) {
   const v = values(q), pieces = piecesOf(q), numbers = numbersOf(q), { stop_s: stop, rest, flights } = numbers, M = v.motor_mass + v.rod_mass;
   const landing = flights.find((f) => f[1] > stop)?.[1] ?? stop, first = -LEAD, last = Math.max(landing, stop) + AFTER;
-  const t = linspace(first, last, Math.min(MOST_POINTS, Math.max(LEAST, Math.ceil((last - first) / SPACING))));
+  const spacing = (last - first) / Math.min(MOST_POINTS, Math.max(LEAST, (last - first) / SPACING));
+  const lead = Math.ceil(LEAD / spacing), dt = LEAD / lead; // a sample lies where the motor starts
+  const t = Array.from({ length: Math.ceil((last - first) / dt) + 1 }, (_, i) => (i - lead) * dt);
   const rows = samples(q, v, pieces, t, { stop }, TOLERANCE), column = (i) => rows.map((r) => r[i]);
   const motion = { t, rod: column(0).map((x) => x - rest), rodV: column(1), foot: column(2), footV: column(3), spring: column(4) };
   motion.drive = t.map((x) => motorAt(pieces, x)[0]);
