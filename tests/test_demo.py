@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import math
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import threading
 import time
 import urllib.request
+from urllib.parse import quote
 
 import pytest
 
@@ -281,11 +283,9 @@ def test_a_phone_needs_no_sideways_scrolling(open_page):
 
 def test_a_drag_is_told_as_it_was(open_page):
     """The rod is seen to rise while the motor is moved; what is said of it is the height of the trace."""
-    hand = "%7B%22t%22%3A%5B0%2C0.05%2C0.1%2C0.16%2C0.2%2C0.3%5D%2C%22x%22%3A%5B0%2C-0.01%2C-0.02%2C0%2C0.015%2C0.012%5D%7D"
-    page = open_page(
-        link="#%7B%22ground%22%3A%22granular%22%2C%22set%22%3A%7B%7D%2C%22hand%22%3A" + hand + "%7D",
-        reduced_motion="reduce",
-    )
+    hand = {"t": [0, 0.05, 0.1, 0.16, 0.2, 0.3], "x": [0, -0.01, -0.02, 0, 0.015, 0.012]}
+    link = "#" + quote(json.dumps({"ground": "granular", "set": {}, "hand": hand}))
+    page = open_page(link=link, reduced_motion="reduce")
     until(page, "document.querySelector('#story').textContent.includes('By hand')")
     driven, after = (
         float(w.split("\u00a0")[0].replace("−", "-"))
