@@ -18,6 +18,7 @@ import pytest
 from jumpvision.base.schema import InputError
 from jumpvision.browser.demo import controls
 from jumpvision.browser.demo.server import Server, export, page_files
+from jumpvision.cli import main
 from jumpvision.inputs.sections import SECTIONS
 from jumpvision.physics.hard.jump import hard_map
 
@@ -117,6 +118,13 @@ def test_the_command_prints_the_address_serves_and_stops_on_interrupt():
         finally:
             p.kill()
         assert p.stderr.read().endswith("stopped\n")
+
+
+def test_the_command_writes_the_page_to_a_folder(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "--export", "jumper_page"]) == 0
+    assert (tmp_path / capsys.readouterr().out.strip()).read_text("utf-8").startswith("<!doctype html>")
+    assert main(["demo", "--export", "jumper_page"]) == 2
 
 
 # --- in a browser ----------------------------------------------------------------------------------------------------

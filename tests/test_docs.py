@@ -64,6 +64,7 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_workbench.test_init_pick_writes_what_is_known_and_opens_the_workbench",
     "demo":
         "test_demo.test_the_command_prints_the_address_serves_and_stops_on_interrupt",
+    "demo --export jumper_page": "test_demo.test_the_command_writes_the_page_to_a_folder",
     "sweep hard --analysis comparison --campaign my_campaign":
         "test_hard_compare.test_the_command_writes_a_file_a_figure_and_a_table",
     "synth samples my_samples":
