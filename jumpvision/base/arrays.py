@@ -27,8 +27,13 @@ def measured(value: float | None, sigma: float | None, factor: float = 1.0) -> s
 
 
 def plain_number(value: float | None, factor: float = 1.0) -> str:
-    """Four significant figures; "" when unknown."""
-    return "" if value is None else f"{value * factor:#.4g}"
+    """Four significant figures, a whole number as it is; "" when unknown."""
+    if value is None:
+        return ""
+    scaled = value * factor
+    if scaled and isfinite(scaled) and not 1e-3 <= abs(scaled) < 1e5:
+        return f"{scaled:.3e}"
+    return f"{scaled:#.4g}".rstrip(".") if abs(scaled) < 1e4 else f"{scaled:.0f}"
 
 
 def with_digits_of(value: float, sigma: float | None, factor: float = 1.0) -> str:
@@ -36,4 +41,4 @@ def with_digits_of(value: float, sigma: float | None, factor: float = 1.0) -> st
     if not sigma or not isfinite(sigma):
         return plain_number(value, factor)
     power = int(f"{sigma * factor:.1e}".partition("e")[2])  # of the rounded sigma: 0.0998 is 0.10
-    return f"{value * factor:.{max(0, 1 - power)}f}"
+    return f"{round(value * factor, 1 - power) + 0.0:.{max(0, 1 - power)}f}"

@@ -97,7 +97,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
 
     from jumpvision.base.progress import HOOK
     from jumpvision.inputs.experiment import folder_of, overrides_of
-    from jumpvision.studies.compute import write
+    from jumpvision.studies.compute import keep_other, write
     from jumpvision.studies.study import Call, listed, run, studies
 
     from . import terminal as show
@@ -127,7 +127,10 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
             data, rows = run(call)
         finally:
             HOOK.reset(token)
-    files = [write(data, results, studies()[o.analysis].file)]
+    name = studies()[o.analysis].file
+    if kept := keep_other(results / name, data):
+        show.line(f"{name} held another sweep; that one is kept as {kept}")
+    files = [write(data, results, name)]
     if o.pictures:
         from jumpvision.report.studies.sweeps import picture
 

@@ -66,14 +66,15 @@ def available(source: Path) -> dict[str, tuple[str, Draw]]:
     made = dict(of_results(Results(source)))
     swept = {s.file: source / s.file for s in studies().values()}
     made |= dict(of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
-    return made
+    return made | dict(of_sweep(file) for name in swept for file in sorted(source.glob(f"{Path(name).stem}-*.nc")))
 
 
 def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
     """The figure of a sweep or a comparison."""
     data = read_sweep(file)
     told = setting(data)
-    return f"sweep-{told.analysis}", (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
+    own = file.stem if "-" in file.stem else f"sweep-{told.analysis}"  # one that another has taken the name of
+    return own, (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
 
 
 def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:

@@ -5,11 +5,35 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 # Okabe & Ito: told apart by every kind of colour vision
 MEASURED, MODEL, ACCENT, GREEN, QUIET = "#0072B2", "#D55E00", "#CC79A7", "#009E73", "#8a8a8a"
 MAP, SIGNED = "viridis", "RdBu_r"
+
+
+class Kind(NamedTuple):
+    """How a kind of jump looks in every figure: colour and mark of matplotlib, role and mark on a page."""
+
+    color: str
+    mark: str
+    role: str
+    shape: str
+
+
+KINDS = {
+    "single": Kind(MEASURED, "o", "measured", "circle"),
+    "stutter": Kind(MODEL, "s", "model", "square"),
+    "delayed_stutter": Kind(GREEN, "^", "green", "triangle"),
+    "sine": Kind("#E69F00", "v", "amber", "triangle"),
+    "custom": Kind("#56B4E9", "P", "sky", "square"),
+}
+OTHER = Kind(ACCENT, "D", "accent", "circle")
+
+
+def kind_of(name: object) -> Kind:
+    """The look of a kind of jump; of any that has none of its own, one and the same."""
+    return KINDS.get(str(name), OTHER)
 
 
 @contextmanager

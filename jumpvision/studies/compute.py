@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -25,7 +26,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.base.threads import at_most
 from jumpvision.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.physics.hard.jump import RESULTS as COMPUTED
-from jumpvision.results import plain
+from jumpvision.results import RecordError, plain
 from jumpvision.results.fields import as_attributes, attributes_of
 
 from .axes import AXES, option
@@ -215,3 +216,31 @@ def write(data: xr.Dataset, folder: Path, file: str = FILE) -> Path:
     finally:
         aside.unlink(missing_ok=True)
     return folder / file
+
+
+def keep_other(file: Path, data: xr.Dataset) -> Path | None:
+    """Give the sweep that a file holds a name of its own where it is another than `data`; that name, None for none.
+
+    A figure beside it goes with it. The same sweep made again, or what is no sweep, keeps the name and may be replaced.
+    """
+    try:
+        with xr.open_dataset(file, engine="netcdf4") as other:
+            name = own_name(other)
+    except (OSError, ValueError, RecordError):
+        return None
+    if name == own_name(data):
+        return None
+    kept = file.with_name(f"{file.stem}-{name}.nc")
+    if file.with_suffix(".png").exists():
+        file.with_suffix(".png").replace(kept.with_suffix(".png"))
+    file.replace(kept)
+    return kept
+
+
+def own_name(data: xr.Dataset) -> str:
+    """What tells a sweep from others: analysis, axes, and six digits of a digest of their values and all constants."""
+    told = setting(data)
+    axes = [str(d) for d in data.dims if str(d) in AXES]
+    parts = [told.ground, told.robot, told.constants, told.model, told.laws, told.analysis]
+    parts += [f"{n} {np.asarray(v.values).tolist()}" for n, v in sorted(data.coords.items(), key=lambda c: str(c[0]))]
+    return "-".join([told.analysis, *axes, hashlib.sha256("\0".join(map(str, parts)).encode()).hexdigest()[:6]])

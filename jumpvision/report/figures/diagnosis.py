@@ -15,7 +15,7 @@ from jumpvision.diagnosis.jumper.jumps import PARTS
 from jumpvision.mechanisms.expression import parse
 from jumpvision.mechanisms.own import LONG_AGO
 from jumpvision.mechanisms.record import STATE
-from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL, QUIET, SIGNED, kind_of, styled
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Discovered
 
@@ -109,7 +109,7 @@ def _heights(ax: Any, data: Diagnosis) -> None:
     rows = [h for h in data.heights if np.isfinite(h.measured_m)]
     top = 0.0
     for kind in sorted({h.kind for h in rows}):
-        mark, color = MARKS.get(kind, ("D", ACCENT))
+        color, mark, *_ = kind_of(kind)
         mine = [h for h in rows if h.kind == kind]
         measured = [1e3 * h.measured_m for h in mine]
         before = [1e3 * h.simulated_m for h in mine]
@@ -273,16 +273,13 @@ def _films(ax: Any, data: Diagnosis) -> None:
     ax.legend()
 
 
-MARKS = {"single": ("o", MEASURED), "stutter": ("s", MODEL), "delayed_stutter": ("^", GREEN)}
-
-
 def heights(rows: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
     """Jump height against frequency by kind, measured (filled, ±2σ) and simulated (open)."""
     known = [r for r in rows if r.get("jump_height_m") is not None and r.get("frequency_hz") is not None]
     figure = Figure(figsize=(8.6, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
     for kind in sorted({str(r["kind"]) for r in known}):
-        mark, color = MARKS.get(kind, ("D", ACCENT))
+        color, mark, *_ = kind_of(kind)
         mine = [r for r in known if str(r["kind"]) == kind]
         f = [r["frequency_hz"] for r in mine]
         h = [r["jump_height_m"] * 1e3 for r in mine]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField
-from jumpvision.report.style import ACCENT, MAP, MEASURED, QUIET, styled
+from jumpvision.report.style import ACCENT, MAP, MEASURED, QUIET, kind_of, styled
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.results.values import Fits
 from jumpvision.stages.recordings import open_grains
@@ -122,7 +122,6 @@ def band(axis: Any, x: Any, y: Any, sigma: Any, color: str) -> None:
 
 
 FRAMES = 4  # of a sequence
-KINDS = {"single": MEASURED, "stutter": "#7a0f24", "delayed_stutter": "black"}  # as in the thesis
 
 
 def moments(flow: Any) -> Any:
@@ -182,7 +181,7 @@ def momentum(flows: Sequence[tuple[str, str, Any]], Figure: Any) -> Any:
         if not np.isfinite(p).any():
             continue
         start = t[np.argmax(np.nan_to_num(p) > 0.05 * np.nanmax(p))]
-        color = KINDS.get(kind, QUIET)
+        color = kind_of(kind).color
         ms = (t - start) * 1e3
         axis.fill_between(ms, p - 2 * s, p + 2 * s, color=color, alpha=0.2, lw=0)
         axis.plot(ms, p, color=color, label=name)

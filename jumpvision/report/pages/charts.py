@@ -10,9 +10,12 @@ from typing import Any, NotRequired, TypedDict, Unpack
 import numpy as np
 
 from jumpvision.diagnosis.detect import LEVEL
+from jumpvision.report.style import kind_of
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Cell, Gain
 from jumpvision.results.values import Fits
+
+from .quantities import mechanism_words
 
 Numbers = list[float | None]
 
@@ -159,7 +162,6 @@ def fits_of(results: Path) -> Fits:
     return Fits.load(results) if (results / Fits.file).exists() else Fits({})
 
 
-KINDS = {"single": ("measured", "circle"), "stutter": ("model", "square"), "delayed_stutter": ("green", "triangle")}
 ALONG = {
     "frequency_hz": ("frequency", "Hz", 1.0),
     "delay_s": ("delay", "ms", 1e3),
@@ -183,7 +185,7 @@ def heights_chart(rows: Sequence[Mapping[str, Any]], diagnosis: Diagnosis | None
     left, right = [], []
     legend: list[Key] = []
     for kind in sorted({str(r["kind"]) for r in known}):
-        role, mark = KINDS.get(kind, ("accent", "circle"))
+        role, mark = kind_of(kind).role, kind_of(kind).shape
         word = kind.replace("_", " ")
         legend.append({"name": word, "role": role, "mark": mark})
         mine = sorted((r for r in known if str(r["kind"]) == kind), key=lambda r: r[along])
@@ -232,14 +234,29 @@ def diagnosis_charts(d: Diagnosis | None) -> list[Chart]:
             kind="bars",
             label=[c.words for c in d.causes],
         )
-        mechanisms = axis("mechanism", names=[c.mechanism.replace("_", " ") for c in d.causes])
+        mechanisms = axis("mechanism", names=[mechanism_words(c.mechanism) for c in d.causes])
         panels.append(
             panel("probability of each mechanism", axis("probability", range=[0.0, 1.0]), mechanisms, [likely])
         )
     if d.gain:
         panels.append(gain_panel(d.gain))
-    note = "A dot marks a residual beyond chance (p < 0.02)." if d.where else ""
+    note = marked(d.where) if d.where else ""
     return [chart("Where it fails, why, and what is gained", panels, note)] if panels else []
+
+
+def beyond(cells: Sequence[Cell]) -> list[Cell]:
+    """The cells to be marked: those beyond chance, where these are the fewer; where nearly all are, none stands out."""
+    found = [c for c in cells if c.p_value < LEVEL]
+    return found if 2 * len(found) <= len(cells) else []
+
+
+def marked(cells: Sequence[Cell]) -> str:
+    """What the marks of a map of cells mean. The p of a cell is of as large a z in any of them by noise alone."""
+    n = sum(c.p_value < LEVEL for c in cells)
+    level = f"beyond chance (p < {LEVEL:g} for all {len(cells)} cells together)"
+    if beyond(cells):
+        return f"A dot marks the {n} of {len(cells)} mean residuals that are {level}."
+    return f"{n or 'None'} of {len(cells)} mean residuals {'is' if n < 2 else 'are'} {level}: no cell stands out."
 
 
 def gain_panel(g: Gain) -> Panel:
@@ -260,11 +277,11 @@ def where_panel(cells: Sequence[Cell]) -> Panel:
     kinds = sorted({c.kind for c in cells})
     parts = list(dict.fromkeys(c.phase_of_jump for c in cells))
     z: list[Numbers] = [[None] * len(parts) for _ in kinds]
-    dots = []
+    dots, stand_out = [], beyond(cells)
     for c in cells:
         j, i = kinds.index(c.kind), parts.index(c.phase_of_jump)
         z[j][i] = numbers([c.mean_residual_m], 1e3, 3)[0]
-        if c.p_value < LEVEL:
+        if c in stand_out:
             dots.append((i, j))
     top = max((abs(v) for row in z for v in row if v is not None), default=1.0) or 1.0
     drawn: Series = {

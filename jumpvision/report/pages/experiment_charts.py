@@ -11,7 +11,8 @@ from jumpvision.results.fields import Column
 from jumpvision.results.tables import RodMotion, Simulation
 from jumpvision.results.values import Intrusion
 
-from .charts import MOST, Chart, Rule, axis, chart, fits_of, panel, series
+from .charts import MOST, Chart, Rule, Series, axis, chart, fits_of, panel, series
+from .quantities import HALF, WHOLE
 
 
 def experiment_charts(results: Path, law: Any = None) -> list[Chart]:
@@ -30,13 +31,13 @@ def jump_chart(results: Path, law: Any = None) -> Chart | None:
     t, h, sigma = (rod.table[c] for c in RodMotion.columns)
     spans = [(law.start, law.stop, "motor")] if law is not None and law.moves else []
     x, y = axis("time", "s"), axis("height above rest", "mm")
-    measured = series("measured", "measured", t, h * 1e3, sigma * 1e3, size=2)
+    measured = [series("measured", "measured", t, h * 1e3, sigma * 1e3, size=2), *apex_of(results)]
     note = "Bars and bands are ±2σ." + (f" Every {every}th frame is shown." if every > 1 else "")
     if not (results / Simulation.file).exists():
-        return chart("Height of the rod", [panel("rod", x, y, [measured], spans=spans)], note)
+        return chart("Height of the rod", [panel("rod", x, y, measured, spans=spans)], note)
     both = rod.beside(Simulation.load(results))
     panels = [
-        panel("rod", x, y, [series("model", "model", t, both.model * 1e3, kind="line"), measured], spans=spans),
+        panel("rod", x, y, [series("model", "model", t, both.model * 1e3, kind="line"), *measured], spans=spans),
         panel(
             "measured − model",
             x,
@@ -48,6 +49,26 @@ def jump_chart(results: Path, law: Any = None) -> Chart | None:
         ),
     ]
     return chart("The jump", panels, note, stacked=True)
+
+
+def apex_of(results: Path) -> list[Series]:
+    """The apex that the jump height is of, where the fit found one."""
+    fits = fits_of(results)
+    height, time = fits.known("jump_height_m"), fits.get("apex_time_s")
+    if height is None or time is None or not np.isfinite(time.value):
+        return []
+    at = [time.value], [height.value * 1e3], [height.sigma * 1e3]
+    return [series("apex", "ink", *at, mark="triangle", hollow=True, size=6)]
+
+
+def whole_disc(results: Path) -> bool:
+    """Whether the grain film shows a whole foot and not half of one at the wall."""
+    import xarray as xr
+
+    if not (results / "flow.nc").exists():
+        return False
+    with xr.open_dataset(results / "flow.nc", decode_times=False) as f:
+        return f.attrs.get("disc") == "full"
 
 
 def grains_chart(results: Path) -> Chart | None:
@@ -66,9 +87,10 @@ def grains_chart(results: Path) -> Chart | None:
         )
     if not np.isfinite(p).any():
         return None
+    foot = WHOLE if whole_disc(results) else HALF
     panels = [
         panel(
-            "momentum of the grains, downwards",
+            f"momentum of the grains, downwards ({foot})",
             axis("time", "ms"),
             axis("P", "g m/s"),
             [series("momentum", "measured", t * 1e3, p * 1e3, p_sigma * 1e3, kind="line")],
@@ -91,7 +113,12 @@ def grains_chart(results: Path) -> Chart | None:
             )
         )
     panels.append(
-        panel("mass that moves with the foot", axis("depth of the foot", "mm"), axis("mₐ", "g", zero=True), shown)
+        panel(
+            f"mass that moves with the foot ({foot})",
+            axis("depth of the foot", "mm"),
+            axis("mₐ", "g", zero=True),
+            shown,
+        )
     )
     if np.isfinite(front).any():
         shown = [series("measured", "measured", depth, front, front_sigma, size=3)]
@@ -107,7 +134,7 @@ def grains_chart(results: Path) -> Chart | None:
                 shown,
             )
         )
-    return chart("The grains", panels, "Bars and bands are ±2σ. P/v is singular where the foot stops: masked there.")
+    return chart("The grains", panels, "Bars and bands are ±2σ. P/v is singular where the foot stops: left out there.")
 
 
 def intrusion_chart(results: Path) -> Chart | None:

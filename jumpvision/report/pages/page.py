@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision import __version__
-from jumpvision.base.arrays import measured
 from jumpvision.base.storage import write_aside
 from jumpvision.campaign.measured.actuator import actuator_bandwidth, driven
 from jumpvision.campaign.measured.craters import measured_in, zero_crossing
@@ -32,18 +31,19 @@ from jumpvision.campaign.truth import (
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Actuation
+from jumpvision.mechanisms.registry import PARAMETERS
 from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.diagnosis import discovered_law
 from jumpvision.report.figures.logs import actuator, resistances
-from jumpvision.report.figures.pictures import drawn
 from jumpvision.results import plain
 from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.findings import Cause
 from jumpvision.results.values import Fits, Intrusion
 from jumpvision.workflow.run import Outcome
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
-from .experiment_charts import experiment_charts
+from .drawings import drawing
+from .experiment_charts import experiment_charts, whole_disc
+from .quantities import HALF, WHOLE, fit_rows, mechanism_words
 from .words import campaign_words, experiment_words, film, inline, noise_words, poster, preview
 
 NAME = "report.html"
@@ -61,6 +61,7 @@ PICTURES = {  # file: (heading, what it shows)
     "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
 }
+PLOTS = ("air.png", "profiles.png", "motor.png", "spring.png", "fits.png")  # lines alone: dark where the page is
 FILMS = {
     "track.webm": ("The ball", "film of the rod with the path of the ball drawn in"),
     "piv.webm": ("Velocity field", "the film with velocity vectors, in slow motion"),
@@ -132,18 +133,18 @@ def write_campaign(
         diagnosis=inline((results / "diagnosis.png").read_bytes())
         if diagnosis and (results / "diagnosis.png").exists()
         else None,
-        law=inline(drawn(discovered_law, diagnosis.discovered)) if diagnosis and diagnosis.discovered else None,
+        law=drawing(discovered_law, diagnosis.discovered) if diagnosis and diagnosis.discovered else None,
         causes=causes_shown(diagnosis, truth) if diagnosis else [],
         synthetic=truth is not None,
         beside=confirmation_rows(diagnosis, campaign) if diagnosis else [],
         noise=noise_words(diagnosis.noise) if diagnosis else "",
         confirmed=diagnosis.confirmed if diagnosis else None,
         model=diagnosis,
-        critical=inline(drawn(critical, craters, crossing)) if packed else None,
-        intrusions=inline(drawn(resistances, intruded, intrusion_laws(intruded))) if intruded else None,
-        actuator=inline(drawn(actuator, motors, actuator_bandwidth(motors))) if swept else None,
+        critical=drawing(critical, craters, crossing) if packed else None,
+        intrusions=drawing(resistances, intruded, intrusion_laws(intruded)) if intruded else None,
+        actuator=drawing(actuator, motors, actuator_bandwidth(motors)) if swept else None,
         table=linked(overview(campaign, outcomes), outcomes),
-        details=details(campaign, outcomes),
+        details=filmed_foot(details(campaign, outcomes), outcomes),
         chance=coverage_words(campaign, outcomes),
         shown=shown,
         previews=[
@@ -161,9 +162,29 @@ def write_campaign(
     write_aside(results / NAME, text)
 
 
-def causes_shown(diagnosis: Diagnosis, truth: Truth | None) -> list[tuple[Cause, str]]:
-    """(model that was tried, its true parameters in words where it is the named one and they are stated)."""
-    return [(c, true_parameters(c, truth) if truth and diagnosis.names(c) else "") for c in diagnosis.models]
+def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dict[str, str]]:
+    """The rows with the foot that an added mass is of: half of one at the wall, or the whole."""
+    whole = {o.name: whole_disc(o.results) for o in outcomes}
+    mass = "added mass"
+    return [
+        r | {"quantity": r["quantity"].replace(mass, f"{mass} ({WHOLE if whole[r['experiment']] else HALF})")}
+        for r in rows
+    ]
+
+
+def causes_shown(diagnosis: Diagnosis, truth: Truth | None) -> list[dict[str, str]]:
+    """A row a model that was tried, with its true parameters where it is the named one and they are stated."""
+    return [
+        {
+            "mechanism": " and ".join(mechanism_words(m) for m in c.mechanisms),
+            "probability": "< 0.001" if c.probability < 5e-4 else f"{c.probability:.3f}",
+            "gain": f"{c.delta_score:.0f}",
+            "words": c.words,
+            "meanings": "; ".join(f"{n}: {PARAMETERS[n].meaning}" for n in c.parameters if n in PARAMETERS),
+            "true": true_parameters(c, truth) if truth and diagnosis.names(c) else "",
+        }
+        for c in diagnosis.models
+    ]
 
 
 def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
@@ -199,11 +220,11 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
             if (folder / f).exists()
         ],
         pictures=[
-            {"src": inline((folder / f).read_bytes()), "heading": heading, "alt": alt}
+            {"src": inline((folder / f).read_bytes()), "heading": heading, "alt": alt, "plot": f in PLOTS}
             for f, (heading, alt) in PICTURES.items()
             if (folder / f).exists()
         ],
-        fits=fit_rows(fits),
+        fits=fit_rows(fits, whole=whole_disc(folder)),
         warnings=outcome.warnings,
         errors=outcome.errors,
         not_run=outcome.not_run,
@@ -251,15 +272,6 @@ def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[st
             "errors": by_name[row["experiment"]].errors,
         }
         for row in table
-    ]
-
-
-def fit_rows(fits: dict[str, Estimate]) -> list[dict[str, str]]:
-    """fits.json as table rows; fits without a value are left out."""
-    return [
-        {"name": k, "value": measured(e.value, e.sigma), "unit": e.unit, "n": str(e.n)}
-        for k, e in fits.items()
-        if e.known
     ]
 
 

@@ -10,15 +10,15 @@ import xarray as xr
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
-from jumpvision.report.studies.sweeps import SHOWN, picture, read_sweep
+from jumpvision.report.studies.sweeps import SHOWN, read_sweep, sweep_figure
 from jumpvision.studies.axes import AXES
 from jumpvision.studies.comparison import compare
 from jumpvision.studies.compute import setting
 from jumpvision.studies.motions import grid
 
 from .charts import Axis, AxisLook, Chart, Panel, Series, axis, chart, numbers, panel, series
+from .drawings import drawing
 from .page import static, template
-from .words import inline
 
 FINEST = 120  # points of an axis in a map of the page
 
@@ -35,11 +35,12 @@ def write_sweep(file: Path) -> Path:
         sentence=sentence,
         facts=facts,
         charts=charts_of(data),
-        figure=inline(picture(data)),
+        figure=drawing(sweep_figure, data),
         attributes={k: str(v) for k, v in data.attrs.items()},
     )
-    write_aside(file.with_name("report.html"), text)
-    return file.with_name("report.html")
+    page = file.with_name("report.html" if "-" not in file.stem else f"{file.stem}.html")
+    write_aside(page, text)
+    return page
 
 
 def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:

@@ -94,4 +94,8 @@ function table(spec) {
   return out;
 }
 
-for (const figure of document.querySelectorAll("figure.chart")) new Chart(figure);
+const charts = [...document.querySelectorAll("figure.chart")].map((figure) => new Chart(figure));
+addEventListener("beforeprint", () => { // paper has no folds
+  for (const fold of document.querySelectorAll("details.fold")) fold.open = true;
+  for (const c of charts) c.draw();
+});

@@ -1,7 +1,7 @@
 "use strict";
 // The report's figures: a small SVG plotter. Point or tap to read values, drag to zoom, legend to hide; arrows, +, - and
 // 0 do the same from the keyboard. What is drawn lies in the page as JSON (see charts.py) and in the table behind.
-const ROLES = { measured: "--measured", model: "--model", accent: "--accent", green: "--green", quiet: "--soft", ink: "--ink" };
+const ROLES = { measured: "--measured", model: "--model", accent: "--accent", green: "--green", amber: "--amber", sky: "--sky", quiet: "--soft", ink: "--ink" };
 const VIRIDIS = ["#440154", "#482878", "#3e4a89", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725"];
 const SIGNED = ["#2166ac", "#67a9cf", "#d1e5f0", "#f7f7f7", "#fddbc7", "#ef8a62", "#b2182b"];
 const PAD = { left: 54, right: 12, top: 8, bottom: 40 };
@@ -28,7 +28,12 @@ function scale(lo, hi, from, to, log) {
   return at;
 }
 
-function ticks(lo, hi, n) {
+function ticks(lo, hi, n) { // about n of them, three at least
+  const few = steps(lo, hi, n);
+  return few.length > 2 ? few : steps(lo, hi, 2 * n + 1);
+}
+
+function steps(lo, hi, n) {
   const raw = (hi - lo) / Math.max(n, 1), power = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= raw * 0.999), out = [];
   for (let v = Math.ceil(lo / step - 1e-9) * step; v <= hi + 1e-9 * step; v += step) out.push(Math.abs(v) < step * 1e-9 ? 0 : v);
