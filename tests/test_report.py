@@ -334,6 +334,7 @@ def open_page(browser):
         page.on("pageerror", lambda e: said.append(str(e)))
         page.on("request", lambda r: said.append(r.url) if not r.url.startswith(("file:", "data:")) else None)
         page.goto(file.as_uri())
+        page.evaluate("document.querySelectorAll('details.fold').forEach(d => d.open = true)")
         until(page, "document.querySelectorAll('figure.chart').length === document.querySelectorAll('.panels').length")
         until(page, "[...document.querySelectorAll('.plot')].every(p => p.querySelector('svg'))")
         return page

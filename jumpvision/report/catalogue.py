@@ -27,7 +27,7 @@ from jumpvision.studies.study import studies
 
 from .figures import grains as films
 from .figures.pictures import Tracked, tracks
-from .style import FORMATS, printed, save
+from .style import FORMATS, lettered, printed, save
 
 Draw = Callable[[Any], Any]  # what makes a figure -> the figure
 
@@ -230,7 +230,7 @@ def draw(source: Path, out: Path, only: tuple[str, ...], formats: tuple[str, ...
     files = []
     for name in only or found:
         with printed() as Figure:
-            figure = found[name][1](Figure)
+            figure = lettered(found[name][1](Figure))
             for f in formats:
                 files.append(out / f"{name}.{f}")
                 save(figure, files[-1])

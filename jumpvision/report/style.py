@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any, NamedTuple
 
 # Okabe & Ito: told apart by every kind of colour vision
@@ -28,6 +29,7 @@ KINDS = {
     "sine": Kind("#E69F00", "v", "amber", "triangle"),
     "custom": Kind("#56B4E9", "P", "sky", "square"),
 }
+FOOT = {"half": "half foot, as filmed", "full": "whole foot"}  # what an added mass or a momentum is of
 OTHER = Kind(ACCENT, "D", "accent", "circle")
 
 
@@ -110,6 +112,15 @@ def printed() -> Iterator[Any]:
             return Figure(figsize=(width, figsize[1] * width / figsize[0]), **more)
 
         yield sized
+
+
+def lettered(figure: Any) -> Any:
+    """The figure with (a), (b), ... before the titles of its panels, where it has several; colour bars have none."""
+    panels = [a for a in figure.axes if a.get_visible() and not hasattr(a, "_colorbar") and a.axison]
+    panels = [a for k, a in enumerate(panels) if all(a.bbox.bounds != b.bbox.bounds for b in panels[:k])]  # twins: one
+    for letter, axis in zip(ascii_lowercase, panels if len(panels) > 1 else ()):
+        axis.set_title(f"({letter}) {axis.get_title(loc='left')}".rstrip(), loc="left")
+    return figure
 
 
 def save(figure: Any, file: Path) -> None:

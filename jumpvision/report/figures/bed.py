@@ -128,14 +128,20 @@ def critical(craters: Sequence[Crater], found: ZeroCrossing, Figure: Any) -> Any
     figure = Figure(figsize=(6.0, 3.6), layout="constrained")
     axis = figure.subplots()
     axis.axhline(0.0, color=QUIET, lw=0.8)
-    axis.errorbar(phi, v * 1e6, dv * 1e6, dphi, fmt="o", ms=4, lw=0.8, color=MEASURED)
+    axis.errorbar(phi, v * 1e6, dv * 1e6, dphi, fmt="o", ms=4, lw=0.8, color=MEASURED, label="craters, ±σ")
     title = f"no critical packing: {found.reason}"
     if not found.reason:
         ends = np.array([phi.min(), phi.max()])
-        axis.plot(ends, found.slope * (ends - found.value) * 1e6, color=MODEL)
+        axis.plot(ends, found.slope * (ends - found.value) * 1e6, color=MODEL, label="line")
         axis.axvspan(
-            max(found.low95, axis.get_xlim()[0]), min(found.high95, axis.get_xlim()[1]), color=MODEL, alpha=0.15, lw=0
+            max(found.low95, axis.get_xlim()[0]),
+            min(found.high95, axis.get_xlim()[1]),
+            color=MODEL,
+            alpha=0.15,
+            lw=0,
+            label=r"95 % of $\phi_c$",
         )
-        title = f"φ_c = {measured(found.value, found.sigma)}"
-    axis.set(title=title, xlabel="volume fraction φ", ylabel="volume change [cm³]\n(below zero: compacted)")
+        title = rf"$\phi_c$ = {measured(found.value, found.sigma)}"
+    axis.set(title=title, xlabel=r"volume fraction $\phi$", ylabel="volume change [cm³]\n(below zero: compacted)")
+    axis.legend()
     return figure

@@ -17,7 +17,7 @@ from jumpvision.mechanisms.own import LONG_AGO
 from jumpvision.mechanisms.record import STATE
 from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL, QUIET, SIGNED, kind_of, styled
 from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.findings import Discovered
+from jumpvision.results.findings import Cell, Discovered
 
 from .pictures import png
 
@@ -118,8 +118,8 @@ def _heights(ax: Any, data: Diagnosis) -> None:
         if np.isfinite(after).any():
             ax.plot(after, measured, mark, ms=4.5, color=color)
         top = max(top, *measured, *before)
-    ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
-    ax.set(title="jump heights", xlabel="simulated [mm]; filled: extended", ylabel="measured [mm]")
+    ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--", label="equal")
+    ax.set(title="jump heights", xlabel="simulated [mm] (open; filled: extended)", ylabel="measured [mm]")
     ax.set_xlim(0, None)
     ax.set_ylim(0, 1.02 * top)
     ax.legend(loc="upper left")
@@ -154,11 +154,19 @@ def _where(figure: Any, ax: Any, data: Diagnosis) -> None:
     ax.set_yticks(range(len(kinds)), [k.replace("_", " ") for k in kinds])
     ax.grid(False)
     ax.set_title("where: mean residual [mm]")
-    ax.set_xlabel("a dot: beyond chance")
-    for c in cells:
-        if c.phase_of_jump in parts and c.p_value < LEVEL:
+    stand_out = beyond(cells)
+    n = sum(c.p_value < LEVEL for c in cells)
+    ax.set_xlabel("a dot: beyond chance" if stand_out else f"{n} of {len(cells)} beyond chance")
+    for c in stand_out:
+        if c.phase_of_jump in parts:
             ax.plot(parts.index(c.phase_of_jump), kinds.index(c.kind), ".", color="black", ms=5)
     figure.colorbar(image, ax=ax, shrink=0.8)
+
+
+def beyond(cells: Sequence[Cell]) -> list[Cell]:
+    """The cells to be marked: those beyond chance, where these are the fewer; where nearly all are, none stands out."""
+    found = [c for c in cells if c.p_value < LEVEL]
+    return found if 2 * len(found) <= len(cells) else []
 
 
 def _causes(ax: Any, d: Findings) -> None:
@@ -289,11 +297,13 @@ def heights(rows: Sequence[Mapping[str, Any]], Figure: Any) -> Any:
         if modelled:
             model = [r["simulated_height_m"] * 1e3 for r in modelled]
             left.plot([r["frequency_hz"] for r in modelled], model, mark, ms=6, mfc="none", color=color, alpha=0.8)
-            right.plot(model, [r["jump_height_m"] * 1e3 for r in modelled], mark, ms=5, color=color)
-    left.set(title="jump height (filled measured, open model)", xlabel="frequency [Hz]", ylabel="height [mm]")
+            bars = [2e3 * (r.get("sigma_m") or 0.0) for r in modelled]
+            right.errorbar(model, [r["jump_height_m"] * 1e3 for r in modelled], bars, fmt=mark, ms=5, color=color)
+    left.set(title="jump height (filled: measured, ±2σ; open: model)", xlabel="frequency [Hz]", ylabel="height [mm]")
     left.legend()
     top = max(left.get_ylim()[1], right.get_xlim()[1])
-    right.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--")
+    right.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--", label="equal")
+    right.legend()
     right.set(title="measured against model", xlabel="model [mm]", ylabel="measured [mm]")
     return figure
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jumpvision.inputs.sections import Calibration, GrainVideo, PivField
-from jumpvision.report.style import ACCENT, MAP, MEASURED, QUIET, kind_of, styled
+from jumpvision.report.style import ACCENT, FOOT, MAP, MEASURED, QUIET, kind_of, styled
 from jumpvision.results.fields import Column, Flow, Piv
 from jumpvision.results.values import Fits
 from jumpvision.stages.recordings import open_grains
@@ -80,7 +80,7 @@ def piv_picture(
         return PivPicture(png(figure))
 
 
-@stage(version=4, picture=True)
+@stage(version=5, picture=True)
 def flow_picture(flow: Flow, piv: Piv, column: Column | None) -> FlowPicture:
     """Shear rate at the busiest moment with the cone's sides; momentum against time, added mass against depth.
 
@@ -106,12 +106,12 @@ def flow_picture(flow: Flow, piv: Piv, column: Column | None) -> FlowPicture:
         if column is not None:
             draw_sides(first, column.field, i)
         band(second, field.t * 1e3, field.momentum, field.momentum_sigma, MEASURED)
-        second.set(title="grain momentum, downwards", xlabel="time [ms]", ylabel="P [kg m/s]")
+        second.set(title="grain momentum, downwards, ±2σ", xlabel="time [ms]", ylabel="$P$ [kg m/s]")
         depth = field.foot_depth * 1e3
         third.errorbar(
             depth, field.added_mass * 1e3, field.added_mass_sigma * 1e3, fmt=".", color=MEASURED, lw=0.8, ms=4
         )
-        third.set(title="added mass P / v_foot", xlabel="foot depth [mm]", ylabel="m_a [g]")
+        third.set(title="added mass $P/v_f$", xlabel="foot depth [mm]", ylabel="$m_a$ [g]")
         return FlowPicture(png(figure))
 
 
@@ -184,9 +184,11 @@ def momentum(flows: Sequence[tuple[str, str, Any]], Figure: Any) -> Any:
         color = kind_of(kind).color
         ms = (t - start) * 1e3
         axis.fill_between(ms, p - 2 * s, p + 2 * s, color=color, alpha=0.2, lw=0)
-        axis.plot(ms, p, color=color, label=name)
+        axis.plot(ms, p, color=color, label=f"{name}, ±2σ")
     axis.axhline(0.0, color=QUIET, lw=0.6)
+    feet = {FOOT.get(f.attrs.get("disc", ""), "") for *_, f in flows}
     axis.set(xlabel="time from the start of the flow [ms]", ylabel="momentum of the grains [g m/s]")
+    axis.set_title(feet.pop() if len(feet) == 1 else "")
     axis.legend()
     return figure
 
@@ -204,5 +206,5 @@ def added_mass(fits: Fits, record: Column, flow: Flow, Figure: Any) -> Any:
     figure = Figure(figsize=(4.4, 3.0), layout="constrained")
     axis = figure.subplots()
     draw_cone(axis, fits, Data(column=record, flow=flow))
-    axis.set_title("")
+    axis.set_title(FOOT.get(flow.field.attrs.get("disc", ""), ""))
     return figure

@@ -26,7 +26,7 @@ class IntrusionPicture(Picture):
     file = "intrusion.png"
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def intrusion_picture(intrusion: Intrusion) -> IntrusionPicture:
     """The figure of one log."""
     with styled() as Figure:
@@ -47,14 +47,14 @@ def single(intrusion: Intrusion, Figure: Any) -> Any:
     if v["cone"]:
         draw_cone(left, z, v["cone"])
     if delta := fits.known("delta"):
-        left.axvline(delta.value * 1e3, color=QUIET, lw=0.8)
-        left.set_title(f"δ = {delta.value * 1e3:.2f} ± {delta.sigma * 1e3:.2f} mm")
+        left.axvline(delta.value * 1e3, color=QUIET, lw=0.8, label=r"bend $\delta$")
+        left.set_title(rf"$\delta$ = {shown(delta, 1e3)} mm")
     else:
         left.set_title(f"one slope suffices (p = {v['p_one_slope']:.2g})")
     left.set(xlabel="depth below the surface [mm]", ylabel="force [N]")
     left.legend()
     middle.plot(z, p["force_N"] - p["fitted_N"], color=MEASURED, lw=0.8)
-    middle.set(title="measured − fit", xlabel="depth below the surface [mm]", ylabel="[N]")
+    middle.set(title="measured − fit", xlabel="depth below the surface [mm]", ylabel="difference [N]")
     draw_events(right, v["events"], fits)
     return figure
 
@@ -65,7 +65,7 @@ def draw_cone(axis: Any, z: Any, cone: Any) -> None:
     for part, ls in (("flat", "--"), ("mantle", "-.")):
         axis.plot(z, cone[f"{part}_N"], color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
     if cone["complete_depth_m"] * 1e3 < np.max(z):
-        axis.axvline(cone["complete_depth_m"] * 1e3, color=GREEN, lw=0.6, ls=":")
+        axis.axvline(cone["complete_depth_m"] * 1e3, color=GREEN, lw=0.6, ls=":", label="cone complete")
 
 
 def draw_events(axis: Any, events: list[Any], fits: Fits) -> None:
@@ -78,8 +78,9 @@ def draw_events(axis: Any, events: list[Any], fits: Fits) -> None:
         o, sigma = (np.array([e[k] for e in mine]) for k in ("overshoot_N", "sigma_N"))
         axis.errorbar(z, o, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=kind.replace("_", "-"))
         if s := fits.known(name):
-            axis.plot([0, z.max()], [0, s.value * z.max() * 1e-3], color=color, lw=0.8)
-    axis.set(title="overshoot", xlabel="depth of the event [mm]", ylabel="[N]")
+            law = rf"${name} z$"
+            axis.plot([0, z.max()], [0, s.value * z.max() * 1e-3], color=color, lw=0.8, label=law)
+    axis.set(title="overshoot", xlabel="depth of the event [mm]", ylabel="overshoot [N]")
     if events:
         axis.legend()
     else:
@@ -97,14 +98,14 @@ def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: Any)
         points(axes[0, 0], mine, name, color, mark, 1.0 / area, f"${name[0]}_{name[1]}$")
     axes[0, 0].set(ylabel="resistance / foot area [N/cm³]", xlabel="volume fraction", title="resistances")
     mine = [r for r in known if np.isfinite(r.fits["delta"].value)]
-    points(axes[0, 1], mine, "delta", MEASURED, "o", np.full(len(mine), 1e3), "δ")
-    axes[0, 1].set(ylabel="δ [mm]", xlabel="volume fraction", title="depth of the bend")
+    points(axes[0, 1], mine, "delta", MEASURED, "o", np.full(len(mine), 1e3), r"$\delta$")
+    axes[0, 1].set(ylabel=r"$\delta$ [mm]", xlabel="volume fraction", title="depth of the bend")
     mine = [r for r in known if np.isfinite(r.fits["ripple_N"].value)]
     points(axes[1, 0], mine, "ripple_N", GREEN, "o", np.ones(len(mine)), "ripple")
     for axis, law in ((axes[0, 0], "phi_c_from_k1"), (axes[1, 0], "phi_c_from_ripple")):
         bend = laws.laws[law].value
         if np.isfinite(bend):
-            axis.axvspan(*laws.intervals[law], color=QUIET, alpha=0.25, lw=0)
+            axis.axvspan(*laws.intervals[law], color=QUIET, alpha=0.25, lw=0, label="its 95 %")
             axis.axvline(bend, color=QUIET, lw=0.8, label=f"bend at {bend:.3f}")
     axes[1, 0].set(ylabel="amplitude [N]", xlabel="volume fraction", title="oscillations below the bend")
     for axis in (axes[0, 0], axes[1, 0]):
@@ -139,8 +140,9 @@ def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
         for part, ls in ((row.flat, "--"), (row.mantle, "-.")):
             if part is not None:
                 axis.plot(z, part[first], color=color, ls=ls, lw=0.6)
-    title = "feet: RFT cone dotted, face -, mantle -."
-    axis.set(title=title, xlabel="depth [mm]", ylabel="force [N]")
+    for name, ls in (("RFT cone", ":"), ("its face", "--"), ("its mantle", "-.")) if feet else ():
+        axis.plot([], [], color=QUIET, ls=ls, lw=0.8, label=name)
+    axis.set(title="feet", xlabel="depth [mm]", ylabel="force [N]")
     if feet:
         axis.legend()
 
@@ -149,7 +151,7 @@ class SpringPicture(Picture):
     file = "spring.png"
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
     """Loading and unloading apart; the two lines of a loop; turning points, which are left out, in grey."""
     p = {k: np.array(a, float) for k, a in spring.values["profile"].items()}
@@ -158,7 +160,7 @@ def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
         figure = Figure(figsize=(8.6, 3.4), layout="constrained")
         whole, rest = figure.subplots(1, 2, width_ratios=(1.3, 1))
         turning = p["direction"] == 0
-        whole.plot(x[turning], p["force_N"][turning], ".", ms=3, color=QUIET, label="_turning")
+        whole.plot(x[turning], p["force_N"][turning], ".", ms=3, color=QUIET, label="turning points, left out")
         for sign, label, color in ((1, "growing displacement", MEASURED), (-1, "falling displacement", MODEL)):
             mine = p["direction"] == sign
             if mine.any():
@@ -184,7 +186,7 @@ class MotorPicture(Picture):
     file = "motor.png"
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     """Encoder and command, their difference, and where force was logged the work it does."""
     if not fits.known("actuator_ratio"):
@@ -202,21 +204,21 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
         axes = figure.subplots(1, panels)
         axes[0].plot(t, command * 1e3, color=MODEL, label="command")
         axes[0].plot(t, position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
-        axes[0].legend()
         axes[0].set(title=f"ratio {shown(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
         axes[1].plot(t, (position - command) * 1e3, color=MEASURED, lw=0.8)
         axes[1].set(title=f"lag {shown(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
         if force is not None and done:
             work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
-            axes[2].plot(t, work, color=MEASURED)
-            axes[2].axhline(done.value, color=QUIET, lw=0.8, ls="--")
+            axes[2].plot(t, work, color=MEASURED, label="so far")
+            axes[2].axhline(done.value, color=QUIET, lw=0.8, ls="--", label="in all")
             title = f"work {shown(done)} J"
             if peak:
                 title += f"\npeak power {shown(peak)} W"
             axes[2].set(title=title, ylabel="work of the motor's force [J]")
         for axis in axes:
-            axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0)
+            axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0, label="motor runs")
             axis.set_xlabel("time [s]")
+            axis.legend()
         return MotorPicture(png(figure))
 
 
@@ -227,12 +229,13 @@ def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: Any) -> Any:
     f = np.array([r.frequency for r in rows])
     for axis, name, factor in ((left, "actuator_ratio", 1.0), (right, "actuator_lag_s", 1e3)):
         value, sigma = np.array([r.fits[name] for r in rows]).T * factor
-        axis.errorbar(f, value, 2 * sigma, fmt="o", ms=4, lw=0.8, color=MEASURED)
+        axis.errorbar(f, value, 2 * sigma, fmt="o", ms=4, lw=0.8, color=MEASURED, label="measured, ±2σ")
+        axis.legend()
         axis.set(xlabel="frequency [Hz]")
     if np.isfinite(found.gain.value):
         left.axhline(found.gain.value / np.sqrt(2), color=QUIET, lw=0.8, ls="--", label="−3 dB")
     if np.isfinite(found.cutoff.value):
-        left.axvspan(found.low, found.high, color=MODEL, alpha=0.2, lw=0)
+        left.axvspan(found.low, found.high, color=MODEL, alpha=0.2, lw=0, label="its 95 %")
         cutoff = measured(found.cutoff.value, found.cutoff.sigma)
         left.axvline(found.cutoff.value, color=MODEL, lw=0.8, label=f"{cutoff} Hz")
     left.set(title="encoder / command", ylabel="amplitude ratio")

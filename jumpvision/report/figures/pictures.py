@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
+from jumpvision.base.arrays import measured
 from jumpvision.grains.cone import mass_curve
 from jumpvision.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
@@ -119,7 +120,7 @@ def tracks(jumps: Sequence[Tracked], Figure: Any) -> Any:
     for (top, low), jump in zip(axes.T, jumps):
         top.set(title=jump.name)
         low.axhline(0.0, color=QUIET, lw=0.6)
-        low.set(xlabel="time [s]")
+        low.set(xlabel="time [s]", title="measured − simulated" if jump.model is not None else "")
         draw_beside((top, low), jump.rod, jump.model, "simulated", size=2, line="-", lw=0.8)
     axes[0, 0].set(ylabel="rod height [mm]")
     axes[1, 0].set(ylabel="difference [mm]")
@@ -127,7 +128,7 @@ def tracks(jumps: Sequence[Tracked], Figure: Any) -> Any:
     return figure
 
 
-@stage(version=2, picture=True)
+@stage(version=3, picture=True)
 def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actuation | None) -> JumpPicture:
     """Measured and simulated height of the rod, and what the model leaves over."""
     with styled() as Figure:
@@ -151,7 +152,7 @@ def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actua
         return JumpPicture(png(figure))
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
     """The surface found in the picture of the bed."""
     v, profile = bed.values, bed.values["profile"]
@@ -168,16 +169,17 @@ def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
         left.grid(False)
         x, height = (np.array(profile[k], float) * 1e3 for k in ("x_m", "height_m"))
         mean, sigma = v["height_m"] * 1e3, v["sigma_m"] * 1e3
-        right.plot(x, height, color=MEASURED, lw=0.8)
-        right.axhspan(mean - 2 * sigma, mean + 2 * sigma, color=MODEL, alpha=0.25, lw=0)
-        right.axhline(mean, color=MODEL)
+        right.plot(x, height, color=MEASURED, lw=0.8, label="surface")
+        right.axhspan(mean - 2 * sigma, mean + 2 * sigma, color=MODEL, alpha=0.25, lw=0, label="±2σ")
+        right.axhline(mean, color=MODEL, label="mean")
+        right.legend()
         phi = v["volume_fraction"]
         text = f"\nφ = {phi:.4f} ± {v['sigma_volume_fraction']:.4f}" if phi is not None else ""
         right.set(title=f"bed height {mean:.2f} ± {sigma:.2f} mm{text}", xlabel="x [mm]", ylabel="height [mm]")
         return BedPicture(png(figure))
 
 
-@stage(version=2, picture=True)
+@stage(version=3, picture=True)
 def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None, flow: Flow | None) -> FitPicture:
     """The fits beside the data they were made on."""
     panels: list[Panel] = []
@@ -213,12 +215,13 @@ def draw_ring(axis: Any, fits: Fits, of: Data) -> None:
     t, h, _ = of.rod.arrays
     f, zeta, a, offset, phase, start, stop = (fits[k].value for k in RING)
     w = (t >= start) & (t <= stop)
-    axis.plot(t[w], (h[w] - offset) * 1e3, ".", ms=3, color=MEASURED)
+    axis.plot(t[w], (h[w] - offset) * 1e3, ".", ms=3, color=MEASURED, label="measured")
     line = np.linspace(start, stop, 1500)
     omega0 = 2 * np.pi * f / np.sqrt(1 - zeta**2)
     wave = a * np.exp(-zeta * omega0 * (line - start)) * np.cos(2 * np.pi * f * (line - start) + phase)
-    axis.plot(line, wave * 1e3, color=MODEL, lw=0.8)
-    axis.set(title=f"ring-down {f:.3f} Hz, ζ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
+    axis.plot(line, wave * 1e3, color=MODEL, lw=0.8, label="fit")
+    axis.legend(loc="upper right")
+    axis.set(title=rf"ring-down {f:.3f} Hz, $\zeta$ = {zeta:.4f}", xlabel="time [s]", ylabel="height [mm]")
 
 
 def draw_profile(axis: Any, fits: Fits, of: Data) -> None:
@@ -238,7 +241,7 @@ def draw_profile(axis: Any, fits: Fits, of: Data) -> None:
     axis.plot(
         line * 1e3, np.minimum(np.exp(float(c.log_a[i]) * (line + float(c.b[i]))), 1.0), color=MODEL, label="$a^{z+b}$"
     )
-    axis.axhline(float(of.column.geometry.front), color=QUIET, lw=0.8, ls="--")
+    axis.axhline(float(of.column.geometry.front), color=QUIET, lw=0.8, ls="--", label="jammed above")
     axis.set_xlim(0)
     axis.set(
         title=f"central column, t = {float(c.t[i]):.3f} s", xlabel="z below the foot [mm]", ylabel="speed / largest"
@@ -251,8 +254,9 @@ def draw_beta(axis: Any, fits: Fits, of: Data) -> None:
     c = of.column.field
     axis.errorbar(c.foot_depth * 1e3, c.beta_deg, c.beta_deg_sigma, fmt=".", lw=0.7, color=MEASURED)
     if b := fits.known("beta_deg"):
-        axis.axhline(b.value, color=MODEL)
-    axis.set(title="β = asin(a^Δz)", xlabel="foot depth [mm]", ylabel="β [deg]")
+        axis.axhline(b.value, color=MODEL, label=f"mean {measured(b.value, b.sigma)}°")
+        axis.legend()
+    axis.set(title=r"$\beta = \arcsin a^{\Delta z}$", xlabel="foot depth [mm]", ylabel=r"$\beta$ [deg]")
 
 
 def draw_front(axis: Any, fits: Fits, of: Data) -> None:
@@ -267,7 +271,7 @@ def draw_front(axis: Any, fits: Fits, of: Data) -> None:
             line,
             mu.value * line + cut.value * 1e3,
             color=MODEL,
-            label=f"μ = {mu.value:.2f} ± {mu.sigma:.2f}",
+            label=rf"$\mu$ = {measured(mu.value, mu.sigma)}",
         )
         axis.legend()
     axis.set(title="jammed front", xlabel="foot depth [mm]", ylabel="thickness [mm]")
@@ -282,23 +286,27 @@ def draw_theta(axis: Any, fits: Fits, of: Data) -> None:
     ):
         axis.errorbar(c.foot_depth * 1e3, c[name], c[f"{name}_sigma"], fmt=mark, lw=0.7, ms=4, color=color, label=label)
     if theta := fits.known("theta_deg"):
-        axis.axhline(theta.value, color=MODEL)
-        axis.legend()
-    axis.set(title="θ of the cone", xlabel="foot depth [mm]", ylabel="θ [deg]", ylim=(30, 90))
+        axis.axhline(theta.value, color=MODEL, label=f"mean {measured(theta.value, theta.sigma)}°")
+    axis.legend()
+    axis.set(title=r"$\theta$ of the cone", xlabel="foot depth [mm]", ylabel=r"$\theta$ [deg]", ylim=(30, 90))
 
 
 def draw_cone(axis: Any, fits: Fits, of: Data) -> None:
     """Added mass against depth and the saturating cone (33)."""
     f = of.flow.field
     z = f.foot_depth.values
-    axis.errorbar(z * 1e3, f.added_mass * 1e3, f.added_mass_sigma * 1e3, fmt=".", lw=0.7, color=MEASURED)
+    sinks = np.gradient(z) > 0.0 if len(z) > 1 else np.ones(len(z), bool)
+    for which, color, mark, label in ((sinks, MEASURED, ".", "foot sinks"), (~sinks, QUIET, "x", "foot rises")):
+        mass, sigma = f.added_mass.values[which] * 1e3, f.added_mass_sigma.values[which] * 1e3
+        if np.isfinite(mass).any():
+            axis.errorbar(z[which] * 1e3, mass, sigma, fmt=mark, lw=0.7, ms=4, color=color, label=label)
     line = np.linspace(0.0, np.nanmax(z[np.isfinite(f.added_mass.values)]), 100)
     slope, narrowing = fits["cone_slope_kg_m"].value, fits["mu_over_tan_theta"].value
     c, R = fits["C"], of.column.geometry.foot_radius_m
-    label = f"C = {c.value:.2f} ± {c.sigma:.2f}" if c.known else "cone"
+    label = f"$C$ = {measured(c.value, c.sigma)}" if c.known else "cone"
     axis.plot(line * 1e3, mass_curve(line, slope, narrowing, R) * 1e3, color=GREEN, label=label)
     axis.legend()
-    axis.set(title="added mass and cone", xlabel="foot depth [mm]", ylabel="m_a [g]")
+    axis.set(title="added mass and cone", xlabel="foot depth [mm]", ylabel="$m_a$ [g]")
 
 
 def draw_sides(axis: Any, column: Any, i: int) -> None:

@@ -41,11 +41,11 @@ def plan_picture(planned: Planned) -> bytes:
         rise = 1e3 * (motion.rod[show] - motion.rest)
         body.plot(1e3 * t, rise, color=MODEL, label="rod over rest")
         body.plot(1e3 * t, 1e3 * motion.foot[show], color=GREEN, label="foot")
-        body.axhline(1e3 * numbers.apex_m, color=QUIET, lw=0.8, ls=":")
+        body.axhline(1e3 * numbers.apex_m, color=QUIET, lw=0.8, ls=":", label="apex wanted")
         body.set(ylabel="height [mm]")
         effort.plot(1e3 * t, force, color=ACCENT, label="motor force [N]")
         effort.plot(1e3 * t, force * V, color=MEASURED, lw=1.0, label="motor power [W]")
-        effort.set(xlabel="time [ms]", ylabel="force, power")
+        effort.set(xlabel="time [ms]", ylabel="force [N], power [W]")
         for axis in axes:
             _phases(axis, planner.sequence, plan.durations)
             axis.legend(loc="best", fontsize=8)

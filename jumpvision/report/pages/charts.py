@@ -10,6 +10,7 @@ from typing import Any, NotRequired, TypedDict, Unpack
 import numpy as np
 
 from jumpvision.diagnosis.detect import LEVEL
+from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.style import kind_of
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Cell, Gain
@@ -242,12 +243,6 @@ def diagnosis_charts(d: Diagnosis | None) -> list[Chart]:
         panels.append(gain_panel(d.gain))
     note = marked(d.where) if d.where else ""
     return [chart("Where it fails, why, and what is gained", panels, note)] if panels else []
-
-
-def beyond(cells: Sequence[Cell]) -> list[Cell]:
-    """The cells to be marked: those beyond chance, where these are the fewer; where nearly all are, none stands out."""
-    found = [c for c in cells if c.p_value < LEVEL]
-    return found if 2 * len(found) <= len(cells) else []
 
 
 def marked(cells: Sequence[Cell]) -> str:

@@ -96,7 +96,12 @@ def grains_chart(results: Path) -> Chart | None:
             [series("momentum", "measured", t * 1e3, p * 1e3, p_sigma * 1e3, kind="line")],
         )
     ]
-    shown = [series("measured", "measured", depth, mass * 1e3, mass_sigma * 1e3, size=3)]
+    sinks = np.gradient(depth) > 0.0 if depth.size > 1 else np.ones(depth.size, bool)
+    shown = [
+        series(name, role, depth[which], mass[which] * 1e3, mass_sigma[which] * 1e3, size=3, hollow=role == "quiet")
+        for name, role, which in (("measured", "measured", sinks), ("foot rises", "quiet", ~sinks))
+        if np.isfinite(mass[which]).any()
+    ]
     radius = float("nan")
     if (results / "column.nc").exists():
         column = Column.load(results)

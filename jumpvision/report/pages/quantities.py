@@ -8,8 +8,9 @@ from typing import NamedTuple
 from jumpvision.base.arrays import measured
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.mechanisms.registry import MECHANISMS
+from jumpvision.report.style import FOOT
 
-HALF, WHOLE = "half foot, as filmed", "whole foot"
+HALF, WHOLE = FOOT["half"], FOOT["full"]
 
 UNITS = {  # unit in the file: unit on the page, factor
     "degree": ("°", 1.0),

@@ -94,7 +94,7 @@ def grid(data: xr.Dataset, Figure: Any) -> Any:
         axis = figure.subplots()
         names = ["com_height_m", "flight_height_m", "jump_height_m"]
         axis.barh([SHOWN[n][0] for n in names], [float(data[n]) * 1e3 for n in names], color=MEASURED)
-        axis.set(title="one jump", xlabel="[mm]")
+        axis.set(title="one jump", xlabel="height [mm]")
     else:
         figure = panels(data, Figure)
     figure.suptitle(_what(data, dims), fontsize=8, color=QUIET, x=0.01, ha="left")
@@ -111,7 +111,8 @@ def _what(data: xr.Dataset, dims: Any) -> str:
     said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
     said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
     words = [AXES[n].said(v, 4) for n, v in said if v or n != "delay"]
-    return f"{told.robot}: {', '.join(words)}"
+    dotted = "; dotted: natural frequency" if told.ground == "hard" and told.f0_Hz and "frequency" in dims else ""
+    return f"{told.robot}: {', '.join(words)}{dotted if len(dims) > 1 else ''}"
 
 
 def label(name: str) -> str:
@@ -172,15 +173,15 @@ def lines(data: xr.Dataset, Figure: Any, dim: str) -> Any:
     heights = (("com_height_m", MEASURED, "-"), ("flight_height_m", MODEL, "--"), ("jump_height_m", GREEN, ":"))
     for name, color, style in heights:
         axes[0, 0].plot(x, data[name] * 1e3, style, color=color, label=SHOWN[name][0])
-    axes[0, 0].set(title="heights", ylabel="[mm]")
+    axes[0, 0].set(title="heights", ylabel="height [mm]", xlabel=label(dim))
     axes[0, 0].legend(fontsize=7, frameon=True, framealpha=0.8, edgecolor="none")
     axes[0, 1].step(x, np.where(data.n_jumps < 0, np.nan, data.n_jumps), where="mid", color=MEASURED)
-    axes[0, 1].set(title="number of jumps")
-    axes[0, 1].yaxis.get_major_locator().set_params(integer=True)
+    axes[0, 1].set(title="number of jumps", ylabel="jumps", xlabel=label(dim))
+    axes[0, 1].yaxis.get_major_locator().set_params(integer=True, min_n_ticks=1)
     axes[1, 0].plot(x, data.peak_power_W, color=ACCENT)
-    axes[1, 0].set(title="peak motor power", ylabel="[W]", xlabel=label(dim))
+    axes[1, 0].set(title="peak motor power", ylabel="power [W]", xlabel=label(dim))
     axes[1, 1].plot(x, data.peak_force_N, color=ACCENT)
-    axes[1, 1].set(title="peak motor force", ylabel="[N]", xlabel=label(dim))
+    axes[1, 1].set(title="peak motor force", ylabel="force [N]", xlabel=label(dim))
     return figure
 
 
