@@ -8,12 +8,14 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from test_report import KINDS, campaign_of, diagnosis_of, grains_into
 
 from jumpvision.campaign.folder import jumps_table, write_jumps
 from jumpvision.cli import main
 from jumpvision.report.catalogue import available
-from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, printed, save
+from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, kind_of, lettered, printed, save
+from jumpvision.report.style import KINDS as LOOKS
 
 POINT = 25.4 / 72  # mm
 
@@ -87,7 +89,10 @@ def test_heights_and_tracks_hold_the_tables(results, drawn):
     places = sorted((float(x), float(y)) for line in left.lines for x, y in zip(*line.get_data()) if np.isfinite(y))
     expected = [(f, 1e3 * h) for f in (6.0, 6.5) for kind in KINDS.values() for h in kind]
     np.testing.assert_allclose(sorted({tuple(p) for p in np.round(places, 6).tolist()}), sorted(expected))
-    assert {tuple(np.round(line.get_data()[0], 6)) for line in right.lines[:-1]} == {(42.0, 42.0), (34.0, 34.0)}
+    assert {tuple(np.round(np.asarray(line.get_data()[0], float), 6)) for line in right.lines[:-1]} == {
+        (42.0, 42.0),
+        (34.0, 34.0),
+    }
     figure = figures["tracks"]
     lower = figure.axes[2:]
     assert [a.get_title(loc="left") for a in figure.axes[:2]] == ["single-2", "stutter-3"]
@@ -173,3 +178,53 @@ def test_nothing_to_draw_is_said(tmp_path, capsys):
     (tmp_path / "sweep.nc").write_bytes(b"not a field")
     assert main(["figures", str(tmp_path / "sweep.nc")]) == 2
     assert "not a NetCDF file" in capsys.readouterr().err
+
+
+def told(axis, which):
+    """Whether an axis has its name, or a panel that shares it has, or its ticks are words."""
+    shares = getattr(axis, f"get_shared_{which}_axes")().get_siblings(axis)
+    ticks = [t.get_text() for t in getattr(axis, f"{which}axis").get_ticklabels()]
+    return any(getattr(a, f"get_{which}label")() for a in shares) or any(re.search("[a-z]{4}", t) for t in ticks)
+
+
+def test_every_panel_has_its_letter_every_axis_its_name_and_every_line_its_legend(results, sweep):
+    seen = 0
+    for source in (results, sweep):
+        for name, (_, draw) in available(source).items():
+            with printed() as Figure:
+                figure = lettered(draw(Figure))
+            panels = [a for a in figure.axes if not hasattr(a, "_colorbar")]
+            if len(panels) > 1:
+                assert [a.get_title(loc="left")[:3] for a in panels] == [f"({c})" for c in "abcdefghi"[: len(panels)]]
+            legends = [t.get_text() for a in panels if a.get_legend() for t in a.get_legend().get_texts()]
+            for axis in panels:
+                assert told(axis, "x") and told(axis, "y"), (name, axis.get_title(loc="left"))
+                assert set(axis.get_legend_handles_labels()[1]) <= set(legends), name
+                seen += 1
+    assert seen > 15
+
+
+def test_a_kind_of_jump_has_one_look_on_paper_and_on_pages(results, drawn):
+    handles, labels = drawn[0]["heights"].axes[0].get_legend_handles_labels()
+    shown = {label: handle.lines[0].get_color() for handle, label in zip(handles, labels)}
+    assert shown == {kind: kind_of(kind).color for kind in KINDS}
+    film = drawn[0]["grain-momentum"].axes[0].lines[0]
+    assert film.get_color() == kind_of("stutter").color
+    assert len({k.color for k in LOOKS.values()} | {kind_of("unheard of").color}) == len(LOOKS) + 1
+
+
+def test_a_sweep_never_replaces_another(tmp_path, capsys):
+    def swept(*axes):
+        assert main(["sweep", "hard", *axes, "--no-pictures", "--results", str(tmp_path)]) == 0
+        return capsys.readouterr().err
+
+    swept("--frequency", "6:10:3")
+    assert "kept" not in swept("--frequency", "6:10:3")  # the same once more
+    assert "kept as" in swept("--frequency", "6:10:4")
+    assert "kept as" in swept("--phase", "0:6:3")
+    kept = sorted(f.name for f in tmp_path.glob("sweep-map-frequency-*.nc"))
+    assert len(kept) == 2 and (tmp_path / "sweep.nc").exists()
+    assert sorted(len(xr.load_dataset(tmp_path / f).frequency) for f in kept) == [3, 4]
+    assert {f.removesuffix(".nc") for f in kept} < set(available(tmp_path))
+    assert main(["report", str(tmp_path / kept[0])]) == 0
+    assert (tmp_path / kept[0]).with_suffix(".html").exists() and not (tmp_path / "report.html").exists()

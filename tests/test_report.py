@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import re
 import time
 import tracemalloc
@@ -14,16 +15,25 @@ import pandas as pd
 import pytest
 import xarray as xr
 from diagnosis_sample import confirmation, diagnosis
+from hypothesis import given
+from hypothesis import strategies as st
 
+from jumpvision.base.arrays import measured, plain_number
 from jumpvision.base.storage import write_aside
 from jumpvision.campaign.folder import jumps_table
 from jumpvision.cli import main
+from jumpvision.estimate.estimate import Estimate
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.experiment import open_campaign
+from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
-from jumpvision.report.pages.charts import heights_chart
+from jumpvision.report.pages.charts import heights_chart, marked
+from jumpvision.report.pages.drawings import INK as PEN
+from jumpvision.report.pages.drawings import drawing
 from jumpvision.report.pages.page import NAME, write_report
+from jumpvision.report.pages.quantities import fit_rows
 from jumpvision.report.pages.words import experiment_words
+from jumpvision.report.style import MEASURED
 from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.results.findings import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.results.values import Fits
@@ -319,6 +329,61 @@ def test_the_cone_film_shows_shear_where_it_is_below_the_foot():
     assert (row.min() + 0.5) / draw.zoom - 0.5 >= 2 + 30 - 0.6  # nothing above the foot's face
 
 
+@given(
+    st.floats(-1e6, 1e6),
+    st.floats(-6, 5).map(lambda e: 10.0**e),
+)
+def test_a_value_stands_with_the_two_figures_that_its_uncertainty_is_worth(value, sigma):
+    said, width = measured(value, sigma).split(" ± ")
+    step = 10.0 ** (int(f"{sigma:.1e}".partition("e")[2]) - 1)  # of the second figure of the rounded sigma
+    assert abs(float(said) - value) <= 0.5001 * step + 1e-12 * abs(value)
+    assert abs(float(width) - sigma) <= 0.5001 * step
+    assert "e" not in said and not said.startswith("-0.0 ")
+    assert len(width.lstrip("0.").rstrip("0").replace(".", "")) <= 2  # no third figure
+    assert [len(x.partition(".")[2]) for x in (said, width)] == [max(0, -round(math.log10(step)))] * 2
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(1234.0, "1234"), (0.5, "0.5000"), (12345.6, "12346"), (0.0, "0.000"), (9.5e-103, "9.500e-103"), (None, "")],
+)
+def test_a_value_without_uncertainty_has_four_figures(value, said):
+    assert plain_number(value) == said
+
+
+def test_fits_stand_in_words_units_and_digits():
+    given = {"n_jumps": Estimate(2.0, 0.0, "", 2, 0.0), "added_mass_kg": Estimate(0.0732, 0.0004, "kg", 9, 1.0),
+             "decay_viscous_p_value": Estimate(6.8e-95, math.nan, "", 9, 1.0),
+             "jump_height_m": Estimate(0.03999551924317099, 2.34e-5, "m", 9, 1.0),
+             "mu": Estimate(math.nan, math.nan, "", 0, math.nan, "no front")}  # fmt: skip
+    assert [r[:3] for r in fit_rows(given)] == [
+        ("flights of the jump", "2", ""), ("greatest added mass (half foot, as filmed)", "73.20 ± 0.40", "g"),
+        ("p of viscous damping alone", "< 0.0001", ""),
+        ("jump height above rest", "39.996 ± 0.023", "mm"),
+    ]  # fmt: skip
+    assert "(whole foot)" in fit_rows(given, whole=True)[1].name
+
+
+@pytest.mark.parametrize(("found", "dots"), [(0, 0), (1, 1), (3, 3), (4, 0), (6, 0)])
+def test_cells_are_marked_only_where_few_are_beyond_chance(found, dots):
+    cells = [Cell("single", str(k), 0.001, 9.0, 1e-4 if k < found else 0.5, 40) for k in range(6)]
+    assert len(beyond(cells)) == dots
+    words = marked(cells)
+    assert words.startswith(f"A dot marks the {found} of 6" if dots else f"{found or 'None'} of 6")
+
+
+def test_a_drawing_has_the_pages_ink_and_no_paper():
+    def draw(Figure):
+        figure = Figure()
+        figure.subplots().plot([0, 1], color=MEASURED, label="line")
+        return figure
+
+    made = drawing(draw)
+    assert made.startswith("<svg") and PEN not in made and MEASURED.lower() not in made
+    assert "currentColor" in made and "var(--measured)" in made
+    assert "#ffffff" not in made and made == drawing(draw)
+
+
 # --- in a browser ----------------------------------------------------------------------------------------------------
 
 
@@ -468,3 +533,48 @@ def test_the_films_play_and_print_shows_a_frame(pages, open_page):
     assert page.locator("video").first.is_hidden() and page.locator(".still").first.is_visible()
     paper = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert sum(map(int, re.findall(r"\d+", paper))) == 3 * 255
+
+
+VISIBLE = "document.querySelectorAll('script, pre').forEach(e => e.remove()), document.body.innerText"
+
+
+@pytest.mark.parametrize("which", [NAME, f"stutter-1/{NAME}"])
+def test_a_reader_sees_words_and_sensible_digits(pages, open_page, which):
+    """No name of a variable, no number as the machine has it: what every reader would trip over."""
+    text = open_page(pages / which).evaluate(VISIBLE)
+    assert len(text) > 500
+    assert not re.findall(r"\b[a-z]+_[a-z_]+\b", text)
+    assert not re.findall(r"\d*\.\d{7,}|\d+\.\d+e[+-]?\d+", text)
+
+
+def test_the_verdict_has_three_levels_and_paper_has_no_folds(pages, browser, tmp_path):
+    page = browser.new_page()
+    page.goto((pages / NAME).as_uri())
+    assert page.locator("h1").is_visible() and page.locator("figure.chart").first.is_visible()
+    inside = page.locator("details.fold figure.chart")
+    assert inside.count() == 1 and not inside.first.is_visible()
+    file = tmp_path / "page.pdf"
+    page.pdf(path=file, format="A4")
+    assert inside.first.is_visible() and inside.first.locator("svg").count() == 3  # opened and drawn for the paper
+    page.close()
+    pdfium = pytest.importorskip("pypdfium2", reason="pypdfium2 draws the printed page")
+    for sheet in pdfium.PdfDocument(file):
+        grey = sheet.render(scale=0.5).to_numpy().min(axis=2)
+        assert (grey < 200).mean() > 0.002  # a line of text is 0.003 of a sheet
+
+
+def test_plots_are_dark_where_the_page_is(tmp_path, open_page):
+    assert main(["sweep", "hard", "--frequency", "6:10:5", "--no-pictures", "--results", str(tmp_path)]) == 0
+    assert main(["report", str(tmp_path / "sweep.nc")]) == 0
+    ink = "getComputedStyle(document.querySelector('.drawn svg')).fill"
+    shades = [
+        sum(map(int, re.findall(r"\d+", open_page(tmp_path / NAME, color_scheme=scheme).evaluate(ink))))
+        for scheme in ("light", "dark")
+    ]
+    assert shades[0] < 200 < 600 < shades[1]
+
+
+def test_residuals_have_ticks_to_be_read_by(pages, open_page):
+    page = open_page(pages / "stutter-1" / NAME)
+    across = "[...document.querySelectorAll('.plot')].map(p => p.querySelectorAll('path.grid[d*=H]').length)"
+    assert min(page.evaluate(across)) >= 3
