@@ -64,14 +64,14 @@ def test_the_truth_stands_beside_each_parameter_and_is_marked_outside_95_per_cen
     assert {n: r["truth is"] for n, r in rows.items()} == {
         "b": "inside 95 %", "C": "inside 95 %", "mu": "outside 95 % (2.0 sigma)", "theta": "outside 95 % (3.0 sigma)",
     }  # fmt: skip
-    shown = [true for _, true in causes_shown(d, Truth.of(campaign))]
+    shown = [row["true"] for row in causes_shown(d, Truth.of(campaign))]
     assert shown[1:] == [""] and shown[0].endswith("; mu outside 95 % (2.0 sigma), theta outside 95 % (3.0 sigma)")
 
 
 def test_as_many_digits_as_the_uncertainty_is_worth():
     assert measured(12.3456, 0.0123) == "12.346 ± 0.012"
     assert measured(12.3456, 0.0998) == "12.35 ± 0.10"  # two figures once rounded
-    assert measured(1234.5, 120.0) == "1234 ± 120" and measured(0.0123456, 2e-5, 1e3) == "12.346 ± 0.020"
+    assert measured(1234.5, 120.0) == "1230 ± 120" and measured(0.0123456, 2e-5, 1e3) == "12.346 ± 0.020"
     assert measured(1.5, None) == measured(1.5, math.nan) == "1.500" and measured(None, 0.1) == ""
 
 

@@ -58,7 +58,7 @@ def apex_of(results: Path) -> list[Series]:
     if height is None or time is None or not np.isfinite(time.value):
         return []
     at = [time.value], [height.value * 1e3], [height.sigma * 1e3]
-    return [series("apex", "ink", *at, mark="triangle", hollow=True, size=6)]
+    return [series("apex", "ink", *at, hollow=True, size=7)]
 
 
 def whole_disc(results: Path) -> bool:

@@ -4,7 +4,7 @@
 const ROLES = { measured: "--measured", model: "--model", accent: "--accent", green: "--green", amber: "--amber", sky: "--sky", quiet: "--soft", ink: "--ink" };
 const VIRIDIS = ["#440154", "#482878", "#3e4a89", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725"];
 const SIGNED = ["#2166ac", "#67a9cf", "#d1e5f0", "#f7f7f7", "#fddbc7", "#ef8a62", "#b2182b"];
-const PAD = { left: 54, right: 12, top: 8, bottom: 40 };
+const PAD = { left: 62, right: 12, top: 8, bottom: 40 };
 const NEAR = 40; // px from the pointer within which a point is read
 
 const esc = (s) => String(s).replace(/[&<>"]/g, (c) => ({ "&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;" })[c]);
