@@ -18,6 +18,7 @@ PARTS = {
     "crater": "Laser line",
     "ball_films": "Ball tracker on whole films",
     "piv": "PIV",
+    "mei": "PIV: noise and resolution",
     "memory": "PIV memory",
     "hard": "Hard-ground jumper",
     "granular": "Granular jumper",
