@@ -27,7 +27,7 @@ BOUNDS = {
     "floors": Bound(9, 9),
     "loose modules": Bound(1, 2),
     "entries of the fullest folder": Bound(12, 12),
-    "files": Bound(299, 250),
+    "files": Bound(328, 250),
     "fmt: skip": Bound(0, 39),
     'attrs["..."] outside results': Bound(0, 0),
     "dict[str, Any]": Bound(56, 59),
@@ -56,7 +56,7 @@ def large_functions(file: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
-        if any(re.search(r"jit|kernel|vectorize", ast.unparse(d)) for d in node.decorator_list):
+        if any(re.search(r"jit|kernel|vectorize|shared", ast.unparse(d)) for d in node.decorator_list):
             continue
         a = node.args
         names = [x.arg for x in (*a.posonlyargs, *a.args, *a.kwonlyargs)]

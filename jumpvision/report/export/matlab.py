@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +72,7 @@ def _write_field(file: Path, target: Path) -> None:
         savemat(out, _named(said), long_field_names=True, oned_as="column")
 
 
-def _save(target: Path, values: dict[str, Any]) -> None:
+def _save(target: Path, values: Mapping[str, Any]) -> None:
     from scipy.io import savemat
 
     savemat(target, _named(values), long_field_names=True, oned_as="column")
@@ -93,9 +94,9 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def _named(values: dict[str, Any]) -> dict[str, Any]:
+def _named(values: Mapping[str, Any]) -> dict[str, Any]:
     """The same under names that MATLAB takes: letters, digits and _, a letter first, no two alike."""
-    out: dict[str, Any] = {}
+    out = {}
     for name, value in values.items():
         plain = re.sub(r"\W", "_", str(name), flags=re.ASCII)
         plain = (plain if plain[:1].isalpha() else f"x{plain}")[:LONGEST]
