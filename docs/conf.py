@@ -9,10 +9,10 @@ PARTS = {  # of the site; all but the last are at most 15,000 words together (te
     "Only match pictures": ["velocity_fields"],
     "Only track": ["tracking"],
     "Question a model": ["diagnosis", "experimenter", "any_simulator"],
-    "Jumping robots": ["planning", "demo", "report", "scale"],
+    "Jumping robots": ["planning", "demo", "report"],
     "Reference": [
-        "commands", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "rft", "laboratory",
-        "diagnosis_real", "real", "benchmarks", "features", "architecture",
+        "commands", "scale", "keys", "api", "files", "stages", "physics", "hard_ground", "granular", "dem", "rft",
+        "laboratory", "diagnosis_real", "real", "benchmarks", "features", "architecture",
     ],
 }  # fmt: skip
 

@@ -30,7 +30,7 @@ BOUNDS = {
     "files": Bound(328, 250),
     "fmt: skip": Bound(0, 39),
     'attrs["..."] outside results': Bound(0, 0),
-    "dict[str, Any]": Bound(56, 59),
+    "dict[str, Any]": Bound(54, 59),
     "large functions outside kernels": Bound(0, 0),
 }
 

@@ -352,7 +352,7 @@ def test_challenges_are_judged_by_the_numbers(open_page):
     until(page, "document.querySelector('#judged').textContent.includes('gravity g')")
 
 
-@pytest.mark.parametrize("language", ["en", "de", "es"])
+@pytest.mark.parametrize("language", ["en", *(pytest.param(n, marks=pytest.mark.long) for n in ("de", "es"))])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_serious_finding_of_axe(open_page, language, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")

@@ -159,7 +159,7 @@ def depth(folder: Path) -> None:
 
 
 EXAMPLES = {  # example: what writes the files of the other program, the stage that reads the result, and its file
-    "tracker": (tracker, "fit", "rod.csv"), "labview": (labview, None, "motor_log"),
+    "tracker": (tracker, "rod", "rod.csv"), "labview": (labview, None, "motor_log"),
     "semicolon": (semicolon, None, "contact_log"), "playback": (playback, "track", "track.csv"),
     "depth": (depth, "crater", "crater.json"),
     "openpiv": (CASES["openpiv"][0], "flow", "flow.nc"), "pivlab-mat": (CASES["pivlab-mat"][0], "flow", "flow.nc"),

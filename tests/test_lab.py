@@ -511,6 +511,7 @@ def test_laboratory_shares_nothing_with_the_analysis():
         "typing",
         "functools",
         "json",
+        "tempfile",
         "pathlib",
         "sys",
         "fractions",

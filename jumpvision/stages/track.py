@@ -30,7 +30,7 @@ from .recordings import height_share, open_film, other_lens, view_of, with_commo
 SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
 
 
-@stage(version=5)
+@stage(version=6)
 def track(
     film: RodVideo,
     calibration: Calibration | None,
