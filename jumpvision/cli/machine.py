@@ -40,16 +40,7 @@ def demo(*, port: int = 8765, browser: bool = True, export: Path | None = None) 
         print(export / "index.html")
         return DONE
     with page.Server(port) as server:
-        print(server.address, flush=True)
-        show.line("Ctrl-C stops the server")
-        if browser:
-            import webbrowser
-
-            webbrowser.open(server.address)
-        try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            show.line("stopped")
+        show.served(server, browser=browser)
     return DONE
 
 

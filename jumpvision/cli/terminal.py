@@ -22,6 +22,7 @@ from jumpvision.workflow.run import Outcome
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
+    from jumpvision.base.local_page import LocalServer
     from jumpvision.campaign.explore.rounds import Round
 
 
@@ -316,3 +317,17 @@ def geometry(found: Mapping[str, GeometryValues]) -> None:
     if rows:
         print()
         table(rows)
+
+
+def served(server: LocalServer, *, browser: bool) -> None:
+    """Serve a page until Ctrl-C: its address on stdout; opened in the browser where that is asked for."""
+    print(server.address, flush=True)
+    line("Ctrl-C stops the server")
+    if browser:
+        import webbrowser
+
+        webbrowser.open(server.address)
+    try:
+        server.serve_forever()
+    except KeyboardInterrupt:
+        line("stopped")

@@ -29,16 +29,8 @@ def open_path(path: Path, /, *, port: int = 0, browser: bool = True) -> int:
     from . import terminal as show
 
     with Server(path, port) as server:
-        print(server.address, flush=True)
-        show.line("Ctrl-C stops the workbench")
-        if browser:
-            import webbrowser
-
-            webbrowser.open(server.address)
         try:
-            server.serve_forever()
-        except KeyboardInterrupt:
-            show.line("stopped")
+            show.served(server, browser=browser)
         finally:
             server.close_benches()
     return DONE

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.schema import InputError
 
-from .results import Results, folder_for
+from .results import Results, each_field
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,21 +24,7 @@ HEAD = '<?xml version="1.0"?>\n<VTKFile type="{}" version="1.0" byte_order="Litt
 
 def write_images(found: list[Results], out: Path) -> list[str]:
     """NAME_0000.vti ... and NAME.pvd of every field over (y, x, t); names of the files that are none."""
-    import xarray as xr
-
-    left, made = [], 0
-    for r in found:
-        for file in r.files:
-            if file.suffix == ".nc":
-                with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data:
-                    if {"x", "y", "t"} <= set(data.dims):
-                        _write_film(data, folder_for(r, found, out), file.stem)
-                        made += 1
-                        continue
-            left.append(file.name)
-    if not made:
-        raise InputError(["no field over (y, x, t) in these results (piv.nc, flow.nc); --to csv takes tables"])
-    return sorted(set(left))
+    return each_field(found, out, _write_film)
 
 
 def _write_film(data: xr.Dataset, folder: Path, stem: str) -> None:

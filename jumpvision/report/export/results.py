@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import sha256
 from jumpvision.workflow.provenance import NAME, TABLES, read_provenance
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True)
@@ -63,3 +66,22 @@ def folder_for(one: Results, found: list[Results], out: Path) -> Path:
     folder = out / one.name if len(found) > 1 else out
     folder.mkdir(exist_ok=True)
     return folder
+
+
+def each_field(found: list[Results], out: Path, write: Callable[[xr.Dataset, Path, str], None]) -> list[str]:
+    """write(data, folder, name) of every field over (y, x, t); names of the files that are none. InputError: none is."""
+    import xarray as xr
+
+    left, made = [], 0
+    for r in found:
+        for file in r.files:
+            if file.suffix == ".nc":
+                with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data:
+                    if {"x", "y", "t"} <= set(data.dims):
+                        write(data, folder_for(r, found, out), file.stem)
+                        made += 1
+                        continue
+            left.append(file.name)
+    if not made:
+        raise InputError(["no field over (y, x, t) in these results (piv.nc, flow.nc); --to csv takes tables"])
+    return sorted(set(left))

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.base.schema import InputError
-
-from .results import Results, folder_for
+from .results import Results, each_field
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,29 +18,15 @@ def write_tecplot(found: list[Results], out: Path) -> list[str]:
 
     Tecplot knows no NaN: a missing value is 0, and the last column, `known`, is 0 where a value of the row is missing.
     """
-    import xarray as xr
-
-    left, made = [], 0
-    for r in found:
-        for file in r.files:
-            if file.suffix == ".nc":
-                with xr.open_dataset(file, engine="netcdf4", decode_times=False, cache=False) as data:
-                    if {"x", "y", "t"} <= set(data.dims):
-                        _write_film(data, folder_for(r, found, out) / f"{file.stem}.dat")
-                        made += 1
-                        continue
-            left.append(file.name)
-    if not made:
-        raise InputError(["no field over (y, x, t) in these results (piv.nc, flow.nc); --to csv takes tables"])
-    return sorted(set(left))
+    return each_field(found, out, _write_film)
 
 
-def _write_film(data: xr.Dataset, target: Path) -> None:
+def _write_film(data: xr.Dataset, folder: Path, stem: str) -> None:
     names = [str(n) for n, v in data.data_vars.items() if set(v.dims) == {"x", "y", "t"}]
     labels = ", ".join(f'"{_label(data, n)}"' for n in names)
     x, y = np.meshgrid(data.x.values.astype(float), data.y.values.astype(float))
-    with target.open("w", encoding="utf-8", newline="\n") as out:
-        out.write(f'TITLE = "{target.stem}"\nVARIABLES = "x", "y", {labels}, "known"\n')
+    with (folder / f"{stem}.dat").open("w", encoding="utf-8", newline="\n") as out:
+        out.write(f'TITLE = "{stem}"\nVARIABLES = "x", "y", {labels}, "known"\n')
         for k, t in enumerate(data.t.values.astype(float).tolist()):
             plane = data[names].isel(t=k).transpose("y", "x")
             values = np.column_stack([np.asarray(plane[n].values, float).ravel() for n in names])
