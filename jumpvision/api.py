@@ -63,6 +63,8 @@ def open(
 
     set: values over the folder's, as --set: ["track.polarity=dark"]. model: a model.toml whose [model] and [robot]
     come over the folder's. pipeline: parameters by stage, under those of the folder.
+
+    Example: jv.open("data_samples/hard_ground", set=["robot.gravity=9.81"])
     """
     return open_folder(path, model=_path(model), pipeline=pipeline, overrides=overrides_of(tuple(set)))
 
@@ -88,6 +90,7 @@ def stage_function(name: str) -> Callable[..., Record]:
     function.__annotations__["return"] = made.output
     about = [made.help, *inspect.cleandoc(made.function.__doc__ or "").split("\n\n")[1:]]
     about.append("experiment: what `open` gave, or a folder's path. results: another folder than the command line's.")
+    about.append(f'Example: jv.{name}(jv.open("my_experiment"))')
     if of_arrays:
         about.append(f"Of arrays, without a folder:\n\n{inspect.cleandoc(of_arrays.__doc__ or '')}")
     if made.params:
@@ -113,6 +116,8 @@ def ringdown(time_s: Any, x: Any, sigma: Any = None) -> pd.DataFrame:
     Rows: zeta, frequency_hz, omega0, ring_amplitude, ring_offset (unit of x), and the share of the energy lost to
     viscous damping, quadratic drag and dry friction, with the chance of each alone. NaN samples are left out; a fit
     that the data do not allow has its `reason`. Raises ValueError for arrays of different lengths.
+
+    Example: jv.ringdown(time_s, height_m).loc["zeta", ["value", "sigma"]]
     """
     from jumpvision.results.values import Fits
     from jumpvision.stages.fit import ringdown_of_arrays
@@ -156,6 +161,8 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
     """What `jumpvision run` does, but for the report; one row an experiment, as in jumps.csv, with the `problem`.
 
     workers: processes for a campaign; with more than one a script needs `if __name__ == "__main__":`.
+
+    Example: jv.run("my_campaign").groupby("kind").jump_height_m.mean()
     """
     import pandas as pd
 
@@ -187,6 +194,8 @@ def diagnose(
     runs. keep: file that keeps every run, from which a later call goes on. avoid: go round parameters at which a run
     fails, instead of stopping. progress: told how far it is, e.g. print. Nothing is written unless results names a
     folder: diagnosis.json, samples.csv, diagnosis.png, report.html.
+
+    Example: jv.diagnose("my_campaign").sentence
     """
     if study is not None:
         how = How(workers or 0, limit, budget, _path(keep), avoid, progress)
@@ -249,6 +258,8 @@ def sweep(
 
     axes are those of `jumpvision sweep --help`, analyses of `jumpvision sweep GROUND --analyses`; an axis is
     (low, high, number), one value, or "LO:HI:N".
+
+    Example: jv.sweep("hard", frequency=(5, 15, 41), phase=1.57).jump_height_m
     """
     from jumpvision.studies.study import Call
     from jumpvision.studies.study import run as run_sweep
@@ -281,6 +292,8 @@ def plan(
 ) -> tuple[pd.DataFrame | None, dict[str, Any]]:
     """(motor trajectory time_s, command_m, or None where none is found; plan.json's numbers) for an apex [m], or the
     highest jump. limits: max_force, max_speed, stroke, max_power, by, in place of the motor's.
+
+    Example: command, numbers = jv.plan("hard", apex=0.02)
     """
     from jumpvision.studies.plan import check_call, make_plan, planned_robot, samples, seeded
 

@@ -331,7 +331,9 @@ def test_what_is_public_is_little_and_each_name_is_told():
     assert 20 < len(names) <= 60
     page = (DOCS / "api.md").read_text(encoding="utf-8")
     for name in names:
-        assert len((getattr(jv, name).__doc__ or "").split()) >= 8, name
+        told = getattr(jv, name).__doc__ or ""
+        assert len(told.split()) >= 8, name
+        assert (code := re.search(r"^ *Example: (.+)$", told, re.M)) and ast.parse(code[1]), name
         assert f"### {name}\n" in page, name
 
 

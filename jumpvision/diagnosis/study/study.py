@@ -37,6 +37,8 @@ class Recording:
     motion, mass, ...). group: recordings of one condition made alike (default: its own); condition: what is held out
     together (default: the group). sigma: stated noise of every reading, shaped as the values.
     parts: (n,) name of the part of the motion of each sample.
+
+    Example: jv.Recording("swing 1", time_s, angle, inputs={"start": 0.3}, group="small")
     """
 
     name: str
@@ -105,6 +107,8 @@ class Parameter:
     the two is needed. scale: a change that matters (default: sigma, or a tenth of the range). log: positive, changed by
     factors. each: every recording has its own (a start angle): it is no property of the model, sigma says how far its
     own start value may be off, and start may be a function of the recording.
+
+    Example: jv.Parameter("W", 50.0, range=(30, 90), unit="1/s^2")
     """
 
     name: str
@@ -155,6 +159,8 @@ class Mechanism:
     lacks ...". shapes: sets of shape parameters at which its effect is tried first. function: another `simulate` that
     takes the place of the study's (then there is no null; it may have no parameter at all). law: a force in one line
     of its parameters and of the study's `symbols`, as in [mechanism.NAME] of a campaign, that `simulate` asks for.
+
+    Example: jv.Mechanism("dry", [jv.Parameter("dry", 0.0, (0, 3))], "dry friction in the bearing")
     """
 
     name: str
@@ -200,6 +206,8 @@ class Channel:
     instrument's scale and clock are known, for all recordings alike. consider: "scale", "delay": may be the cause.
     process: the simulation itself errs by a random walk, as small random forces make it over a long record: learned
     from repeats, each less its own simulation (in place of `noise`).
+
+    Example: jv.Channel("angle", "rad", noise=1e-3)
     """
 
     name: str = "value"
@@ -245,6 +253,8 @@ class Study:
     change it when the simulator's numbers change, so that kept runs of the former one are not used.
     symbols: the state by which laws are written, as ("x", "v"); simulate then takes a third argument, the force of all
     laws that are present, which it calls as force(x=..., v=...).
+
+    Example: jv.Study(simulate, [jv.Parameter("W", 50.0, range=(30, 90))], [dry], [jv.Channel("angle", "rad")])
     """
 
     simulate: Simulate

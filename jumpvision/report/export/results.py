@@ -69,7 +69,7 @@ def folder_for(one: Results, found: list[Results], out: Path) -> Path:
 
 
 def each_field(found: list[Results], out: Path, write: Callable[[xr.Dataset, Path, str], None]) -> list[str]:
-    """write(data, folder, name) of every field over (y, x, t); names of the files that are none. InputError: none is."""
+    """write(data, folder, name) of every field over (y, x, t); names of the files that are none. InputError: none."""
     import xarray as xr
 
     left, made = [], 0
