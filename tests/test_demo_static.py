@@ -184,3 +184,32 @@ def test_every_text_exists_in_every_language_and_every_key_is_used():
     assert asked <= set(words), asked - set(words)
     built = ("energy_", "c_", "bad_", "by_hand", "ground", "language", "not_allowed")
     assert [k for k in words if k not in asked and not k.startswith(built)] == []
+
+
+@needs_node
+def test_a_motion_by_hand_is_the_cubic_b_spline_through_its_places():
+    """scipy's spline of the same control points (the hand's places every 20 ms, the ends thrice more): X, X', X''."""
+    from scipy.interpolate import BSpline
+
+    rng, step, asked, splines = np.random.default_rng(3), 0.02, [], []
+    for _ in range(20):
+        t = np.concatenate([[0.0], np.cumsum(rng.uniform(0.004, 0.05, 12))])
+        x = np.concatenate([[0.0], np.cumsum(rng.normal(0.0, 2e-3, 12))])
+        n = max(2, math.ceil(t[-1] / step))
+        places = np.interp(np.minimum(step * np.arange(n + 1), t[-1]), t, x)
+        points = np.concatenate([[places[0]] * 3, places, [places[-1]] * 3])
+        splines.append(BSpline(step * (np.arange(points.size + 4) - 3), points, 3))
+        end = step * (points.size - 3)
+        asked.append({"t": t.tolist(), "x": x.tolist(), "at": rng.uniform(0.0, end - 1e-6, 50).tolist()})
+    lines = "\n".join(map(json.dumps, asked))
+    runner = Path(__file__).with_name("demo_hand.mjs")
+    done = subprocess.run([NODE, runner, STATIC], input=lines, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    for question, line, spline in zip(asked, done.stdout.splitlines(), splines, strict=True):
+        answer, at = json.loads(line), np.array(question["at"])
+        assert answer["end"] == pytest.approx(step * (spline.c.size - 3))
+        found = np.array(answer["motion"])
+        for k, tolerance in enumerate((1e-12, 1e-10, 1e-8)):
+            assert found[:, k] == pytest.approx(spline.derivative(k)(at) if k else spline(at), abs=tolerance)
+        fine = np.linspace(0.0, answer["end"] - 1e-9, 20_001)
+        assert answer["peak"] == pytest.approx(np.abs(spline.derivative()(fine)).max(), rel=1e-4)
