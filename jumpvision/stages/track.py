@@ -27,7 +27,7 @@ from jumpvision.workflow.stage import StageWarning, stage
 from .bodies import of_arrays as of_arrays  # jv.track of frames
 from .recordings import height_share, open_film, other_lens, view_of, with_common
 
-SAY_FROM = 1.0  # sigma: smaller shifts by the exposure are not worth a warning (their own noise is 0.1 sigma)
+SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
 
 
 @stage(version=6)
