@@ -36,7 +36,7 @@ from jumpvision.report.figures.bed import critical
 from jumpvision.report.figures.diagnosis import discovered_law
 from jumpvision.report.figures.logs import actuator, resistances
 from jumpvision.results import plain
-from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.results.diagnosis import Diagnosis, strength
 from jumpvision.results.values import Fits, Intrusion
 from jumpvision.workflow.run import Outcome
 
@@ -136,6 +136,7 @@ def write_campaign(
         law=drawing(discovered_law, diagnosis.discovered) if diagnosis and diagnosis.discovered else None,
         causes=causes_shown(diagnosis, truth) if diagnosis else [],
         synthetic=truth is not None,
+        detectable=detectable_shown(diagnosis) if diagnosis else [],
         beside=confirmation_rows(diagnosis, campaign) if diagnosis else [],
         noise=noise_words(diagnosis.noise) if diagnosis else "",
         confirmed=diagnosis.confirmed if diagnosis else None,
@@ -169,6 +170,15 @@ def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dic
     return [
         r | {"quantity": r["quantity"].replace(mass, f"{mass} ({WHOLE if whole[r['experiment']] else HALF})")}
         for r in rows
+    ]
+
+
+def detectable_shown(d: Diagnosis) -> list[dict[str, str]]:
+    """Rows: what is not named, and the strength from which it would have shown."""
+    known = [x for x in d.detectable if math.isfinite(x.value)]
+    units = ["" if x.unit == "1" else f" {x.unit}" for x in known]
+    return [
+        {"mechanism": mechanism_words(x.mechanism), "from": strength(x.value) + unit} for x, unit in zip(known, units)
     ]
 
 
