@@ -134,6 +134,6 @@ def shown_in(name: str, unit: str) -> tuple[str, float]:
 def mechanism_words(name: str) -> str:
     """What a model lacks without a mechanism, without its article; one of the user's own by its name."""
     known = MECHANISMS.get(name)
-    return (
-        known.lacks.removeprefix("the ").removeprefix("a ").removeprefix("right ") if known else name.replace("_", " ")
-    )
+    if known is None:
+        return name.replace("_", " ")
+    return known.lacks.removeprefix("the ").removeprefix("a ").removeprefix("right ")
