@@ -205,6 +205,7 @@ def table(rows: list[Row]) -> str:
         needed = [r[arm]["needed"] or math.inf for r in good]
         within = [share(sum(x <= k for x in needed), n) for k in (2, 4, 6)]
         wrong = share(sum(r[arm]["wrong"] for r in good), n)
+        needed += [math.inf] * (n - len(good))  # what failed did not find it either
         lines.append(f"| {arm} | {' | '.join(within)} | {np.median(needed):g} | {wrong} |")
     pairs = [(s, c) for r in good for s, c in zip(r["design"]["stated"], r["design"]["came"]) if np.isfinite(c)]
     for top in (3.0, 10.0, math.inf):
