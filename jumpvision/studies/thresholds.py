@@ -229,28 +229,36 @@ def power_limit(s: Sweep) -> Found:
     """Best heights of stutter and squat (single) jumps under a limit of the motor's power, beside a catapult."""
     amplitude = float(s.machine.values["amplitude"])
     f, a = np.linspace(0.2, 3.0, 561) * s.robot.f0, amplitude * np.linspace(0.01, 1.0, 100)
-    rows = sine_rows(f[:, None], a, np.array([STUTTER, SINGLE])[:, None, None], 1.0)
-    found = {n: v.reshape(2, -1) for n, v in hard_sweep(rows, **s.robot._asdict()).items()}
-    power = np.geomspace(0.01, 1.0, 100) * float(found["peak_power_W"].max())
-    lifts = np.isfinite(found["lift_off_s"])  # else the motor only pulls the rod up
-    allowed = (found["peak_power_W"][:, None, :] <= power[:, None]) & lifts[:, None, :]
-    reach = np.where(allowed, found["com_height_m"][:, None, :], -1.0)
-    best = np.argmax(reach, axis=-1)
-    own = {n: np.where(reach.max(axis=-1) < 0.0, np.nan, np.take_along_axis(found[n], best, -1)) for n in RESULTS}
+    phase = np.array([STUTTER, SINGLE])[:, None, None]
+    needed = hard_sweep(sine_rows(f[:, None], a, phase, 1.0), **s.robot._asdict())["peak_power_W"]
+    power = np.geomspace(0.01, 1.0, 100) * float(needed.max())
+    # the amplitude that takes the whole power, between those of the grid: the best jump does, or has them all
+    takes = np.array([[np.interp(power, row, a) for row in rows] for rows in np.maximum.accumulate(needed, axis=-1)])
+    found = hard_sweep(sine_rows(f[:, None], takes, phase, 1.0), **s.robot._asdict())  # (jump, frequency, power)
+    allowed = np.isfinite(found["lift_off_s"]) & (needed[:, :, :1] <= power)  # else the motor only pulls the rod up
+    reach = np.where(allowed, found["com_height_m"], -1.0)
+    best = np.argmax(reach, axis=1)[:, None]
+    none = reach.max(axis=1) < 0.0
+    own = {n: np.where(none, np.nan, np.take_along_axis(found[n], best, 1)[:, 0]) for n in RESULTS}
     extra: dict[str, Variable] = {
         "frequency_ratio": (
             ("jump", "power"),
-            f[best // a.size] / s.robot.f0,
+            np.where(none, np.nan, f[best[:, 0]] / s.robot.f0),
             "1",
             "of the best jump's frequency to f_0",
         ),
-        "amplitude_m": (("jump", "power"), a[best % a.size], "m", "of the best jump"),
+        "amplitude_m": (
+            ("jump", "power"),
+            np.where(none, np.nan, np.take_along_axis(takes, best, 1)[:, 0]),
+            "m",
+            "of the best jump",
+        ),
     }
     shot = catapult(s.robot, 2.0 * amplitude)
     data = dataset(s, {"jump": ["stutter", "single"], "power": power}, ("jump", "power"), own, extra, facts=shot)
     stutter, single = own["com_height_m"]
     above = power[stutter > single]
-    most = [found["peak_power_W"][k, np.argmax(found["com_height_m"][k])] for k in (0, 1)]
+    most = own["peak_power_W"][:, -1]
     half = float(np.interp(0.5 * most[0], power, stutter - single))
     table = [
         s.number("power of the best stutter, single [W]", f"{most[0]:.2f}, {most[1]:.2f}"),
