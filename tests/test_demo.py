@@ -90,8 +90,8 @@ def test_other_pages_may_not_ask(server, connection):
 
 def test_the_page_needs_nothing_from_elsewhere():
     pages = page_files()
-    assert {"index.html", "main.js", "page.js", "physics/hard.js", "style.css"} <= set(pages)
-    for name, content in pages.items():
+    assert {"/", "/main.js", "/page.js", "/physics/hard.js", "/style.css"} <= set(pages)
+    for name, (_, content) in pages.items():
         text = content.decode().replace("http://www.w3.org/2000/svg", "")
         assert "http://" not in text and "https://" not in text and "//cdn" not in text, name
 

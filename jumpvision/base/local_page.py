@@ -16,12 +16,16 @@ POLICY = "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' d
 
 
 def static_files(package: str, index: str) -> dict[str, tuple[str, bytes]]:
-    """Address -> type and content of a package's static/. Only these are served: no address is turned into a path."""
-    out = {}
-    for f in files(package).joinpath("static").iterdir():
-        suffix = f.name[f.name.rfind(".") :]
-        if suffix in TYPES:
-            out[f"/{f.name}"] = (f"{TYPES[suffix]}; charset=utf-8", f.read_bytes())
+    """Address -> type and content of a package's static/ and the folders in it. Only these are served: no address is
+    turned into a path."""
+    out, folders = {}, [("/", files(package).joinpath("static"))]
+    for prefix, folder in folders:
+        for f in folder.iterdir():
+            suffix = f.name[f.name.rfind(".") :]
+            if f.is_dir():
+                folders.append((f"{prefix}{f.name}/", f))
+            elif suffix in TYPES:
+                out[prefix + f.name] = (f"{TYPES[suffix]}; charset=utf-8", f.read_bytes())
     out["/"] = out[f"/{index}"]
     return out
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from importlib.resources import files
 from pathlib import Path
 
-from jumpvision.base.local_page import TYPES, LocalHandler, LocalServer, Refused
+from jumpvision.base.local_page import TYPES, LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.schema import InputError
 
 from . import controls
@@ -16,25 +15,17 @@ DATA = "page.js"  # what the page is built from: a module, so that it also loads
 BUNDLE = "jumper.js"  # all modules in one classic script: browsers load no module from a folder (file://)
 
 
-def page_files() -> dict[str, bytes]:
-    """Path inside the page's folder -> content."""
-    out = {DATA: f"export default {json.dumps(controls.page(), ensure_ascii=False)};\n".encode()}
-    folders = [("", files(__package__).joinpath("static"))]
-    for prefix, folder in folders:
-        for f in folder.iterdir():
-            if f.is_dir():
-                folders.append((f"{prefix}{f.name}/", f))
-            elif Path(f.name).suffix in TYPES:
-                out[prefix + f.name] = f.read_bytes()
-    return out
+def page_files() -> dict[str, tuple[str, bytes]]:
+    """Address -> type and content; what the page is built from is made now."""
+    data = f"export default {json.dumps(controls.page(), ensure_ascii=False)};\n".encode()
+    return {**static_files(__package__, "index.html"), f"/{DATA}": (f"{TYPES['.js']}; charset=utf-8", data)}
 
 
 class Server(LocalServer):
     """The jumper's page."""
 
     def __init__(self, port: int):
-        self.files = {f"/{name}": (f"{TYPES[Path(name).suffix]}; charset=utf-8", x) for name, x in page_files().items()}
-        self.files["/"] = self.files["/index.html"]
+        self.files = page_files()
         super().__init__(port, Handler, "demo")
 
 
@@ -58,7 +49,7 @@ def export(folder: Path) -> list[Path]:
     """Writes the page into a new or empty folder, to be opened there or put on any web space: the files written."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError([f"demo --export {folder}: is not empty; name a new or an empty folder"])
-    pages = page_files()
+    pages = {name[1:]: x for name, (_, x) in page_files().items() if name != "/"}
     modules = {name: x.decode() for name, x in pages.items() if name.endswith(".js")}
     index = pages["index.html"].decode().replace('type="module" src="main.js"', f'defer src="{BUNDLE}"')
     written = {n: x for n, x in pages.items() if n not in modules} | {BUNDLE: bundled(modules, "main.js").encode()}
