@@ -32,7 +32,8 @@ from jumpvision.diagnosis.study.study import Mechanism as Mechanism
 from jumpvision.diagnosis.study.study import Parameter as Parameter
 from jumpvision.diagnosis.study.study import Recording as Recording
 from jumpvision.diagnosis.study.study import Study as Study
-from jumpvision.inputs.experiment import Campaign, Experiment, open_folder, overrides_of
+from jumpvision.inputs.experiment import Campaign, Experiment, open_folder
+from jumpvision.inputs.overrides import overrides_of
 from jumpvision.inputs.sections import NotApplicable
 from jumpvision.report.figures import PICTURES, drawn_diagnosis
 from jumpvision.results import Record

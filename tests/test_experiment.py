@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import is_campaign, open_campaign, open_experiment, overrides_of
+from jumpvision.inputs.experiment import is_campaign, open_campaign, open_experiment
+from jumpvision.inputs.overrides import overrides_of
 from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, Robot, need
 from jumpvision.workflow.run import Pipeline, read_pipeline
 

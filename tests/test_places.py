@@ -24,8 +24,9 @@ from jumpvision.base.schema import InputError, harmless
 from jumpvision.cli import main
 from jumpvision.frames import FrameError, open_frames
 from jumpvision.frames.tiff import MOST_PAGES
-from jumpvision.inputs.experiment import open_campaign, open_experiment, overrides_of
+from jumpvision.inputs.experiment import open_campaign, open_experiment
 from jumpvision.inputs.logs import LARGEST, read_log
+from jumpvision.inputs.overrides import overrides_of
 from jumpvision.inputs.sections import CraterDepth, RodVideo
 from jumpvision.stages.bed.crater import read_map
 

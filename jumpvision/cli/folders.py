@@ -36,7 +36,7 @@ def _opened(
     path: Path, options: Options, params: Mapping[str, Mapping[str, object]] | None = None
 ) -> Experiment | Campaign:
     from jumpvision.inputs import experiment
-    from jumpvision.inputs.experiment import overrides_of
+    from jumpvision.inputs.overrides import overrides_of
 
     return experiment.open_folder(path, model=options.model, pipeline=params, overrides=overrides_of(options.set))
 

@@ -96,7 +96,8 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
     from dataclasses import asdict
 
     from jumpvision.base.progress import HOOK
-    from jumpvision.inputs.experiment import folder_of, overrides_of
+    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.inputs.overrides import overrides_of
     from jumpvision.studies.compute import keep_other, write
     from jumpvision.studies.study import Call, listed, run, studies
 
@@ -264,7 +265,7 @@ def plan(
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # the solver's small matrices: threads cost three times the time
     from dataclasses import asdict
 
-    from jumpvision.inputs.experiment import overrides_of
+    from jumpvision.inputs.overrides import overrides_of
     from jumpvision.studies.plan import check_call, make_plan, message, planned_robot, seeded, write
 
     from . import terminal as show

@@ -6,11 +6,7 @@ allowed), so that a folder is mended in one go.
 
 from __future__ import annotations
 
-import glob
 import os
-import re
-import tomllib
-import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -18,14 +14,14 @@ from typing import Any
 
 from jumpvision.base import notebook as reprs
 from jumpvision.base.schema import InputError, closest, read
-from jumpvision.base.storage import irregular
 
 from .model import considered_of, model_of, model_tables, own_of, read_toml
+from .names import alike, file_problem, name_problem
+from .overrides import TABLES
 from .parameters import PARAMS
 from .sections import SECTIONS, Calibration, Header, Section
 
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
-TABLES = ("model", "mechanism", "diagnosis")  # beside SECTIONS: what is simulated and asked
 
 
 @dataclass(frozen=True)
@@ -227,14 +223,14 @@ def _read(
     for key, section in checked.items():
         file_name = table[key].get("file")
         if isinstance(file_name, str) and _names_a_file(key):
-            problem = _file_problem(folder, campaign, file_name)
+            problem = file_problem(folder, campaign, file_name)
             problems += [f"{where} [{key}] file = '{file_name}': {problem}"] if problem else []
             if section is not None:
                 sections[key] = replace(section, path=(folder / file_name).absolute())
     if header is None or problems:
         return None, problems
     name = header.name or folder.resolve().name
-    if problem := _name_problem(name):
+    if problem := name_problem(name):
         return None, [f"{where} name = {name!r}: {problem}; give name = ... in {file.name}"]
     return Experiment(folder, name, header, sections, table.get("params", {}), campaign), []
 
@@ -296,57 +292,6 @@ def _other_schema(number: Any) -> str:
     return f"older than any format there was; write schema = {SCHEMA} and run jumpvision check on the folder"
 
 
-RESERVED = {"jumps.csv", "campaign.json", "diagnosis.json", "diagnosis.png", "model.toml", "report.html"}
-RESERVED |= {"craters.csv", "fits.json", "intrusion.csv", "intrusion_laws.json", "bed_laws.toml", "samples.csv"}
-RESERVED |= {"actuator.csv", "actuator_bandwidth.json", "provenance.json"}
-WINDOWS = {"con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(1, 10))}
-
-
-def _name_problem(name: str) -> str:
-    """Why results cannot lie in a folder of this name, on every system; "" where they can."""
-    if not name.strip(". ") or name != name.rstrip(". ") or any(c in name for c in '/\\:*?"<>|'):
-        return "must be usable as a folder name"
-    if not name.isprintable():
-        return "must have no control characters"
-    if name.startswith("."):
-        return "must not begin with a dot: the cache and what is hidden lie there"
-    if alike(name) in RESERVED:
-        return "is the name of a file among a campaign's results"
-    if alike(name).partition(".")[0] in WINDOWS:
-        return "cannot be a folder's name on Windows"
-    return "must have at most 120 bytes" if len(name.encode("utf-8", "surrogateescape")) > 120 else ""
-
-
-def alike(name: str) -> str:
-    """Equal for names that some disks take for one: upper and lower case, composed and decomposed accents."""
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
-
-
-def _file_problem(folder: Path, campaign: Path | None, file: str) -> str:
-    """Why a recording cannot be used; "" when it can."""
-    if not file:
-        return "must name a file"
-    root = os.path.abspath(campaign or folder)
-    target = os.path.abspath(folder / file)
-    if not _within(root, target):
-        return f"lies outside {root}; move the recording there, or put a link to it there"
-    if any(c in file for c in "*?["):
-        return "" if glob.glob(str(folder / file)) else f"no file in {folder} matches this pattern"
-    path = folder / file
-    if not path.exists():
-        return f"no such file in {folder}{closest(file, [p.name for p in folder.iterdir()])}"
-    if path.is_file() and path.stat().st_size == 0:
-        return "is empty (0 bytes)"
-    return irregular(path)
-
-
-def _within(root: str, target: str) -> bool:
-    try:
-        return os.path.commonpath([root, target]) == root
-    except ValueError:  # on another drive
-        return False
-
-
 def _params(table: Mapping[str, Any], where: str) -> list[str]:
     """Problems of [params.*] tables; the stages declare what is allowed."""
     problems = []
@@ -356,48 +301,6 @@ def _params(table: Mapping[str, Any], where: str) -> list[str]:
         else:
             problems += read(PARAMS[stage], values, f"{where} [params.{stage}]")[1]
     return problems
-
-
-def overrides_of(settings: tuple[str, ...]) -> dict[str, dict[str, Any]]:
-    """`--set` arguments as tables: {"params": {stage: {key: value}}, section: {key: value}}.
-
-    A stage's parameter wins over a section's key of the same name (`bed` is both); `params.stage.key` is always the
-    stage's. Values read as TOML; what is not TOML is a number as `.5` or `5.`, else text.
-    """
-    out: dict[str, dict[str, Any]] = {"params": {}}
-    problems = []
-    for setting in settings:
-        path, equals, text = setting.partition("=")
-        *table, key = path.strip().split(".")
-        if not equals or not table:
-            problems.append(f"--set {setting}: must read section.key=value, e.g. --set track.polarity=dark")
-            continue
-        value = _value(text)
-        where = table[-1]
-        if table[0] == "params" or (where in PARAMS and key in {f.name for f in fields(PARAMS[where])}):
-            out["params"].setdefault(where, {})[key] = value
-        elif where in SECTIONS or table[0] in SECTIONS or table[0] in TABLES:
-            target: dict[str, Any] = out
-            for name in table:
-                target = target.setdefault(name, {})
-            target[key] = value
-        elif where in PARAMS:
-            allowed = [f.name for f in fields(PARAMS[where])]
-            problems.append(f"--set {setting}: unknown key '{key}'{closest(key, allowed)}")
-        else:
-            problems.append(
-                f"--set {setting}: unknown section '{where}'{closest(where, [*PARAMS, *SECTIONS, *TABLES])}"
-            )
-    if problems:
-        raise InputError(problems)
-    return out
-
-
-def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"v = {text}")["v"]
-    except (ValueError, RecursionError):
-        return float(text) if re.fullmatch(r"\s*[-+]?(\d+\.|\.\d+)(e[-+]?\d+)?\s*", text, re.IGNORECASE) else text
 
 
 UNMARKED = "rod_track", "crater_depth", "piv_field"  # of which no picture is read that marks could stand in

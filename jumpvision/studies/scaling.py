@@ -1,4 +1,4 @@
-"""Analyses against alpha = M g/(k A): thesis Figs 32, 33(e), 35 and 36."""
+"""Analyses against alpha = M g/(k A): thesis Figs 32, 33(e) and 36."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from jumpvision.physics.hard.analysis import (
     SINGLE,
     STUTTER,
     Search,
-    animal_alpha,
     best_by_alpha,
     best_two_frequencies,
     crossing,
@@ -24,7 +23,7 @@ from jumpvision.physics.hard.analysis import (
     stutter_by_half_fall,
     stutter_by_three_parts,
 )
-from jumpvision.physics.hard.jump import HardRobot, hard_sweep, sine_rows
+from jumpvision.physics.hard.jump import hard_sweep, sine_rows
 from jumpvision.physics.oscillator import amplitude_of
 
 from .compute import RESULTS, Variable, dataset
@@ -35,13 +34,6 @@ SHARES = np.array([0.02, 0.05, 0.1, 0.149, 0.2, 0.25, 0.3, 0.35, 0.4])
 DAMPINGS = np.array([0.0, 0.0083, 0.02, 0.04, 0.06, 0.08, 0.1, 0.11, 0.12, 0.13, 0.135, 0.14, 0.145, 0.15, 0.17, 0.2])
 SEARCH = Search(0.15, 4.0, points=120, rounds=2)
 PAIR = Search(0.1, 1.4, points=120, rounds=2)
-HUMAN = {
-    "mass": 78.0,
-    "stiffness": 28500.0,
-    "damping": 950.0,
-    "amplitude": 0.5,
-    "length": 1.8,
-}  # docs/physics.md section 2
 TYPES = ("stutter", "single")
 
 
@@ -291,61 +283,6 @@ def estimates(s: Sweep) -> Found:
                 "1.2",
             )
         )
-    return data, rows
-
-
-@dataclass(frozen=True)
-class Animals:
-    """The human's numbers in words, its damping ratio and the share of its mass that stays on the rod."""
-
-    human: str
-    zeta: float
-    rod_share: float
-
-
-@study("animals", "hard", source="Fig 35")
-def animals(s: Sweep) -> Found:
-    """Heights of isometric animals relative to body length, from human values; rod share of the robot."""
-    length = np.geomspace(1e-3, 5.0, 90)
-    g = 9.81
-    zeta = HUMAN["damping"] / (2 * np.sqrt(HUMAN["stiffness"] * HUMAN["mass"]))
-    given = {"mass": HUMAN["mass"], "stiffness": HUMAN["stiffness"], "gravity": g}
-    a = animal_alpha(np.append(length, HUMAN["length"]), **given, amplitude=HUMAN["amplitude"], body=HUMAN["length"])
-    robot = HardRobot(HUMAN["mass"], 0.0, HUMAN["stiffness"], HUMAN["damping"], g)
-    share = s.robot.rod_share
-    phases = np.array([[STUTTER], [SINGLE]])
-    # the boxes of the best frequency of small animals (small alpha) are wide
-    best = best_by_alpha(a, phases, share, zeta, robot=robot, search=SEARCH._replace(lowest=0.05, points=240))
-    human = best["com_height_m"][:, -1]
-    relative = best["com_height_m"] / best["amplitude_m"] * HUMAN["amplitude"] / HUMAN["length"]
-    # geometric scaling: an animal's own height, power and force from the dimensionless jump
-    size = length / HUMAN["length"]
-    stretch = HUMAN["amplitude"] * size / best["amplitude_m"][:, :-1]
-    own = {n: best[n][:, :-1] for n in RESULTS}
-    rate = 1.0 / size  # of f_0: k as l, m as l^3
-    for n in ("com_height_m", "flight_height_m", "jump_height_m"):
-        own[n] = own[n] * stretch
-    own["lift_off_s"] = own["lift_off_s"] / rate
-    own["peak_force_N"] = own["peak_force_N"] * stretch * size  # k A
-    own["peak_power_W"] = own["peak_power_W"] * stretch**2 * size * rate  # k A^2 w_0
-    own["peak_motor_speed"] = own["peak_motor_speed"] * stretch * rate
-    extra: dict[str, Variable] = {
-        "alpha": (("length",), a[:-1], "1", "eq. (14)"),
-        "relative_height": (("jump", "length"), relative[:, :-1], "1", "com_height / body length"),
-        "frequency_ratio": (("jump", "length"), best["frequency_ratio"][:, :-1], "1", "best frequency / f_0"),
-    }
-    data = dataset(
-        s,
-        {"jump": list(TYPES), "length": length},
-        ("jump", "length"),
-        own,
-        extra,
-        facts=Animals(str(HUMAN), zeta=zeta, rod_share=share),
-    )
-    rows = [
-        s.number("human alpha, zeta", f"{a[-1]:.3f}, {zeta:.2f}", "about 0.05, 0.32"),
-        s.number("human: stutter, single height [m]", f"{human[0]:.2f}, {human[1]:.2f}", "2, 5", "2.1, 5.2"),
-    ]
     return data, rows
 
 

@@ -10,6 +10,7 @@ import xarray as xr
 from jumpvision.report.studies.sweeps import figure_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
 from jumpvision.results.fields import attributes_of
+from jumpvision.studies import animals as animals_of
 from jumpvision.studies import scaling
 from jumpvision.studies.compute import setting
 
@@ -103,7 +104,7 @@ def estimates(data: xr.Dataset, Figure: Any) -> Any:
     return figure
 
 
-@figure_of(scaling.animals)
+@figure_of(animals_of.animals)
 def animals(data: xr.Dataset, Figure: Any) -> Any:
     """Height relative to body length against body length, and the alpha it comes from."""
     figure = Figure(figsize=(8.6, 3.8), layout="constrained")
