@@ -27,6 +27,7 @@ from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.naming import Naming, name
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.worth.design import Held, batch, belief, prospect
+from jumpvision.diagnosis.worth.rehearse import log10_odds
 from jumpvision.inputs.sections import Actuation
 from jumpvision.lab.blind import AMPLITUDE, Recorded, Setting, campaign, choices, draw
 from jumpvision.lab.jumper import Law
@@ -126,20 +127,31 @@ def made(state: State, law: Actuation, rng: np.random.Generator) -> State:
     return questioned(state.setting, [*state.recorded, new])
 
 
-def log_odds(problem: Problem, held: Sequence[Held], right: int) -> float:
-    """log10 of the evidence of one model over the mean of the others', as they were weighed before."""
-    fits = [problem.fit(h.fit.mechanisms, h.fit.named) for h in held]
-    evidence = np.array([f.log_evidence if f is not None else -np.inf for f in fits])
-    others = [i for i in range(len(held)) if i != right]
-    rest = np.logaddexp.reduce(evidence[others] + np.log([held[i].weight for i in others]))
-    return float(evidence[right] - rest) / math.log(10)
+def log_odds(before: Problem, after: Problem, held: Sequence[Held], right: int) -> float:
+    """log10 of the odds that one model gained over the others together, by fits before and after an experiment."""
+
+    def evidence(problem: Problem, h: Held) -> float:
+        fit = problem.fit(h.fit.mechanisms, h.fit.named)
+        return -math.inf if fit is None else fit.log_evidence
+
+    gained = np.array([evidence(after, h) - evidence(before, h) for h in held])
+    weight = np.array([h.weight for h in held])
+    rest = np.logaddexp.reduce(np.delete(gained + np.log(weight), right)) - math.log(1.0 - weight[right])
+    return float(gained[right] - rest) / math.log(10)
+
+
+def rehearsals(state: State, wider: Problem, held: Sequence[Held], new: int) -> list[float]:
+    """What `explore` expects of an experiment; [] where it says that no model explains the jumps made."""
+    if state.naming.status != "complete" and not state.naming.by_chance:
+        return []
+    return log10_odds(wider, held, range(len(state.recorded)), new, np.random.default_rng(0)).tolist()
 
 
 def explored(state: State, seed: int, *, at_random: bool) -> dict[str, Any]:
     """Jumps until the right cause stands, or STEPS of them; what was stated of each and what came."""
     rng = np.random.default_rng([seed, 99])
-    out: dict[str, Any] = {"made": [], "chances": [], "stated": [], "came": [], "bits": [], "cpu": [], "needed": None,
-                           "wrong": False, "standing": []}  # fmt: skip
+    out: dict[str, Any] = {"made": [], "chances": [], "stated": [], "rehearsed": [], "linear": [], "came": [],
+                           "bits": [], "cpu": [], "needed": None, "wrong": False, "standing": []}  # fmt: skip
     limits = limits_of(state.laws, None)
     laws = every(state.laws[:8], limits)
     true = state.setting.hidden
@@ -154,21 +166,23 @@ def explored(state: State, seed: int, *, at_random: bool) -> dict[str, Any]:
             offered = {i: p for i in places if (p := prospect(wider, held, i)) is not None}
             best = batch(offered, dict.fromkeys(offered, 1.0), [h.weight for h in held], 1, np.random.default_rng(0))
             at, stated = places.index(best[0].which), best[0].worth
+            rehearsed = rehearsals(state, wider, held, best[0].which)
         out["cpu"].append(time.process_time() - began)
         right = next((i for i, h in enumerate(held) if set(h.fit.mechanisms) == set(true)), None)
-        before = log_odds(state.problem, held, right) if right is not None else math.nan
-        law = laws[at]
+        law, before = laws[at], state.problem
         state = made(state, law, np.random.default_rng([seed, step, 7]))
-        after = log_odds(state.problem, held, right) if right is not None else math.nan
+        came = log_odds(before, state.problem, held, right) if right is not None else math.nan
         out["made"].append(
             f"{law.kind} {law.frequency} Hz {1e3 * (law.amplitude or 0):.3g} mm x{law.cycles:g} {law.delay}"
         )
         out["chances"].append(state.chance(true[0]))
         out["standing"].append(sorted(state.standing))
         if stated is not None:
-            out["stated"].append(stated.log10_odds)
+            out["rehearsed"].append(rehearsed)
+            out["stated"].append(float(np.mean(rehearsed)) if rehearsed else math.nan)
+            out["linear"].append(stated.log10_odds)
             out["bits"].append(stated.bits)
-            out["came"].append(after - before)
+            out["came"].append(came)
         if state.standing - set(true):
             out["wrong"] = True
         if state.right:
@@ -207,14 +221,20 @@ def table(rows: list[Row]) -> str:
         wrong = share(sum(r[arm]["wrong"] for r in good), n)
         needed += [math.inf] * (n - len(good))  # what failed did not find it either
         lines.append(f"| {arm} | {' | '.join(within)} | {np.median(needed):g} | {wrong} |")
-    pairs = [(s, c) for r in good for s, c in zip(r["design"]["stated"], r["design"]["came"]) if np.isfinite(c)]
-    for top in (3.0, 10.0, math.inf):
-        x, y = np.array([p for p in pairs if p[0] <= top]).reshape(-1, 2).T
-        if x.size >= 3:
-            slope = float(x @ y / (x @ x))
-            error = math.sqrt(float(np.sum(x * x * (y - slope * x) ** 2))) / float(x @ x)
-            middle = f"means {x.mean():.2f} stated, {y.mean():.2f} came, medians {np.median(x):.2f}, {np.median(y):.2f}"
-            lines.append(f"\nstated at most {top:g}: {x.size} jumps, slope {slope:.2f} +- {error:.2f}, {middle}")
+    for what in ("stated", "linear"):
+        pairs = [(s, c) for r in good for s, c in zip(r["design"][what], r["design"]["came"])]
+        unsaid, without = (sum(not math.isfinite(p[k]) for p in pairs) for k in (0, 1))
+        lines.append(
+            f"\n{what}: {len(pairs)} jumps, {unsaid} not said, {without} without the right model among those weighed"
+        )
+        pairs = [p for p in pairs if np.all(np.isfinite(p))]
+        for top in (3.0, 10.0, math.inf):
+            x, y = np.array([p for p in pairs if p[0] <= top]).reshape(-1, 2).T
+            if x.size >= 3:
+                slope = float(x @ y / (x @ x))
+                error = math.sqrt(float(np.sum(x * x * (y - slope * x) ** 2))) / float(x @ x)
+                middle = f"means {x.mean():.2f}, {y.mean():.2f} came, medians {np.median(x):.2f}, {np.median(y):.2f}"
+                lines.append(f"{what} at most {top:g}: {x.size} jumps, slope {slope:.2f} +- {error:.2f}, {middle}")
     cpu = [c for r in good for c in r["design"]["cpu"]]
     if cpu:
         lines.append(f"\na proposal takes {np.median(cpu):.1f} s of processor (median), {max(cpu):.1f} s at most")

@@ -188,8 +188,7 @@ def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json:
     for text in told.left_out[:6]:
         line(f"not weighed: {text}")
     for p in told.proposed:
-        odds = f"odds of 10^{p.log10_odds:.1f} for the right one expected"
-        line(f"next: {p.name} tells {' from '.join(p.separates)} ({p.bits:.2f} bits, {odds}; cost {p.cost:g})")
+        line(f"next: {p.name} {p.said}; cost {p.cost:g}")
     if told.end:
         line(f"end: {told.end}")
     elif folders:

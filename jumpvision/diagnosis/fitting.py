@@ -280,8 +280,17 @@ def log_volume(free: Sequence[Parameter], x: Array, hessian: Array, slope: Array
     """
     low, high = np.array([p.low for p in free]), np.array([p.high for p in free])
     near_low = x < 0.5 * (low + high)
-    against = np.array([p.at_end(v) for p, v in zip(free, x)]) & np.where(near_low, slope < 0, slope > 0)
     curved = hessian + np.diag(1.0 / (BROAD * (high - low)) ** 2)
+
+    def outwards(slope: Array) -> Array:
+        return np.where(near_low, slope < 0, slope > 0)
+
+    against = np.array([p.at_end(v) for p, v in zip(free, x)]) & outwards(slope)
+    # a fit ends where a step is not worth taking, not where the slope is nil: what the others leave of it is no push
+    inside = ~against
+    if against.any() and inside.any():
+        slope = slope - curved[:, inside] @ np.linalg.solve(curved[np.ix_(inside, inside)], slope[inside])
+        against &= outwards(slope)
     push = np.where(against, np.abs(slope), 0.0) / np.sqrt(np.diag(curved))
     hard, soft = push > HARD, push <= HARD
     out = -sum(math.log(p.width) for p in free)

@@ -21,6 +21,7 @@ from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.naming import Naming, name
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.worth.design import Held, batch, belief, entropy, measuring, prospect
+from jumpvision.diagnosis.worth.rehearse import log10_odds
 from jumpvision.inputs.sections import Actuation, Motor
 
 from .handover import prepare
@@ -53,16 +54,25 @@ class Rules:
 
 @dataclass(frozen=True)
 class Proposed:
-    """An experiment that was chosen. separates: the two likeliest models; bits, log10_odds: expected of it; bits_after:
-    of it and those chosen before it."""
+    """An experiment that was chosen. separates: the two likeliest models; bits: expected of it, beside those chosen
+    before it; log10_odds: expected of it by itself, None where no model explains the jumps made."""
 
     name: str
     kind: str
     separates: tuple[str, ...]
     bits: float
-    log10_odds: float
+    log10_odds: float | None
     cost: float
     actuation: Mapping[str, Any] | None = None
+
+    @property
+    def said(self) -> str:
+        """What is expected of it, in words."""
+        if self.log10_odds is None:
+            odds = "its odds cannot be said: no model tried explains the jumps made"
+        else:
+            odds = f"odds of 10^{self.log10_odds:.1f} for the right one"
+        return f"tells {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
 
 
 @dataclass(frozen=True)
@@ -182,23 +192,26 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
     if not offered:
         return [], left_out
     weights = [h.weight for h in now.held]
+    pair = tuple(h.name for h in now.held[:2])
     out = []
     for c in batch(offered, costs, weights, size, np.random.default_rng(SEED)):
-        law = None if c.which in others else laws[c.which]
-        pair = tuple(h.name for h in now.held[:2])
-        kind, cost = others.get(c.which, law.kind if law else ""), costs[c.which]
-        out.append(
-            Proposed(
-                named(law) if law else kind,
-                kind,
-                pair,
-                c.worth.bits,
-                c.worth.log10_odds,
-                cost,
-                None if law is None else {k: v for k, v in asdict(law).items() if v is not None},
-            )
-        )
+        cost = costs[c.which]
+        if (kind := others.get(c.which)) is not None:
+            odds = None if now.unexplained else c.worth.log10_odds
+            out.append(Proposed(kind, kind, pair, c.worth.bits, odds, cost))
+            continue
+        law, actuation = laws[c.which], {k: v for k, v in asdict(laws[c.which]).items() if v is not None}
+        odds = rehearsed(now, wider, places[c.which])
+        out.append(Proposed(named(law), law.kind, pair, c.worth.bits, odds, cost, actuation))
     return out, left_out
+
+
+def rehearsed(now: Believed, wider: Problem, new: int) -> float | None:
+    """The expected log10 odds of a jump beside those made; None where no model explains these, or can be followed."""
+    if now.unexplained:
+        return None
+    odds = log10_odds(wider, now.held, now.problem.all, new, np.random.default_rng(SEED))
+    return float(np.mean(odds)) if odds.size else None
 
 
 def limits_for(asked: Question) -> Limits:
@@ -254,17 +267,11 @@ def continued(
     like = next(e for e in asked.experiments if e.name == asked.jumps[0].name)
     there = {f.name for f in waiting}
     made = [
-        prepare(like, law_of(p), p.name, limits_for(asked), told_for(p))
+        prepare(like, law_of(p), p.name, limits_for(asked), [p.said])
         for p in last.proposed
         if p.actuation is not None and p.name not in there and not (like.path.parent / p.name).exists()
     ]
     return history, made
-
-
-def told_for(p: Proposed) -> list[str]:
-    """What an experiment is for, in words."""
-    odds = f"odds of 10^{p.log10_odds:.1f} for the right one"
-    return [f"tells {' from '.join(p.separates)}: {p.bits:.2f} bits expected, {odds}"]
 
 
 def _plain(x: Any) -> Any:
