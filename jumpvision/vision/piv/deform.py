@@ -18,28 +18,30 @@ EDGE = 2  # px at the border of the padded frame that the spline does not reach
 LANES = 8  # pixels computed at a time; a run's last ones reach into the next run, which then overwrites them
 
 
-def half_way(a: Frame, b: Frame, dx: Float32, dy: Float32) -> tuple[Float32, Float32, Float32]:
-    """Mean m and difference r of the two frames brought half-way together, and the weight of their pixels.
+def half_way(a: Frame, b: Frame, dx: Float32, dy: Float32, top: int) -> tuple[Float32, Float32, Float32]:
+    """Mean m and difference r of some rows of two frames brought half-way together, and the weight of their pixels.
 
-    dx, dy: (H, W) [px] displacement from a to b at every pixel of the padded frame; keep is 0 or 1.
+    dx, dy: (rows, W) [px] displacement from a to b at every pixel of the padded frame, from its row `top` on; keep is
+    0 or 1.
     """
-    m, r, keep = (np.empty(a.weight.shape, np.float32) for _ in range(3))
+    m, r, keep = (np.empty(dx.shape, np.float32) for _ in range(3))
     frame = (a.pad, a.pad + a.grey.shape[0], a.pad + a.grey.shape[1])
-    _half_way(len(m), a.c, b.c, a.weight, b.weight, a.usable.all(), b.usable.all(), frame, a.fine, dx, dy, m, r, keep)
+    clear = a.usable.all(), b.usable.all()
+    _half_way(len(m), top, a.c, b.c, a.weight, b.weight, *clear, frame, a.fine, dx, dy, m, r, keep)
     return m, r, keep
 
 
 # "contract" alone, here and wherever threads share a loop: freer rounding differs between a process that compiles
 # and one that loads what was compiled
 @shared(fastmath={"contract"})
-def _half_way(first, last, ca, cb, wa, wb, clear_a, clear_b, frame, fine, dx, dy, m, r, keep):  # type: ignore[no-untyped-def]
+def _half_way(first, last, top, ca, cb, wa, wb, clear_a, clear_b, frame, fine, dx, dy, m, r, keep):  # type: ignore[no-untyped-def]
     cols = m.shape[1]
     half = np.float32(0.5)
     part, grey = np.empty((2, cols + LANES), np.float32), np.empty((2, cols + LANES), np.float32)
     light, knot = np.empty((2, cols), np.float32), np.empty((2, cols), np.int32)
     for j in range(first, last):
-        _read(ca, wa, clear_a, frame, fine, dx[j], dy[j], -half, j, part, knot, grey[0], light[0])
-        _read(cb, wb, clear_b, frame, fine, dx[j], dy[j], half, j, part, knot, grey[1], light[1])
+        _read(ca, wa, clear_a, frame, fine, dx[j], dy[j], -half, top + j, part, knot, grey[0], light[0])
+        _read(cb, wb, clear_b, frame, fine, dx[j], dy[j], half, top + j, part, knot, grey[1], light[1])
         for i in range(cols):
             m[j, i] = half * (grey[0, i] + grey[1, i])
             r[j, i] = grey[0, i] - grey[1, i]

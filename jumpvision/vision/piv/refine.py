@@ -18,6 +18,7 @@ windows and the repeated steps make of it.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -36,6 +37,8 @@ from .surface import axis, everywhere, lightly_smoothed
 from .validate import LAG
 
 AROUND = 33  # px, side of the region over which the correlation of neighbouring residuals is averaged
+BAND = 4_000_000  # px of a frame that are worked on at a time: some 80 bytes each
+STENCIL = 2  # px on either side of a gradient
 LEAST_RATIO = 0.2  # of the variance with to that without correlation: less is chance
 ALONG = np.array([0, 3, 1, 2, 4, 5])  # places of d_x, d_y, u_x, u_y, v_x, v_y among the unknowns of a step
 
@@ -79,17 +82,22 @@ def refine(
     pad = pairs[0][0].pad
     rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
     start = lightly_smoothed(rows, columns, start, matched)
-    dx, dy = (everywhere(rows, columns, f) for f in start)
     g = taper(grid.window)
-    places = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
-    sums, part = np.zeros((ny, nx, FIRST[-1])), np.empty((ny, nx, FIRST[-1]))
-    pictures = []
-    for a, b in pairs:
-        together = half_way(a, b, dx, dy)
-        moments(ny, *together, *_gradient(together[0]), *places, g, OF_PICTURES, part)
-        sums += part
-        if errors:
-            pictures.append(together)
+    at_x, at_y = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
+    bands = bands_of(at_y, grid.window // 2, shape)
+
+    def pictures(band: Band) -> Iterator[tuple[Float32, Float32, Float32]]:
+        dx, dy = (everywhere(rows.pixels(band.top, band.bottom), columns, f) for f in start)
+        return (half_way(a, b, dx, dy, band.top) for a, b in pairs)
+
+    sums, held = np.zeros((ny, nx, FIRST[-1])), []
+    for band in bands:
+        part = np.empty((band.end - band.first, nx, FIRST[-1]))
+        for together in pictures(band):
+            moments(len(part), *together, *_gradient(together[0]), at_x, band.rows(at_y), g, OF_PICTURES, part)
+            sums[band.first : band.end] += part
+            if errors and len(bands) == 1:
+                held.append(together)
     step, quality, state = np.empty((ny * nx, 8)), np.empty(ny * nx), np.empty(ny * nx, np.int64)
     sums = sums.reshape(ny * nx, -1)
     steps(ny * nx, sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, state)
@@ -104,12 +112,18 @@ def refine(
     p = smooth + change[ALONG]
     sigma, clumping = None, np.nan
     if errors:
-        offset, gain, ex, ey = (everywhere(rows, columns, change[q]) for q in (6, 7, 0, 3))
-        zz, ss, ratio, clumping = _scatter(pictures, (offset, gain, ex, ey), places[::-1])
-        scatter, noise = np.empty((ny, nx, 18)), np.empty((ny, nx, 18))
-        moments_of(ny, zz, *places, g * g, OF_PLANES, scatter)
-        moments_of(ny, ss, *places, g, OF_PLANES, noise)
-        scatter *= ratio[:, :, None]
+        scatter, noise, texture_of = np.empty((ny, nx, 18)), np.empty((ny, nx, 18)), np.zeros(2)
+        for band in bands:
+            there = [everywhere(rows.pixels(band.top, band.bottom), columns, change[q]) for q in (6, 7, 0, 3)]
+            places = at_x, band.rows(at_y)
+            zz, ss, ratio, energy = _scatter(held or pictures(band), there, places[::-1], band)
+            own = slice(band.first, band.end)
+            moments_of(band.end - band.first, zz, *places, g * g, OF_PLANES, scatter[own])
+            moments_of(band.end - band.first, ss, *places, g, OF_PLANES, noise[own])
+            scatter[own] *= ratio[:, :, None]
+            texture_of += energy
+        mean, clumped = texture_of / (shape[0] * shape[1])
+        clumping = float(clumped / max(mean**2, 1e-12))
         sigma = np.empty((ny * nx, 6))
         # rounding is there where equal frames leave no residual; the frames of an ensemble share all but two of it
         least = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs) * float((g**2).sum() / g.sum()) ** 2
@@ -118,6 +132,45 @@ def refine(
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)
     return Match(p, sigma, clumping, quality.reshape(ny, nx), state)
+
+
+class Band(NamedTuple):
+    """Rows of windows first to end - 1, and the rows of the padded frame that they need, top to bottom - 1; of these
+    own_top to own_bottom - 1 are no other band's."""
+
+    first: int
+    end: int
+    top: int
+    bottom: int
+    own_top: int
+    own_bottom: int
+
+    def rows(self, y: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Of the centres y of all windows in the frame, those of the band's in its pictures."""
+        return y[self.first : self.end] - self.top
+
+
+def bands_of(y: NDArray[np.intp], half: int, shape: tuple[int, ...]) -> list[Band]:
+    """Bands of about BAND pixels of a padded frame: memory grows with them, not with the frame.
+
+    y: centres of the windows, half: of their side.
+    """
+    reach = max(half, AROUND // 2 + LAG // 2) + STENCIL
+    count = min(len(y), -(-shape[0] * shape[1] // BAND))
+    ends = np.linspace(0, len(y), count + 1).astype(int)
+    own = [0, *((y[k - 1] + y[k]) // 2 for k in ends[1:-1]), shape[0]]
+    least = LAG // 2 + STENCIL  # what a pixel of its own needs around it
+    return [
+        Band(
+            int(first),
+            int(end),
+            int(max(0, min(y[first] - reach, top - least) if first else 0)),
+            int(min(shape[0], max(y[end - 1] + reach + 1, bottom + least) if end < len(y) else shape[0])),
+            int(top),
+            int(bottom),
+        )
+        for first, end, top, bottom in zip(ends[:-1], ends[1:], own[:-1], own[1:])
+    ]
 
 
 def _gradient(f: Float32) -> tuple[Float32, Float32]:
@@ -162,21 +215,23 @@ def _add(total, a, b):  # type: ignore[no-untyped-def]
 
 
 def _scatter(
-    pictures: list[tuple[Float32, Float32, Float32]],
-    change: tuple[Float32, Float32, Float32, Float32],
+    pictures: Iterable[tuple[Float32, Float32, Float32]],
+    change: Sequence[Float32],
     at: tuple[NDArray[np.intp], ...],
-) -> tuple[Float32, Float32, Array, float]:
+    band: Band,
+) -> tuple[Float32, Float32, Array, Array]:
     """Variance that each pixel alone brings to sum w J r (xx, xy, yy: (3, H, W)), and what noise adds to grad m grad m.
 
-    Also the ratio of the variance with a pixel's neighbours to that without, at the rows and columns `at`, and the
-    clumping of the texture. z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a
-    frame's noise; the ratio is that of sum z (sum of z over the box) to sum z^2 around. change: offset and gain of the
-    grey and the step in x and y, everywhere.
+    Also the ratio of the variance with a pixel's neighbours to that without, at the rows and columns `at`, and two sums
+    over the band's own rows: of the squared gradient of the texture, and of its product with that of its neighbours.
+    z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; the ratio is
+    that of sum z (sum of z over the box) to sum z^2 around. change: offset and gain of the grey and the step in x and
+    y, everywhere.
     """
     shape = change[0].shape
     z, ss, energy = np.zeros((2, *shape), np.float32), np.zeros((3, *shape), np.float32), np.zeros(shape, np.float32)
     for together in pictures:
-        _forces(len(z[0]), *together, change, z, ss, energy)
+        _forces(len(z[0]), *together, tuple(change), z, ss, energy)
     box = (LAG, LAG)
     around = (AROUND, AROUND)
     together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)
@@ -185,6 +240,6 @@ def _scatter(
         cv2.multiply(f, g, q)
     around_all, around_alone = (cv2.boxFilter(q, -1, around)[np.ix_(*at)] for q in (together, zz[0] + zz[2]))
     ratio = np.maximum(around_all, LEAST_RATIO * around_alone) / np.maximum(around_alone, 1e-9)
-    mean = cv2.mean(energy)[0]
-    clumping = cv2.mean(cv2.multiply(energy, cv2.boxFilter(energy, -1, box)))[0] / max(mean**2, 1e-12)
-    return zz, ss, ratio, float(clumping)
+    own = slice(band.own_top - band.top, band.own_bottom - band.top)
+    clumped = cv2.multiply(energy, cv2.boxFilter(energy, -1, box))
+    return zz, ss, ratio, np.array([cv2.sumElems(q[own])[0] for q in (energy, clumped)])

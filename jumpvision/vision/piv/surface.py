@@ -29,6 +29,10 @@ class Axis(NamedTuple):
     knot: NDArray[np.int64]  # (pixels,) first of the four knots that a pixel hears
     weight: Float32  # (pixels, 4) their weights
 
+    def pixels(self, first: int, end: int) -> Axis:
+        """The same for some of the pixels."""
+        return self._replace(knot=self.knot[first:end], weight=self.weight[first:end])
+
 
 @functools.lru_cache(maxsize=16)
 def smoother(vectors: int, stiffness: float) -> Array:
