@@ -13,10 +13,10 @@ import pytest
 
 from jumpvision.base.schema import InputError
 from jumpvision.campaign.explore import handover
+from jumpvision.campaign.explore.history import FILE, read_history
 from jumpvision.campaign.explore.lift_off import TRIALS, Trial, threshold, trial
 from jumpvision.campaign.explore.offers import Limits, every, limits_of, usual
 from jumpvision.campaign.explore.planned import identified, read_planned
-from jumpvision.campaign.explore.rounds import FILE, read_history
 from jumpvision.cli import main
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.noise.noise import Noise
@@ -340,6 +340,71 @@ def test_what_the_motor_cannot_do_and_what_is_there_is_refused(lent):
     handover.prepare(like, law, "next-01", FREE)
     with pytest.raises(InputError, match="exists already"):
         handover.prepare(like, law, "next-01", FREE)
+
+
+@pytest.mark.parametrize(
+    ("kind", "rows", "section"),
+    [
+        (
+            "spring test",
+            "displacement_m,force_N\n" + "\n".join(f"{1e-4 * k},{0.33 * k}" for k in range(25)),
+            "spring_log",
+        ),
+        ("slow intrusion", "time_s,depth_m,force_N\n0,0,0\n1,0.01,5\n", "intrusion_log"),
+        ("ring-down", "time_s,height_m\n0,0\n1,0.01\n", "rod_track"),
+    ],
+)
+def test_a_test_of_another_kind_waits_and_is_taken_in(lent, kind, rows, section):
+    out, like = lent
+    folder = handover.prepare_test(like, kind, "next-02", ["why"])
+    assert "waits for" in open_campaign(out).excluded["next-02"]
+    (waits,) = handover.returned(out)
+    (folder / waits.missing[0]).write_text(rows + "\n", encoding="utf-8")
+    (good,) = handover.returned(out)
+    assert good.good
+    (taken,) = [e for e in open_campaign(out).experiments if e.name == "next-02"]
+    law = taken.section(Actuation)
+    assert section in taken.sections and (law is None or not law.moves)
+    with pytest.raises(InputError, match="exists already"):
+        handover.prepare_test(like, kind, "next-02")
+
+
+def test_a_grain_film_is_asked_for_with_its_jump(lent):
+    out, like = lent
+    folder = handover.prepare_test(like, "grain film", "next-03", ["why"])
+    (waits,) = handover.returned(out)
+    assert set(waits.missing) == {"grains.mkv", "rod_track.csv", "motor.csv"}
+    assert 'kind = "' in (folder / "experiment.toml").read_text(encoding="utf-8")
+    for name in waits.missing:
+        source = like.path / name
+        (folder / name).write_bytes(source.read_bytes() if source.exists() else b"")
+    assert handover.returned(out)[0].good
+    with pytest.raises(InputError, match="frame_rate = 0"):
+        open_campaign(out)
+
+
+@pytest.mark.long
+def test_a_spring_test_that_was_asked_for_is_weighed(tmp_path):
+    """A payload and a softer spring ring alike; a test of the spring, recorded as its folder says, is part of what is
+    believed of the next round, though no jump was added."""
+    _, out = blind(tmp_path / "c", "payload", 0.2)
+    results = tmp_path / "results" / "c"
+    assert main(["explore", str(out), "--workers", "1", "--no-pictures"]) == 0
+    first = read_history(results).rounds[-1]
+    assert first.measured == ()
+    for asked in first.proposed:  # whatever it was, it is left undone
+        shutil.rmtree(out / asked.name)
+    like = open_campaign(out).experiments[0]
+    folder = handover.prepare_test(like, "spring test", "next-09-spring-test", ["why"])
+    k = like.sections["robot"].spring_stiffness
+    rng, x = RNG(2), np.tile(np.concatenate([np.arange(0, 20), np.arange(20, 0, -1)]) * 2e-4, 3)
+    force = k * x + 0.02 * rng.standard_normal(x.size)
+    np.savetxt(
+        folder / "spring.csv", np.column_stack([x, force]), delimiter=",", header="displacement_m,force_N", comments=""
+    )
+    assert main(["explore", str(out), "--workers", "1", "--no-pictures"]) == 0
+    last = read_history(results).rounds[-1]
+    assert any(m.startswith("spring test") for m in last.measured) and set(last.jumps) == set(first.jumps)
 
 
 def test_a_record_that_is_none_is_refused(tmp_path):

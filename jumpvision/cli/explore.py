@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,7 +76,7 @@ def explore(
     """
     from jumpvision.base.schema import InputError
 
-    given = _rules(rules)
+    given = replace(_rules(rules), tests=not laboratory)  # the laboratory records jumps
     if before is not None:
         return _planned(path, before, tell, options)
     if tell:
@@ -140,7 +140,8 @@ def _asked(path: Path, options: Options) -> tuple[Question, list[Path], Path]:
 
 def _round(path: Path, rules: Rules, options: Options) -> list[Path]:
     """Says what is believed, and prepares what is to be done: its folders."""
-    from jumpvision.campaign.explore.rounds import continued, read_history
+    from jumpvision.campaign.explore.history import read_history
+    from jumpvision.campaign.explore.rounds import continued
     from jumpvision.inputs.experiment import folder_of
     from jumpvision.report.pages.explore import write_exploration
 

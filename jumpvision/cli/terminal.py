@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from jumpvision.base.local_page import LocalServer
-    from jumpvision.campaign.explore.rounds import Round
+    from jumpvision.campaign.explore.history import Round
 
 
 def line(text: str) -> None:

@@ -6,6 +6,7 @@ that the campaign can be run meanwhile; what is excluded says why.
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -29,6 +30,31 @@ from .offers import Limits, asked_of_motor
 PROTOCOL, TABLE = "protocol.toml", "motor_command.csv"
 WAITS, LIVE = "waits for", "#: "  # of the reason to exclude; lines that hold once the recordings are there
 RECORDED = ("rod_video", "rod_track", "motor_log", "bed_image")  # sections of a jump whose files are asked for
+TESTS: Mapping[
+    str, tuple[Mapping[str, Mapping[str, Any]], str]
+] = {  # beside jumps: sections whose files are asked for, and what to do
+    "spring test": (
+        {"spring_log": {"file": "spring.csv"}},
+        "Press the spring alone step by step to its greatest travel and back, three times; "
+        "spring.csv has displacement_m,force_N, one row a step, at least 20 rows.",
+    ),
+    "ring-down": (
+        {"rod_track": {"file": "ringdown.csv"}},
+        "Motor at rest, foot on hard ground: press the rod down by less than its weight bends the spring, let go, record "
+        "until it is still; "
+        "ringdown.csv has time_s,height_m.",
+    ),
+    "slow intrusion": (
+        {"intrusion_log": {"file": "intrusion.csv"}},
+        "Press the robot's foot into a bed prepared as for the jumps, slowly (1 cm/s or less), as deep as jumps reach; "
+        "intrusion.csv has time_s,depth_m,force_N.",
+    ),
+    "grain film": (
+        {"grain_video": {"file": "grains.mkv", "frame_rate": 0.0, "scale": 0.0, "foot": "half"}},
+        "Film the grains beside a half foot at the wall during the jump of [actuation]; give the film's frame_rate "
+        "[1/s] and scale [m/px].",
+    ),
+}
 TICK = 1e-3  # s, of the motor's table
 OFF = 0.1  # share of the travel by which a motor may leave its command
 
@@ -54,27 +80,57 @@ def prepare(like: Experiment, law: Actuation, name: str, limits: Limits, why: Se
     folder = like.path.parent / name
     if broken := limits.broken(law):
         raise InputError([f"{folder}: the motor cannot do it: {b}; ask for a slower or smaller motion" for b in broken])
-    if folder.exists():
-        raise InputError([f"{folder}: exists already; remove it, or give the new experiment another name"])
-    aside = folder.with_name(f".{name}.part")
-    shutil.rmtree(aside, ignore_errors=True)
-    aside.mkdir()
     motion = _actuation(law)
-    (aside / EXPERIMENT).write_text(_experiment(like, motion, why), encoding="utf-8", newline="\n")
     protocol = {"name": name, "duration": round(law.stop + 0.8, 3), "start": law.start}
     text = _lines(protocol) + "\n\n[actuation]\n" + _lines(motion) + "\n"
-    (aside / PROTOCOL).write_text("".join(f"# {w}\n" for w in why) + text, encoding="utf-8", newline="\n")
     t = np.arange(0.0, law.stop + TICK, TICK)
-    x, v = commanded(law)(t)
+    table = io.StringIO()
     np.savetxt(
-        aside / TABLE,
-        np.column_stack([t, x, v]),
+        table,
+        np.column_stack([t, *commanded(law)(t)]),
         fmt=["%.4f", "%.8f", "%.6f"],
         delimiter=",",
         comments="",
         header="time_s,position_m,speed_m_per_s",
         newline="\n",
     )
+    files = {
+        EXPERIMENT: _experiment(like, motion, why),
+        PROTOCOL: "".join(f"# {w}\n" for w in why) + text,
+        TABLE: table.getvalue(),
+    }
+    return _placed(folder, files)
+
+
+def prepare_test(like: Experiment, kind: str, name: str, why: Sequence[str] = ()) -> Path:
+    """The folder of one of TESTS beside a jump of its campaign: experiment.toml, protocol.toml. Raises InputError for a
+    folder that exists."""
+    sections, what = TESTS[kind]
+    own = _declared(like)
+    law = like.section(Actuation) if kind == "grain film" else None
+    kept = {k: v for k, v in own.items() if k in ("robot", "bed", "model")}
+    asked: Mapping[str, Mapping[str, Any]] = sections
+    plain = _plain(own)
+    if kind == "ring-down":
+        plain, kept = {**plain, "ground": "hard"}, {"robot": own["robot"]} if "robot" in own else {}
+        kept["actuation"] = {"kind": "none"}
+    if law is not None:
+        kept["actuation"] = _actuation(law)
+        asked = {**sections, **{k: v for k, v in own.items() if k in RECORDED}}
+    text = _waiting(plain, kept, asked, [*why, what])
+    protocol = "".join(f"# {w}\n" for w in [*why, what]) + _lines({"name": name, "experiment": kind}) + "\n"
+    return _placed(like.path.parent / name, {EXPERIMENT: text, PROTOCOL: protocol})
+
+
+def _placed(folder: Path, files: Mapping[str, str]) -> Path:
+    """A folder put in place whole. Raises InputError where it exists."""
+    if folder.exists():
+        raise InputError([f"{folder}: exists already; remove it, or give the new experiment another name"])
+    aside = folder.with_name(f".{folder.name}.part")
+    shutil.rmtree(aside, ignore_errors=True)
+    aside.mkdir()
+    for name, text in files.items():
+        (aside / name).write_text(text, encoding="utf-8", newline="\n")
     os.replace(aside, folder)
     return folder
 
@@ -86,15 +142,30 @@ def _actuation(law: Actuation) -> Mapping[str, str | float]:
 
 def _experiment(like: Experiment, motion: Mapping[str, Any], why: Sequence[str]) -> str:
     """experiment.toml: what the other experiment declares, this motion, the recordings under `LIVE`."""
-    own = tomllib.loads((like.path / EXPERIMENT).read_text(encoding="utf-8-sig"))
-    plain = {k: v for k, v in own.items() if not isinstance(v, Mapping) and k not in ("name", "group", "exclude")}
+    own = _declared(like)
     asked = {k: v for k, v in own.items() if k in RECORDED}
     kept = {k: v for k, v in own.items() if isinstance(v, Mapping) and "file" not in v and k != "actuation"}
+    plain = {**_plain(own), "group": "-".join(str(v) for v in motion.values())}
+    return _waiting(plain, kept | {"actuation": motion}, asked, why)
+
+
+def _declared(like: Experiment) -> Mapping[str, Any]:
+    return tomllib.loads((like.path / EXPERIMENT).read_text(encoding="utf-8-sig"))
+
+
+def _plain(own: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What stands before the sections, but for what is the experiment's alone."""
+    return {k: v for k, v in own.items() if not isinstance(v, Mapping) and k not in ("name", "group", "exclude")}
+
+
+def _waiting(
+    plain: Mapping[str, Any], kept: Mapping[str, Any], asked: Mapping[str, Mapping[str, Any]], why: Sequence[str]
+) -> str:
+    """experiment.toml with the sections `kept`, those whose files are asked for under `LIVE`."""
     files = [v["file"] for v in asked.values()]
     head = ["# prepared by jumpvision explore: record, put the files here, say explore again", *(f"# {w}" for w in why)]
-    group = "-".join(str(v) for v in motion.values())
-    plain |= {"group": group, "exclude": f"{WAITS} {', '.join(files)}"}
-    parts = ["\n".join(head) + "\n" + _lines(plain), *(_table(k, v) for k, v in (kept | {"actuation": motion}).items())]
+    top = _lines({**plain, "exclude": f"{WAITS} {', '.join(files)}"})
+    parts = ["\n".join(head) + "\n" + top, *(_table(k, v) for k, v in kept.items())]
     live = "\n".join(_table(k, v) for k, v in asked.items())
     return "\n\n".join(parts) + "\n\n" + "\n".join(LIVE + x for x in live.splitlines()) + "\n"
 
@@ -130,8 +201,8 @@ def take_in(folder: Path) -> Returned:
         raise InputError(
             [f"{file}: not valid TOML once its recordings are in: {e}; mend it, or prepare it again"]
         ) from e
-    missing = tuple(v["file"] for k, v in tables.items() if k in RECORDED and not (folder / v["file"]).exists())
-    if missing:
+    files = [v["file"] for v in tables.values() if isinstance(v, Mapping) and "file" in v]
+    if missing := tuple(f for f in files if not (folder / f).exists()):
         return Returned(folder, missing)
     differs = mismatch(folder, tables)
     if differs:
@@ -144,7 +215,9 @@ def take_in(folder: Path) -> Returned:
 
 
 def mismatch(folder: Path, tables: Mapping[str, Any]) -> str:
-    """How the recordings differ from [actuation]; "" where they are those of it."""
+    """How the recordings differ from [actuation]; "" where they are those of it, or nothing moves."""
+    if tables.get("actuation", {}).get("kind", "none") == "none":
+        return ""
     law, problems = read(Actuation, tables["actuation"], f"{folder / EXPERIMENT}: [actuation]")
     if problems:
         raise InputError(problems)

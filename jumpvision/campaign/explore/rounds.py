@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from jumpvision.base.schema import InputError
-from jumpvision.base.storage import write_aside
 from jumpvision.campaign.diagnose import Question
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import fit_baseline
@@ -24,12 +20,11 @@ from jumpvision.diagnosis.worth.design import Held, batch, belief, entropy, meas
 from jumpvision.diagnosis.worth.rehearse import log10_odds
 from jumpvision.inputs.sections import Actuation, Motor
 
-from .handover import prepare
+from .handover import prepare, prepare_test
+from .history import History, Proposed, Round, measured_by
 from .offers import HALF_CYCLE, Limits, every, limits_of, named, offer
 
-FILE = "explore.json"
 SEED = 1
-FORMAT = 1
 OTHER = {  # what else could be measured: parameters with the relative sigma that they are usually known to, cost
     "spring test": ({"spring_stiffness": 0.003}, 2.0),
     "ring-down": ({"spring_damping": 0.03}, 1.0),
@@ -43,53 +38,14 @@ KINDS = (*HALF_CYCLE, "sine", *OTHER)
 class Rules:
     """When to stop, and what an experiment costs. level: probability at which a cause is decided; least: bits that a
     jump must be expected to bring for its cost; most: experiments in all; batch: at a time; costs: of other kinds than
-    jumps, a jump being 1."""
+    jumps, a jump being 1; tests: whether others than jumps are offered."""
 
     level: float = 0.95
     least: float = 0.02
     most: int = 12
     batch: int = 1
     costs: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class Proposed:
-    """An experiment that was chosen. separates: the two likeliest models; bits: expected of it, beside those chosen
-    before it; log10_odds: expected of it by itself, None where no model explains the jumps made."""
-
-    name: str
-    kind: str
-    separates: tuple[str, ...]
-    bits: float
-    log10_odds: float | None
-    cost: float
-    actuation: Mapping[str, Any] | None = None
-
-    @property
-    def said(self) -> str:
-        """What is expected of it, in words."""
-        if self.log10_odds is None:
-            odds = "its odds cannot be said: no model tried explains the jumps made"
-        else:
-            odds = f"odds of 10^{self.log10_odds:.1f} for the right one"
-        return f"tells {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
-
-
-@dataclass(frozen=True)
-class Round:
-    """What was believed of a campaign with these jumps. models, causes: probabilities; entropy_bits: of the models.
-
-    end: why no more is asked for, "" where something is; proposed: what is; left_out: what could not be weighed, and
-    why.
-    """
-
-    jumps: tuple[str, ...]
-    models: Mapping[str, float]
-    causes: Mapping[str, float]
-    entropy_bits: float
-    end: str = ""
-    proposed: tuple[Proposed, ...] = ()
-    left_out: tuple[str, ...] = ()
+    tests: bool = True
 
 
 @dataclass(frozen=True)
@@ -134,7 +90,8 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
     now = believe(asked, workers)
     causes = {m: now.naming.probability(m) for m in now.naming.probabilities}
     models = {h.name: h.weight for h in now.held}
-    told = Round(tuple(j.name for j in asked.jumps), models, causes, entropy(list(models.values())))
+    names, bits = tuple(j.name for j in asked.jumps), entropy(list(models.values()))
+    told = Round(names, models, causes, bits, measured=measured_by(asked))
     open_causes = now.undecided(rules.level)
     if now.unexplained:
         open_causes = ["what no set of the vocabulary explains (jumpvision diagnose describes it)"]
@@ -153,11 +110,11 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
         )
         end = f"nothing left is worth its cost: {said} (asked: {rules.least:g} a jump); open: {', '.join(open_causes)}"
         return _ended(told, end, left_out)
-    return Round(told.jumps, models, causes, told.entropy_bits, "", tuple(worthy), tuple(left_out))
+    return replace(told, proposed=tuple(worthy), left_out=tuple(left_out))
 
 
 def _ended(told: Round, end: str, left_out: Sequence[str] = ()) -> Round:
-    return Round(told.jumps, told.models, told.causes, told.entropy_bits, end, (), tuple(left_out))
+    return replace(told, end=end, left_out=tuple(left_out))
 
 
 def decided(causes: Mapping[str, float], level: float) -> str:
@@ -182,7 +139,7 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
     left_out = [f"{named(laws[k])}: a model cannot be followed there" for k in range(len(laws)) if k not in offered]
     costs = {k: rules.costs.get(laws[k].kind, 1.0) for k in offered}
     others: dict[int, str] = {}
-    for what, (relative, cost) in OTHER.items():
+    for what, (relative, cost) in OTHER.items() if rules.tests else ():
         p = measuring(now.held, relative)
         if p is None:
             left_out.append(f"{what}: not every likely model has {', '.join(relative)} free, so it cannot be weighed")
@@ -226,28 +183,6 @@ def law_of(p: Proposed) -> Actuation:
     return Actuation(**(p.actuation or {}))
 
 
-@dataclass(frozen=True)
-class History:
-    """explore.json: rounds, the first one first."""
-
-    rounds: tuple[Round, ...] = ()
-
-    @property
-    def asked_for(self) -> int:
-        return sum(len(r.proposed) for r in self.rounds)
-
-    def with_round(self, new: Round) -> History:
-        """The round added; in place of the last one where that was of the same jumps."""
-        kept = self.rounds[:-1] if self.rounds and set(self.rounds[-1].jumps) == set(new.jumps) else self.rounds
-        return History((*kept, new))
-
-    def save(self, folder: Path) -> Path:
-        folder.mkdir(parents=True, exist_ok=True)
-        data = {"format": FORMAT, "rounds": [asdict(r) for r in self.rounds]}
-        write_aside(folder / FILE, json.dumps(data, indent=1, default=_plain) + "\n")
-        return folder / FILE
-
-
 def continued(
     history: History, asked: Question, rules: Rules, waiting: Sequence[Path], results: Path, workers: int = 1
 ) -> tuple[History, list[Path]]:
@@ -256,43 +191,22 @@ def continued(
     What is proposed is written down before its folders are made, and what was written down and has no folder is made.
     """
     last = history.rounds[-1] if history.rounds else None
-    if last is None or set(last.jumps) != {j.name for j in asked.jumps}:
+    if last is None or not last.of(asked):
         spent = history.asked_for
         last = next_round(asked, rules, spent, workers)
-        jumps = [p for p in last.proposed if p.actuation is not None]
-        names = {p.name: f"next-{spent + 1 + k:02d}-{p.name}" for k, p in enumerate(jumps)}
-        last = replace(last, proposed=tuple(replace(p, name=names.get(p.name, p.name)) for p in last.proposed))
+        numbered = [
+            replace(p, name=f"next-{spent + 1 + k:02d}-{p.name.replace(' ', '-')}") for k, p in enumerate(last.proposed)
+        ]
+        last = replace(last, proposed=tuple(numbered))
         history = history.with_round(last)
         history.save(results)
     like = next(e for e in asked.experiments if e.name == asked.jumps[0].name)
     there = {f.name for f in waiting}
     made = [
-        prepare(like, law_of(p), p.name, limits_for(asked), [p.said])
+        prepare_test(like, p.kind, p.name, [p.said])
+        if p.actuation is None
+        else prepare(like, law_of(p), p.name, limits_for(asked), [p.said])
         for p in last.proposed
-        if p.actuation is not None and p.name not in there and not (like.path.parent / p.name).exists()
+        if p.name not in there and not (like.path.parent / p.name).exists()
     ]
     return history, made
-
-
-def _plain(x: Any) -> Any:
-    return float(x) if isinstance(x, np.floating) and math.isfinite(x) else str(x)
-
-
-def read_history(folder: Path) -> History:
-    """Of an earlier call; empty where there is none. Raises InputError for a file that is not one."""
-    file = folder / FILE
-    if not file.exists():
-        return History()
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-        rounds = []
-        for r in data["rounds"]:
-            proposed = tuple(Proposed(**{**p, "separates": tuple(p["separates"])}) for p in r.pop("proposed"))
-            rounds.append(
-                Round(**{**r, "jumps": tuple(r["jumps"]), "left_out": tuple(r["left_out"])}, proposed=proposed)
-            )
-        return History(tuple(rounds))
-    except (ValueError, KeyError, TypeError, AttributeError) as e:
-        raise InputError(
-            [f"{file}: not a record of an exploration ({e}); remove it, and the rounds are told anew"]
-        ) from e

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside, write_bytes_aside
-from jumpvision.campaign.explore.rounds import History, Round
+from jumpvision.campaign.explore.history import History, Round
 from jumpvision.report.figures.explore import exploration_picture
 
 from .page import static, template
