@@ -12,6 +12,7 @@ from test_broken_folders import folder, sound  # noqa: F401  (fixtures)
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
+from jumpvision.init.recognise import recognised
 from jumpvision.inputs.channels import READERS
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.recordings import MotorLog, SpringLog
@@ -235,3 +236,19 @@ def test_a_whole_experiment_is_the_same_with_another_log(folder, tmp_path, endin
     capsys.readouterr()
     assert main(["check", str(other)]) == 2
     assert "columns.positon_m" in (said := capsys.readouterr().err) and "did you mean 'position_m'" in said
+
+
+@pytest.mark.parametrize("ending", SUFFIXES)
+def test_init_knows_a_log_by_its_columns(tmp_path, ending):
+    file = write(tmp_path / f"log{ending}", {"time_s": T, "position_m": X})
+    found = recognised(tmp_path, file.name, None)
+    assert (found.section, found.file) == ("motor_log", file.name) and "position_m" in found.facts
+
+
+def test_init_takes_a_rate_for_a_time_and_names_channels_it_does_not_know(tmp_path):
+    rate = [("wf_increment", 1 / 250), ("wf_start_offset", 0.5)]
+    file = write(tmp_path / "timed.tdms", {"Control/position_m": X}, properties=rate)
+    assert recognised(tmp_path, file.name, None).section == "motor_log"
+    file = write(tmp_path / "foreign.tdms", {"Control/enc": X})
+    with pytest.raises(InputError, match=r"channels are Control/enc.*columns\.time_s"):
+        recognised(tmp_path, file.name, None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,12 +13,14 @@ from jumpvision.base.schema import InputError
 from jumpvision.frames import Film, FrameError, open_frames
 from jumpvision.frames.opening import READERS
 from jumpvision.frames.pictures import SUFFIXES
+from jumpvision.inputs.channels import READERS as CHANNELS
 
 LOGS = {  # section: the columns of its table
     "motor_log": ("time_s", "position_m"),
     "contact_log": ("time_s", "contact"),
     "intrusion_log": ("time_s", "depth_m", "force_N"),
     "rod_track": ("time_s", "height_m"),
+    "spring_log": ("displacement_m", "force_N"),
 }
 WORDS = {  # section: words in the name of a film or picture
     "bed_image": r"bed|pack|surface|backlit|back-lit",
@@ -29,10 +31,11 @@ WORDS = {  # section: words in the name of a film or picture
 FILMS = ("rod_video", "grain_video")
 PICTURES = ("bed_image", "crater_image")
 FIELDS = (".nc", ".mat")
-TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".tdms", ".dat")
+TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".dat")
 IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
 GUESSED = "guessed from what it shows: write another section if it is something else"
 DARK_SHARE = 0.1  # of bright pixels, below which a picture is a laser line in the dark
+SHOWN = 12  # channels named in a message
 SERIES = 3  # numbered pictures that make a film
 ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
 
@@ -102,6 +105,8 @@ def recognised(folder: Path, name: str, section: str | None) -> Recording:
     path, suffix = folder / name, Path(name).suffix.lower()
     if suffix == ".csv":
         return _table(path, name)
+    if suffix in CHANNELS and (suffix not in FIELDS or not _is_field(path)):
+        return _channels(path, name)
     if suffix in FIELDS or suffix == ".txt" or (path.is_dir() and any(path.glob("*.txt"))):
         return _field(path, name)
     if suffix == ".npz" or _is_map(path, suffix):
@@ -117,10 +122,40 @@ def _table(path: Path, name: str) -> Recording:
     with path.open(encoding="utf-8-sig", errors="replace", newline="") as f:
         first = f.readline().strip()
     header = [c.strip() for c in next(csv.reader([first]), [])]
-    for section, columns in LOGS.items():
-        if set(columns) <= set(header):
-            return Recording(section, name, f"columns {', '.join(header)}")
+    if (section := _log_with(header)) is not None:
+        return Recording(section, name, f"columns {', '.join(header)}")
     raise InputError([f"its first line is '{first[:60]}'; known headers: {_headers()} (SI units, comma separated)"])
+
+
+def _log_with(columns: Collection[str]) -> str | None:
+    """The section that a log with these columns is; None where it is none."""
+    return next((section for section, own in LOGS.items() if set(own) <= set(columns)), None)
+
+
+def _channels(path: Path, name: str) -> Recording:
+    """A log in a file of channels: a channel may be called as its column, in a group or not; TDMS may give its rate in
+    place of a time."""
+    read = CHANNELS[path.suffix.lower()]
+    names = read(path, ()).names
+    bare = {n.rsplit("/", 1)[-1] for n in names} if path.suffix.lower() == ".tdms" else set(names)
+    timed = {"time_s"} if any(c.clock is not None for c in read(path, names).channels.values()) else set()
+    if (section := _log_with(bare | timed)) is not None:
+        return Recording(section, name, f"channels {', '.join(names)}")
+    raise InputError(
+        [
+            f"its channels are {', '.join(names[:SHOWN])}; known: {_headers()}; name them in its section, for example "
+            f"columns.time_s = '{names[0] if names else 't'}' (docs/bring_your_own_data.md)"
+        ]
+    )
+
+
+def _is_field(path: Path) -> bool:
+    """Whether a MAT file holds a velocity field."""
+    try:
+        _field(path, path.name)
+    except InputError:
+        return False
+    return True
 
 
 def _headers() -> str:

@@ -40,8 +40,8 @@ TESTS: Mapping[
     ),
     "ring-down": (
         {"rod_track": {"file": "ringdown.csv"}},
-        "Motor at rest, foot on hard ground: press the rod down by less than its weight bends the spring, let go, record "
-        "until it is still; "
+        "Motor at rest, foot on hard ground: press the rod down by less than its weight bends the spring, let go, "
+        "record until it is still; "
         "ringdown.csv has time_s,height_m.",
     ),
     "slow intrusion": (
