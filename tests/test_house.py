@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ast
+import re
 import resource
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -91,3 +93,18 @@ def test_help_is_fast_and_light(words):
     ended = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert ended.ru_utime + ended.ru_stime - began.ru_utime - began.ru_stime < 1.5
     assert out.strip().splitlines()[-1] == "[]"
+
+
+def test_the_conda_recipe_needs_what_pyproject_does():
+    """The same packages from the same versions, under conda-forge's names."""
+    project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    called = {"matplotlib": "matplotlib-base", "opencv-python-headless": "py-opencv", "netCDF4": "netcdf4"}
+    wanted = {}
+    for text in project["dependencies"]:
+        name, versions = re.fullmatch(r"([\w-]+)(.*)", text).groups()
+        wanted[called.get(name, name)] = versions.replace("4.10.0.84", "4.10.0")  # the wheel's own fourth number
+    wanted["python"] = project["requires-python"]
+    recipe = (ROOT.parent / "pipelines" / "packaging" / "recipe.yaml").read_text(encoding="utf-8")
+    (run,) = re.findall(r"\n  run:\n((?:    - .*\n)+)", recipe)
+    assert dict(line.removeprefix("    - ").split(" ", 1) for line in run.splitlines()) == wanted
+    assert f'version: "{project["version"]}"' in recipe
