@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -135,9 +136,80 @@ def kill_at_random(work: Path, moments: int, *, n: int = 2, seed: int = 0) -> di
     return {"moments": moments, "killed": killed, "torn": torn, "different": different, "left": left}
 
 
+RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main(sys.argv[1:]))", "run"]
+
+
+def write_whole_campaign(root: Path) -> Path:
+    """Four jumps to be diagnosed, a filmed one, and a grain film of three frames."""
+    import cv2
+
+    from jumpvision.lab import write
+    from jumpvision.lab.blind import Nuisance, draw
+    from jumpvision.lab.campaign import carry_out, defaults
+
+    setting = draw(np.random.default_rng(3), ground="hard", hidden=[], nuisance=Nuisance(1e-4, 0.0, 0.0))
+    jumps = [j for j in setting.protocol.jumps if j.law.delay == 0][:4]
+    root.mkdir(parents=True)
+    carry_out([(setting.protocol, j) for j in jumps], root, seed=1, workers=1, sealed=True)
+    write.toml(root / "campaign.toml", defaults(setting.protocol))
+    shutil.copytree(Path(__file__).parents[1] / "data_samples" / "hard_ground", root / "filmed")
+    grains = root / "grains" / "film"
+    grains.mkdir(parents=True)
+    texture = cv2.GaussianBlur(np.random.default_rng(1).normal(size=(160, 176)).astype(np.float32), (0, 0), 2.0)
+    texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
+    for k in range(3):
+        cv2.imwrite(str(grains / f"{k}.png"), texture[:, 2 * k : 2 * k + 160])
+    text = '[grain_video]\nfile = "film"\nframe_rate = 500.0\nscale = 1e-4\n'
+    (grains.parent / "experiment.toml").write_text(text, encoding="utf-8")
+    return root
+
+
+def kill_whole(work: Path, moments: int, *, seed: int = 0) -> dict[str, object]:
+    """As `kill_at_random`, of a run with films, two workers, diagnosis, pictures and report; in turns the command alone
+    is killed, and all its processes."""
+    campaign = write_whole_campaign(work / "campaign")
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
+
+    def begun(results: Path) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([*RUN, str(campaign), "--results", str(results), "--workers", "2"], **quiet)
+
+    duration = 0.0
+    for _ in range(2):  # the first compiles
+        shutil.rmtree(work / "calm", ignore_errors=True)
+        began = time.perf_counter()
+        if begun(work / "calm").wait() not in (0, 1):
+            raise RuntimeError("the undisturbed run failed")
+        duration = time.perf_counter() - began
+    calm = results_of(work / "calm")
+    rng = np.random.default_rng(seed)
+    killed, torn, different, left = 0, [], [], []
+    for k in range(moments):
+        results = work / f"run-{k}"
+        run = begun(results)
+        time.sleep(float(rng.uniform(0, duration)))
+        killed += run.poll() is None
+        (os.kill if k % 2 else os.killpg)(run.pid, signal.SIGKILL)
+        run.wait()
+        for f in results.rglob("*.json"):
+            if ".cache/writing-" not in f.as_posix():
+                try:
+                    json.loads(f.read_text())
+                except ValueError:
+                    torn.append(str(f))
+        begun(results).wait()
+        again = results_of(results)
+        different += [f"run {k}: {n}" for n in calm.keys() | again.keys() if calm.get(n) != again.get(n)]
+        left += [str(f) for f in leftovers(results)]
+        shutil.rmtree(results)
+        print(k, killed, len(torn), different[-3:], len(left), flush=True)
+    return {"moments": moments, "killed": killed, "torn": torn, "different": different, "left": left}
+
+
 if __name__ == "__main__":  # a process without threads of its own, which may fork
     import contextlib
 
     with contextlib.redirect_stdout(sys.stderr):
-        found = {"kill": kill_at_random, "together": at_once}[sys.argv[1]](Path(sys.argv[2]), int(sys.argv[3]))
+        found = {"kill": kill_at_random, "whole": kill_whole, "together": at_once}[sys.argv[1]](
+            Path(sys.argv[2]), int(sys.argv[3])
+        )
     print(json.dumps(found))

@@ -242,4 +242,5 @@ def _scatter(
     ratio = np.maximum(around_all, LEAST_RATIO * around_alone) / np.maximum(around_alone, 1e-9)
     own = slice(band.own_top - band.top, band.own_bottom - band.top)
     clumped = cv2.multiply(energy, cv2.boxFilter(energy, -1, box))
-    return zz, ss, ratio, np.array([cv2.sumElems(q[own])[0] for q in (energy, clumped)])
+    # OpenCV's own sums differ in the last bit from run to run
+    return zz, ss, ratio, np.array([np.sum(q[own], dtype=np.float64) for q in (energy, clumped)])
