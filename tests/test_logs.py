@@ -252,3 +252,22 @@ def test_init_takes_a_rate_for_a_time_and_names_channels_it_does_not_know(tmp_pa
     file = write(tmp_path / "foreign.tdms", {"Control/enc": X})
     with pytest.raises(InputError, match=r"channels are Control/enc.*columns\.time_s"):
         recognised(tmp_path, file.name, None)
+
+
+def test_a_cut_element_of_a_mat_file_is_refused_before_a_reader_falls_over_it(tmp_path):
+    """scipy's reader ended the process on a compressed element without its end."""
+    file = write(tmp_path / "log.mat", {"time_s": T, "position_m": X})
+    data = bytearray(file.read_bytes())
+    length = int.from_bytes(data[132:136], "little")
+    file.write_bytes(bytes(data[:132]) + (length - 6).to_bytes(4, "little") + bytes(data[136 : 136 + length - 6]))
+    with pytest.raises(InputError, match=r"log.mat: not a MAT file, or damaged .element at byte 128 is cut"):
+        read_log(motor(file), "time_s", "position_m")
+
+
+def test_groups_of_a_mat_file_that_lead_in_a_circle_end(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    file = write(tmp_path / "log-v73.mat", {"run.time_s": T, "run.position_m": X})
+    with h5py.File(file, "r+") as out:
+        out["run/again"] = out["run"]
+    with pytest.raises(InputError, match="groups deep or 10000 channels: damaged"):
+        read_log(motor(file), "time_s", "position_m")

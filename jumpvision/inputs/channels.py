@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.schema import InputError
 
+DEEPEST, MOST = 16, 10_000  # groups within groups, channels of a file
 UNPACKED = 1e9  # bytes of a log in memory, when it is decompressed
 
 
@@ -102,6 +103,8 @@ def _unpacked(path: Path) -> float:
             while rest and not piece.eof and total <= UNPACKED:
                 total += len(piece.decompress(rest, 2**24))
                 rest = piece.unconsumed_tail
+            if not piece.eof and total <= UNPACKED:  # its checksum not reached: a reader may fall over what it holds
+                raise InputError([f"{path}: not a MAT file, or damaged (element at byte {at} is cut); save it again"])
         else:
             total += length
         at += 8 + length
@@ -135,7 +138,7 @@ def _modern(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
 
     sets: list[Any] = []
     with h5py.File(path, "r") as file:
-        file.visititems(lambda _, item: sets.append(item) if isinstance(item, h5py.Dataset) else None)
+        _gather(file, h5py, sets, path)
         plain = [d for d in sets if d.dtype.kind in "biuf" and not d.name.startswith("/#")]
         if outside := next((o for o in (elsewhere(d, file) for d in plain) if o), ""):
             raise InputError([f"{path}: lies in another file ({outside}), of which no change would be noticed"])
@@ -144,6 +147,17 @@ def _modern(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
         for d in plain:
             if "MATLAB_empty" not in d.attrs:
                 yield from _vectors(d.name.strip("/").replace("/", "."), d[()].T)
+
+
+def _gather(group: Any, h5py: Any, sets: list[Any], path: Path, depth: int = 0) -> None:
+    """The datasets below a group; links that lead in a circle end at DEEPEST."""
+    if depth > DEEPEST or len(sets) > MOST:
+        raise InputError([f"{path}: more than {DEEPEST} groups deep or {MOST} channels: damaged; save it again"])
+    for item in group.values():
+        if isinstance(item, h5py.Dataset):
+            sets.append(item)
+        elif isinstance(item, h5py.Group):
+            _gather(item, h5py, sets, path, depth + 1)
 
 
 READERS: dict[str, Callable[[Path, Collection[str]], Held]] = {".tdms": tdms, ".mat": mat}
