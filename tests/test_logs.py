@@ -271,3 +271,14 @@ def test_groups_of_a_mat_file_that_lead_in_a_circle_end(tmp_path):
         out["run/again"] = out["run"]
     with pytest.raises(InputError, match="groups deep or 10000 channels: damaged"):
         read_log(motor(file), "time_s", "position_m")
+
+
+def test_links_of_a_mat_file_to_other_files_are_not_followed(tmp_path):
+    h5py = pytest.importorskip("h5py")
+    write(tmp_path / "other-v73.mat", {"time_s": T, "position_m": X})
+    file = write(tmp_path / "log-v73.mat", {"time_s": T})
+    with h5py.File(file, "r+") as out:
+        out["position_m"] = h5py.ExternalLink("other-v73.mat", "/position_m")
+        out["gone"] = h5py.SoftLink("/nowhere")
+    with pytest.raises(InputError, match="position_m"):
+        read_log(motor(file), "time_s", "position_m")

@@ -126,6 +126,20 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
         yield from ((f"{name}(:,{k})", column) for k, column in enumerate(array.T, 1))
 
 
+def _gather(group: Any, h5py: Any, sets: list[Any], path: Path, depth: int = 0) -> None:
+    """The datasets below a group, by its own links alone; such that lead in a circle end at DEEPEST."""
+    if depth > DEEPEST or len(sets) > MOST:
+        raise InputError([f"{path}: more than {DEEPEST} groups deep or {MOST} channels: damaged; save it again"])
+    for name in group:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        item = group[name]
+        if isinstance(item, h5py.Dataset):
+            sets.append(item)
+        elif isinstance(item, h5py.Group):
+            _gather(item, h5py, sets, path, depth + 1)
+
+
 def _modern(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
     """MAT 7.3, which is HDF5 with its dimensions in reverse order."""
     try:
@@ -147,17 +161,6 @@ def _modern(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
         for d in plain:
             if "MATLAB_empty" not in d.attrs:
                 yield from _vectors(d.name.strip("/").replace("/", "."), d[()].T)
-
-
-def _gather(group: Any, h5py: Any, sets: list[Any], path: Path, depth: int = 0) -> None:
-    """The datasets below a group; links that lead in a circle end at DEEPEST."""
-    if depth > DEEPEST or len(sets) > MOST:
-        raise InputError([f"{path}: more than {DEEPEST} groups deep or {MOST} channels: damaged; save it again"])
-    for item in group.values():
-        if isinstance(item, h5py.Dataset):
-            sets.append(item)
-        elif isinstance(item, h5py.Group):
-            _gather(item, h5py, sets, path, depth + 1)
 
 
 READERS: dict[str, Callable[[Path, Collection[str]], Held]] = {".tdms": tdms, ".mat": mat}
