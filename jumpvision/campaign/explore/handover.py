@@ -30,9 +30,8 @@ from .offers import Limits, asked_of_motor
 PROTOCOL, TABLE = "protocol.toml", "motor_command.csv"
 WAITS, LIVE = "waits for", "#: "  # of the reason to exclude; lines that hold once the recordings are there
 RECORDED = ("rod_video", "rod_track", "motor_log", "bed_image")  # sections of a jump whose files are asked for
-TESTS: Mapping[
-    str, tuple[Mapping[str, Mapping[str, Any]], str]
-] = {  # beside jumps: sections whose files are asked for, and what to do
+# beside jumps: sections whose files are asked for, and what to do
+TESTS: Mapping[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
     "spring test": (
         {"spring_log": {"file": "spring.csv"}},
         "Press the spring alone step by step to its greatest travel and back, three times; "
