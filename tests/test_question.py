@@ -127,6 +127,14 @@ def test_the_sentence_says_what_a_named_mechanism_leaves():
     assert "stays" not in sentence(replace(d, status="complete", left_over=None, unexplained=None))
 
 
+def test_the_sentence_gives_no_zero_for_heights_that_agree():
+    tops = [Height(str(k), "single", 6.0, 0.0, None, 0.050 + d, 0.05001, math.nan) for k, d in enumerate((-1e-5, 1e-5))]
+    text = sentence(diagnosis(named=("coulomb_friction",), heights=tuple(tops), status="complete"))
+    assert text.startswith(
+        "The simulation meets the measured heights to 0.05 mm but not the tracks because it lacks dry"
+    )
+
+
 def test_a_file_without_a_key_is_refused_by_its_name():
     values = diagnosis().values
     del values["p_value"]
