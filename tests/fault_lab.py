@@ -177,8 +177,8 @@ def kill_whole(work: Path, moments: int, *, seed: int = 0) -> dict[str, object]:
     for _ in range(2):  # the first compiles
         shutil.rmtree(work / "calm", ignore_errors=True)
         began = time.perf_counter()
-        if begun(work / "calm").wait() not in (0, 1):
-            raise RuntimeError("the undisturbed run failed")
+        if code := begun(work / "calm").wait():
+            raise RuntimeError(f"the undisturbed run ended with {code}")
         duration = time.perf_counter() - began
     calm = results_of(work / "calm")
     rng = np.random.default_rng(seed)
@@ -196,8 +196,9 @@ def kill_whole(work: Path, moments: int, *, seed: int = 0) -> dict[str, object]:
                     json.loads(f.read_text())
                 except ValueError:
                     torn.append(str(f))
-        begun(results).wait()
+        code = begun(results).wait()
         again = results_of(results)
+        different += [f"run {k}: exit code {code}"] if code else []
         different += [f"run {k}: {n}" for n in calm.keys() | again.keys() if calm.get(n) != again.get(n)]
         left += [str(f) for f in leftovers(results)]
         shutil.rmtree(results)
