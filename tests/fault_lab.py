@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -188,7 +189,8 @@ def kill_whole(work: Path, moments: int, *, seed: int = 0) -> dict[str, object]:
         run = begun(results)
         time.sleep(float(rng.uniform(0, duration)))
         killed += run.poll() is None
-        (os.kill if k % 2 else os.killpg)(run.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):  # it ended between the moment drawn and the signal
+            (os.kill if k % 2 else os.killpg)(run.pid, signal.SIGKILL)
         run.wait()
         for f in results.rglob("*.json"):
             if ".cache/writing-" not in f.as_posix():

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from test_ball import BACK, CONTRAST, ball_image, camera
 
-import jumpvision.stages  # noqa: F401  registers them
 from jumpvision.frames import open_frames
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.sections import NotApplicable
@@ -17,7 +16,10 @@ from jumpvision.report.figures.overlays import TrackFilm
 from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
 from jumpvision.vision.ball.track import BallSettings
+from jumpvision.workflow.stage import results_stages
 from jumpvision.workflow.workspace import Workspace
+
+results_stages()  # this file may run alone
 
 D, N = 14.0, 40
 

@@ -5,11 +5,14 @@ import threading
 
 import av
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
 from jumpvision.grains.grid import VectorGrid
+from jumpvision.report.figures import overlays
 from jumpvision.report.figures.overlays import FIELDS, LINES, STRIP, Drawing, webm
+from jumpvision.report.figures.pictures import shrunk
 
 ROWS, COLUMNS, SCALE = 80, 90, 1e-3  # px, px, m/px
 GRID = VectorGrid(delta_t=0.01, source="drawn", scale_m_per_px=SCALE, origin_column_px=45.0, origin_row_px=10.0,
@@ -84,3 +87,26 @@ def test_the_film_is_vp8_with_every_picture_and_the_same_each_time():
     assert len(frames) == 7
     # grey of blocks of 8 px through a codec for small films: a few levels; colour is halved in size
     assert max(np.abs(f.mean(2) - p.mean(2)).mean() for f, p in zip(frames, pictures)) < 12
+
+
+@pytest.mark.parametrize(("rows", "columns", "factor", "zoom"), [(2049, 2603, 1, 1 / 2), (60, 90, 6, 6.0)])
+def test_the_cross_lies_where_the_ball_is_in_frames_shrunk_and_enlarged(rows, columns, factor, zoom):
+    """One block of 24 px is bright; the cross is drawn at the same place, to a pixel of what is shown."""
+    image = np.zeros((rows, columns), np.uint16)
+    image[24:48, 48:72] = 1000
+    table = pd.DataFrame({"x_px": [59.5], "y_px": [35.5], "flag": [""]})
+    picture = overlays.drawn(image, [table], 0, 1000.0, factor).astype(int)
+    assert max(picture.shape) < 2 * overlays.LONG_SIDE
+    cross = np.argwhere(np.ptp(picture, axis=2) > 60)
+    wanted = (np.array([35.5, 59.5]) + 0.5) * zoom - 0.5
+    assert np.abs(cross.mean(axis=0) - wanted).max() < 0.5
+    row, column = np.rint(wanted - 8 * zoom).astype(int)
+    assert picture[row, column].min() > 200  # the ball beneath it
+
+
+def test_a_shrunk_frame_is_the_means_of_its_blocks():
+    image = np.random.default_rng(0).integers(0, 4095, (3205, 3301), np.uint16)
+    small = shrunk(image, 1600)
+    assert small.shape == (1602, 1650)
+    assert small[5, 7] == pytest.approx(image[10:12, 14:16].mean(), abs=1e-3)
+    assert shrunk(image[:1600, :1600]).shape == (1600, 1600) and shrunk(np.ones((3, 9000), np.uint8)).shape == (1, 3000)

@@ -18,7 +18,7 @@ from jumpvision.stages.bed.crater import read_map
 from jumpvision.stages.recordings import open_pictures
 from jumpvision.workflow.stage import stage
 
-from .pictures import Picture, png
+from .pictures import Picture, png, show_frame
 
 
 class AirPicture(Picture):
@@ -63,7 +63,7 @@ class CraterPicture(Picture):
     file = "crater.png"
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterDepth | None) -> CraterPicture:
     """What was measured, and the profile about the axis."""
     v = crater.shape
@@ -74,7 +74,7 @@ def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterD
             draw_map(figure, left, v, depth)
         elif line is not None:
             with open_pictures(line) as frames:
-                left.imshow(frames[0], cmap="gray", aspect="auto")
+                show_frame(left, frames[0], aspect="auto")
             left.plot(v["line"]["column_px"], as_floats(v["line"]["row_px"]), color=MODEL, lw=0.7)
             left.set(title="laser line", xlabel="column [px]", ylabel="row [px]")
         left.grid(False)

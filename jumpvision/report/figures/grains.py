@@ -15,7 +15,7 @@ from jumpvision.stages.recordings import open_grains
 from jumpvision.workflow.stage import stage
 
 from .flows import maps
-from .pictures import COLUMN_PANELS, Data, Picture, draw_cone, draw_sides, png
+from .pictures import COLUMN_PANELS, Data, Picture, draw_cone, draw_sides, png, show_frame
 
 
 class PivPicture(Picture):
@@ -32,7 +32,7 @@ def busiest(field: Any) -> int:
     return int(speed.fillna(0).argmax("t"))
 
 
-@stage(version=2, picture=True)
+@stage(version=3, picture=True)
 def piv_picture(
     piv: Piv, film: GrainVideo | None, calibration: Calibration | None, given: PivField | None
 ) -> PivPicture:
@@ -52,7 +52,7 @@ def piv_picture(
         figure = Figure(figsize=(6.4, min(8.0, 0.7 + 5.2 * grid.image_rows / grid.image_columns)), layout="constrained")
         axis = figure.subplots()
         if image is not None:
-            axis.imshow(image, cmap="gray", extent=extent, alpha=0.75)
+            show_frame(axis, image, extent=extent, alpha=0.75)
         axis.set_aspect("equal")
         speed = np.hypot(f.u, f.v)
         x, y = np.meshgrid(f.x * factor, f.y * factor)

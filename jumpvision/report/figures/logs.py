@@ -109,7 +109,8 @@ def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: Any)
             axis.axvline(bend, color=QUIET, lw=0.8, label=f"bend at {bend:.3f}")
     axes[1, 0].set(ylabel="amplitude [N]", xlabel="volume fraction", title="oscillations below the bend")
     for axis in (axes[0, 0], axes[1, 0]):
-        axis.legend()
+        if axis.get_legend_handles_labels()[0]:
+            axis.legend()
     draw_feet(axes[1, 1], rows)
     return figure
 

@@ -22,7 +22,7 @@ from jumpvision.results.tables import Track
 from jumpvision.stages.recordings import open_film, open_grains
 from jumpvision.workflow.stage import stage
 
-from .pictures import Picture
+from .pictures import Picture, shrunk
 
 Bgr = NDArray[np.uint8]
 
@@ -70,6 +70,7 @@ def webm(pictures: Iterable[Bgr], rate: float, quality: Quality = FIELDS) -> byt
 # -- the ball ----------------------------------------------------------------------------------------------------------
 
 SHORT_SIDE = 360  # px at least, by whole factors: small films are enlarged
+LONG_SIDE = 1280  # px at most, about, by whole factors: large films are shrunk
 TAIL = 100  # frames of path behind the ball
 COLOURS = ((60, 220, 60), (60, 160, 255), (255, 120, 200))  # of the balls in turn; BGR
 LOST = (60, 60, 255)
@@ -81,15 +82,15 @@ class TrackFilm(Picture):
     file = "track.webm"
 
 
-@stage(version=3, picture=True)
+@stage(version=4, picture=True)
 def overlay(track: Track, film: RodVideo, *, p: OverlayParams) -> TrackFilm:
     """Every p.every-th frame, or MOST evenly, with a cross and path for each ball, or the reason why it was lost."""
     if p.every == 0:
         raise NotApplicable(["overlay.every = 0: no film of the track is asked for"])
     with open_film(film) as frames:
         shown = range(0, len(frames), p.every or -(-len(frames) // MOST))
-        white = brightness(frames[len(frames) // 2])
-        factor = max(1, round(SHORT_SIDE / min(frames.shape)))
+        white = brightness(shrunk(frames[len(frames) // 2], LONG_SIDE))
+        factor = round(SHORT_SIDE / min(frames.shape)) or 1
         pictures = (drawn(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
         return TrackFilm(webm(watch(pictures, "frames drawn", len(shown)), RATE, LINES))
 
@@ -100,14 +101,16 @@ def brightness(image: NDArray[Any]) -> float:
 
 
 def drawn(image: NDArray[Any], tables: Any, i: int, white: float, factor: int) -> NDArray[np.uint8]:
-    """Frame i (row, column, BGR), enlarged, with the balls' positions; even sides, as the codec needs."""
+    """Frame i (row, column, BGR), enlarged or shrunk, with the balls' positions; even sides, as the codec needs."""
+    small = shrunk(image, LONG_SIDE)
+    zoom, image = factor / (max(image.shape) // max(small.shape)), small
     grey = np.clip(np.nan_to_num(image) * (255.0 / white), 0, 255).astype(np.uint8)
     big = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     out = cv2.cvtColor(big[: big.shape[0] // 2 * 2, : big.shape[1] // 2 * 2], cv2.COLOR_GRAY2BGR)
     for k, table in enumerate(tables):
         colour = COLOURS[k % len(COLOURS)]
-        # pixel centres at integers: the centre of pixel 0 lies at (factor - 1)/2 in the enlarged picture
-        path = (table[["x_px", "y_px"]].to_numpy(float)[max(0, i - TAIL) : i + 1] + 0.5) * factor - 0.5
+        # pixel centres at integers: the centre of pixel 0 lies at (zoom - 1)/2 in the picture shown
+        path = (table[["x_px", "y_px"]].to_numpy(float)[max(0, i - TAIL) : i + 1] + 0.5) * zoom - 0.5
         fixed = np.rint(path * 2**SHIFT)
         for a, b in pairwise(fixed):
             if np.isfinite(a).all() and np.isfinite(b).all():
@@ -162,7 +165,7 @@ class View:
     """Film and field brought to one scale of pixels and one of greys, the same in all frames."""
 
     def __init__(self, field: xr.Dataset, grid: VectorGrid, image: NDArray[Any], scale: float):
-        self.field, self.low, self.high = field, *(float(q) for q in np.nanpercentile(image, (0.5, 99.5)))
+        self.field, self.low, self.high = field, *(float(q) for q in np.nanpercentile(shrunk(image), (0.5, 99.5)))
         rows, columns = image.shape
         self.zoom = WIDTH // columns or WIDTH / columns
         self.size = tuple(int(n * self.zoom) // 2 * 2 for n in (columns, rows))  # even, as the codec asks
@@ -179,7 +182,9 @@ class View:
 
     def grains(self, image: NDArray[Any], white: float) -> Any:
         """A frame (row, column, BGR) with `white` as its brightest grey."""
-        grey = np.clip((image.astype(np.float32) - self.low) * (white / max(self.high - self.low, 1e-6)), 0, white)
+        grey = np.clip(
+            (shrunk(image).astype(np.float32) - self.low) * (white / max(self.high - self.low, 1e-6)), 0, white
+        )
         way = cv2.INTER_NEAREST if self.zoom >= 1 else cv2.INTER_AREA
         small = cv2.resize(np.nan_to_num(grey).astype(np.uint8), self.size, interpolation=way)
         return cv2.cvtColor(small, cv2.COLOR_GRAY2BGR)

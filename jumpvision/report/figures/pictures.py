@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import measured
 from jumpvision.grains.cone import mass_curve
@@ -60,13 +61,32 @@ def png(figure: Any) -> bytes:
     return out.getvalue()
 
 
+MOST_PIXELS = 1600  # of a frame's longer side in a picture; more than a picture of 140 dpi shows
+
+
+def shrunk(image: NDArray[Any], longest: float = MOST_PIXELS) -> NDArray[Any]:
+    """A frame (rows, columns) as means of whole blocks where its longer side is more than about `longest` pixels."""
+    k = int(min(max(image.shape) // longest, min(image.shape)))
+    if k < 2:
+        return image
+    rows, columns = (n // k for n in image.shape)
+    blocks = image[: rows * k, : columns * k].reshape(rows, k, columns, -1)
+    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float32))
+
+
+def show_frame(axis: Any, image: NDArray[Any], **look: Any) -> None:
+    """A frame in grey on an axis in pixels, or in `extent`; a large one shrunk: matplotlib takes 32 bytes a pixel."""
+    rows, columns = image.shape
+    axis.imshow(shrunk(image), cmap="gray", **{"extent": (-0.5, columns - 0.5, rows - 0.5, -0.5), **look})
+
+
 def drawn(draw: Callable[..., Any], *data: Any) -> bytes:
     """PNG of a drawing function's figure in the house style."""
     with styled() as Figure:
         return png(draw(*data, Figure))
 
 
-@stage(version=1, picture=True)
+@stage(version=2, picture=True)
 def track_picture(track: Track, film: RodVideo) -> TrackPicture:
     """The ball where it was found, and its height against time with the lost frames marked."""
     t, good = track.table, track.good
@@ -76,7 +96,7 @@ def track_picture(track: Track, film: RodVideo) -> TrackPicture:
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.6), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1, 2.6))
-        left.imshow(image, cmap="gray", interpolation="nearest")
+        show_frame(left, image, interpolation="nearest")
         left.plot(good.x_px, good.y_px, color=MODEL, lw=0.7, alpha=0.7)
         left.plot(t.x_px[top], t.y_px[top], "+", color=MEASURED, ms=9, mew=1.5)
         left.set(title=f"frame {int(t.frame[top])} and path", xlabel="column [px]", ylabel="row [px]")
@@ -152,7 +172,7 @@ def jump_picture(rod: RodMotion, simulation: Simulation | None, actuation: Actua
         return JumpPicture(png(figure))
 
 
-@stage(version=2, picture=True)
+@stage(version=3, picture=True)
 def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
     """The surface found in the picture of the bed."""
     v, profile = bed.values, bed.values["profile"]
@@ -161,7 +181,7 @@ def bed_picture(bed: BedHeight, image: BedImage) -> BedPicture:
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.8), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.6))
-        left.imshow(grey, cmap="gray")
+        show_frame(left, grey)
         left.plot(profile["column_px"], profile["row_px"], color=MODEL, lw=1)
         if image.floor_row is not None:
             left.axhline(image.floor_row, color=GREEN, lw=1)

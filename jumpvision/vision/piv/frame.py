@@ -26,7 +26,7 @@ class Frame(NamedTuple):
     usable: NDArray[np.bool_]  # (H, W)
     c: Float32  # cubic B-spline coefficients of the padded frame, on pixels, or on half pixels where `fine`
     fine: bool  # pixel q lies at index 2 q + 1 / 2 of c, else at q
-    weight: Float32  # 0 or 1 for each pixel of the padded frame
+    weight: NDArray[np.uint8]  # 0 or 1 for each pixel of the padded frame
     pad: int  # px of border around the frame
     rounding: float  # [grey^2] variance that whole grey levels leave after smoothing, 0 for frames of fractions
 
@@ -51,7 +51,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         k = _taps(smooth)
         c = cv2.sepFilter2D(grey, -1, k, k, borderType=cv2.BORDER_REFLECT)
         c = cv2.copyMakeBorder(c, *(pad,) * 4, cv2.BORDER_REFLECT)
-        weight = np.ascontiguousarray(np.pad(keep, pad), np.float32)
+        weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
         return Frame(grey, usable, np.asarray(c, np.float32), fine, weight, pad, rounding)
     whole = [scipy.fft.next_fast_len(n + 2 * pad, real=True) for n in grey.shape]
     border = [(pad, m - n - pad) for n, m in zip(grey.shape, whole)]
@@ -67,7 +67,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         usable,
         np.ascontiguousarray(c, np.float32),
         fine,
-        np.ascontiguousarray(np.pad(keep, border), np.float32),
+        np.ascontiguousarray(np.pad(keep, border), np.uint8),
         pad,
         rounding,
     )

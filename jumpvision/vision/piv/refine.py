@@ -112,22 +112,23 @@ def refine(
     p = smooth + change[ALONG]
     sigma, clumping = None, np.nan
     if errors:
-        scatter, noise, texture_of = np.empty((ny, nx, 18)), np.empty((ny, nx, 18)), np.zeros(2)
-        for band in bands:
-            there = [everywhere(rows.pixels(band.top, band.bottom), columns, change[q]) for q in (6, 7, 0, 3)]
-            places = at_x, band.rows(at_y)
-            zz, ss, ratio, energy = _scatter(held or pictures(band), there, places[::-1], band)
-            own = slice(band.first, band.end)
-            moments_of(band.end - band.first, zz, *places, g * g, OF_PLANES, scatter[own])
-            moments_of(band.end - band.first, ss, *places, g, OF_PLANES, noise[own])
-            scatter[own] *= ratio[:, :, None]
-            texture_of += energy
-        mean, clumped = texture_of / (shape[0] * shape[1])
-        clumping = float(clumped / max(mean**2, 1e-12))
-        sigma = np.empty((ny * nx, 6))
+        sigma, texture_of = np.empty((ny * nx, 6)), np.zeros(2)
         # rounding is there where equal frames leave no residual; the frames of an ensemble share all but two of it
         least = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs) * float((g**2).sum() / g.sum()) ** 2
-        covariances(ny * nx, sums, noise.reshape(ny * nx, 18), scatter.reshape(ny * nx, 18), least, sigma)
+        for band in bands:
+            there = [everywhere(rows.pixels(band.top, band.bottom), columns, change[q]) for q in (6, 7, 0, 3)]
+            places, count = (at_x, band.rows(at_y)), band.end - band.first
+            zz, ss, ratio, energy = _scatter(held or pictures(band), there, places[::-1], band)
+            scatter, noise = np.empty((2, count, nx, 18))
+            moments_of(count, zz, *places, g * g, OF_PLANES, scatter)
+            moments_of(count, ss, *places, g, OF_PLANES, noise)
+            scatter *= ratio[:, :, None]
+            texture_of += energy
+            own = slice(band.first * nx, band.end * nx)
+            of_windows = (sums[own], noise.reshape(-1, 18), scatter.reshape(-1, 18))
+            covariances(count * nx, *of_windows, least, sigma[own])
+        mean, clumped = texture_of / (shape[0] * shape[1])
+        clumping = float(clumped / max(mean**2, 1e-12))
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)
