@@ -110,3 +110,14 @@ def test_a_shrunk_frame_is_the_means_of_its_blocks():
     assert small.shape == (1602, 1650)
     assert small[5, 7] == pytest.approx(image[10:12, 14:16].mean(), abs=1e-3)
     assert shrunk(image[:1600, :1600]).shape == (1600, 1600) and shrunk(np.ones((3, 9000), np.uint8)).shape == (1, 3000)
+
+
+def test_a_small_bright_ball_on_a_dark_wide_frame_is_what_is_shown_white():
+    """One pixel of a thousand was brighter than the ground, and all of the film was white."""
+    image = np.full((400, 600), 30, np.uint8)
+    image[100:108, 200:208] = 230
+    row = pd.DataFrame({"x_px": [203.5], "y_px": [103.5]}).iloc[0]
+    assert overlays.brightness(image, row) == 230
+    image[300, 300] = 255  # a hot pixel is none
+    assert overlays.brightness(image, row) == 230
+    assert overlays.brightness(image, row * np.nan) == 30

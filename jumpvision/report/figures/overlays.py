@@ -89,15 +89,22 @@ def overlay(track: Track, film: RodVideo, *, p: OverlayParams) -> TrackFilm:
         raise NotApplicable(["overlay.every = 0: no film of the track is asked for"])
     with open_film(film) as frames:
         shown = range(0, len(frames), p.every or -(-len(frames) // MOST))
-        white = brightness(shrunk(frames[len(frames) // 2], LONG_SIDE))
+        found = track.good if len(track.good) else track.table
+        ball = found.iloc[len(found) // 2]
+        white = brightness(frames[int(ball.frame)], ball)
         factor = round(SHORT_SIDE / min(frames.shape)) or 1
         pictures = (drawn(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
         return TrackFilm(webm(watch(pictures, "frames drawn", len(shown)), RATE, LINES))
 
 
-def brightness(image: NDArray[Any]) -> float:
-    """Grey that is shown white."""
-    return max(1.0, float(np.percentile(image, 99.9)))
+def brightness(image: NDArray[Any], ball: Any) -> float:
+    """Grey that is shown white: few pixels are brighter, and a ball (its row of the track) is not, however small."""
+    white = float(np.nanpercentile(shrunk(image, LONG_SIDE), 99.9))
+    if np.isfinite(ball.x_px) and np.isfinite(ball.y_px):
+        row, column = (max(0, round(float(q)) - 2) for q in (ball.y_px, ball.x_px))
+        about = image[row : row + 5, column : column + 5]
+        white = max(white, float(np.nanmedian(about)) if about.size else 0.0)
+    return max(1.0, white)
 
 
 def drawn(image: NDArray[Any], tables: Any, i: int, white: float, factor: int) -> NDArray[np.uint8]:
