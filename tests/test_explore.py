@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import math
 import shutil
+import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from jumpvision.base.schema import InputError
 from jumpvision.campaign.explore import handover
-from jumpvision.campaign.explore.history import FILE, read_history
+from jumpvision.campaign.explore.history import FILE, History, Proposed, Round, read_history
 from jumpvision.campaign.explore.lift_off import TRIALS, Trial, threshold, trial
-from jumpvision.campaign.explore.offers import Limits, every, limits_of, usual
+from jumpvision.campaign.explore.offers import Limits, every, limits_of, places, usual
 from jumpvision.campaign.explore.planned import identified, read_planned
 from jumpvision.cli import main
 from jumpvision.diagnosis.fitting import Problem
@@ -26,12 +28,13 @@ from jumpvision.diagnosis.worth.identify import TIMES, information, shortest, sh
 from jumpvision.diagnosis.worth.rehearse import gain, log10_odds
 from jumpvision.inputs.experiment import open_campaign
 from jumpvision.inputs.sections import Actuation, Motor
+from jumpvision.lab import seal as seal_module
 from jumpvision.lab import write
 from jumpvision.lab.blind import AMPLITUDE, Nuisance, campaign, draw
 from jumpvision.lab.campaign import carry_out, defaults
 from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.protocol_keys import Jump, JumpSweep, jumps_of
-from jumpvision.lab.seal import answer_of, seal, sealed_file
+from jumpvision.lab.seal import answer_of, record_jump, seal, sealed_file
 
 RNG = np.random.default_rng
 
@@ -272,6 +275,63 @@ def test_no_jump_is_offered_that_the_motor_cannot_do():
     assert all(law.cycles == 1 for law in usual(laws))
 
 
+@pytest.mark.parametrize(
+    ("beds", "wanted"),
+    [
+        ([("hard", 0.02, None)] * 4, [0]),
+        ([("granular", 0.04, 0.57), ("granular", 0.04, 0.573), ("granular", 0.04, 0.569)], [0]),
+        ([("granular", 0.04, 0.60), ("granular", 0.04, 0.61), ("granular", 0.04, 0.57)], [0, 2, 1]),
+        ([("granular", 0.04, x) for x in (0.57, 0.58, 0.60, 0.63)], [0, 3, 2]),
+        ([("granular", 0.04, 0.57), ("granular", 0.04, 0.63), ("hard", 0.04, None)], [0, 2, 1]),
+        ([("granular", 0.04, 0.57), ("granular", 0.04, 0.57), ("granular", 0.03, 0.57)], [0, 2]),
+    ],
+)
+def test_jumps_are_offered_on_each_ground_foot_and_packing_of_the_campaign(beds, wanted):
+    named = ("ground", "foot_radius", "volume_fraction")
+    assert places([SimpleNamespace(model=SimpleNamespace(**dict(zip(named, b)))) for b in beds]) == wanted
+
+
+def packed(out: Path, hidden: str, strength: float):
+    """A campaign of eight jumps on two beds of sand with one hidden effect."""
+    nuisance = Nuisance(2e-4, 0.0, 0.0)
+    setting = draw(RNG(1), ground="granular", hidden=[hidden], strength=strength, nuisance=nuisance)
+    sweeps = [
+        JumpSweep(k, f, (AMPLITUDE["granular"],), volume_fraction=(0.575, 0.61))
+        for k, f in (("single", (9.0, 12.0)), ("stutter", (6.5, 8.5)))
+    ]
+    jumps = jumps_of(sweeps, start=0.2, ground="granular", part="", first=0)
+    setting = replace(setting, protocol=replace(setting.protocol, jumps=jumps))
+    out.mkdir(parents=True)
+    carry_out([(setting.protocol, j) for j in jumps], out, seed=1, workers=1, sealed=True)
+    write.toml(out / "campaign.toml", defaults(setting.protocol))
+    sealed_file(out).write_text(json.dumps(seal(answer_of(setting))), encoding="utf-8")
+    return out
+
+
+def test_a_jump_on_another_bed_of_the_campaign_is_prepared_recorded_and_taken_in(tmp_path, monkeypatch):
+    """What an earlier call wrote down and did not make: a jump as on the denser bed, and one as on the first."""
+    out, results = packed(tmp_path / "c", "motor_lag", 0.02), tmp_path / "results" / "c"
+    like = "stutter-6.5Hz-phi0.61-1"
+    law = {"kind": "single", "frequency": 10.0, "amplitude": 0.015, "phase": 1.57079633, "cycles": 1.0, "start": 0.2}
+    names = tuple(e.name for e in open_campaign(out).experiments)
+    asked = tuple(Proposed(f"next-0{k}", "single", ("a", "b"), 1.0, 1.0, 1.0, law, x) for k, x in ((1, like), (2, "")))
+    told = Round(names, {"a": 0.5, "b": 0.5}, {"a": 0.5}, 1.0, proposed=asked)
+    History((told,)).save(results)
+    assert main(["explore", str(out), "--workers", "1"]) == 0
+    beds, written = [], seal_module.write_experiment
+    monkeypatch.setattr(
+        seal_module, "write_experiment", lambda p, jump, **k: beds.append(jump.volume_fraction) or written(p, jump, **k)
+    )
+    assert f"ground and foot as in {like}" in (out / "next-01" / "protocol.toml").read_text(encoding="utf-8")
+    for name, phi in (("next-01", 0.61), ("next-02", 0.575)):
+        motion = tomllib.loads((out / name / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
+        record_jump(out, out / name, motion, seed=1, number=int(name[-1]) + 100)
+        table = tomllib.loads((out / name / "experiment.toml").read_text(encoding="utf-8"))
+        assert table["bed"]["volume_fraction"] == phi
+        assert handover.take_in(out / name).good
+    assert beds == [0.61, 0.575]
+
+
 # -- handed over, taken in ---------------------------------------------------------------------------------------------
 
 
@@ -425,21 +485,22 @@ def test_bad_calls_are_told_with_what_is_allowed(tmp_path, capsys):
 
 @pytest.mark.long
 def test_it_tells_twins_apart_and_takes_up_a_killed_call(tmp_path, capsys):
-    """A late motor and a late film, 8 jumps: the experimenter asks, records, and ends with the right one. A call before
-    was killed after its proposal was written down and before its folder was made."""
+    """A late motor and a late film, 8 jumps: the experimenter asks for two at a time, records, and ends with the right
+    one. A call before was killed after its proposal was written down and before all its folders were made."""
     _, out = blind(tmp_path / "c", "motor_lag", 0.03)
     results = tmp_path / "results" / "c"
-    assert main(["explore", str(out), "--workers", "1"]) == 0
+    call = ["explore", str(out), "--workers", "1", "--batch", "2", "--least", "0"]
+    assert main(call) == 0
     first = read_history(results)
-    (asked,) = first.rounds[0].proposed
-    assert asked.separates == ("motor_lag", "time_offset") and (out / asked.name).is_dir()
-    for f in (out / asked.name).iterdir():
-        f.unlink()
-    (out / asked.name).rmdir()
-    assert main(["explore", str(out), "--workers", "1", "--laboratory"]) == 0
+    asked, also = first.rounds[0].proposed
+    assert (
+        asked.separates == ("motor_lag", "time_offset") and (out / asked.name).is_dir() and (out / also.name).is_dir()
+    )
+    shutil.rmtree(out / asked.name)
+    assert main([*call, "--laboratory"]) == 0
     history = read_history(results)
     last = history.rounds[-1]
-    assert [p.name for p in history.rounds[0].proposed] == [asked.name]
+    assert [p.name for p in history.rounds[0].proposed] == [asked.name, also.name]
     assert last.end.startswith("motor_lag at") and last.causes["motor_lag"] >= 0.95
     assert len(last.jumps) == 8 + history.asked_for
     assert last.entropy_bits < first.rounds[0].entropy_bits

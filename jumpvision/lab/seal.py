@@ -71,7 +71,10 @@ def truth_for(out: Path) -> Protocol:
 
 
 def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int, number: int) -> list[str]:
-    """The recordings of one jump more of the campaign `out`, put into `folder`; their names. motion: as [actuation]."""
+    """The recordings of one jump more of the campaign `out`, put into `folder`; their names. motion: as [actuation].
+
+    The bed is prepared to the volume fraction that its experiment.toml declares.
+    """
     protocol = truth_for(out)
     law = Law(
         motion["frequency"],
@@ -82,7 +85,8 @@ def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int
         motion.get("delay", 0.0),
         motion.get("dwell_gain", 1.0),
     )
-    phi = protocol.jumps[0].volume_fraction
+    bed = tomllib.loads((folder / "experiment.toml").read_text(encoding="utf-8")).get("bed", {})
+    phi = bed.get("volume_fraction", protocol.jumps[0].volume_fraction)
     jump = Jump(number, folder.name, folder.name, motion["kind"], law, phi)
     header = replace(protocol.header, duration=max(protocol.header.duration, law.stop + 1.0))
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".lab-") as aside:

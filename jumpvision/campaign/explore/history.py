@@ -22,7 +22,8 @@ FORMAT = 2
 @dataclass(frozen=True)
 class Proposed:
     """An experiment that was chosen. separates: the two likeliest models; bits: expected of it, beside those chosen
-    before it; log10_odds: expected of it by itself, None where no model explains the jumps made."""
+    before it; log10_odds: expected of it by itself, None where no model explains the jumps made. like: the experiment
+    on whose ground, with whose foot it is to be made, "" for the first jump's."""
 
     name: str
     kind: str
@@ -31,6 +32,7 @@ class Proposed:
     log10_odds: float | None
     cost: float
     actuation: Mapping[str, Any] | None = None
+    like: str = ""
 
     @property
     def said(self) -> str:
@@ -39,7 +41,8 @@ class Proposed:
             odds = "its odds cannot be said: no model tried explains the jumps made"
         else:
             odds = f"odds of 10^{self.log10_odds:.1f} for the right one"
-        return f"tells {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
+        where = f"ground and foot as in {self.like}; " if self.like else ""
+        return f"{where}tells {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
 
 
 def measured_by(asked: Question) -> tuple[str, ...]:

@@ -21,6 +21,8 @@ START, AFTER = 0.2, 0.8  # s: of rest before the motor, recorded after it
 FINE = 4001  # times at which a command is looked at
 ROUND = 1.001  # limits of what was run, for rounded frequencies
 DELAYS = (0.05, 0.1, 0.2)  # s
+ALIKE = 0.004  # volume fractions nearer than this are one packing
+PLACES = 3  # grounds, feet and packings of a campaign that jumps are offered on: a proposal's time goes with them
 HALF_CYCLE = ("single", "stutter", "delayed_stutter")
 
 
@@ -111,14 +113,32 @@ def named(law: Actuation) -> str:
     return text + (f"-{law.cycles:g}cycles" if law.cycles != 1.0 else "") + (f"-{law.delay:g}s" if law.delay else "")
 
 
-def unmade(base: Jump, law: Actuation, motor: Motor | None = None) -> Jump:
+def places(jumps: Sequence[Jump], most: int = PLACES) -> list[int]:
+    """A jump of each ground, foot and packing of a campaign, the first one's first, then others of another ground or
+    foot, then those of the packing farthest from all taken; at most so many."""
+    taken = [0]
+
+    def apart(i: int, k: int) -> tuple[bool, float]:
+        a, b = jumps[i].model, jumps[k].model
+        other = (a.ground, a.foot_radius) != (b.ground, b.foot_radius)
+        return other, abs((a.volume_fraction or 0.0) - (b.volume_fraction or 0.0))
+
+    while len(taken) < most:
+        far, i = max((min(apart(i, k) for k in taken), -i) for i in range(len(jumps)))
+        if far[0] is False and far[1] < ALIKE:
+            break
+        taken.append(-i)
+    return taken
+
+
+def unmade(base: Jump, law: Actuation, motor: Motor | None = None, name: str = "") -> Jump:
     """A jump of this command with the robot, the ground and the apparatus of another, its track not yet there."""
     forcing = commanded(law)
     drives = feedback(forcing, law, motor) if base.law and motor and motor.kp is not None else forcing
     frame = float(np.median(np.diff(base.t)))
     t = np.arange(0.0, law.stop + AFTER, frame)
     labels = {"kind": law.kind, "frequency": law.frequency, "delay": law.delay}
-    name = named(law)
+    name = name or named(law)
     blank: Array = np.zeros(t.size)
     return replace(
         base,
@@ -142,13 +162,18 @@ def offer(
     ranges: Mapping[str, tuple[float, float]],
     priors: Mapping[str, float],
     own: Sequence[Mechanism] = (),
-    motor: Motor | None = None,
+    motors: Mapping[int, Motor | None] | None = None,
 ) -> tuple[Problem, list[int]]:
     """(the jumps made with these beside them, places of these): a system that foretells them with the same noise.
 
-    ranges, priors, own: those that `system` was made with. The new ones are on the first jump's ground.
+    ranges, priors, own: those that `system` was made with. motors: the jumps of `system` on whose ground, with whose
+    foot and with which [motor] all laws are offered, one jump after the other; None: the first one's.
     """
-    new = [unmade(system.jumps[0], law, motor) for law in laws]
+    new = [
+        unmade(system.jumps[i], law, motor, f"{named(law)} as {system.jumps[i].name}" if i else "")
+        for i, motor in (motors or {0: None}).items()
+        for law in laws
+    ]
     wider = Jumper([*system.jumps, *new], ranges, priors, system.workers, own)
     ones = [np.ones(j.t.size) for j in wider.jumps]
     asked = problem.asked_of(wider.weighted(ones, system.scattering))

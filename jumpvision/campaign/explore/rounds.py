@@ -22,7 +22,7 @@ from jumpvision.inputs.sections import Actuation, Motor
 
 from .handover import prepare, prepare_test
 from .history import History, Proposed, Round, measured_by
-from .offers import HALF_CYCLE, Limits, every, limits_of, named, offer
+from .offers import HALF_CYCLE, Limits, every, limits_of, named, offer, places
 
 SEED = 1
 OTHER = {  # what else could be measured: parameters with the relative sigma that they are usually known to, cost
@@ -132,19 +132,26 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
     driven = [e for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
     if not driven:
         raise InputError(["explore: no experiment has [actuation] with a known motion; give it to one at least"])
-    motor = driven[0].section(Motor)
+    motor = {e.name: e.section(Motor) for e in asked.experiments}
     laws = every([a for e in driven if (a := e.section(Actuation))], limits_for(asked))
-    wider, places = offer(now.problem, now.system, laws, asked.ranges, asked.priors, asked.own, motor)
-    offered = {k: p for k, i in enumerate(places) if (p := prospect(wider, now.held, i)) is not None}
-    left_out = [f"{named(laws[k])}: a model cannot be followed there" for k in range(len(laws)) if k not in offered]
-    costs = {k: rules.costs.get(laws[k].kind, 1.0) for k in offered}
+    jumps = now.system.jumps
+    motors = {i: motor[jumps[i].name] for i in places(jumps)}
+    wider, made = offer(now.problem, now.system, laws, asked.ranges, asked.priors, asked.own, motors)
+    ways = [(law, jumps[i].name if i else "") for i in motors for law in laws]
+    offered = {k: p for k, i in enumerate(made) if (p := prospect(wider, now.held, i)) is not None}
+    left_out = [
+        f"{named(law)}{f' as {like}' if like else ''}: a model cannot be followed there"
+        for k, (law, like) in enumerate(ways)
+        if k not in offered
+    ]
+    costs = {k: rules.costs.get(ways[k][0].kind, 1.0) for k in offered}
     others: dict[int, str] = {}
     for what, (relative, cost) in OTHER.items() if rules.tests else ():
         p = measuring(now.held, relative)
         if p is None:
             left_out.append(f"{what}: not every likely model has {', '.join(relative)} free, so it cannot be weighed")
             continue
-        k = len(laws) + len(others)
+        k = len(ways) + len(others)
         offered[k], costs[k], others[k] = p, rules.costs.get(what, cost), what
     if not offered:
         return [], left_out
@@ -157,9 +164,10 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
             odds = None if now.unexplained else c.worth.log10_odds
             out.append(Proposed(kind, kind, pair, c.worth.bits, odds, cost))
             continue
-        law, actuation = laws[c.which], {k: v for k, v in asdict(laws[c.which]).items() if v is not None}
-        odds = rehearsed(now, wider, places[c.which])
-        out.append(Proposed(named(law), law.kind, pair, c.worth.bits, odds, cost, actuation))
+        law, like = ways[c.which]
+        actuation = {k: v for k, v in asdict(law).items() if v is not None}
+        odds = rehearsed(now, wider, made[c.which])
+        out.append(Proposed(named(law), law.kind, pair, c.worth.bits, odds, cost, actuation, like))
     return out, left_out
 
 
@@ -200,13 +208,14 @@ def continued(
         last = replace(last, proposed=tuple(numbered))
         history = history.with_round(last)
         history.save(results)
-    like = next(e for e in asked.experiments if e.name == asked.jumps[0].name)
+    named_so = {e.name: e for e in asked.experiments}
+    first = named_so[asked.jumps[0].name]
     there = {f.name for f in waiting}
     made = [
-        prepare_test(like, p.kind, p.name, [p.said])
+        prepare_test(first, p.kind, p.name, [p.said])
         if p.actuation is None
-        else prepare(like, law_of(p), p.name, limits_for(asked), [p.said])
+        else prepare(named_so.get(p.like, first), law_of(p), p.name, limits_for(asked), [p.said])
         for p in last.proposed
-        if p.name not in there and not (like.path.parent / p.name).exists()
+        if p.name not in there and not (first.path.parent / p.name).exists()
     ]
     return history, made
