@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.diagnosis import jumps_of
 from benchmarks.rows import Row, gather, share
-from jumpvision.campaign.explore.offers import every, limits_of, offer
+from jumpvision.campaign.explore.offers import Way, every, limits_of, offer
 from jumpvision.diagnosis.detect import detect, directions
 from jumpvision.diagnosis.diagnose import fit_baseline
 from jumpvision.diagnosis.fitting import Problem
@@ -158,7 +158,7 @@ def explored(state: State, seed: int, *, at_random: bool) -> dict[str, Any]:
     for step in range(STEPS):
         began = time.process_time()
         held = belief(state.naming.tried)
-        wider, places = offer(state.problem, state.system, laws, state.ranges, state.priors)
+        wider, places = offer(state.problem, state.system, [Way(law) for law in laws], state.ranges, state.priors)
         if at_random:
             at = int(rng.integers(len(places)))
             stated = None

@@ -31,7 +31,7 @@ from jumpvision.inputs.sections import Actuation, Motor
 from jumpvision.lab import seal as seal_module
 from jumpvision.lab import write
 from jumpvision.lab.blind import AMPLITUDE, Nuisance, campaign, draw
-from jumpvision.lab.campaign import carry_out, defaults
+from jumpvision.lab.campaign import carry_out, defaults, write_campaign
 from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.protocol_keys import Jump, JumpSweep, jumps_of
 from jumpvision.lab.seal import answer_of, record_jump, seal, sealed_file
@@ -507,6 +507,38 @@ def test_it_tells_twins_apart_and_takes_up_a_killed_call(tmp_path, capsys):
     page = (results / "explore.html").read_text(encoding="utf-8")
     assert asked.name in page and "motor_lag from time_offset" in page
     assert (results / "explore.png").stat().st_size > 10_000
+
+
+@pytest.mark.long
+def test_what_is_open_of_sand_is_asked_on_sand_in_a_campaign_that_begins_on_hard_ground(tmp_path):
+    """A hidden payload on both grounds, a wrong drag on sand: only jumps on sand can tell what stands for the drag."""
+    both = (
+        "duration = 1.6\n[robot]\nmotor_mass = 1.1\nrod_mass = 0.175\nspring_stiffness = 5000.0\nspring_damping = 1.4\n"
+    )
+    hard = (
+        'ground = "hard"\n' + both + '[truth]\nterms = ["landing_loss", "payload"]\ne = 0.33\ndm = 0.02\n'
+        '[[jumps]]\nkind = "stutter"\nfrequency = [6.5, 7.5, 8.2, 9.0]\namplitude = 0.004\n'
+        '[record]\nrod_track = {}\nmotor_log = {}\n[model]\nterms = ["landing_loss"]\ne = 0.33\n'
+    )
+    law = "k1 = 2100.0\nk2 = 2100.0\ndelta = 0.012\nalpha = "
+    sand = (
+        both + "foot_mass = 0.04\nfoot_radius = 0.016\n"
+        '[truth]\nterms = ["two_resistance", "inertial_drag", "payload"]\ndm = 0.02\n' + law + "73.0\n"
+        '[[jumps]]\nkind = "stutter"\nfrequency = [6.0, 7.0, 8.0]\n'
+        '[record]\nrod_track = {}\nmotor_log = {}\n[model]\nterms = ["two_resistance", "inertial_drag"]\n'
+        + law
+        + "60.0\n"
+    )
+    for name, text in (("hard", hard), ("sand", sand), ("both", 'name = "Both"\nparts = ["hard.toml", "sand.toml"]\n')):
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+    write_campaign(tmp_path / "both.toml", tmp_path / "c", seed=2, workers=1)
+    assert main(["explore", str(tmp_path / "c"), "--workers", "1", "--batch", "2"]) == 0
+    told = read_history(tmp_path / "results" / "c").rounds[0]
+    assert told.causes["payload"] > 0.95 and told.proposed
+    assert all(p.like.startswith("sand-") for p in told.proposed)
+    for p in told.proposed:
+        table = tomllib.loads((tmp_path / "c" / p.name / "experiment.toml").read_text(encoding="utf-8"))
+        assert table["actuation"]["amplitude"] > 0.008 and "two_resistance" in table["model"]["terms"]
 
 
 # -- the smallest amplitude that lifts off -----------------------------------------------------------------------------

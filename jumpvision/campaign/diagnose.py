@@ -34,7 +34,7 @@ from jumpvision.workflow.stage import StageWarning
 
 from .discovered import Laws, law_gain
 from .document import document, model_files, unexplained_of, values
-from .explore.offers import offer, usual
+from .explore.offers import Way, offer, usual
 from .films import Film, confirmation, energies, films, jumps_alone
 from .findings import told
 from .folder import PICTURE
@@ -206,7 +206,9 @@ def _answer(asked: Question, path: Path, workers: int, draw: Draw, say: Say) -> 
         rng,
         by=by,
         stops=[j.stop for j in asked.jumps],
-        offered=lambda: offer(problem, system, usual(driven), asked.ranges, asked.priors, asked.own),
+        offered=lambda: offer(
+            problem, system, [Way(law) for law in usual(driven)], asked.ranges, asked.priors, asked.own
+        ),
         say=say,
         gained=partial(law_gain, law, problem) if law else None,
     )

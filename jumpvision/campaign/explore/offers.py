@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -155,25 +156,30 @@ def unmade(base: Jump, law: Actuation, motor: Motor | None = None, name: str = "
     )
 
 
+class Way(NamedTuple):
+    """A command, and the jump (its number in the system) on whose ground, with whose foot and [motor] it is offered."""
+
+    law: Actuation
+    place: int = 0
+    motor: Motor | None = None
+
+
 def offer(
     problem: Problem,
     system: Jumper,
-    laws: Sequence[Actuation],
+    ways: Sequence[Way],
     ranges: Mapping[str, tuple[float, float]],
     priors: Mapping[str, float],
     own: Sequence[Mechanism] = (),
-    motors: Mapping[int, Motor | None] | None = None,
 ) -> tuple[Problem, list[int]]:
     """(the jumps made with these beside them, places of these): a system that foretells them with the same noise.
 
-    ranges, priors, own: those that `system` was made with. motors: the jumps of `system` on whose ground, with whose
-    foot and with which [motor] all laws are offered, one jump after the other; None: the first one's.
+    ranges, priors, own: those that `system` was made with.
     """
-    new = [
-        unmade(system.jumps[i], law, motor, f"{named(law)} as {system.jumps[i].name}" if i else "")
-        for i, motor in (motors or {0: None}).items()
-        for law in laws
-    ]
+    new = []
+    for law, i, motor in ways:
+        base = system.jumps[i]
+        new.append(unmade(base, law, motor, f"{named(law)} as {base.name}" if i else ""))
     wider = Jumper([*system.jumps, *new], ranges, priors, system.workers, own)
     ones = [np.ones(j.t.size) for j in wider.jumps]
     asked = problem.asked_of(wider.weighted(ones, system.scattering))

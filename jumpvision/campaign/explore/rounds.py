@@ -22,7 +22,7 @@ from jumpvision.inputs.sections import Actuation, Motor
 
 from .handover import prepare, prepare_test
 from .history import History, Proposed, Round, measured_by
-from .offers import HALF_CYCLE, Limits, every, limits_of, named, offer, places
+from .offers import HALF_CYCLE, Limits, Way, every, limits_of, named, offer, places
 
 SEED = 1
 OTHER = {  # what else could be measured: parameters with the relative sigma that they are usually known to, cost
@@ -132,19 +132,20 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
     driven = [e for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
     if not driven:
         raise InputError(["explore: no experiment has [actuation] with a known motion; give it to one at least"])
-    motor = {e.name: e.section(Motor) for e in asked.experiments}
-    laws = every([a for e in driven if (a := e.section(Actuation))], limits_for(asked))
-    jumps = now.system.jumps
-    motors = {i: motor[jumps[i].name] for i in places(jumps)}
-    wider, made = offer(now.problem, now.system, laws, asked.ranges, asked.priors, asked.own, motors)
-    ways = [(law, jumps[i].name if i else "") for i in motors for law in laws]
+    of, jumps, limits = {e.name: e for e in asked.experiments}, now.system.jumps, limits_for(asked)
+    ways = []
+    for i in places(jumps):  # what was run on hard ground is no measure for sand
+        run = [a for e in driven if e.ground == of[jumps[i].name].ground and (a := e.section(Actuation))]
+        ways += [Way(law, i, of[jumps[i].name].section(Motor)) for law in every(run, limits)]
+    wider, made = offer(now.problem, now.system, ways, asked.ranges, asked.priors, asked.own)
+    likes = [jumps[w.place].name if w.place else "" for w in ways]
     offered = {k: p for k, i in enumerate(made) if (p := prospect(wider, now.held, i)) is not None}
     left_out = [
-        f"{named(law)}{f' as {like}' if like else ''}: a model cannot be followed there"
-        for k, (law, like) in enumerate(ways)
+        f"{named(way.law)}{f' as {like}' if like else ''}: a model cannot be followed there"
+        for k, (way, like) in enumerate(zip(ways, likes))
         if k not in offered
     ]
-    costs = {k: rules.costs.get(ways[k][0].kind, 1.0) for k in offered}
+    costs = {k: rules.costs.get(ways[k].law.kind, 1.0) for k in offered}
     others: dict[int, str] = {}
     for what, (relative, cost) in OTHER.items() if rules.tests else ():
         p = measuring(now.held, relative)
@@ -164,7 +165,7 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
             odds = None if now.unexplained else c.worth.log10_odds
             out.append(Proposed(kind, kind, pair, c.worth.bits, odds, cost))
             continue
-        law, like = ways[c.which]
+        law, like = ways[c.which].law, likes[c.which]
         actuation = {k: v for k, v in asdict(law).items() if v is not None}
         odds = rehearsed(now, wider, made[c.which])
         out.append(Proposed(named(law), law.kind, pair, c.worth.bits, odds, cost, actuation, like))
