@@ -93,12 +93,13 @@ def test_the_film_is_vp8_with_every_picture_and_the_same_each_time():
 def test_the_cross_lies_where_the_ball_is_in_frames_shrunk_and_enlarged(rows, columns, factor, zoom):
     """One block of 24 px is bright; the cross is drawn at the same place, to a pixel of what is shown."""
     image = np.zeros((rows, columns), np.uint16)
-    image[24:48, 48:72] = 1000
-    table = pd.DataFrame({"x_px": [59.5], "y_px": [35.5], "flag": [""]})
+    top = min(rows // 2, 124) - 6  # below the text
+    image[top : top + 24, 48:72] = 1000
+    table = pd.DataFrame({"x_px": [59.5], "y_px": [top + 11.5], "flag": [""]})
     picture = overlays.drawn(image, [table], 0, 1000.0, factor).astype(int)
     assert max(picture.shape) < 2 * overlays.LONG_SIDE
     cross = np.argwhere(np.ptp(picture, axis=2) > 60)
-    wanted = (np.array([35.5, 59.5]) + 0.5) * zoom - 0.5
+    wanted = (np.array([top + 11.5, 59.5]) + 0.5) * zoom - 0.5
     assert np.abs(cross.mean(axis=0) - wanted).max() < 0.5
     row, column = np.rint(wanted - 8 * zoom).astype(int)
     assert picture[row, column].min() > 200  # the ball beneath it
