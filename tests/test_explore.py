@@ -291,56 +291,17 @@ def test_jumps_are_offered_on_each_ground_foot_and_packing_of_the_campaign(beds,
     assert places([SimpleNamespace(model=SimpleNamespace(**dict(zip(named, b)))) for b in beds]) == wanted
 
 
-def packed(out: Path, hidden: str, strength: float):
-    """A campaign of eight jumps on two beds of sand with one hidden effect."""
-    nuisance = Nuisance(2e-4, 0.0, 0.0)
-    setting = draw(RNG(1), ground="granular", hidden=[hidden], strength=strength, nuisance=nuisance)
-    sweeps = [
-        JumpSweep(k, f, (AMPLITUDE["granular"],), volume_fraction=(0.575, 0.61))
-        for k, f in (("single", (9.0, 12.0)), ("stutter", (6.5, 8.5)))
-    ]
-    jumps = jumps_of(sweeps, start=0.2, ground="granular", part="", first=0)
-    setting = replace(setting, protocol=replace(setting.protocol, jumps=jumps))
-    out.mkdir(parents=True)
-    carry_out([(setting.protocol, j) for j in jumps], out, seed=1, workers=1, sealed=True)
-    write.toml(out / "campaign.toml", defaults(setting.protocol))
-    sealed_file(out).write_text(json.dumps(seal(answer_of(setting))), encoding="utf-8")
-    return out
-
-
-def test_a_jump_on_another_bed_of_the_campaign_is_prepared_recorded_and_taken_in(tmp_path, monkeypatch):
-    """What an earlier call wrote down and did not make: a jump as on the denser bed, and one as on the first."""
-    out, results = packed(tmp_path / "c", "motor_lag", 0.02), tmp_path / "results" / "c"
-    like = "stutter-6.5Hz-phi0.61-1"
-    law = {"kind": "single", "frequency": 10.0, "amplitude": 0.015, "phase": 1.57079633, "cycles": 1.0, "start": 0.2}
-    names = tuple(e.name for e in open_campaign(out).experiments)
-    asked = tuple(Proposed(f"next-0{k}", "single", ("a", "b"), 1.0, 1.0, 1.0, law, x) for k, x in ((1, like), (2, "")))
-    told = Round(names, {"a": 0.5, "b": 0.5}, {"a": 0.5}, 1.0, proposed=asked)
-    History((told,)).save(results)
-    assert main(["explore", str(out), "--workers", "1"]) == 0
-    beds, written = [], seal_module.write_experiment
-    monkeypatch.setattr(
-        seal_module, "write_experiment", lambda p, jump, **k: beds.append(jump.volume_fraction) or written(p, jump, **k)
-    )
-    assert f"ground and foot as in {like}" in (out / "next-01" / "protocol.toml").read_text(encoding="utf-8")
-    for name, phi in (("next-01", 0.61), ("next-02", 0.575)):
-        motion = tomllib.loads((out / name / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
-        record_jump(out, out / name, motion, seed=1, number=int(name[-1]) + 100)
-        table = tomllib.loads((out / name / "experiment.toml").read_text(encoding="utf-8"))
-        assert table["bed"]["volume_fraction"] == phi
-        assert handover.take_in(out / name).good
-    assert beds == [0.61, 0.575]
-
-
 # -- handed over, taken in ---------------------------------------------------------------------------------------------
 
 
-def blind(out: Path, hidden: str, strength: float, noise: float = 2e-4):
-    """A campaign of eight jumps on hard ground with one hidden effect, its answer sealed beside it."""
-    setting = draw(RNG(1), ground="hard", hidden=[hidden], strength=strength, nuisance=Nuisance(noise, 0.0, 0.0))
-    kinds = (("single", (9.0, 12.0, 15.0, 18.0)), ("stutter", (6.5, 7.5, 8.5, 9.5)))
-    sweeps = [JumpSweep(k, f, (AMPLITUDE["hard"],)) for k, f in kinds]
-    jumps = jumps_of(sweeps, start=0.2, ground="hard", part="", first=0)
+HARD = {"single": (9.0, 12.0, 15.0, 18.0), "stutter": (6.5, 7.5, 8.5, 9.5)}
+
+
+def blind(out: Path, hidden: str, strength: float, *, ground="hard", motions=HARD, packings=(0.57,)):
+    """A campaign of eight jumps with one hidden effect, its answer sealed beside it."""
+    setting = draw(RNG(1), ground=ground, hidden=[hidden], strength=strength, nuisance=Nuisance(2e-4, 0.0, 0.0))
+    sweeps = [JumpSweep(k, f, (AMPLITUDE[ground],), volume_fraction=packings) for k, f in motions.items()]
+    jumps = jumps_of(sweeps, start=0.2, ground=ground, part="", first=0)
     setting = replace(setting, protocol=replace(setting.protocol, jumps=jumps))
     out.mkdir(parents=True)
     carry_out([(setting.protocol, j) for j in jumps], out, seed=1, workers=1, sealed=True)
@@ -427,6 +388,33 @@ def test_a_test_of_another_kind_waits_and_is_taken_in(lent, kind, rows, section)
     assert section in taken.sections and (law is None or not law.moves)
     with pytest.raises(InputError, match="exists already"):
         handover.prepare_test(like, kind, "next-02")
+
+
+def test_a_jump_on_another_bed_of_the_campaign_is_prepared_recorded_and_taken_in(tmp_path, monkeypatch):
+    """What an earlier call wrote down and did not make: a jump as on the denser bed, and one as on the first."""
+    motions = {"single": (9.0, 12.0), "stutter": (6.5, 8.5)}
+    _, out = blind(tmp_path / "c", "motor_lag", 0.02, ground="granular", motions=motions, packings=(0.575, 0.61))
+    results = tmp_path / "results" / "c"
+    like = "stutter-6.5Hz-phi0.61-1"
+    law = {"kind": "single", "frequency": 10.0, "amplitude": 0.015, "phase": 1.57079633, "cycles": 1.0, "start": 0.2}
+    names = tuple(e.name for e in open_campaign(out).experiments)
+    asked = tuple(Proposed(f"next-0{k}", "single", ("a", "b"), 1.0, 1.0, 1.0, law, x) for k, x in ((1, like), (2, "")))
+    told = Round(names, {"a": 0.5, "b": 0.5}, {"a": 0.5}, 1.0, proposed=asked)
+    History((told,)).save(results)
+    assert main(["explore", str(out), "--workers", "1"]) == 0
+    beds, written = [], seal_module.write_experiment
+    monkeypatch.setattr(
+        seal_module, "write_experiment", lambda p, jump, **k: beds.append(jump.volume_fraction) or written(p, jump, **k)
+    )
+    for file in (out / "next-01" / "protocol.toml", results / "explore.html"):
+        assert f"ground and foot as in {like}" in file.read_text(encoding="utf-8")
+    for name, phi in (("next-01", 0.61), ("next-02", 0.575)):
+        motion = tomllib.loads((out / name / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
+        record_jump(out, out / name, motion, seed=1, number=int(name[-1]) + 100)
+        table = tomllib.loads((out / name / "experiment.toml").read_text(encoding="utf-8"))
+        assert table["bed"]["volume_fraction"] == phi
+        assert handover.take_in(out / name).good
+    assert beds == [0.61, 0.575]
 
 
 def test_a_grain_film_is_asked_for_with_its_jump(lent):

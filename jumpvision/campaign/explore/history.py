@@ -35,14 +35,19 @@ class Proposed:
     like: str = ""
 
     @property
+    def where(self) -> str:
+        """On what, in words; "" as the first jump."""
+        return f"ground and foot as in {self.like}" if self.like else ""
+
+    @property
     def said(self) -> str:
         """What is expected of it, in words."""
         if self.log10_odds is None:
             odds = "its odds cannot be said: no model tried explains the jumps made"
         else:
             odds = f"odds of 10^{self.log10_odds:.1f} for the right one"
-        where = f"ground and foot as in {self.like}; " if self.like else ""
-        return f"{where}tells {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
+        told = f"tells {' from '.join(self.separates)}: {self.bits:.2f} bits expected, {odds}"
+        return f"{self.where}; {told}" if self.where else told
 
 
 def measured_by(asked: Question) -> tuple[str, ...]:

@@ -126,7 +126,7 @@ def places(jumps: Sequence[Jump], most: int = PLACES) -> list[int]:
 
     while len(taken) < most:
         far, i = max((min(apart(i, k) for k in taken), -i) for i in range(len(jumps)))
-        if far[0] is False and far[1] < ALIKE:
+        if not far[0] and far[1] < ALIKE:
             break
         taken.append(-i)
     return taken

@@ -209,14 +209,14 @@ def continued(
         last = replace(last, proposed=tuple(numbered))
         history = history.with_round(last)
         history.save(results)
-    named_so = {e.name: e for e in asked.experiments}
-    first = named_so[asked.jumps[0].name]
     there = {f.name for f in waiting}
-    made = [
-        prepare_test(first, p.kind, p.name, [p.said])
-        if p.actuation is None
-        else prepare(named_so.get(p.like, first), law_of(p), p.name, limits_for(asked), [p.said])
-        for p in last.proposed
-        if p.name not in there and not (first.path.parent / p.name).exists()
-    ]
+    of = {e.name: e for e in asked.experiments}
+    made = []
+    for p in last.proposed:
+        like = of[p.like or asked.jumps[0].name]
+        if p.name not in there and not (like.path.parent / p.name).exists():
+            if p.actuation is None:
+                made.append(prepare_test(like, p.kind, p.name, [p.said]))
+            else:
+                made.append(prepare(like, law_of(p), p.name, limits_for(asked), [p.said]))
     return history, made

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside, write_bytes_aside
-from jumpvision.campaign.explore.history import History, Round
+from jumpvision.campaign.explore.history import History, Proposed, Round
 from jumpvision.report.figures.explore import exploration_picture
 
 from .page import static, template
@@ -55,7 +55,11 @@ def page(rounds: Sequence[Round], png: bytes, title: str) -> str:
 
 
 def _asked(r: Round) -> str:
-    return f"Next: {', '.join(p.name for p in r.proposed)}."
+    return f"Next: {', '.join(map(_placed, r.proposed))}."
+
+
+def _placed(p: Proposed) -> str:
+    return f"{p.name} ({p.where})" if p.where else p.name
 
 
 def steps(rounds: Sequence[Round]) -> list[Step]:
@@ -72,7 +76,7 @@ def steps(rounds: Sequence[Round]) -> list[Step]:
                 len(r.jumps),
                 f"{model} at {100 * chance:.3g} %",
                 f"{r.entropy_bits:.2f} bits",
-                ", ".join(p.name for p in r.proposed) or "nothing",
+                ", ".join(map(_placed, r.proposed)) or "nothing",
                 "; ".join(dict.fromkeys(" from ".join(p.separates) for p in r.proposed)) or r.end,
                 f"{sum(p.bits for p in r.proposed):.2f} bits" if r.proposed else "",
                 came,
