@@ -14,20 +14,21 @@ import numpy as np
 import pytest
 
 from jumpvision.base.schema import InputError
-from jumpvision.campaign.explore import handover
+from jumpvision.campaign.explore import handover, offers
 from jumpvision.campaign.explore.history import FILE, History, Proposed, Round, read_history
 from jumpvision.campaign.explore.lift_off import TRIALS, Trial, threshold, trial
-from jumpvision.campaign.explore.offers import Limits, every, limits_of, places, usual
+from jumpvision.campaign.explore.offers import Limits, Way, by_plan, elsewhere, every, limits_of, places, usual
 from jumpvision.campaign.explore.planned import identified, read_planned
 from jumpvision.cli import main
 from jumpvision.diagnosis.fitting import Problem
+from jumpvision.diagnosis.jumper.jumper import of_jump
 from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 from jumpvision.diagnosis.worth.design import Held, Prospect, batch, prospect, worth
 from jumpvision.diagnosis.worth.identify import TIMES, information, shortest, shown
 from jumpvision.diagnosis.worth.rehearse import gain, log10_odds
 from jumpvision.inputs.experiment import open_campaign
-from jumpvision.inputs.sections import Actuation, Motor
+from jumpvision.inputs.sections import Actuation, Bed, Motor, Robot
 from jumpvision.lab import seal as seal_module
 from jumpvision.lab import write
 from jumpvision.lab.blind import AMPLITUDE, Nuisance, campaign, draw
@@ -323,13 +324,14 @@ def logged(tmp_path_factory):
 def lent(logged, tmp_path):
     """A copy of it, and one of its experiments."""
     shutil.copytree(logged, tmp_path / "c")
+    shutil.copy(sealed_file(logged), sealed_file(tmp_path / "c"))
     return tmp_path / "c", open_campaign(tmp_path / "c").experiments[0]
 
 
 def test_a_folder_waits_is_taken_in_and_the_campaign_runs_meanwhile(lent):
     out, like = lent
     law = Actuation("stutter", 8.0, 0.004, start=0.2)
-    folder = handover.prepare(like, law, "next-01", FREE, ["why"])
+    folder = handover.prepare(like, Way(law), "next-01", FREE, ["why"])
     assert {f.name for f in folder.iterdir()} == {"experiment.toml", "protocol.toml", "motor_command.csv"}
     assert "waits for" in open_campaign(out).excluded["next-01"]
     table = np.loadtxt(folder / "motor_command.csv", delimiter=",", skiprows=1)
@@ -355,12 +357,12 @@ def test_what_the_motor_cannot_do_and_what_is_there_is_refused(lent):
     out, like = lent
     law = Actuation("stutter", 8.0, 0.004, start=0.2)
     with pytest.raises(InputError, match=r"travel 0\.008 m: at most 0\.005 m"):
-        handover.prepare(like, law, "next-01", Limits(0.005, 100.0, 1e5))
+        handover.prepare(like, Way(law), "next-01", Limits(0.005, 100.0, 1e5))
     assert not (out / "next-01").exists()
     (out / ".next-01.part").mkdir()  # a killed run's
-    handover.prepare(like, law, "next-01", FREE)
+    handover.prepare(like, Way(law), "next-01", FREE)
     with pytest.raises(InputError, match="exists already"):
-        handover.prepare(like, law, "next-01", FREE)
+        handover.prepare(like, Way(law), "next-01", FREE)
 
 
 @pytest.mark.parametrize(
@@ -429,6 +431,155 @@ def test_a_grain_film_is_asked_for_with_its_jump(lent):
     assert handover.returned(out)[0].good
     with pytest.raises(InputError, match="frame_rate = 0"):
         open_campaign(out)
+
+
+def smooth(t, travel, time):
+    """A smooth rise by `travel` [m] in `time` [s] from t = 0."""
+    u = np.clip(t / time, 0.0, 1.0)
+    return travel * (10 * u**3 - 15 * u**4 + 6 * u**5)
+
+
+def planned_motion(file: Path, travel=0.008, time=0.08) -> Path:
+    t = np.arange(0.0, time + 0.02, 1e-3)
+    rows = np.column_stack([t, smooth(t, travel, time)])
+    np.savetxt(file, rows, delimiter=",", header="time_s,command_m", comments="")
+    return file
+
+
+def test_a_planned_motion_is_that_of_its_table_and_asks_of_the_motor_what_it_does(tmp_path):
+    """Speed and acceleration of a rise by h in T: 15/8 h/T and 10/sqrt(3) h/T^2, by hand from its polynomial."""
+    way = by_plan(planned_motion(tmp_path / "a plan.csv"))
+    t = np.linspace(0.0, 0.5, 701)
+    assert np.allclose(way.motion(t)[0], smooth(t - 0.2, 0.008, 0.08), atol=2e-6)
+    travel, speed, acceleration = offers.asked_of_motor(way.law, way.motion)
+    assert (travel, speed) == pytest.approx((0.008, 15 / 8 * 0.1), rel=5e-3)
+    assert acceleration == pytest.approx(10 / math.sqrt(3) * 0.008 / 0.08**2, rel=0.05)
+    assert way.named == "a-plan" and not way.law.moves
+    (tmp_path / "still.csv").write_text("time_s,position_m\n" + "".join(f"{k},0\n" for k in range(9)))
+    with pytest.raises(InputError, match=r"still\.csv: position_m: nothing moves"):
+        by_plan(tmp_path / "still.csv")
+    with pytest.raises(InputError, match=r"none\.csv: no such file"):
+        by_plan(tmp_path / "none.csv")
+
+
+def test_a_planned_motion_is_prepared_recorded_and_taken_in(lent, tmp_path):
+    out, like = lent
+    way = by_plan(planned_motion(tmp_path / "plan.csv"))
+    with pytest.raises(InputError, match=r"travel 0\.008 m: at most 0\.005 m"):
+        handover.prepare(like, way, "next-01", Limits(0.005, 100.0, 1e5))
+    folder = handover.prepare(like, way, "next-01", FREE)
+    other = handover.prepare(like, by_plan(planned_motion(tmp_path / "plan.csv", 0.006)), "next-02", FREE)
+    motion = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
+    assert motion == {"kind": "custom", "start": 0.2}
+    made = record_jump(out, folder, motion, seed=1, number=101)
+    assert "motor.csv" in made
+    logged = np.loadtxt(folder / "motor.csv", delimiter=",", skiprows=1)
+    assert np.abs(logged[:, 1] - way.motion(logged[:, 0])[0]).max() < 1e-4  # its encoder's step
+    for name in made:  # of another motion
+        (other / name).write_bytes((folder / name).read_bytes())
+    assert "from its command" in handover.take_in(other).differs
+    assert handover.take_in(folder).good
+    taken = next(e for e in open_campaign(out).experiments if e.name == "next-01")
+    assert taken.header.group.startswith("custom-0.2-") and "motor_log" in taken.sections
+
+
+LAWS = "[model.laws]\nfoot_radius = 0.016\n" + "".join(
+    f"[model.laws.{n}]\nphi = [0.56, 0.63]\nvalue = [{a}, {b}]\n"
+    for n, a, b in (("k1", 1800.0, 4600.0), ("k2", 1800.0, 4600.0))
+)
+
+
+@pytest.fixture(scope="module")
+def by_packing(tmp_path_factory):
+    """Jumps on loose sand, whose forces are known against packing; a hidden payload."""
+    folder = tmp_path_factory.mktemp("sand")
+    (folder / "sand.toml").write_text(
+        "duration = 1.4\n[robot]\nmotor_mass = 1.1\nrod_mass = 0.175\nspring_stiffness = 5000.0\n"
+        "spring_damping = 1.4\nfoot_mass = 0.04\nfoot_radius = 0.016\n"
+        '[truth]\nterms = ["two_resistance", "inertial_drag", "payload"]\ndm = 0.03\n'
+        "k1 = [[0.56, 1800.0], [0.63, 4600.0]]\nk2 = [[0.56, 1800.0], [0.63, 4600.0]]\ndelta = 0.012\nalpha = 60.0\n"
+        '[[jumps]]\nkind = "stutter"\nfrequency = [6.0, 7.0, 8.0]\n[[jumps]]\nkind = "single"\nfrequency = [7.0]\n'
+        "[record]\nrod_track = {}\nmotor_log = {}\n[model]\n"
+        'terms = ["two_resistance", "inertial_drag"]\nk1 = 2200.0\nk2 = 2200.0\ndelta = 0.012\nalpha = 60.0\n',
+        encoding="utf-8",
+    )
+    write_campaign(folder / "sand.toml", folder / "c", seed=3, workers=1)
+    with (folder / "c" / "campaign.toml").open("a", encoding="utf-8") as file:
+        file.write("\n" + LAWS)
+    return folder / "c"
+
+
+def jump_on(like):
+    robot = like.section(Robot)
+    return SimpleNamespace(model=offers.build_model(like, robot, offers.spec_of(like), like.section(Bed), None))
+
+
+def test_a_packing_the_campaign_has_not_has_the_forces_of_its_laws(by_packing, monkeypatch):
+    """By hand from the laws: linear in phi, the foot's by its area. What nothing tells is refused, with the remedy."""
+    monkeypatch.setattr(
+        offers, "replace", lambda base, **k: SimpleNamespace(**k) if "model" in k else replace(base, **k)
+    )
+    like = open_campaign(by_packing).experiments[0]
+
+    def model(changes, fitted=()):
+        found = elsewhere(like, jump_on(like), changes, fitted, first=True)
+        return found if isinstance(found, str) else found.base.model
+
+    dense = model({"bed": {"volume_fraction": 0.61}})
+    assert dense.parameters.k1 == pytest.approx(1800 + 5 / 7 * 2800) and dense.volume_fraction == 0.61
+    small = model({"robot": {"foot_radius": 0.008}})
+    assert small.parameters.k1 == pytest.approx((1800 + 1 / 7 * 2800) / 4) and small.foot_radius == 0.008
+    assert model({"robot": {"spring_stiffness": 4000.0}}).k_s == 4000.0
+    assert model({"bed": {"volume_fraction": 0.61}}, ["k1"]).startswith("bed.volume_fraction = 0.61: k1 is fitted")
+    for changes, said in (
+        ({"bed": {"volume_fraction": 0.66}}, "phi = 0.66 is outside 0.56 to 0.63"),
+        ({"bed": {"volume_fraction": 6.0}}, r"volume_fraction = 6\.0: must be"),
+        ({"bed": {"volume_fractoin": 0.6}}, "did you mean 'volume_fraction'"),
+        ({"motor": {"kp": 1.0}}, r"\[motor\]: must be a table of .* that tells where it jumps: bed, robot"),
+    ):
+        with pytest.raises(InputError, match=said):
+            model(changes)
+    plain = replace(like, sections={**like.sections, "model": replace(offers.spec_of(like), laws=None)})
+    with pytest.raises(InputError, match=r"\[model\.laws\] of .*: missing"):
+        elsewhere(plain, jump_on(plain), {"bed": {"volume_fraction": 0.61}}, (), first=True)
+
+
+def test_a_force_that_no_model_declares_grows_with_the_foot(by_packing):
+    """Fitted of the first foot, alpha of a foot of half the radius is a quarter; what a model declares is its own."""
+    like = open_campaign(by_packing).experiments[0]
+    base = jump_on(like).model
+    own = replace(base, terms=("two_resistance",), foot_radius=0.008, parameters=replace(base.parameters, alpha=None))
+    fitted = replace(base, parameters=replace(base.parameters, alpha=80.0))
+    assert of_jump(fitted, own, {"alpha": 80.0}).parameters.alpha == pytest.approx(20.0)
+    declared = replace(base, foot_radius=0.008)
+    assert of_jump(fitted, declared, {"alpha": 80.0}).parameters.alpha == 80.0
+
+
+@pytest.mark.long
+def test_another_packing_and_a_planned_motion_are_offered_recorded_and_believed(by_packing, tmp_path):
+    """Cheap as they are made here they are asked for, one after the other; the laboratory's bed has the packing."""
+    out, results = tmp_path / "c", tmp_path / "results" / "c"
+    shutil.copytree(by_packing, out)
+    given = ["--workers", "1", "--no-pictures", "--level", "0.9999999", "--least", "0", "--elsewhere",
+             "bed.volume_fraction=0.61", "--motion", str(planned_motion(tmp_path / "rise.csv", 0.02, 0.1))]  # fmt: skip
+    assert main(["explore", str(out), *given, "--cost", "elsewhere=1e-6"]) == 0
+    first = read_history(results).rounds[-1].proposed[0]
+    assert first.changes == {"bed": {"volume_fraction": 0.61}} and "volume_fraction = 0.61" in first.where
+    folder = out / first.name
+    protocol = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8"))
+    assert protocol["bed"] == {"volume_fraction": 0.61}
+    record_jump(out, folder, protocol["actuation"], seed=1, number=101)
+    assert main(["explore", str(out), *given, "--cost", "custom=1e-6"]) == 0
+    last = read_history(results).rounds[-1]
+    assert first.name in last.jumps and last.causes["payload"] > 0.9
+    asked = last.proposed[0]
+    assert asked.kind == "custom" and asked.motion == str(tmp_path / "rise.csv")
+    shutil.rmtree(out / asked.name)  # as after a kill: made again of its table
+    assert main(["explore", str(out), *given]) == 0
+    motion = tomllib.loads((out / asked.name / "protocol.toml").read_text(encoding="utf-8"))["actuation"]
+    record_jump(out, out / asked.name, motion, seed=1, number=102)
+    assert main(["explore", str(out), *given]) == 0
+    assert asked.name in read_history(results).rounds[-1].jumps
 
 
 @pytest.mark.long

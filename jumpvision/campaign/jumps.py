@@ -37,8 +37,14 @@ def questioned(campaign: Campaign) -> list[Experiment]:
 def worth_asking(campaign: Campaign) -> bool:
     """Whether the campaign has a [model] to question and enough jumps for it."""
     usable = questioned(campaign)
-    motions = {repr(law) if (law := e.section(Actuation)) else e.header.group or e.name for e in usable}
+    motions = {repr(law) if (law := _law(e)) else e.header.group or e.name for e in usable}
     return len(usable) >= FEWEST and len(motions) >= CONDITIONS and _has_values(usable)
+
+
+def _law(e: Experiment) -> Actuation | None:
+    """[actuation] that tells the motion; None where only a log does."""
+    law: Actuation | None = e.section(Actuation)
+    return law if law and law.kind != "custom" else None
 
 
 def _has_values(usable: list[Experiment]) -> bool:
@@ -105,13 +111,15 @@ def spec_of(e: Experiment) -> ModelSpec:
 
 
 def _jump(e: Experiment, outcome: Outcome) -> Jump:
-    law, log, section = e.section(Actuation), e.section(MotorLog), e.section(Bed)
+    law, log, section = _law(e), e.section(MotorLog), e.section(Bed)
     bed = BedHeight.load(outcome.results) if outcome.made(BedHeight) else None
     p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
         model = build_model(e, e.section(Robot), spec_of(e), section, bed)
-        forcing, stop = driver(log, law, e.section(Motor), p or SimulateParams(), sand=e.ground == "granular")
+        forcing, stop = driver(
+            log, e.section(Actuation), e.section(Motor), p or SimulateParams(), sand=e.ground == "granular"
+        )
     rod = RodMotion.load(outcome.results)
     t, y, sigma = rod.arrays
     phi = packing(section, bed)[0]

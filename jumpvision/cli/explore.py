@@ -14,6 +14,7 @@ from .folders import work
 
 if TYPE_CHECKING:
     from jumpvision.campaign.diagnose import Question
+    from jumpvision.campaign.explore.offers import Changes
     from jumpvision.campaign.explore.rounds import Rules
 
 SEED = 1  # of what the laboratory records, beside the number of the folder
@@ -37,7 +38,24 @@ class RuleOptions:
         Parameter(
             negative="",
             group="When to stop, what it costs",
-            help="Of a kind, e.g. delayed_stutter=2, 'grain film=10'; a jump costs 1.",
+            help="Of a kind, e.g. delayed_stutter=2, 'grain film=10', elsewhere=3; a jump costs 1.",
+        ),
+    ] = ()
+    elsewhere: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="",
+            group="What is offered beside the usual jumps",
+            help="A bed, foot or spring that the campaign has not: settings of [bed] and [robot], comma apart, e.g. "
+            "bed.volume_fraction=0.6; may be repeated.",
+        ),
+    ] = ()
+    motion: Annotated[
+        tuple[Path, ...],
+        Parameter(
+            negative="",
+            group="What is offered beside the usual jumps",
+            help="A planned motion, plan.csv of plan or time_s,position_m; may be repeated.",
         ),
     ] = ()
 
@@ -113,7 +131,19 @@ def _rules(given: RuleOptions) -> Rules:
             problems.append(f"explore --cost {text}: must be KIND=NUMBER above 0, KIND one of {', '.join(KINDS)}")
     if problems:
         raise InputError(problems)
-    return Rules(given.level, given.least, given.most, given.batch, costs)
+    there = [_changes(text) for text in given.elsewhere]
+    return Rules(given.level, given.least, given.most, given.batch, costs, elsewhere=there, motions=list(given.motion))
+
+
+def _changes(text: str) -> Changes:
+    """Of --elsewhere. Raises InputError for what is no setting."""
+    from jumpvision.base.schema import InputError
+    from jumpvision.inputs.overrides import overrides_of
+
+    try:
+        return {table: values for table, values in overrides_of(tuple(text.split(","))).items() if values}
+    except InputError as e:
+        raise InputError([f"explore --elsewhere: {p.removeprefix('--set ')}" for p in e.problems]) from None
 
 
 def _asked(path: Path, options: Options) -> tuple[Question, list[Path], Path]:

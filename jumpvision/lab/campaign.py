@@ -25,7 +25,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.lab.films.discs import Runner
 
 from . import write
-from .jumper import Law, Motion, Motor, Robot, motion_of
+from .jumper import Law, Motion, Motor, Robot, Samples, motion_of
 from .protocol import Points, Protocol, critical_fraction, read_parts
 from .protocol_keys import FILMED_BY, Intrusion, Jump
 from .recordings import of_intrusion, of_jump
@@ -252,9 +252,9 @@ def _values(record: Robot | Motor, below: float = math.inf) -> Table:
     return {name: round(value, 9) for name, value in record._asdict().items() if value < below}
 
 
-def actuation(kind: str, law: Law) -> Table:
+def actuation(kind: str, law: Law | Samples) -> Table:
     """[actuation] of a jump."""
-    if kind == "none":
+    if isinstance(law, Samples) or kind == "none":
         return {"kind": kind, "start": law.start}
     out: Table = {"kind": kind, "frequency": law.frequency, "amplitude": law.amplitude, "phase": round(law.phase, 8)}
     out |= {"start": law.start, "cycles": law.cycles, "delay": law.delay, "dwell_gain": law.dwell_gain}

@@ -125,7 +125,7 @@ def _fluctuation(depth: Array, g: Grains, rng: np.random.Generator) -> Array:
 
 
 # how a parameter given for the robot's foot goes with the radius of another: forces with the area, lengths with it
-POWERS = {"k": 2, "k1": 2, "k2": 2, "s": 2, "s_p": 2, "saw": 2, "delta": 1, "crater_volume": 3}
+POWERS = {"k": 2, "k1": 2, "k2": 2, "alpha": 2, "s": 2, "s_p": 2, "saw": 2, "delta": 1, "crater_volume": 3}
 
 
 def scaled(parameters: Mapping[str, float], size: float) -> dict[str, float]:

@@ -88,7 +88,7 @@ def motion_of(
 ) -> Motion:
     """The jump from settled rest at t = 0 to `duration` [s].
 
-    law: the command (Samples need the feedback loop), or None for a motor at rest. terms: mechanisms in force
+    law: the command, or None for a motor at rest. terms: mechanisms in force
     (MECHANISMS; those at the camera are ignored), with their `parameters` under the names of the contract (SI, rad).
     ground: "hard" or "granular" (needs a static force and a foot with mass). bed_density: phi rho [kg/m^3], for
     added_mass and depth_drag. dt [s]: the step; every: samples are kept each `every` steps. motor: the feedback loop

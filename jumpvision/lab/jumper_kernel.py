@@ -30,7 +30,9 @@ def _command(t, cmd):  # type: ignore[no-untyped-def]
         if i >= samples.size - 1:
             return samples[-1], 0.0, 0.0
         slope = (samples[i + 1] - samples[i]) * rate
-        return samples[i] + slope * (t - start - i / rate), slope, 0.0
+        before = samples[i - 1] if i > 0 else samples[0]
+        bend = (samples[i + 1] - 2.0 * samples[i] + before) * rate * rate  # of the motion that they stand for
+        return samples[i] + slope * (t - start - i / rate), slope, bend
     if t >= stop:
         u, moving = stop - delay - start, False
     elif t < half:

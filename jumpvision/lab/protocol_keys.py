@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from jumpvision.base.schema import REQUIRED, param
 
 from .films.optics import BedCamera, Camera, GrainCamera
-from .jumper import Law
+from .jumper import Law, Samples
 
 Move = tuple[str, float]  # of an arm: ("to", depth [m]) | ("pause", time [s])
 
@@ -241,7 +241,7 @@ class Jump(NamedTuple):
     name: str
     group: str
     kind: str
-    law: Law
+    law: Law | Samples
     volume_fraction: float
 
 

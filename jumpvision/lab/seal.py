@@ -23,7 +23,8 @@ from jumpvision.base.schema import InputError, closest
 from . import write
 from .blind import ROBOTS, Nuisance, Setting, draw
 from .campaign import PROTOCOL, carry_out, defaults, write_experiment
-from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE, Law
+from .intrusions import POWERS
+from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE, Law, Samples
 from .protocol import CAMERA_PARAMETERS, Protocol, checked, read_protocol, values_at
 from .protocol_keys import Jump, MotorLog, Records, RodTrack
 
@@ -71,22 +72,37 @@ def truth_for(out: Path) -> Protocol:
 
 
 def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int, number: int) -> list[str]:
-    """The recordings of one jump more of the campaign `out`, put into `folder`; their names. motion: as [actuation].
+    """The recordings of one jump more of the campaign `out`, put into `folder`; their names. motion: as [actuation],
+    "custom" for that of motor_command.csv.
 
-    The bed is prepared to the volume fraction that its experiment.toml declares.
+    Bed and foot are those that its experiment.toml declares, the forces of the ground as that foot feels them.
     """
     protocol = truth_for(out)
-    law = Law(
-        motion["frequency"],
-        motion["amplitude"],
-        motion["phase"],
-        motion["start"],
-        motion["cycles"],
-        motion.get("delay", 0.0),
-        motion.get("dwell_gain", 1.0),
-    )
-    bed = tomllib.loads((folder / "experiment.toml").read_text(encoding="utf-8")).get("bed", {})
-    phi = bed.get("volume_fraction", protocol.jumps[0].volume_fraction)
+    tables = tomllib.loads((folder / "experiment.toml").read_text(encoding="utf-8"))
+    robot = protocol.robot._replace(**{k: v for k, v in tables.get("robot", {}).items() if k in protocol.robot._fields})
+    size = robot.foot_radius / protocol.robot.foot_radius
+    law: Law | Samples
+    if motion["kind"] == "custom":
+        t, x = np.loadtxt(folder / "motor_command.csv", delimiter=",", skiprows=1, usecols=(0, 1), unpack=True)
+        law = Samples(x, (t.size - 1) / float(t[-1] - t[0]), float(t[0]))
+        protocol = replace(protocol, records=replace(protocol.records, motor_log=MotorLog()))
+    else:
+        law = Law(
+            motion["frequency"],
+            motion["amplitude"],
+            motion["phase"],
+            motion["start"],
+            motion["cycles"],
+            motion.get("delay", 0.0),
+            motion.get("dwell_gain", 1.0),
+        )
+    phi = tables.get("bed", {}).get("volume_fraction", protocol.jumps[0].volume_fraction)
+    true = {
+        n: float(v) * f if isinstance(v, int | float) else tuple((at, f * y) for at, y in v)
+        for n, v in protocol.parameters.items()
+        for f in (size ** POWERS.get(n, 0),)
+    }
+    protocol = replace(protocol, robot=robot, parameters=true)
     jump = Jump(number, folder.name, folder.name, motion["kind"], law, phi)
     header = replace(protocol.header, duration=max(protocol.header.duration, law.stop + 1.0))
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".lab-") as aside:

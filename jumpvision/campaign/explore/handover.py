@@ -6,6 +6,7 @@ that the campaign can be run meanwhile; what is excluded says why.
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
@@ -20,16 +21,17 @@ import numpy as np
 
 from jumpvision.base.schema import InputError, read
 from jumpvision.base.storage import write_aside
-from jumpvision.inputs.experiment import EXPERIMENT, Experiment
+from jumpvision.inputs.experiment import EXPERIMENT, Experiment, merged
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.sections import Actuation, MotorLog, RodTrack
 from jumpvision.stages.rod import commanded, read_motor
 
-from .offers import Limits, asked_of_motor
+from .offers import AFTER, Changes, Limits, Way, asked_of_motor, played
 
 PROTOCOL, TABLE = "protocol.toml", "motor_command.csv"
 WAITS, LIVE = "waits for", "#: "  # of the reason to exclude; lines that hold once the recordings are there
 RECORDED = ("rod_video", "rod_track", "motor_log", "bed_image")  # sections of a jump whose files are asked for
+LOG = {"file": "motor.csv"}  # of a motion that only it tells
 # beside jumps: sections whose files are asked for, and what to do
 TESTS: Mapping[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
     "spring test": (
@@ -71,22 +73,26 @@ class Returned:
         return not self.missing and not self.differs
 
 
-def prepare(like: Experiment, law: Actuation, name: str, limits: Limits, why: Sequence[str] = ()) -> Path:
+def prepare(
+    like: Experiment, way: Way, name: str, limits: Limits, why: Sequence[str] = (), changes: Changes | None = None
+) -> Path:
     """The folder of a jump beside another of its campaign: experiment.toml, protocol.toml, motor_command.csv.
 
-    why: lines on what it is for. Raises InputError for a command that the motor cannot do, or a folder that exists.
+    why: lines on what it is for; changes: of [bed] and [robot] of the other. Raises InputError for a command that the
+    motor cannot do, or a folder that exists.
     """
-    folder = like.path.parent / name
-    if broken := limits.broken(law):
+    folder, law, forcing = like.path.parent / name, way.law, way.motion or commanded(way.law)
+    if broken := limits.broken(law, way.motion):
         raise InputError([f"{folder}: the motor cannot do it: {b}; ask for a slower or smaller motion" for b in broken])
     motion = _actuation(law)
-    protocol = {"name": name, "duration": round(law.stop + 0.8, 3), "start": law.start}
-    text = _lines(protocol) + "\n\n[actuation]\n" + _lines(motion) + "\n"
-    t = np.arange(0.0, law.stop + TICK, TICK)
+    protocol = {"name": name, "duration": round(forcing.stop + AFTER, 3), "start": law.start}
+    tables = {"actuation": motion, **(changes or {})}
+    text = "\n\n".join([_lines(protocol), *(f"[{k}]\n{_lines(v)}" for k, v in tables.items())]) + "\n"
+    t = np.arange(0.0, forcing.stop + TICK, TICK)
     table = io.StringIO()
     np.savetxt(
         table,
-        np.column_stack([t, *commanded(law)(t)]),
+        np.column_stack([t, *forcing(t)]),
         fmt=["%.4f", "%.8f", "%.6f"],
         delimiter=",",
         comments="",
@@ -94,7 +100,7 @@ def prepare(like: Experiment, law: Actuation, name: str, limits: Limits, why: Se
         newline="\n",
     )
     files = {
-        EXPERIMENT: _experiment(like, motion, why),
+        EXPERIMENT: _experiment(like, motion, why, changes or {}, table.getvalue()),
         PROTOCOL: "".join(f"# {w}\n" for w in why) + text,
         TABLE: table.getvalue(),
     }
@@ -135,16 +141,31 @@ def _placed(folder: Path, files: Mapping[str, str]) -> Path:
 
 
 def _actuation(law: Actuation) -> Mapping[str, str | float]:
+    if law.kind == "custom":
+        return {"kind": law.kind, "start": law.start}
     keys = ("kind", "frequency", "amplitude", "phase", "cycles", "delay", "start")
     return {k: v for k in keys if (v := getattr(law, k)) is not None and (k, v) != ("delay", 0.0)}
 
 
-def _experiment(like: Experiment, motion: Mapping[str, Any], why: Sequence[str]) -> str:
-    """experiment.toml: what the other experiment declares, this motion, the recordings under `LIVE`."""
+def _experiment(like: Experiment, motion: Mapping[str, Any], why: Sequence[str], changes: Changes, command: str) -> str:
+    """experiment.toml: what the other experiment declares, this motion, the recordings under `LIVE`; a motion without a
+    law has a motor log among them, a bed that is measured no declared packing. Trials of one command at one place are a
+    group."""
     own = _declared(like)
     asked = {k: v for k, v in own.items() if k in RECORDED}
+    if motion["kind"] == "custom":
+        asked = {MotorLog.name: LOG} | asked
+    if "bed_image" in asked:
+        changes = {t: {k: v for k, v in x.items() if (t, k) != ("bed", "volume_fraction")} for t, x in changes.items()}
+    own = merged(own, {t: x for t, x in changes.items() if x})
     kept = {k: v for k, v in own.items() if isinstance(v, Mapping) and "file" not in v and k != "actuation"}
-    plain = {**_plain(own), "group": "-".join(str(v) for v in motion.values())}
+    told = [str(v) for v in motion.values()]
+    told += [hashlib.sha256(command.encode()).hexdigest()[:8]] if motion["kind"] == "custom" else []
+    there = (
+        merged({"bed": {}, "robot": {}}, own)[t].get(k)
+        for t, k in (("bed", "volume_fraction"), ("robot", "foot_radius"))
+    )
+    plain = {**_plain(own), "group": "-".join([*told, like.ground, *(str(v) for v in there if v is not None)])}
     return _waiting(plain, kept | {"actuation": motion}, asked, why)
 
 
@@ -220,6 +241,8 @@ def mismatch(folder: Path, tables: Mapping[str, Any]) -> str:
     law, problems = read(Actuation, tables["actuation"], f"{folder / EXPERIMENT}: [actuation]")
     if problems:
         raise InputError(problems)
+    table = None if law.moves else played(folder / TABLE, 0.0)
+    motion = table or commanded(law)
     for cls in (MotorLog, RodTrack):
         if cls.name not in tables:
             continue
@@ -228,12 +251,13 @@ def mismatch(folder: Path, tables: Mapping[str, Any]) -> str:
             raise InputError(problems)
         section = replace(section, path=folder / section.file)
         t, x = read_motor(section, law) if cls is MotorLog else _track(section)
-        if t[0] > law.start or t[-1] < law.stop:
+        if t[0] > law.start or t[-1] < motion.stop:
             return (
                 f"{section.path.name} goes from {t[0]:.3g} to {t[-1]:.3g} s, the motion from {law.start:.3g} to "
-                f"{law.stop:.3g} s; record all of it"
+                f"{motion.stop:.3g} s; record all of it"
             )
-        if cls is MotorLog and (off := np.abs(x - commanded(law)(t)[0])).max() > (most := OFF * asked_of_motor(law)[0]):
+        most = OFF * asked_of_motor(law, table)[0]
+        if cls is MotorLog and (off := np.abs(x - motion(t)[0])).max() > most:
             return (
                 f"{section.path.name}: the motor was up to {1e3 * off.max():.2f} mm from its command (at "
                 f"{t[np.argmax(off)]:.3f} s; at most {1e3 * most:.2f} mm is taken for it); record again, or give "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.campaign.diagnose import Question
 
+from .offers import worded
+
 FILE = "explore.json"
 FORMAT = 2
 
@@ -23,7 +25,8 @@ FORMAT = 2
 class Proposed:
     """An experiment that was chosen. separates: the two likeliest models; bits: expected of it, beside those chosen
     before it; log10_odds: expected of it by itself, None where no model explains the jumps made. like: the experiment
-    on whose ground, with whose foot it is to be made, "" for the first jump's."""
+    on whose ground, with whose foot it is to be made, "" for the first jump's; changes: of the bed and robot there, as
+    tables; motion: the file of a planned one, "" for a law."""
 
     name: str
     kind: str
@@ -33,11 +36,14 @@ class Proposed:
     cost: float
     actuation: Mapping[str, Any] | None = None
     like: str = ""
+    changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    motion: str = ""
 
     @property
     def where(self) -> str:
         """On what, in words; "" as the first jump."""
-        return f"ground and foot as in {self.like}" if self.like else ""
+        as_in = f"ground and foot as in {self.like}" if self.like else ""
+        return " and ".join(x for x in (as_in, worded(self.changes)) if x)
 
     @property
     def said(self) -> str:

@@ -28,7 +28,7 @@ from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import simulate
 
 from .handover import prepare
-from .offers import START
+from .offers import START, Way
 from .rounds import limits_for
 
 FILE, KINDS = "lift_off.json", ("single", "stutter", "sine")
@@ -150,5 +150,5 @@ def search(
     if like is None:
         raise InputError([f"{asked.experiments[0].path.parent}: no experiment on hard ground; --lift-off needs one"])
     return found, prepare(
-        like, law, name, limits, [f"trial {len(trials) + 1} of the smallest amplitude that lifts off"]
+        like, Way(law), name, limits, [f"trial {len(trials) + 1} of the smallest amplitude that lifts off"]
     )

@@ -1,22 +1,30 @@
-"""The jumps that could be made next with a robot, within what its motor can do, as motions not yet measured."""
+"""The jumps that could be made next with a robot, within what its motor can do, as motions not yet measured: where, by
+which command."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import InputError, read
+from jumpvision.campaign.jumps import spec_of
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump
-from jumpvision.inputs.sections import PHASES, Actuation, Motor
+from jumpvision.inputs.experiment import Experiment
+from jumpvision.inputs.logs import read_log
+from jumpvision.inputs.sections import PHASES, Actuation, Bed, Motor, Robot
 from jumpvision.mechanisms.record import Mechanism
+from jumpvision.physics.forcing import Spline
 from jumpvision.stages.rod import commanded
-from jumpvision.stages.simulate import feedback
+from jumpvision.stages.simulate import build_model, feedback
 
 START, AFTER = 0.2, 0.8  # s: of rest before the motor, recorded after it
 FINE = 4001  # times at which a command is looked at
@@ -36,9 +44,9 @@ class Limits:
     acceleration: float
     said: str = "of the jumps that were run"
 
-    def broken(self, law: Actuation) -> list[str]:
-        """What of a command the motor cannot do, in words."""
-        travel, speed, acceleration = asked_of_motor(law)
+    def broken(self, law: Actuation, motion: Spline | None = None) -> list[str]:
+        """What of a command, or of a motion in its place, the motor cannot do, in words."""
+        travel, speed, acceleration = asked_of_motor(law, motion)
         rows = (
             ("travel", travel, self.travel, "m"),
             ("speed", speed, self.speed, "m/s"),
@@ -51,10 +59,15 @@ class Limits:
         ]
 
 
-def asked_of_motor(law: Actuation) -> tuple[float, float, float]:
-    """Travel [m], greatest speed [m/s] and acceleration [m/s^2] of a command; steps of its speed are not counted."""
-    motion = commanded(law)
-    x, v = motion(np.linspace(motion.start, motion.stop, FINE)[:-1])
+def asked_of_motor(law: Actuation, motion: Spline | None = None) -> tuple[float, float, float]:
+    """Travel [m], greatest speed [m/s] and acceleration [m/s^2] of a command, or of a table in its place, between its
+    rows; steps of a law's speed are not counted."""
+    if motion is not None:
+        t, x = motion.knots, motion(motion.knots)[0]
+        v = np.gradient(x, t)
+        return float(np.ptp(x)), float(np.max(np.abs(v))), float(np.max(np.abs(np.gradient(v, t))))
+    given = commanded(law)
+    x, v = given(np.linspace(given.start, given.stop, FINE)[:-1])
     omega = 2 * math.pi * (law.frequency or 0.0)
     return float(np.ptp(x)), float(np.max(np.abs(v))), (law.amplitude or 0.0) * omega**2
 
@@ -132,36 +145,130 @@ def places(jumps: Sequence[Jump], most: int = PLACES) -> list[int]:
     return taken
 
 
-def unmade(base: Jump, law: Actuation, motor: Motor | None = None, name: str = "") -> Jump:
-    """A jump of this command with the robot, the ground and the apparatus of another, its track not yet there."""
-    forcing = commanded(law)
-    drives = feedback(forcing, law, motor) if base.law and motor and motor.kp is not None else forcing
+Changes = Mapping[str, Mapping[str, Any]]  # tables of experiment.toml, as --set has them
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where jumps are offered. base: a jump made there, or what it would be after `changes` of the bed or robot of the
+    experiment `like` ("": the first jump's)."""
+
+    base: Jump
+    motor: Motor | None = None
+    like: str = ""
+    changes: Changes = field(default_factory=dict)
+
+    @property
+    def named(self) -> str:
+        """In words, after the name of a jump; "" at the first jump's."""
+        return (f" as {self.like}" if self.like else "") + (f" with {worded(self.changes)}" if self.changes else "")
+
+
+def worded(changes: Changes) -> str:
+    """bed.volume_fraction = 0.6, ..."""
+    return ", ".join(f"{table}.{key} = {value}" for table, t in changes.items() for key, value in t.items())
+
+
+def elsewhere(like: Experiment, base: Jump, changes: Changes, fitted: Sequence[str], first: bool) -> Place | str:
+    """The place that changes of [bed] and [robot] of an experiment make; why a jump there cannot be weighed.
+
+    fitted: parameters that the model fits. Raises InputError for changes that cannot be, and where nothing tells the
+    bed's forces there.
+    """
+    where = f"explore --elsewhere {worded(changes)}"
+    spec, problems, sections = spec_of(like), [], dict(like.sections)
+    for table, values in changes.items():
+        cls = {"bed": Bed, "robot": Robot}.get(table)
+        if cls is None or (old := like.section(cls)) is None:
+            has = ", ".join(n for n in ("bed", "robot") if n in like.sections)
+            problems.append(f"{where}: [{table}]: must be a table of {like.name} that tells where it jumps: {has}")
+            continue
+        kept = {k: v for k, v in asdict(old).items() if v is not None and k != "sigma"}
+        new, more = read(cls, {**kept, **values}, f"{where}: [{table}]")
+        problems += more
+        sections[table] = replace(new, sigma=old.sigma) if isinstance(old, Robot) and new else new
+    bed = any(k in changes.get(t, {}) for t, k in (("bed", "volume_fraction"), ("robot", "foot_radius")))
+    if bed and like.ground == "granular" and spec.laws is None:
+        problems.append(
+            f"{where}: [model.laws] of {like.name}: missing; nothing says what the forces of the bed are there: give "
+            "the laws of the packing (docs/granular.md), or leave --elsewhere"
+        )
+    if problems:
+        raise InputError(problems)
+    there = replace(like, sections=sections)
+    robot = there.section(Robot)
+    assert robot is not None  # a jump's
+    try:
+        model = build_model(there, robot, spec, there.section(Bed), None)
+    except InputError as e:
+        raise InputError([f"{where}: {p}" for p in e.problems]) from None
+    for n in fitted:
+        was, now = (getattr(m, n, None) or getattr(m.parameters, n, None) for m in (base.model, model))
+        if was != now:
+            return f"{worded(changes)}: {n} is fitted and would have another value there, of which nothing is known yet"
+    return Place(replace(base, model=model), like.section(Motor), "" if first else like.name, changes)
+
+
+def played(file: Path, first: float = START) -> Spline:
+    """The motion of a planned command: time_s, and command_m (plan.csv) or position_m (motor_command.csv). first: when
+    its first row is [s]. Raises InputError where it is none."""
+    if not file.is_file():
+        raise InputError([f"{file}: no such file; give a plan.csv, or a table with time_s and position_m"])
+    with file.open(encoding="utf-8-sig", errors="replace") as head:
+        column = "command_m" if "command_m" in head.readline() else "position_m"
+    d = read_log(file, "time_s", column, at_least=8)
+    t, x = d.time_s.to_numpy(), d[column].to_numpy()
+    if np.ptp(x) == 0.0:
+        raise InputError([f"{file}: {column}: nothing moves; give the motion of a jump"])
+    shape = PchipInterpolator(t - t[0] + first, x - x[0])  # no ripples before the motion
+    return Spline(shape.x, np.ascontiguousarray(shape.c))
+
+
+class Way(NamedTuple):
+    """A command and where it is offered (None: as the first jump); motion: what is played in place of the law; file: of
+    which."""
+
+    law: Actuation
+    at: Place | None = None
+    motion: Spline | None = None
+    file: str = ""
+
+    @property
+    def named(self) -> str:
+        """Of the jump, for folders."""
+        return Path(self.file).stem.replace(" ", "-") if self.file else named(self.law)
+
+
+def by_plan(file: Path, at: Place | None = None) -> Way:
+    """The jump of a planned command. Raises InputError as `played`."""
+    return Way(Actuation("custom", start=START), at, played(file), str(file.absolute()))
+
+
+def unmade(base: Jump, way: Way, motor: Motor | None = None) -> Jump:
+    """A jump of this command with the robot, the ground and the apparatus of another, its track not yet there. A motion
+    without a law is logged when it is made."""
+    law, forcing = way.law, way.motion or commanded(way.law)
+    logged = way.motion is not None
+    looped = (base.law or logged) and motor and motor.kp is not None
+    drives = feedback(forcing, law, motor) if looped and motor else forcing
     frame = float(np.median(np.diff(base.t)))
-    t = np.arange(0.0, law.stop + AFTER, frame)
-    labels = {"kind": law.kind, "frequency": law.frequency, "delay": law.delay}
-    name = name or named(law)
+    t = np.arange(0.0, forcing.stop + AFTER, frame)
+    name = way.named + (way.at.named if way.at else "")
     blank: Array = np.zeros(t.size)
     return replace(
         base,
         name=name,
         forcing=drives,
-        stop=law.stop,
+        stop=forcing.stop,
         t=t,
         y=blank,
         group=name,
         condition=name,
-        labels=labels,
+        law=base.law and not logged,
+        labels={"kind": law.kind, "frequency": law.frequency, "delay": law.delay},
         sigma=None,
         shared=replace(base.shared, lens=None),
     )
-
-
-class Way(NamedTuple):
-    """A command, and the jump (its number in the system) on whose ground, with whose foot and [motor] it is offered."""
-
-    law: Actuation
-    place: int = 0
-    motor: Motor | None = None
 
 
 def offer(
@@ -176,10 +283,7 @@ def offer(
 
     ranges, priors, own: those that `system` was made with.
     """
-    new = []
-    for law, i, motor in ways:
-        base = system.jumps[i]
-        new.append(unmade(base, law, motor, f"{named(law)} as {base.name}" if i else ""))
+    new = [unmade(w.at.base if w.at else system.jumps[0], w, w.at.motor if w.at else None) for w in ways]
     wider = Jumper([*system.jumps, *new], ranges, priors, system.workers, own)
     ones = [np.ones(j.t.size) for j in wider.jumps]
     asked = problem.asked_of(wider.weighted(ones, system.scattering))

@@ -22,23 +22,26 @@ from jumpvision.inputs.sections import Actuation, Motor
 
 from .handover import prepare, prepare_test
 from .history import History, Proposed, Round, measured_by
-from .offers import HALF_CYCLE, Limits, Way, every, limits_of, named, offer, places
+from .offers import HALF_CYCLE, Changes, Limits, Place, Way, by_plan, elsewhere, every, limits_of, offer, places
 
 SEED = 1
+LARGER = "plan a smaller or slower motion, or give [motor] what it can do"
 OTHER = {  # what else could be measured: parameters with the relative sigma that they are usually known to, cost
     "spring test": ({"spring_stiffness": 0.003}, 2.0),
     "ring-down": ({"spring_damping": 0.03}, 1.0),
     "slow intrusion": ({"k1": 0.005, "k2": 0.01}, 3.0),
     "grain film": ({"C": 0.05, "mu": 0.05}, 6.0),
 }
-KINDS = (*HALF_CYCLE, "sine", *OTHER)
+ELSEWHERE = "elsewhere"  # in place of a kind, for the cost of a jump where the campaign has none
+KINDS = (*HALF_CYCLE, "sine", "custom", ELSEWHERE, *OTHER)
 
 
 @dataclass(frozen=True)
 class Rules:
     """When to stop, and what an experiment costs. level: probability at which a cause is decided; least: bits that a
     jump must be expected to bring for its cost; most: experiments in all; batch: at a time; costs: of other kinds than
-    jumps, a jump being 1; tests: whether others than jumps are offered."""
+    jumps, a jump being 1; tests: whether others than jumps are offered; elsewhere: changes of bed or robot under which
+    jumps are offered too; motions: tables of planned ones that are."""
 
     level: float = 0.95
     least: float = 0.02
@@ -46,6 +49,8 @@ class Rules:
     batch: int = 1
     costs: Mapping[str, float] = field(default_factory=dict)
     tests: bool = True
+    elsewhere: Sequence[Changes] = ()
+    motions: Sequence[Path] = ()
 
 
 @dataclass(frozen=True)
@@ -129,23 +134,15 @@ def decided(causes: Mapping[str, float], level: float) -> str:
 
 def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[list[Proposed], list[str]]:
     """(the experiments that tell most for their cost, what could not be weighed and why)."""
-    driven = [e for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
-    if not driven:
-        raise InputError(["explore: no experiment has [actuation] with a known motion; give it to one at least"])
-    of, jumps, limits = {e.name: e for e in asked.experiments}, now.system.jumps, limits_for(asked)
-    ways = []
-    for i in places(jumps):  # what was run on hard ground is no measure for sand
-        run = [a for e in driven if e.ground == of[jumps[i].name].ground and (a := e.section(Actuation))]
-        ways += [Way(law, i, of[jumps[i].name].section(Motor)) for law in every(run, limits)]
+    ways, left_out = ways_of(asked, now, rules)
     wider, made = offer(now.problem, now.system, ways, asked.ranges, asked.priors, asked.own)
-    likes = [jumps[w.place].name if w.place else "" for w in ways]
     offered = {k: p for k, i in enumerate(made) if (p := prospect(wider, now.held, i)) is not None}
-    left_out = [
-        f"{named(way.law)}{f' as {like}' if like else ''}: a model cannot be followed there"
-        for k, (way, like) in enumerate(zip(ways, likes))
+    left_out += [
+        f"{wider.system.observations[i].name}: a model cannot be followed there"
+        for k, i in enumerate(made)
         if k not in offered
     ]
-    costs = {k: rules.costs.get(ways[k].law.kind, 1.0) for k in offered}
+    costs = {k: _cost(ways[k], rules.costs) for k in offered}
     others: dict[int, str] = {}
     for what, (relative, cost) in OTHER.items() if rules.tests else ():
         p = measuring(now.held, relative)
@@ -165,11 +162,42 @@ def proposals(asked: Question, now: Believed, rules: Rules, size: int) -> tuple[
             odds = None if now.unexplained else c.worth.log10_odds
             out.append(Proposed(kind, kind, pair, c.worth.bits, odds, cost))
             continue
-        law, like = ways[c.which].law, likes[c.which]
-        actuation = {k: v for k, v in asdict(law).items() if v is not None}
+        way = ways[c.which]
+        actuation = {k: v for k, v in asdict(way.law).items() if v is not None}
+        like, changes = (way.at.like, way.at.changes) if way.at else ("", {})
         odds = rehearsed(now, wider, made[c.which])
-        out.append(Proposed(named(law), law.kind, pair, c.worth.bits, odds, cost, actuation, like))
+        told = (way.named, way.law.kind, pair, c.worth.bits, odds, cost, actuation, like, changes, way.file)
+        out.append(Proposed(*told))
     return out, left_out
+
+
+def _cost(way: Way, costs: Mapping[str, float]) -> float:
+    own = costs.get(way.law.kind, 1.0)
+    return costs.get(ELSEWHERE, own) if way.at and way.at.changes else own
+
+
+def ways_of(asked: Question, now: Believed, rules: Rules) -> tuple[list[Way], list[str]]:
+    """(every jump that is offered, what was asked for and cannot be weighed). Raises InputError for what cannot be."""
+    driven = [e for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
+    if not driven:
+        raise InputError(["explore: no experiment has [actuation] with a known motion; give it to one at least"])
+    of, jumps, limits = {e.name: e for e in asked.experiments}, now.system.jumps, limits_for(asked)
+    where = [Place(jumps[i], of[jumps[i].name].section(Motor), jumps[i].name if i else "") for i in places(jumps)]
+    left_out: list[str] = []
+    for changes in rules.elsewhere:
+        i = next((i for i, j in enumerate(jumps) if "bed" not in changes or j.model.ground == "granular"), 0)
+        there = elsewhere(of[jumps[i].name], jumps[i], changes, [*asked.ranges, *asked.priors], first=i == 0)
+        where, left_out = ([*where, there], left_out) if isinstance(there, Place) else (where, [*left_out, there])
+    ways = []
+    for at in where:  # what was run on hard ground is no measure for sand
+        run = [a for e in driven if e.ground == at.base.model.ground and (a := e.section(Actuation))]
+        ways += [Way(law, at) for law in every(run, limits)]
+        for file in rules.motions:
+            way = by_plan(file, at)
+            if broken := limits.broken(way.law, way.motion):
+                raise InputError([f"{file}: the motor cannot do it: {b}; {LARGER}" for b in broken])
+            ways.append(way)
+    return ways, left_out
 
 
 def rehearsed(now: Believed, wider: Problem, new: int) -> float | None:
@@ -187,9 +215,9 @@ def limits_for(asked: Question) -> Limits:
     return limits_of(laws, motor, model.motor_mass, model.motor_mass * model.g)
 
 
-def law_of(p: Proposed) -> Actuation:
-    """The command of a proposed jump."""
-    return Actuation(**(p.actuation or {}))
+def way_of(p: Proposed) -> Way:
+    """The command of a proposed jump. Raises InputError where it is a motion whose table is not there any more."""
+    return by_plan(Path(p.motion)) if p.motion else Way(Actuation(**(p.actuation or {})))
 
 
 def continued(
@@ -218,5 +246,5 @@ def continued(
             if p.actuation is None:
                 made.append(prepare_test(like, p.kind, p.name, [p.said]))
             else:
-                made.append(prepare(like, law_of(p), p.name, limits_for(asked), [p.said]))
+                made.append(prepare(like, way_of(p), p.name, limits_for(asked), [p.said], p.changes))
     return history, made

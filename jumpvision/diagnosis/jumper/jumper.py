@@ -28,6 +28,7 @@ RTOL, ATOL = 1e-7, 1e-9  # motions are right to some 5e-8 m, derivatives to 0.3 
 LAG = "motor_lag"
 SCATTER = ("start", "bed")  # what may differ from trial to trial
 BEDS = 6  # values of one parameter that are fitted apart
+BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
 STIFFNESS = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
 
 
@@ -309,11 +310,15 @@ def _own(jump: Jump) -> tuple[Any, ...]:
 
 def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:
     """The model with a jump's own bed, robot and parameters where they are not fitted; they were checked, so it is not
-    again."""
+    again. Forces of the ground that no model declares, fitted for `model`'s foot, grow with the area of the jump's."""
     names = [n for n in (*ROBOT, *BED) if n not in values]
     differ = [n for n in names if getattr(model, n) != getattr(own, n)]
     given = vars(own.parameters).items()
     others = {n: v for n, v in given if v is not None and n not in values and v != getattr(model.parameters, n)}
+    if "foot_radius" in differ and model.foot_radius and own.foot_radius:
+        area = (own.foot_radius / model.foot_radius) ** 2
+        added = [n for n in BY_AREA if n in values and getattr(own.parameters, n, None) is None]
+        others |= {n: area * x for n in added if (x := getattr(model.parameters, n)) is not None}
     stiffer = 1.0 + values.get("bed", 0.0)
     if not differ and not others and stiffer == 1.0:
         return model
