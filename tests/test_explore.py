@@ -32,7 +32,7 @@ from jumpvision.inputs.sections import Actuation, Bed, Motor, Robot
 from jumpvision.lab import seal as seal_module
 from jumpvision.lab import write
 from jumpvision.lab.blind import AMPLITUDE, Nuisance, campaign, draw
-from jumpvision.lab.campaign import carry_out, defaults, write_campaign
+from jumpvision.lab.campaign import carry_out, defaults, write_campaign, written
 from jumpvision.lab.jumper import Law, motion_of
 from jumpvision.lab.protocol_keys import Jump, JumpSweep, jumps_of
 from jumpvision.lab.seal import answer_of, record_jump, seal, sealed_file
@@ -678,6 +678,13 @@ def test_what_is_open_of_sand_is_asked_on_sand_in_a_campaign_that_begins_on_hard
     for p in told.proposed:
         table = tomllib.loads((tmp_path / "c" / p.name / "experiment.toml").read_text(encoding="utf-8"))
         assert table["actuation"]["amplitude"] > 0.008 and "two_resistance" in table["model"]["terms"]
+        like = tomllib.loads((tmp_path / "c" / p.name / "protocol.toml").read_text(encoding="utf-8"))["like"]
+        assert like == p.like
+        true = seal_module.truth_for(tmp_path / "c", like)  # of the part that it is like
+        assert (true.header.ground, true.parameters["alpha"]) == ("granular", 73.0)
+        record_jump(tmp_path / "c", tmp_path / "c" / p.name, table["actuation"], seed=1, number=200)
+        assert handover.take_in(tmp_path / "c" / p.name).good
+    assert [p.header.ground for p in written(tmp_path / "c")] == ["hard", "granular"]
 
 
 # -- the smallest amplitude that lifts off -----------------------------------------------------------------------------

@@ -9,7 +9,9 @@ from __future__ import annotations
 import json
 import math
 import multiprocessing
+import re
 import shutil
+import tomllib
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -26,7 +28,7 @@ from jumpvision.lab.films.discs import Runner
 
 from . import write
 from .jumper import Law, Motion, Motor, Robot, Samples, motion_of
-from .protocol import Points, Protocol, critical_fraction, read_parts
+from .protocol import Points, Protocol, critical_fraction, protocol_of, read_parts
 from .protocol_keys import FILMED_BY, Intrusion, Jump
 from .recordings import of_intrusion, of_jump
 from .write import Recording, Table
@@ -48,7 +50,7 @@ def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs:
         if discs is None and p.records.grain_film and p.records.grain_film.source == "discs":
             raise InputError([f"{p.file}: [record.grain_film] source = 'discs': needs what simulates them (discs=...)"])
     text = f"# seed {seed}\n" + Path(file).read_text(encoding="utf-8-sig")
-    for p in parts if len(parts) > 1 or parts[0].part else ():
+    for p in parts if parts[0].part else ():
         text += f"\n# {p.part}\n" + p.file.read_text(encoding="utf-8-sig")
     if out.exists():
         copy = out / PROTOCOL
@@ -70,6 +72,23 @@ def write_campaign(file: Path, out: Path, *, seed: int, workers: int = 1, discs:
     brief = {name: {k: v for k, v in t.items() if k not in LONG} for name, t in true.items()}
     write.truth(out / TRUTH, told, {"experiments": brief})
     return len(work)
+
+
+def written(out: Path) -> list[Protocol]:
+    """The protocols by which a campaign was written, of its copy; several of one in parts."""
+    file = out / PROTOCOL
+    rest = file.read_text(encoding="utf-8")
+    named = re.search(r"^parts *= *\[([^]]*)\]", rest, re.MULTILINE)
+    if named is None:
+        return [protocol_of(tomllib.loads(rest), str(file))]
+    stems = [Path(n).stem for n in re.findall(r"""["']([^"']+)["']""", named[1])]
+    parts: list[Protocol] = []
+    for stem, after in zip(stems, [*stems[1:], ""]):
+        rest = rest.partition(f"\n# {stem}-\n")[2]
+        own = rest.partition(f"\n# {after}-\n")[0] if after else rest
+        first = sum(len(p.experiments) for p in parts)
+        parts.append(protocol_of(tomllib.loads(own), f"{file}: {stem}", part=f"{stem}-", first=first))
+    return parts
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from jumpvision.base.schema import InputError, closest
 
 from . import write
 from .blind import ROBOTS, Nuisance, Setting, draw
-from .campaign import PROTOCOL, carry_out, defaults, write_experiment
+from .campaign import PROTOCOL, carry_out, defaults, write_experiment, written
 from .intrusions import POWERS
 from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE, Law, Samples
-from .protocol import CAMERA_PARAMETERS, Protocol, checked, read_protocol, values_at
+from .protocol import CAMERA_PARAMETERS, Protocol, checked, values_at
 from .protocol_keys import Jump, MotorLog, Records, RodTrack
 
 
@@ -52,9 +52,9 @@ def write_blind(out: Path, *, seed: int, ground: str = "granular", workers: int 
     sealed_file(out).write_text(json.dumps(seal(answer_of(setting)), indent=1) + "\n", encoding="utf-8")
 
 
-def truth_for(out: Path) -> Protocol:
+def truth_for(out: Path, like: str = "") -> Protocol:
     """The protocol by which further jumps of a written campaign are made: of a blind one by its sealed answer, of
-    another by its own. Raises InputError where it is neither."""
+    another by its own, of one in parts by that of the experiment `like`. Raises InputError where it is neither."""
     if sealed_file(out).exists():
         answer = unseal(sealed_file(out))
         ground = tomllib.loads((out / "campaign.toml").read_text(encoding="utf-8"))["ground"]
@@ -68,7 +68,8 @@ def truth_for(out: Path) -> Protocol:
         return checked(protocol, str(sealed_file(out)))
     if not (out / PROTOCOL).exists():
         raise InputError([f"{out}: no campaign of the laboratory; give one that synth or synth blind wrote"])
-    return read_protocol(out / PROTOCOL)
+    parts = written(out)
+    return max((p for p in parts if like.startswith(p.part)), key=lambda p: len(p.part), default=parts[0])
 
 
 def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int, number: int) -> list[str]:
@@ -77,7 +78,8 @@ def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int
 
     Bed and foot are those that its experiment.toml declares, the forces of the ground as that foot feels them.
     """
-    protocol = truth_for(out)
+    like = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8")).get("like", "")
+    protocol = truth_for(out, like)
     tables = tomllib.loads((folder / "experiment.toml").read_text(encoding="utf-8"))
     robot = protocol.robot._replace(**{k: v for k, v in tables.get("robot", {}).items() if k in protocol.robot._fields})
     size = robot.foot_radius / protocol.robot.foot_radius

@@ -85,7 +85,7 @@ def prepare(
     if broken := limits.broken(law, way.motion):
         raise InputError([f"{folder}: the motor cannot do it: {b}; ask for a slower or smaller motion" for b in broken])
     motion = _actuation(law)
-    protocol = {"name": name, "duration": round(forcing.stop + AFTER, 3), "start": law.start}
+    protocol = {"name": name, "like": like.name, "duration": round(forcing.stop + AFTER, 3), "start": law.start}
     tables = {"actuation": motion, **(changes or {})}
     text = "\n\n".join([_lines(protocol), *(f"[{k}]\n{_lines(v)}" for k, v in tables.items())]) + "\n"
     t = np.arange(0.0, forcing.stop + TICK, TICK)
