@@ -29,6 +29,7 @@ from jumpvision.studies.study import studies
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)
+OFFERED = "test_another_packing_and_a_planned_motion_are_offered_recorded_and_believed"
 ELSEWHERE = {  # commands that take long or wait for somebody: the test that does the same
     "run data_samples/loose_sand --results results/loose_sand":
         "test_samples.test_jump_heights_of_the_campaign_lie_within_their_sigma",
@@ -80,6 +81,8 @@ EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
 ELSEWHERE |= {
     "explore mystery": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
     "explore mystery --laboratory": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
+    "explore CAMPAIGN --elsewhere bed.volume_fraction=0.6 --cost elsewhere=3": f"test_explore.{OFFERED}",
+    "explore CAMPAIGN --motion results/plan/plan.csv": f"test_explore.{OFFERED}",
     "explore mystery --before plan.toml --tell payload=0.01": "test_explore.test_a_planned_protocol_is_read_and_told",
 }
 ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}

@@ -561,13 +561,13 @@ def test_another_packing_and_a_planned_motion_are_offered_recorded_and_believed(
     out, results = tmp_path / "c", tmp_path / "results" / "c"
     shutil.copytree(by_packing, out)
     given = ["--workers", "1", "--no-pictures", "--level", "0.9999999", "--least", "0", "--elsewhere",
-             "bed.volume_fraction=0.61", "--motion", str(planned_motion(tmp_path / "rise.csv", 0.02, 0.1))]  # fmt: skip
+             "bed.volume_fraction=0.6", "--motion", str(planned_motion(tmp_path / "rise.csv", 0.02, 0.1))]  # fmt: skip
     assert main(["explore", str(out), *given, "--cost", "elsewhere=1e-6"]) == 0
     first = read_history(results).rounds[-1].proposed[0]
-    assert first.changes == {"bed": {"volume_fraction": 0.61}} and "volume_fraction = 0.61" in first.where
+    assert first.changes == {"bed": {"volume_fraction": 0.6}} and "volume_fraction = 0.6" in first.where
     folder = out / first.name
     protocol = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8"))
-    assert protocol["bed"] == {"volume_fraction": 0.61}
+    assert protocol["bed"] == {"volume_fraction": 0.6}
     record_jump(out, folder, protocol["actuation"], seed=1, number=101)
     assert main(["explore", str(out), *given, "--cost", "custom=1e-6"]) == 0
     last = read_history(results).rounds[-1]
