@@ -181,6 +181,8 @@ def _round(path: Path, rules: Rules, options: Options) -> list[Path]:
     history = read_history(results)
     terminal.line(f"explore: {len(asked.jumps)} jumps; weighing what could be done next")
     history, made = continued(history, asked, rules, waiting, results, options.workers or cores())
+    if waiting and history.rounds[-1].offered != rules.offered:
+        terminal.line("explore: what is offered beside the usual jumps counts once what waits is recorded or removed")
     files = write_exploration(history, results, folder_of(path).absolute().name, pictures=options.pictures)
     terminal.exploration(history.rounds[-1], [*waiting, *made], [results / "explore.json", *files], options.json)
     return [*waiting, *made]

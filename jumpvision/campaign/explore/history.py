@@ -67,7 +67,7 @@ class Round:
     measured: by what else than jumps parameters were known.
 
     end: why no more is asked for, "" where something is; proposed: what is; left_out: what could not be weighed, and
-    why.
+    why; offered: what was beside the usual jumps, in words.
     """
 
     jumps: tuple[str, ...]
@@ -78,6 +78,7 @@ class Round:
     proposed: tuple[Proposed, ...] = ()
     left_out: tuple[str, ...] = ()
     measured: tuple[str, ...] = ()
+    offered: tuple[str, ...] = ()
 
     def of(self, asked: Question) -> bool:
         """Whether it was told of what is there now."""
@@ -123,7 +124,10 @@ def read_history(folder: Path) -> History:
         for r in data["rounds"]:
             proposed = tuple(Proposed(**{**p, "separates": tuple(p["separates"])}) for p in r.pop("proposed"))
             rounds.append(
-                Round(**{**r, **{n: tuple(r.get(n, ())) for n in ("jumps", "left_out", "measured")}}, proposed=proposed)
+                Round(
+                    **{**r, **{n: tuple(r.get(n, ())) for n in ("jumps", "left_out", "measured", "offered")}},
+                    proposed=proposed,
+                )
             )
         return History(tuple(rounds))
     except (ValueError, KeyError, TypeError, AttributeError) as e:

@@ -22,7 +22,7 @@ from jumpvision.inputs.sections import Actuation, Motor
 
 from .handover import prepare, prepare_test
 from .history import History, Proposed, Round, measured_by
-from .offers import HALF_CYCLE, Changes, Limits, Place, Way, by_plan, elsewhere, every, limits_of, offer, places
+from .offers import HALF_CYCLE, Changes, Limits, Place, Way, by_plan, elsewhere, every, limits_of, offer, places, worded
 
 SEED = 1
 LARGER = "plan a smaller or slower motion, or give [motor] what it can do"
@@ -51,6 +51,11 @@ class Rules:
     tests: bool = True
     elsewhere: Sequence[Changes] = ()
     motions: Sequence[Path] = ()
+
+    @property
+    def offered(self) -> tuple[str, ...]:
+        """What is offered beside the usual jumps, in words."""
+        return (*map(worded, self.elsewhere), *(str(m.absolute()) for m in self.motions))
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ def next_round(asked: Question, rules: Rules, spent: int, workers: int = 1) -> R
     causes = {m: now.naming.probability(m) for m in now.naming.probabilities}
     models = {h.name: h.weight for h in now.held}
     names, bits = tuple(j.name for j in asked.jumps), entropy(list(models.values()))
-    told = Round(names, models, causes, bits, measured=measured_by(asked))
+    told = Round(names, models, causes, bits, measured=measured_by(asked), offered=rules.offered)
     open_causes = now.undecided(rules.level)
     if now.unexplained:
         open_causes = ["what no set of the vocabulary explains (jumpvision diagnose describes it)"]
@@ -225,11 +230,13 @@ def continued(
 ) -> tuple[History, list[Path]]:
     """(the history with this round, folders prepared now): nothing new is asked for while folders wait.
 
-    What is proposed is written down before its folders are made, and what was written down and has no folder is made.
+    What is proposed is written down before its folders are made, and what was written down and has no folder is made,
+    but for other offers now.
     """
     last = history.rounds[-1] if history.rounds else None
-    if last is None or not last.of(asked):
-        spent = history.asked_for
+    again = last is not None and last.of(asked)
+    if last is None or not again or (last.offered != rules.offered and not waiting):
+        spent = history.asked_for - (len(last.proposed) if last and again else 0)
         last = next_round(asked, rules, spent, workers)
         numbered = [
             replace(p, name=f"next-{spent + 1 + k:02d}-{p.name.replace(' ', '-')}") for k, p in enumerate(last.proposed)
