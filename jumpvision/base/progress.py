@@ -1,4 +1,4 @@
-"""Long work: its progress, and its parts in several processes, whose results come in order.
+"""Long work: its progress, and its parts: in several processes, their results in order; kept until the whole is there.
 
 The core iterates through `watch`, whoever shows it sets the hook; nothing is printed here.
 """
@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextvars import ContextVar
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 T = TypeVar("T")
 Hook = Callable[[str, int, int | None], None]  # (what, done, total)
@@ -59,6 +59,34 @@ def in_parts(function: Callable[..., Result], parts: Sequence[Part], *arguments:
                 yield waiting.popleft().result()
         finally:  # an error, or nobody asks for more
             pool.shutdown(cancel_futures=True)
+
+
+class Keeper(Protocol):
+    """Keeps finished parts of long work, by name, so that a killed run loses only what was under way."""
+
+    def has(self, name: str) -> bool:
+        """Whether a part is there."""
+
+    def get(self, name: str) -> bytes | None:
+        """A part as it was put; None where it is not there, or damaged."""
+
+    def put(self, name: str, data: bytes) -> None:
+        """Keep a part."""
+
+
+KEEPER: ContextVar[Keeper | None] = ContextVar("keeper", default=None)
+SHARE: ContextVar[tuple[int, int] | None] = ContextVar("share", default=None)  # k, n: only the k-th of n shares
+
+
+class Shared(Exception):
+    """A share of long work is done and kept, and the whole is left to who comes after; without arguments: there was
+    nothing to share."""
+
+
+def share_of(parts: Sequence[Part], share: tuple[int, int]) -> Sequence[Part]:
+    """The k-th of n shares of neighbouring parts, k from 1."""
+    k, n = share
+    return parts[len(parts) * (k - 1) // n : len(parts) * k // n]
 
 
 def one_thread() -> None:

@@ -171,7 +171,48 @@ def _hand_over(
     passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
     passed += ["--fresh-if-versions-differ"] if options.fresh_if_versions_differ else []
-    return hand_over(opened, plan, profile, options=passed, jobs=options.workers)
+    return hand_over(opened, plan, profile, options=passed, jobs=options.workers, frames=_frames(opened))
+
+
+def _frames(campaign: Campaign) -> dict[str, int]:
+    """Frames of the grain films, by experiment; of one that cannot be read its job says why."""
+    from jumpvision.inputs.sections import GrainVideo
+    from jumpvision.stages.recordings import open_film
+
+    found = {}
+    for e in campaign.experiments:
+        film = e.section(GrainVideo)
+        with contextlib.suppress(OSError, ValueError):
+            if film is not None:
+                with open_film(film) as frames:
+                    found[e.name] = len(frames)
+    return found
+
+
+def _share(path: Path, text: str, options: Options, pipeline: Path | None) -> int:
+    """One of several shares of a long grain film's pairs."""
+    from jumpvision.base.schema import InputError
+    from jumpvision.campaign.folder import results_of
+    from jumpvision.inputs.experiment import Experiment, folder_of
+    from jumpvision.workflow.run import Pipeline, Plan, read_pipeline, run_share
+
+    from . import terminal
+
+    k, _, n = text.partition("/")
+    share = (int(k), int(n)) if k.isdigit() and n.isdigit() else (0, 0)
+    if not 1 <= share[0] <= share[1] <= 10_000:
+        raise InputError([f"--share {text}: must be K/N, the K-th of N shares, e.g. 3/10"])
+    opened = _opened(path, options, (read_pipeline(pipeline) if pipeline else Pipeline()).params)
+    if not isinstance(opened, Experiment):
+        raise InputError([f"--share {text}: {path} is no experiment; give the folder of one"])
+    results = options.results or results_of(folder_of(path))
+    plan = Plan(
+        results, options.cache or results / ".cache", verify=options.verify, fresh=options.fresh_if_versions_differ
+    )
+    kept = run_share(opened, plan, "piv", share, workers=options.workers or cores())
+    what = "its pairs are kept; run without --share puts the film together" if kept else "nothing to be shared"
+    terminal.line(f"{opened.name}: share {text}: {what}")
+    return DONE
 
 
 @app.command
@@ -182,6 +223,7 @@ def run(
     pipeline: Path | None = None,
     profile: str | None = None,
     report: bool = True,
+    share: str = "",
     options: Options = OPTIONS,
 ) -> int:
     """Every stage that has inputs, for one experiment, a whole campaign or a folder of campaigns, then report.html.
@@ -199,7 +241,11 @@ def run(
         the number of jobs at a time.
     report
         Write report.html.
+    share
+        K/N: only match the K-th of N shares of an experiment's long grain film, into the cache, for several machines.
     """
+    if share:
+        return _share(path, share, options, pipeline)
     from jumpvision.campaign.folder import results_of
     from jumpvision.inputs.experiment import folder_of, folders_below
 

@@ -10,6 +10,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from jumpvision.base.schema import InputError
@@ -23,12 +24,19 @@ RULES = ["--rerun-incomplete", "--keep-going", "--scheduler", "greedy", "--noloc
 
 
 def hand_over(
-    campaign: Campaign, plan: Plan, profile: str, *, options: list[str], jobs: int | None
+    campaign: Campaign,
+    plan: Plan,
+    profile: str,
+    *,
+    options: list[str],
+    jobs: int | None,
+    frames: Mapping[str, int],
 ) -> dict[str, list[str]]:
     """Run every experiment under Snakemake; the reasons, by name, of those that failed.
 
     profile: a name in pipelines/profiles or a folder with config.yaml. options: further options of each run. jobs: at a
-    time; None: as the profile says. A handing over that was killed is taken up where it stood.
+    time; None: as the profile says. frames: of the grain films, by experiment; a long one is matched by several jobs. A
+    handing over that was killed is taken up where it stood.
     """
     program, folder = _snakemake(), _profile(profile)
     work = plan.results.absolute() / ".workflow"
@@ -38,7 +46,8 @@ def hand_over(
         results, cache = plan.results.absolute() / e.name, plan.cache.absolute()
         where = [str(e.path.absolute()), "--results", str(results), "--cache", str(cache), "--no-report"]
         calls[keys[e.name]] = [*SELF, "run", *where, "--workers", "1", *options]  # as the Snakefile says: threads 1
-    write_aside(work / "jobs.json", json.dumps(calls))
+    films = {keys[name]: n for name, n in frames.items()}
+    write_aside(work / "jobs.json", json.dumps({"calls": calls, "frames": films}))
     call = [program, "--snakefile", str(_pipelines() / "Snakefile"), "--profile", str(folder), "--directory", str(work)]
     ended = subprocess.run([*call, *RULES, *(["--jobs", str(jobs)] if jobs else [])], stdout=sys.stderr)
     reasons: dict[str, list[str]] = {}

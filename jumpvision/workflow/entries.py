@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import os
 import platform
 import shutil
@@ -171,3 +172,73 @@ def keep(
     finally:
         shutil.rmtree(aside, ignore_errors=True)
     raise AssertionError("unreachable")
+
+
+PARTS = "parts"  # stage by which parts of a long result lie in the cache
+
+
+class Parts:
+    """Finished parts of one result, entries of their own until the whole is kept (a `base.progress.Keeper`).
+
+    key: of the result; fresh: parts that other versions made are none; check: raises where the inputs are not any more
+    what the key says, before each part is kept.
+    """
+
+    def __init__(
+        self, cache: Path, stage: str, key: str, version: int, *, check: Callable[[], None], fresh: bool = False
+    ):
+        self.cache, self.whole, self.version, self.check, self.fresh = cache, f"{stage} {key}", version, check, fresh
+        self.names: set[str] = set()
+
+    def _key(self, name: str) -> str:
+        return hashlib.sha256(f"{self.whole} {name}".encode()).hexdigest()
+
+    def _receipt(self, name: str) -> Receipt:
+        receipt = receipt_of(place(self.cache, PARTS, self._key(name)))
+        if self.fresh and receipt["versions"] != versions():
+            raise FileNotFoundError
+        return receipt
+
+    def has(self, name: str) -> bool:
+        """Whether a part is there; it may still be damaged."""
+        self.names.add(name)
+        try:
+            return bool(self._receipt(name))
+        except (CorruptEntry, OSError):
+            return False
+
+    def get(self, name: str) -> bytes | None:
+        """A part as it was put; None where it is not there, or damaged."""
+        self.names.add(name)
+        key = self._key(name)
+        try:
+            self._receipt(name)
+            with opened(self.cache, PARTS, key):
+                return (place(self.cache, PARTS, key) / name).read_bytes()
+        except (CorruptEntry, OSError):
+            return None
+
+    def put(self, name: str, data: bytes) -> None:
+        """Keep a part. Raises what `check` does."""
+        self.check()
+        self.names.add(name)
+
+        def fill(folder: Path) -> None:
+            (folder / name).write_bytes(data)
+
+        keep(
+            self.cache,
+            PARTS,
+            self._key(name),
+            fill,
+            version=self.version,
+            warnings=[],
+            not_applicable=[],
+            good=lambda: self.get(name) == data,
+        )
+
+    def drop(self) -> None:
+        """Remove the parts that were asked for: the whole is kept, or they are of another recording."""
+        for name in self.names:
+            if self.has(name):
+                remove_aside(place(self.cache, PARTS, self._key(name)), self.cache)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from jumpvision.base.progress import HOOK, SPAWN, WORKERS, Hook, one_thread
+from jumpvision.base.progress import HOOK, SHARE, SPAWN, WORKERS, Hook, Shared, one_thread
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.inputs.experiment import Campaign, Experiment
@@ -27,7 +27,7 @@ from jumpvision.results.values import Summary
 
 from .entries import versions
 from .provenance import settle
-from .stage import STAGES, declared, results_stages
+from .stage import STAGES, declared, results_stages, stage_named
 from .workspace import NotCached, Step, Workspace
 
 Report = Callable[["Outcome"], None]
@@ -289,6 +289,25 @@ def _in_processes(jobs: Mapping[str, Job], workers: int, report: Callable[[str, 
             pool.shutdown(cancel_futures=True)
             raise
     return []
+
+
+def run_share(experiment: Experiment, plan: Plan, stage: str, share: tuple[int, int], *, workers: int) -> bool:
+    """The k-th of n shares of a stage's long work, kept in the cache for whoever asks for the whole; False where there
+    is nothing to share: the whole is there, or too little to be kept in parts. Raises InputError where it cannot be
+    made, and what the stage raises."""
+    output = stage_named(stage).output
+    workspace = Workspace(experiment, plan.results, plan.cache, verify=plan.verify, fresh=plan.fresh)
+    if why := workspace.missing(output):
+        raise InputError([f"{experiment.path}: {why}"])
+    tokens = SHARE.set(share), WORKERS.set(workers)
+    try:
+        workspace.make(output)
+    except Shared as e:
+        return bool(e.args)
+    finally:
+        SHARE.reset(tokens[0])
+        WORKERS.reset(tokens[1])
+    return False
 
 
 def run_single(experiment: Experiment, plan: Plan, *, workers: int, hook: Hook | None) -> Outcome:

@@ -7,9 +7,11 @@ under the hash of its inputs, parameters and version (`entries`). A recording th
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import os
+import sys
 import time
 import warnings
 from collections.abc import Mapping
@@ -17,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from jumpvision.base.progress import KEEPER, Shared
 from jumpvision.base.schema import InputError, read
 from jumpvision.base.storage import (
     ChangedFile,
@@ -36,6 +39,8 @@ from jumpvision.inputs.sections import MissingKey, NotApplicable, Section
 from . import entries
 from .entries import ATTEMPTS, CorruptEntry, Receipt
 from .stage import STAGES, Input, Stage, StageWarning
+
+FEW = 16  # files of a film: of one of more it would take long to look at all before each part is kept
 
 
 @dataclass
@@ -258,6 +263,9 @@ class Workspace:
 
     def _compute(self, made: Stage, arguments: Mapping[str, Any], key: str) -> tuple[Any, Receipt]:
         record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
+        check = functools.partial(self._read_what_was_hashed, made, FEW)
+        parts = entries.Parts(self.cache, made.name, key, made.version, check=check, fresh=self.fresh)
+        token = KEEPER.set(parts)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
             try:
@@ -266,15 +274,20 @@ class Workspace:
                 nothing_to_do = e.problems
             except MissingKey as e:
                 raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None
+            except Shared:
+                self._keep_only_of_what_was_hashed(made, parts)
+                raise
             except Exception as e:
                 e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
                 raise
+            finally:
+                KEEPER.reset(token)
         # a picture reads the film that its stage has read: its warnings are known
         notes = [str(w.message) for w in caught if issubclass(w.category, StageWarning) and not made.picture]
         for w in caught:
             if not issubclass(w.category, StageWarning):
                 warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
-        self._read_what_was_hashed(made)
+        self._keep_only_of_what_was_hashed(made, parts)
         receipt = entries.keep(
             self.cache,
             made.name,
@@ -285,6 +298,7 @@ class Workspace:
             not_applicable=nothing_to_do,
             good=lambda: self._good(key, made.output),
         )
+        parts.drop()
         if nothing_to_do:
             raise NotApplicable(nothing_to_do)
         return record, receipt
@@ -341,11 +355,20 @@ class Workspace:
         except ValueError:
             return file.as_posix()
 
-    def _read_what_was_hashed(self, made: Stage) -> None:
-        """What a stage has read is what its key says: a recording that was exchanged meanwhile is another one."""
+    def _keep_only_of_what_was_hashed(self, made: Stage, parts: entries.Parts) -> None:
+        try:
+            self._read_what_was_hashed(made)
+        except InputError:
+            parts.drop()
+            raise
+
+    def _read_what_was_hashed(self, made: Stage, most: int = sys.maxsize) -> None:
+        """What a stage has read is what its key says: a recording that was exchanged meanwhile is another one. most:
+        files of a recording that are looked at, else none."""
         for i in made.inputs:
             section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
-            for f, at in self._read.get(getattr(section, "path", None), {}).items():  # type: ignore[arg-type]
+            files = self._read.get(getattr(section, "path", None), {})  # type: ignore[arg-type]
+            for f, at in files.items() if len(files) <= most else ():
                 try:
                     same = stamp(f) == at or sha256(f) == self.inputs[self._relative(f)]
                 except OSError:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
-from jumpvision.base.progress import WORKERS, in_parts, watch
+from jumpvision.base.progress import KEEPER, SHARE, WORKERS, Shared, in_parts, share_of, watch
 from jumpvision.frames import Film
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.parameters import PivParams, of_keywords
@@ -21,7 +21,7 @@ from jumpvision.results.fields import Piv
 from jumpvision.stages.recordings import open_grains
 from jumpvision.vision.foot_face import FootTrack, track_foot
 from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, vector_places
-from jumpvision.vision.piv.pair import MEASURED, REASONS, VectorField
+from jumpvision.vision.piv.pair import MEASURED, REASONS, VectorField, packed, unpacked
 from jumpvision.workflow.stage import StageWarning, stage
 
 from .light import Light, light_of
@@ -30,6 +30,8 @@ from .vectors import foreign_field
 
 UNEVEN = 0.02  # of the time between frames
 PART, LONG = 16, 64  # pairs a process matches at a time; from so many on several processes are worth their start
+KEPT = 512  # pairs: from so many on finished parts are kept, for a run that is killed or shared
+FOOT = "foot.npz"  # the part that is kept of a foot
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
@@ -114,32 +116,63 @@ class Job(NamedTuple):
             **matching(p),
         )
 
+    def part(self, frames: Film, usable: Usable | None, part: tuple[int, int]) -> list[VectorField]:
+        """Fields of the pairs whose first frame is from part[0] on, before part[1]."""
+        first, end = part
+        last = min(end - self.stride + self.p.gap + 1, len(frames))
+        return list(self.fields((frames[i] for i in range(first, last)), first, usable))
+
 
 def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorField]:
-    """Fields of all pairs; those of a long film by several processes, PART pairs at a time."""
+    """Fields of all pairs; those of a long film PART pairs at a time, by several processes, kept as they come.
+
+    Raises Shared where only a share of them was asked for.
+    """
     p, stride = job.p, job.stride
     pairs = (len(frames) - p.gap - 1) // stride + 1
-    part = p.ensemble * max(1, PART // p.ensemble)
-    if p.baseline > 1 or pairs < LONG or WORKERS.get() == 1:  # longer baselines reach beyond a part
+    size = p.ensemble * max(1, PART // p.ensemble)
+    keeper, share, workers = KEEPER.get(), SHARE.get(), WORKERS.get()
+    keeper = keeper if pairs >= KEPT else None
+    alone = keeper is None and (workers == 1 or pairs < LONG)
+    if p.baseline > 1 or alone:  # longer baselines reach beyond a part
+        if share is not None:
+            raise Shared
         yield from job.fields(watch(frames, "frames matched", len(frames)), 0, usable)
         return
-    parts = [(first * stride, min(first + part, pairs) * stride) for first in range(0, pairs, part)]
-    for fields in watch(in_parts(_part, parts, job), "parts matched", len(parts)):
-        yield from fields
+    parts = [(first * stride, min(first + size, pairs) * stride) for first in range(0, pairs, size)]
+    if share is not None:
+        parts = list(share_of(parts, share))
+    there = {part for part in parts if keeper is not None and keeper.has(named(part))}
+    left = [part for part in parts if part not in there]
+    made = in_parts(_part, left, job) if workers > 1 else (job.part(frames, usable, part) for part in left)
+    for part in watch(parts, "parts matched", len(parts)):
+        data = keeper.get(named(part)) if keeper is not None and part in there and share is None else None
+        if data is not None:
+            yield from unpacked(data)
+        elif part not in there or share is None:
+            fields = next(made) if part not in there else job.part(frames, usable, part)  # else: damaged
+            if keeper is not None:
+                keeper.put(named(part), packed(fields))
+            yield from fields
+    if share is not None:
+        raise Shared("piv")
+
+
+def named(part: tuple[int, int]) -> str:
+    """Of a part that is kept."""
+    return f"frames-{part[0]}-{part[1]}.npz"
 
 
 def _part(part: tuple[int, int], job: Job) -> list[VectorField]:
-    """Fields of the pairs whose first frame is from part[0] on, before part[1]."""
-    first, end = part
+    """`Job.part` in a process of its own."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said where the film was opened first
         frames, film = open_grains(job.given, job.calibration)
     with frames:
-        last = min(end - job.stride + job.p.gap + 1, len(frames))
         usable = both(
             foot_mask(job.foot, frames.shape, film, job.robot), drawn_mask(job.given, job.mask, job.calibration)
         )
-        return list(job.fields((frames[i] for i in range(first, last)), first, usable))
+        return job.part(frames, usable, part)
 
 
 def matching(p: PivParams) -> dict[str, Any]:
@@ -159,14 +192,21 @@ def follow_foot(frames: Film, film: GrainVideo, robot: Robot | None, p: PivParam
             f"[{lowest}, {highest}] px, the column inside the {frames.shape[1]} columns of the film"
         )
     half = half_width(film, robot)
-    found = track_foot(
-        watch(frames, "frames searched for the foot", len(frames)),
-        row=film.foot_row,
-        column=film.axis_column,
-        half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
-        depth=p.foot_rows,
-        search=FOOT_SEARCH,
-    )
+    keeper = KEEPER.get() if len(frames) >= KEPT else None
+    known = keeper.get(FOOT) if keeper is not None else None
+    if known is not None:
+        found = FootTrack.of_bytes(known)
+    else:
+        found = track_foot(
+            watch(frames, "frames searched for the foot", len(frames)),
+            row=film.foot_row,
+            column=film.axis_column,
+            half_width=min(0.8 * half, frames.shape[1] / 2) if half else frames.shape[1] / 4,
+            depth=p.foot_rows,
+            search=FOOT_SEARCH,
+        )
+    if keeper is not None and known is None:
+        keeper.put(FOOT, found.as_bytes())
     lost = np.flatnonzero(~np.isfinite(found.row))
     if lost.size:
         warnings.warn(f"foot lost in {lost.size} of {len(frames)} frames (first {lost[0]})", StageWarning, stacklevel=2)

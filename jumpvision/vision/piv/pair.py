@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
+import io
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -118,6 +119,26 @@ class VectorField:
     v_raw: Array
     gradient: Array  # (2, 2, ny, nx) [1], [[u_x, u_y], [v_x, v_y]] fitted inside the window, NaN where not measured
     gradient_sigma: Array  # (2, 2, ny, nx) [1], standard uncertainty
+
+
+HELD = "u", "v", "u_sigma", "v_sigma", "correlation", "reason", "u_raw", "v_raw"  # of a field that is kept
+
+
+def packed(fields: Sequence[VectorField]) -> bytes:
+    """Fields of one grid as bytes, without their gradients."""
+    planes: dict[str, Any] = {n: np.stack([getattr(f, n) for f in fields]) for n in HELD}
+    out = io.BytesIO()
+    np.savez_compressed(out, x=fields[0].x, y=fields[0].y, **planes)
+    return out.getvalue()
+
+
+def unpacked(data: bytes) -> Iterator[VectorField]:
+    """The fields of `packed`."""
+    none = np.empty((2, 2, 0, 0))
+    with np.load(io.BytesIO(data)) as kept:
+        planes, x, y = {n: kept[n] for n in HELD}, kept["x"], kept["y"]
+    for k in range(len(planes["u"])):
+        yield VectorField(x, y, **{n: a[k] for n, a in planes.items()}, gradient=none, gradient_sigma=none)
 
 
 AGREE = 3.0  # standard uncertainties that two baselines may differ by
