@@ -26,6 +26,22 @@ file = "rod_track.csv"
 """
 
 
+def grain_film(folder: Path, frames: int) -> Path:
+    """An experiment with a film of grains that move by 0.7 px a frame, over a frame of 48 x 48 px."""
+    from scipy import ndimage
+
+    rng = np.random.default_rng(4)
+    wide = ndimage.gaussian_filter(rng.standard_normal((48, 60)), 1.5)
+    wide = 120 + 60 * wide / wide.std()
+    few = [ndimage.shift(wide, (0.0, -0.7 * i), order=3)[:, :48] for i in range(12)]
+    folder.mkdir(parents=True)
+    np.save(folder / "grains.npy", np.clip(few, 0, 255).astype(np.uint8)[np.arange(frames) % 12])
+    (folder / "experiment.toml").write_text(
+        '[grain_video]\nfile = "grains.npy"\nframe_rate = 500.0\nscale = 1e-4\n[params.piv]\nwindow = 16\nstep = 8\n'
+    )
+    return folder
+
+
 def write_campaign(root: Path, n: int, *, seed: int = 1) -> Path:
     """n experiments, each a flight with noise of 20 um at 200 Hz in a table; no films, no [model]."""
     root.mkdir(parents=True)

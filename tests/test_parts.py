@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from fault_lab import grain_film
 from scipy import ndimage
 
 from jumpvision.base.progress import WORKERS, in_parts
@@ -72,20 +73,6 @@ def test_a_long_film_matched_by_two_processes_is_as_by_one(tmp_path):
 
 
 # -- parts that are kept -----------------------------------------------------------------------------------------------
-
-
-def grain_film(folder: Path, frames: int) -> Path:
-    """An experiment with a film of grains that move by 0.7 px a frame, over a frame of 48 x 48 px."""
-    rng = np.random.default_rng(4)
-    wide = ndimage.gaussian_filter(rng.standard_normal((48, 60)), 1.5)
-    wide = 120 + 60 * wide / wide.std()
-    moved = [ndimage.shift(wide, (0.0, -0.7 * (i % 12)), order=3)[:, :48] for i in range(frames)]
-    folder.mkdir(parents=True)
-    np.save(folder / "grains.npy", np.clip(moved, 0, 255).astype(np.uint8))
-    (folder / "experiment.toml").write_text(
-        '[grain_video]\nfile = "grains.npy"\nframe_rate = 500.0\nscale = 1e-4\n[params.piv]\nwindow = 16\nstep = 8\n'
-    )
-    return folder
 
 
 @pytest.fixture
