@@ -126,7 +126,7 @@ HELD = "u", "v", "u_sigma", "v_sigma", "correlation", "reason", "u_raw", "v_raw"
 
 def packed(fields: Sequence[VectorField]) -> bytes:
     """Fields of one grid as bytes, without their gradients."""
-    planes: dict[str, Any] = {n: np.stack([getattr(f, n) for f in fields]) for n in HELD}
+    planes: Any = {n: np.stack([getattr(f, n) for f in fields]) for n in HELD}
     out = io.BytesIO()
     np.savez_compressed(out, x=fields[0].x, y=fields[0].y, **planes)
     return out.getvalue()
