@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from test_ball import BACK, CONTRAST, ball_image, camera
 
+from jumpvision.cli import main
 from jumpvision.frames import open_frames
 from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.sections import NotApplicable
@@ -85,6 +86,32 @@ def test_two_balls_of_an_experiment_give_two_tables(tmp_path):
         assert np.nanmax(np.abs(table.y_px - truth[1][1])) < 0.1
         assert list(table.columns) == list(made.table.columns)
     assert np.ptp(made.others[0].height_m.dropna()) < 1e-4 < np.ptp(made.good.height_m)
+
+
+def test_a_film_without_a_scale_is_tracked_in_pixels(tmp_path, capsys):
+    """The same places as with a scale; no heights, no rod and no shifts of the exposure; a jump still needs one."""
+    frames, (_, rod_y), _ = two_balls(np.random.default_rng(7), crossing=False)
+    scaled, plain = tmp_path / "scaled", tmp_path / "plain"
+    for folder, more in ((scaled, "scale = 1e-3\n"), (plain, "")):
+        folder.mkdir()
+        film_file(folder / "ball.avi", frames)
+        own = f'[rod_video]\nfile = "ball.avi"\nexposure = 1e-4\nframe_rate = 200.0\n{more}'
+        (folder / "experiment.toml").write_text(own + "[params.track]\nseed = [38, 30]\ndiameter = 14\n")
+    assert main(["check", str(plain)]) == 0
+    assert "[rod_video] scale: missing: the track will be in px alone" in capsys.readouterr().err
+    for folder in (scaled, plain):
+        assert main(["run", str(folder), "--results", str(tmp_path / "r" / folder.name), "--no-report"]) == 0
+    assert "rod needs [rod_video] scale: the track is in px alone" in capsys.readouterr().err
+    there, here = (Track.load(tmp_path / "r" / n).table for n in ("scaled", "plain"))
+    for column in ("x_px", "y_px", "sigma_px"):
+        assert np.array_equal(there[column], here[column], equal_nan=True)
+    assert here.height_m.isna().all() and here.sigma_m.isna().all() and np.nanmax(np.abs(here.y_px - rod_y)) < 0.1
+    assert not (tmp_path / "r" / "plain" / "rod.csv").exists() and (tmp_path / "r" / "plain" / "track.png").exists()
+    with (plain / "experiment.toml").open("a") as file:
+        file.write('[actuation]\nkind = "single"\nfrequency = 8.0\namplitude = 0.01\n')
+    assert main(["check", str(plain)]) == 2
+    assert main(["track", str(plain), "--results", str(tmp_path / "jump")]) == 1
+    assert "[rod_video] scale: missing; give scale" in capsys.readouterr().err
 
 
 def test_a_film_tracked_while_it_is_decoded_is_the_film_tracked_afterwards(tmp_path):

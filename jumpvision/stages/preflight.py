@@ -42,7 +42,7 @@ from jumpvision.inputs.sections import (
 )
 from jumpvision.workflow.stage import StageWarning
 
-from .recordings import NOWHERE, bare_view, open_film, open_pictures
+from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import from_table, other_spring, read_motor, total_mass
 from .spring import read_spring
 
@@ -106,14 +106,21 @@ def _sections(e: Experiment, found: Found) -> None:
     """Keys that a stage needs."""
     calibration, law = e.section(Calibration), e.section(Actuation)
     for kind in (RodVideo, CraterImage):
-        if (film := e.section(kind)) is not None:
-            found.ask(partial(bare_view, calibration, film, NOWHERE))
+        if (film := e.section(kind)) is None:
+            continue
+        if kind is RodVideo and in_pixels(film, calibration) and not OF_A_JUMP & e.sections.keys():
+            found.warnings.append(
+                "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
+            )
+            continue
+        found.ask(partial(bare_view, calibration, film, NOWHERE))
     if law is not None and law.moves and (e.section(ModelSpec) or e.section(MotorLog) or e.section(RodTrack)):
         found.ask(lambda: need(law, "frequency", "amplitude"))
     if e.section(ModelSpec) is not None and (robot := e.section(Robot)) is not None:
         found.ask(lambda: need(robot, "motor_mass", "rod_mass", "spring_stiffness"))
 
 
+OF_A_JUMP = {k.name for k in (Actuation, Robot, MotorLog, BedImage, GrainVideo)}  # beside these heights are wanted
 OPENED = {RodVideo: open_film, GrainVideo: open_film, BedImage: open_pictures, CraterImage: open_pictures}
 
 

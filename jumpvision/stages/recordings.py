@@ -147,6 +147,11 @@ Filmed = RodVideo | BedImage | CraterImage | GrainVideo
 LARGEST_MISS = 2.0  # px rms of the marks, beyond which a wrong mark is more likely than a careless click
 
 
+def in_pixels(film: RodVideo, calibration: Calibration | None) -> bool:
+    """Whether nothing says how many metres a pixel shows."""
+    return film.scale is None and not (calibration and calibration.marks)
+
+
 def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, int]) -> Camera:
     """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
     view = bare_view(calibration, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))

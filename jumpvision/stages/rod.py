@@ -13,7 +13,7 @@ from jumpvision.estimate.estimate import independent
 from jumpvision.estimate.height import at_rest
 from jumpvision.estimate.mean import difference_noise
 from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.sections import Actuation, MotorLog, Robot, RodTrack, need
+from jumpvision.inputs.sections import Actuation, MotorLog, NotApplicable, Robot, RodTrack, need
 from jumpvision.physics.forcing import Forcing, delayed, sinusoid
 from jumpvision.results.tables import RodMotion, Track
 from jumpvision.workflow.stage import stage
@@ -29,6 +29,10 @@ def rod(track: Track | None, table: RodTrack | None, actuation: Actuation | None
     The film's good frames where there is a film, else the table; at rest is before the motor starts.
     """
     if track is not None:
+        if not track.good.empty and track.good.height_m.isna().all():
+            raise NotApplicable(
+                ["rod needs [rod_video] scale: the track is in px alone; give scale (metres per pixel)"]
+            )
         kept = [c for c in track.table if c in RodMotion.columns + RodMotion.further]
         return RodMotion(track.good[kept].reset_index(drop=True))
     assert table is not None

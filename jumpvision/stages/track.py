@@ -25,7 +25,7 @@ from jumpvision.vision.camera import Camera
 from jumpvision.workflow.stage import StageWarning, stage
 
 from .bodies import of_arrays as of_arrays  # jv.track of frames
-from .recordings import height_share, open_film, other_lens, view_of, with_common
+from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
 
 SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
 
@@ -42,8 +42,15 @@ def track(
     """Ball on the rod in every frame of [rod_video]: position [px], height [m], their uncertainties, a flag.
 
     Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN. Where [rod_corrections]
-    gives a frame, that is taken and marked, with what was found kept beside it.
+    gives a frame, that is taken and marked, with what was found kept beside it. Without a scale, and without a motor
+    whose jump is to be measured, positions are in px alone: heights are NaN.
     """
+    if in_pixels(film, calibration) and (actuation is None or actuation.kind == "none"):
+        blind = replace(film, scale=SCALE_OF_PIXELS, ball_diameter=None)
+        motions, _ = from_film(blind, calibration, replace(p, exposure_correction="none"), corrections)
+        unknown = dict.fromkeys(("height_m", "sigma_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m"), np.nan)
+        first, *others = (m.assign(**{c: x for c, x in unknown.items() if c in m}) for m in motions)
+        return Track(first, tuple(others))
     motions, share = from_film(film, calibration, p, corrections)
     first, *others = (with_common(with_rest_zero(motion, actuation), share) for motion in motions)
     return Track(first, tuple(others))

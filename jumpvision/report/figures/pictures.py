@@ -86,12 +86,14 @@ def drawn(draw: Callable[..., Any], *data: Any) -> bytes:
         return png(draw(*data, Figure))
 
 
-@stage(version=2, picture=True)
+@stage(version=3, picture=True)
 def track_picture(track: Track, film: RodVideo) -> TrackPicture:
-    """The ball where it was found, and its height against time with the lost frames marked."""
+    """The ball where it was found, and its height, or its place in px, against time with the lost frames marked."""
     t, good = track.table, track.good
+    metric = bool(good.height_m.notna().any())
+    place = t.height_m * 1e3 if metric else t.y_px
     with open_film(film) as frames:
-        top = int(good.height_m.idxmax())
+        top = int(good.height_m.idxmax() if metric else good.y_px.idxmin())
         image = frames[int(t.frame[top])]
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.6), layout="constrained")
@@ -101,15 +103,19 @@ def track_picture(track: Track, film: RodVideo) -> TrackPicture:
         left.plot(t.x_px[top], t.y_px[top], "+", color=MEASURED, ms=9, mew=1.5)
         left.set(title=f"frame {int(t.frame[top])} and path", xlabel="column [px]", ylabel="row [px]")
         left.grid(False)
-        right.errorbar(t.time_s, t.height_m * 1e3, t.sigma_m * 1e3, fmt=".", ms=2.5, lw=0.6, color=MEASURED)
-        lost = t[t.height_m.isna()]
+        error = t.sigma_m * 1e3 if metric else t.sigma_px
+        right.errorbar(t.time_s, place, error, fmt=".", ms=2.5, lw=0.6, color=MEASURED)
+        if not metric:
+            right.invert_yaxis()  # rows are counted down
+        lost = t[place.isna()]
         if len(lost):
             right.plot(
                 lost.time_s, np.full(len(lost), right.get_ylim()[0]), "|", color=MODEL, label=f"{len(lost)} frames lost"
             )
             right.legend()
         sigma = float(np.median(good.sigma_px))
-        right.set(title=f"rod height, median σ {sigma:.3f} px", xlabel="time [s]", ylabel="height above rest [mm]")
+        name, axis = ("rod height", "height above rest [mm]") if metric else ("ball", "row [px]")
+        right.set(title=f"{name}, median σ {sigma:.3f} px", xlabel="time [s]", ylabel=axis)
         return TrackPicture(png(figure))
 
 
