@@ -513,6 +513,7 @@ def test_laboratory_shares_nothing_with_the_analysis():
         "json",
         "tempfile",
         "pathlib",
+        "re",
         "sys",
         "fractions",
         "itertools",
