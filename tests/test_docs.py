@@ -66,7 +66,7 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
     "demo":
         "test_demo.test_the_command_prints_the_address_serves_and_stops_on_interrupt",
     "demo --export jumper_page": "test_demo.test_the_command_writes_the_page_to_a_folder",
-    "sweep hard --analysis comparison --campaign my_campaign":
+    "sweep hard --analysis comparison --campaign CAMPAIGN":
         "test_hard_compare.test_the_command_writes_a_file_a_figure_and_a_table",
     "synth samples my_samples":
         "test_lab.test_samples_are_never_written_over",
@@ -79,6 +79,7 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
 }  # fmt: skip
 EACH = "test_sweep.test_every_analysis_gives_a_file_a_figure_and_numbers"
 ELSEWHERE |= {
+    "synth blind mystery --seed 7": "test_lab_blind.test_the_game_on_disk",
     "explore mystery": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
     "explore mystery --laboratory": "test_explore.test_it_tells_twins_apart_and_takes_up_a_killed_call",
     "explore CAMPAIGN --elsewhere bed.volume_fraction=0.6 --cost elsewhere=3": f"test_explore.{OFFERED}",
