@@ -530,6 +530,9 @@ def test_a_packing_the_campaign_has_not_has_the_forces_of_its_laws(by_packing, m
     small = model({"robot": {"foot_radius": 0.008}})
     assert small.parameters.k1 == pytest.approx((1800 + 1 / 7 * 2800) / 4) and small.foot_radius == 0.008
     assert model({"robot": {"spring_stiffness": 4000.0}}).k_s == 4000.0
+    measured = replace(like, sections={**like.sections, "bed": replace(like.section(Bed), volume_fraction=None)})
+    softer = elsewhere(measured, jump_on(like), {"robot": {"spring_stiffness": 4000.0}}, (), first=True).base.model
+    assert (softer.volume_fraction, softer.parameters.k1) == (0.57, jump_on(like).model.parameters.k1)
     assert model({"bed": {"volume_fraction": 0.61}}, ["k1"]).startswith("bed.volume_fraction = 0.61: k1 is fitted")
     for changes, said in (
         ({"bed": {"volume_fraction": 0.66}}, "phi = 0.66 is outside 0.56 to 0.63"),

@@ -195,6 +195,8 @@ def elsewhere(like: Experiment, base: Jump, changes: Changes, fitted: Sequence[s
         )
     if problems:
         raise InputError(problems)
+    if (section := sections.get("bed")) is not None and section.volume_fraction is None:  # measured
+        sections["bed"] = replace(section, volume_fraction=base.model.volume_fraction)
     there = replace(like, sections=sections)
     robot = there.section(Robot)
     assert robot is not None  # a jump's
