@@ -51,5 +51,6 @@ def _open(axis: Any, rounds: Sequence[Round]) -> None:
         axis.plot(len(later.jumps), expected, "D", color=MODEL, ms=4, mfc="none")
     if len(rounds) > 1:
         axis.plot([], [], "D:", color=MODEL, ms=4, mfc="none", lw=1.2, label="as expected before")
-    axis.set(xlabel="jumps known", ylabel="which model is right: open [bits]", xticks=n, ylim=(0.0, None))
+    top = max(0.1, *(1.08 * r.entropy_bits for r in rounds))  # a thousandth of a bit is nothing
+    axis.set(xlabel="jumps known", ylabel="which model is right: open [bits]", xticks=n, ylim=(0.0, top))
     axis.legend(fontsize=8)
