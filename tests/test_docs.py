@@ -47,8 +47,6 @@ ELSEWHERE = {  # commands that take long or wait for somebody: the test that doe
         "test_figures.test_the_same_results_give_the_same_files",
     "init my_jumps/stutter-8.2Hz-1 --pick":
         "test_workbench.test_init_pick_writes_what_is_known_and_opens_the_workbench",
-    "init my_jumps/stutter-8.2Hz-1 --marks 12,40,12,540 --distance-mm 250 --ball 25,101":
-        "test_init.test_marks_foot_and_floor_become_scale_and_positions",
     "completion bash --install":
         "test_doctor.test_installing_writes_into_the_home_folder_alone",
     "dem --bed hexagonal --beds 1":

@@ -236,6 +236,7 @@ def plan(
     *,
     ground: str,
     apex: float | None = None,
+    clear: str = "",
     experiment: Path | None = None,
     model: Path | None = None,
     objective: str = "effort",
@@ -252,7 +253,9 @@ def plan(
     ground
         hard or granular.
     apex
-        Height of the rod over rest to reach [m]; without it the highest jump.
+        Height of the rod over rest to reach [m]; without it, and without --clear, the highest jump.
+    clear
+        HEIGHT:SECONDS, e.g. 0.02:0.1: over an obstacle; the foot is above HEIGHT [m] for so long.
     experiment
         An experiment.toml, or its folder, that gives robot, motor and model; default: the thesis' robot.
     model
@@ -266,15 +269,18 @@ def plan(
     from dataclasses import asdict
 
     from jumpvision.inputs.overrides import overrides_of
-    from jumpvision.studies.plan import check_call, make_plan, message, planned_robot, seeded, write
+    from jumpvision.studies.plan import check_call, make_plan, message, obstacle_of, planned_robot, seeded, write
 
     from . import terminal as show
 
     given = {name: value for name, value in asdict(limits).items() if value is not None}
-    check_call(ground, apex, given)
+    over = obstacle_of(clear)
+    check_call(ground, apex, given, over)
     robot = planned_robot(ground, experiment, model, {n: t for n, t in overrides_of(output.settings).items() if t})
     show.line(f"planning for {robot.name} ...")
-    planned = make_plan(robot, apex, objective=objective, motion=motion, limits=given, say=show.line, rng=seeded())
+    planned = make_plan(
+        robot, apex, objective=objective, motion=motion, limits=given, say=show.line, rng=seeded(), over=over
+    )
     results, numbers = output.results, asdict(planned.numbers)
     files = write(planned, results)
     if output.pictures:

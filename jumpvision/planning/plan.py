@@ -18,7 +18,7 @@ from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import Motion, beyond_seen, equilibrium, simulate
 
 from .jumper import AIR, INTRUDE, STUCK, Drive, Jumper
-from .solve import Solution, Solver, guessed, starts
+from .solve import Solution, Solver, falling, guessed, starts
 from .transcription import OBJECTIVES, SYMBOLS, Guess, Limits, Programme
 
 MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -31,6 +31,8 @@ MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
 NEEDS = {("hop", "granular"): "reintrusion_overshoot", ("stop-go", "granular"): "stop_go_overshoot"}
 ACCURATE = 5e-6  # m, between target and re-simulated apex, at which the corrections end
 CORRECTIONS = 4
+PUNCTUAL = 2e-4  # s, of the time above an obstacle
+SOUGHT, BOLD = 16, 2.0  # jumps tried for that time; steps beyond what free flight asks, to have it between two
 TRIES = 3  # starts before the highest apex is asked for
 FOLLOWED = (1, 4)  # steps from one target to the next
 SWEEPS, LOWER = 4, 1e-3  # over the targets at most; of the objective, that a neighbour's plan must save
@@ -118,6 +120,29 @@ class Planner:
                 return self._plan("failed", apex, best, began)
         return self._corrected(apex, solution, solver, began)
 
+    def clear(self, height: float, seconds: float) -> Plan:
+        """The jump whose foot is above an obstacle of this height [m] for this time [s], within PUNCTUAL.
+
+        Its apex is sought: by free flight (the square of the time grows by 8/g times the apex) until jumps too low and
+        too high are known, then between these, by turns at the chord and at the middle.
+        """
+        g = self.model.g
+        apex = height + g * seconds**2 / 8.0
+        low: tuple[float, float] | None = None
+        high: tuple[float, float] | None = None
+        for n in range(SOUGHT):
+            plan = self.plan(apex)
+            found = above(plan.motion, height)
+            if plan.status != "solved" or abs(found - seconds) < PUNCTUAL:
+                return plan
+            low, high = ((apex, found), high) if found < seconds else (low, (apex, found))
+            if low is None or high is None:
+                apex += BOLD * g * (seconds**2 - found**2) / 8.0
+            else:
+                share = (seconds - low[1]) / (high[1] - low[1]) if n % 2 else 0.5
+                apex = low[0] + share * (high[0] - low[0])
+        return replace(plan, status="failed")
+
     def plans(self, targets: Sequence[float]) -> list[Plan | None]:
         """Jumps to several apexes [m], increasing, that shift from one to the next; None: not found.
 
@@ -190,7 +215,7 @@ class Planner:
         """The motion under a command by the simulator, and its apex over rest [m]; model: another than the plan's."""
         d = self.drive
         forcing = Loop(command, d.kp, d.kd, self.limits.max_force) if d.kp > 0 else command
-        t = np.linspace(0.0, command.stop + 0.6, 1201)
+        t = np.linspace(0.0, command.stop + max(0.6, falling(self.model.g)), 1201)
         motion = simulate(model or self.model, forcing, t=t, rtol=1e-8, atol=1e-10)
         return motion, self._risen(motion) if self.motion == "stick" else motion.jump_height
 
@@ -252,6 +277,21 @@ class Planner:
             s.seconds,
             time.perf_counter() - began,
         )
+
+
+def above(motion: Motion, height: float) -> float:
+    """The longest time [s] that the foot of a motion is above a height [m] over the ground."""
+    t, over = motion.t, motion.foot - height
+    high = np.concatenate([[False], over > 0.0, [False]])
+    rises, falls = np.flatnonzero(~high[:-1] & high[1:]), np.flatnonzero(high[:-1] & ~high[1:])
+
+    def crossing(i: int) -> float:
+        """Between samples i - 1 and i; the end of the motion where there is none."""
+        if not 0 < i < t.size:
+            return float(t[min(i, t.size - 1)])
+        return float(t[i - 1] - over[i - 1] * (t[i] - t[i - 1]) / (over[i] - over[i - 1]))
+
+    return max((crossing(int(b)) - crossing(int(a)) for a, b in zip(rises, falls)), default=0.0)
 
 
 def drawn(model: Model, sigma: Mapping[str, float], rng: np.random.Generator) -> Model:

@@ -47,6 +47,14 @@ def starts(jumper: Jumper, apex: float, stroke: float) -> Iterator[Segments]:
                 yield sinusoid(pace * rate / (2 * math.pi), min(size * usual, 0.5 * stroke), phase, cycles)
 
 
+HIGH = 0.05  # m, of a jump
+
+
+def falling(gravity: float, apex: float = HIGH) -> float:
+    """Time [s] in which a jump is surely over under weak gravity: three of its falls."""
+    return 3.0 * math.sqrt(2.0 * apex / gravity)
+
+
 def guessed(jumper: Jumper, sequence: tuple[str, ...], command: Forcing) -> Guess:
     """The guess that a command makes: its simulated motion, cut at the events into the phases of the sequence.
 
@@ -54,7 +62,7 @@ def guessed(jumper: Jumper, sequence: tuple[str, ...], command: Forcing) -> Gues
     """
     d, m = jumper.drive, jumper.model
     swing = 2 * math.pi * math.sqrt(m.M / m.k_s)
-    t = np.arange(0.0, command.stop + 3 * swing, STEP)
+    t = np.arange(0.0, command.stop + max(3 * swing, falling(m.g)), STEP)
     motion = simulate(m, Loop(command, d.kp, d.kd) if d.kp > 0 else command, t=t, rtol=1e-7, atol=1e-9)
     X = motion.motor - motion.rod
     speed, ratio = np.gradient(X, t), m.m_m / m.M
@@ -201,6 +209,8 @@ class Solver:
         stroke = min(limits.stroke, WIDEST)
         for kind, least, most in (("T", SHORTEST, LONGEST * swing), ("low", -stroke, 0.0), ("work", 0.0, math.inf)):
             lbx[self.places[kind]], ubx[self.places[kind]] = least, most
+        flights = [i for i in self.places["T"] if p.sequence[p.unknowns[i].phase] == AIR]
+        ubx[flights] = max(LONGEST * swing, falling(p.jumper.model.g, WIDEST if apex is None else apex))
         table = limits.bounds() | {"apex": (-math.inf, math.inf) if apex is None else (apex, apex)}
         low = np.array([table[r.name][0] if r.name else r.low for r in p.rows])
         high = np.array([table[r.name][1] if r.name else r.high for r in p.rows])

@@ -64,6 +64,9 @@ class PlanNumbers:
     limits: dict[str, float]
     duration_s: float
     phases_s: dict[str, float]
+    clear_m: float | None = None  # of an obstacle
+    clear_s: float | None = None  # that the foot is to be above it, and is in the re-simulation
+    resimulated_clear_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -75,9 +78,25 @@ class Planned:
     numbers: PlanNumbers
 
 
-def check_call(ground: str, apex: float | None, limits: Mapping[str, float]) -> None:
+Obstacle = tuple[float, float]  # height [m], time that the foot is to be above it [s]
+
+
+def obstacle_of(text: str) -> Obstacle | None:
+    """HEIGHT:SECONDS; None for "". Raises InputError for anything else."""
+    try:
+        height, seconds = (float(x) for x in text.split(":")) if text else (1.0, 1.0)
+    except ValueError:
+        height = seconds = math.nan
+    if not (0 < height < math.inf and 0 < seconds < math.inf):
+        raise InputError([f"--clear {text}: must be HEIGHT:SECONDS, both > 0 (metres and seconds, e.g. 0.02:0.1)"])
+    return (height, seconds) if text else None
+
+
+def check_call(ground: str, apex: float | None, limits: Mapping[str, float], over: Obstacle | None = None) -> None:
     """InputError for a ground, an apex or a limit that cannot be."""
     problems = []
+    if apex is not None and over is not None:
+        problems.append("--apex and --clear: give one of them")
     if ground not in GROUNDS:
         problems.append(f"--ground {ground}: must be one of {', '.join(GROUNDS)}")
     if apex is not None and not 0 < apex < math.inf:
@@ -133,11 +152,13 @@ def make_plan(
     limits: Mapping[str, float],
     say: Callable[[str], None],
     rng: np.random.Generator,
+    over: Obstacle | None = None,
 ) -> Planned:
-    """The plan of a jump; apex None: the highest. limits: by name, they replace the motor's."""
+    """The plan of a jump to an apex, or `over` an obstacle; neither: the highest. limits: by name, they replace the
+    motor's."""
     try:
         from jumpvision.planning.jumper import Drive
-        from jumpvision.planning.plan import Planner, apexes
+        from jumpvision.planning.plan import Planner, above, apexes
         from jumpvision.planning.transcription import Limits
     except ImportError:
         raise InputError(["plan: needs CasADi; install it with pip install 'jumpvision[plan]'"]) from None
@@ -147,7 +168,10 @@ def make_plan(
     if drive.kp == 0:
         say("no [motor] kp: the motor is taken to be where its command says")
     planner = Planner(robot.model, drive, Limits(**(own | dict(limits))), objective, motion, say)
-    plan = planner.highest() if apex is None else planner.plan(apex)
+    if over is not None:
+        plan = planner.clear(*over)
+    else:
+        plan = planner.highest() if apex is None else planner.plan(apex)
     spread = None
     if plan.status == "solved" and robot.sigma:
         say(f"spread of the apex over {DRAWS} models drawn from the uncertainties of {', '.join(robot.sigma)}")
@@ -168,11 +192,14 @@ def make_plan(
         total_s=plan.total_s,
         robot=robot.name,
         ground=robot.model.ground,
-        objective="height" if apex is None else objective,
+        objective="height" if apex is None and over is None else objective,
         motion=motion,
         limits={n: v for n, v in asdict(planner.limits).items() if v < math.inf},
         duration_s=plan.command.stop,
         phases_s=dict(zip(_phases(planner.sequence), plan.durations.tolist())),
+        clear_m=over[0] if over else None,
+        clear_s=over[1] if over else None,
+        resimulated_clear_s=above(plan.motion, over[0]) if over and reached else None,
     )
     return Planned(plan, planner, numbers)
 
