@@ -157,9 +157,7 @@ RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.e
 
 
 def write_whole_campaign(root: Path) -> Path:
-    """Four jumps to be diagnosed, a filmed one, and a grain film of three frames."""
-    import cv2
-
+    """Four jumps to be diagnosed, a filmed one, and a grain film whose parts are kept as they come."""
     from jumpvision.lab import write
     from jumpvision.lab.blind import Nuisance, draw
     from jumpvision.lab.campaign import carry_out, defaults
@@ -170,14 +168,7 @@ def write_whole_campaign(root: Path) -> Path:
     carry_out([(setting.protocol, j) for j in jumps], root, seed=1, workers=1, sealed=True)
     write.toml(root / "campaign.toml", defaults(setting.protocol))
     shutil.copytree(Path(__file__).parents[1] / "data_samples" / "hard_ground", root / "filmed")
-    grains = root / "grains" / "film"
-    grains.mkdir(parents=True)
-    texture = cv2.GaussianBlur(np.random.default_rng(1).normal(size=(160, 176)).astype(np.float32), (0, 0), 2.0)
-    texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
-    for k in range(3):
-        cv2.imwrite(str(grains / f"{k}.png"), texture[:, 2 * k : 2 * k + 160])
-    text = '[grain_video]\nfile = "film"\nframe_rate = 500.0\nscale = 1e-4\n'
-    (grains.parent / "experiment.toml").write_text(text, encoding="utf-8")
+    grain_film(root / "grains", 600)
     return root
 
 
