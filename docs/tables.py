@@ -70,7 +70,7 @@ def text() -> str:
         f"### above the first section\n\n{rows(table_of(Header))}",
     ]
     for name, cls in {**SECTIONS, "robot.sigma": RobotSigma}.items():
-        parts.append(f"### [{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
+        parts.append(f"### [{name}]\n\n{inspect.cleandoc(cls.__doc__ or '')}\n\n{rows(table_of(cls))}")
     parts += [
         "### [model]\n\n`terms` lists mechanisms; their parameters stand beside it. `[model.fit]` holds ranges "
         "`[low, high]` of parameters that may be re-fitted, `[model.sigma]` standard uncertainties of given ones, "
@@ -87,7 +87,7 @@ def text() -> str:
         "`--set stage.key=value` on the command line wins.",
     ]
     for name, cls in PARAMS.items():
-        parts.append(f"### [params.{name}]\n\n{(cls.__doc__ or '').strip()}\n\n{rows(table_of(cls))}")
+        parts.append(f"### [params.{name}]\n\n{inspect.cleandoc(cls.__doc__ or '')}\n\n{rows(table_of(cls))}")
     parts.append(
         "## Analyses of sweeps\n\n`jumpvision sweep GROUND --analysis NAME`; `--analyses` lists them. Each takes "
         "single values of `--gravity --rod-mass --motor-mass --stiffness --zeta` for another robot."
