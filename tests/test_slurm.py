@@ -164,7 +164,8 @@ def test_a_long_film_is_shared_among_slurm_jobs(cluster, tmp_path):
     film = grain_film(tmp_path / "campaign" / "film", FRAMES)
     results, log = tmp_path / "there", tmp_path / "log.txt"
     call = [*SELF, "run", film.parent, "--results", results, "--profile", profile_here(tmp_path / "profile")]
-    call += ["--no-pictures", "--no-report", "--workers", "10"]
+    (tmp_path / "piv.toml").write_text('stages = ["piv"]\n')
+    call += ["--no-pictures", "--no-report", "--workers", "10", "--pipeline", tmp_path / "piv.toml"]
 
     def start() -> subprocess.Popen[str]:
         out = log.open("a")

@@ -146,14 +146,16 @@ def matched(frames: Film, job: Job, usable: Usable | None) -> Iterator[VectorFie
     left = [part for part in parts if part not in there]
     made = in_parts(_part, left, job) if workers > 1 else (job.part(frames, usable, part) for part in left)
     for part in watch(parts, "parts matched", len(parts)):
-        data = keeper.get(named(part)) if keeper is not None and part in there and share is None else None
+        if share is not None and part in there:
+            continue
+        data = keeper.get(named(part)) if keeper is not None and part in there else None
         if data is not None:
             yield from unpacked(data)
-        elif part not in there or share is None:
-            fields = next(made) if part not in there else job.part(frames, usable, part)  # else: damaged
-            if keeper is not None:
-                keeper.put(named(part), packed(fields))
-            yield from fields
+            continue
+        fields = job.part(frames, usable, part) if part in there else next(made)  # there, but damaged
+        if keeper is not None:
+            keeper.put(named(part), packed(fields))
+        yield from fields
     if share is not None:
         raise Shared("piv")
 
