@@ -41,7 +41,8 @@ def fresh(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fresh")
     venv.create(folder / "venv", with_pip=True)
     python = folder / "venv" / ("Scripts" if sys.platform == "win32" else "bin") / "python"
-    done = subprocess.run([python, "-m", "pip", "install", "-q", "--no-compile", str(ROOT)], capture_output=True, text=True)
+    install = [python, "-m", "pip", "install", "-q", "--no-compile", str(ROOT)]  # as README does
+    done = subprocess.run(install, capture_output=True, text=True)
     if done.returncode:
         pytest.skip(f"pip cannot install here: {done.stderr[-300:]}")
     own = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}
