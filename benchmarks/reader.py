@@ -26,9 +26,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"(?:<!-- (?P<mark>[^>]*?) -->\n)?```(?P<kind>\w*)\n(?P<code>.*?)```", re.S)
 PATTERN = re.compile(r"\b[A-Z]{4,}\b")
-SERVES = ("open", "demo", "init --pick")  # wait for a browser
-WAIT = 12  # s, for a server to be up, before Ctrl-C
-LIMIT = 1800  # s, of one command
+WAIT, ENDED = 12, 124  # s, for a server to be up, before Ctrl-C; the exit code of `timeout` then
 ENV = "python3 -m venv"  # the README's own line makes an environment: its last part runs in this one
 
 
@@ -156,13 +154,14 @@ def main() -> None:
                 raise SystemExit("the shell ended")
             told.append((int(code), float(end) - float(began), command))
             print(f"{code:>4} {float(end) - float(began):7.1f} s  {page.name}: {command.line}", file=sys.stderr)
-            if int(code) not in (0, 124):
+            if int(code) not in (0, ENDED):
                 print("".join(said[-6:]), file=sys.stderr)
     print("| exit code | seconds | page | command |\n|---|---|---|---|")
-    for code, seconds, c in sorted(told, key=lambda x: (x[0] in (0, 124), x[0] == -1, -x[1])):
+    for code, seconds, c in sorted(told, key=lambda x: (x[0] in (0, ENDED), x[0] == -1, -x[1])):
         print(f"| {'pattern' if code == -1 else code} | {seconds:.1f} | {c.page} | `{c.line.split('#')[0].strip()}` |")
     if not args.keep:
         shutil.rmtree(folder)
+    sys.exit(any(code not in (0, -1, ENDED) for code, _, _ in told))
 
 
 if __name__ == "__main__":

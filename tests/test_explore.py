@@ -483,6 +483,24 @@ def test_a_planned_motion_is_prepared_recorded_and_taken_in(lent, tmp_path):
     assert taken.header.group.startswith("custom-0.2-") and "motor_log" in taken.sections
 
 
+def test_the_laboratory_records_under_the_foot_that_is_declared(by_packing, tmp_path, monkeypatch):
+    """Half the radius: a quarter of the force, half of delta, as in its intrusions; the packing's values by hand."""
+    out = tmp_path / "c"
+    shutil.copytree(by_packing, out)
+    like = open_campaign(out).experiments[0]
+    law = Actuation("stutter", 7.0, 0.01, start=0.2)
+    folder = handover.prepare(like, Way(law), "next-01", FREE, changes={"robot": {"foot_radius": 0.008}})
+    true, written = [], seal_module.write_experiment
+    monkeypatch.setattr(seal_module, "write_experiment", lambda p, *x, **k: true.append(p) or written(p, *x, **k))
+    protocol = tomllib.loads((folder / "protocol.toml").read_text(encoding="utf-8"))
+    assert protocol["robot"] == {"foot_radius": 0.008}
+    record_jump(out, folder, {**protocol["actuation"], "phase": 1.57}, seed=1, number=101)
+    values = true[0].parameters
+    assert true[0].robot.foot_radius == 0.008 and values["delta"] == 0.006 and values["dm"] == 0.03
+    assert values["k1"] == pytest.approx((1800 + 1 / 7 * 2800) / 4) and values["alpha"] == 15.0
+    assert handover.take_in(folder).good
+
+
 LAWS = "[model.laws]\nfoot_radius = 0.016\n" + "".join(
     f"[model.laws.{n}]\nphi = [0.56, 0.63]\nvalue = [{a}, {b}]\n"
     for n, a, b in (("k1", 1800.0, 4600.0), ("k2", 1800.0, 4600.0))

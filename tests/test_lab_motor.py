@@ -82,6 +82,22 @@ def test_samples_are_played_as_the_law_they_were_taken_from():
     assert played.jump_height == pytest.approx(plain.jump_height, abs=1e-6)
 
 
+def test_samples_without_a_loop_are_the_law():
+    """The motor is where the lines are: rod as of the law; its force from the samples' second differences, which lag by
+    up to one: A w^3 dt m_m = 0.11 N, but at the command's own steps of acceleration."""
+    law = Law(6.0, 0.01875, 0.5 * math.pi, 0.05)
+    t = np.arange(0.0, 1 / 6.0 + 0.5e-4, 1e-4)
+    X = law.amplitude * (np.sin(2 * math.pi * 6.0 * t + law.phase) - 1.0)
+    options = {"ground": "granular", "bed_density": 570.0, "duration": 0.5, "dt": 1e-5, "every": 10}
+    played = motion_of(SAND, Samples(X, 1e4, 0.05), samples.SAND_TERMS, samples.SAND_TRUTH, **options)
+    plain = motion_of(SAND, law, samples.SAND_TERMS, samples.SAND_TRUTH, **options)
+    np.testing.assert_allclose(played.motor, plain.motor, atol=1e-7)
+    assert np.abs(played.rod - plain.rod).max() < 2e-5  # a landing found one step of 10 us later, at 1 m/s: twice
+    inside = (plain.t > 0.0505) & (plain.t < 0.05 + 1 / 6.0 - 5e-4)
+    assert np.abs(played.motor_force - plain.motor_force)[inside].max() < 0.15
+    assert np.ptp(plain.motor_force[inside]) > 30.0
+
+
 def test_limits_hold():
     motor = Motor(20000.0, 120.0, max_force=45.0, max_speed=0.6, stroke=0.03)
     m = sand(motor=motor, dt=2e-6, every=50)

@@ -165,16 +165,20 @@ def test_the_laboratory_agrees(sand):
     assert lab_apex(CONE, plan) == pytest.approx(0.05, abs=TOLERANCE)
 
 
-def lab_apex(model, plan):
+def in_the_laboratory(model, plan, *, after=0.25, dt=5e-6):
+    """The plan's samples as the laboratory's integrator plays them, and `after` seconds more: its motion."""
     robot = Robot(model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
                   model.foot_radius or 0.0, model.gravity)  # fmt: skip
     values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].names}
     command = Samples(samples(plan.command).command_m.to_numpy(), 1000.0, 0.01)
-    motion = motion_of(
-        robot, command, model.terms, values, ground=model.ground, duration=command.stop + 0.25, dt=5e-6, every=50,
+    return motion_of(
+        robot, command, model.terms, values, ground=model.ground, duration=command.stop + after, dt=dt, every=50,
         bed_density=(model.volume_fraction or 0.0) * (model.grain_density or 0.0), motor=Motor(20000.0, 120.0, 100.0),
     )  # fmt: skip
-    return motion.jump_height
+
+
+def lab_apex(model, plan):
+    return in_the_laboratory(model, plan).jump_height
 
 
 def test_the_spread_covers_what_the_laboratory_finds(sand):
@@ -247,25 +251,13 @@ def test_a_landing_that_sticks_rises_as_high_as_asked(model, apex):
         assert np.abs(m.rod[after] - m.rest).max() < 5e-4
 
 
-def in_the_laboratory(model: Model, plan, *, seconds: float, dt: float = 5e-6):
-    """The plan's samples as the laboratory's integrator plays them: its motion."""
-    robot = Robot(model.motor_mass, model.rod_mass, model.foot_mass, model.spring_stiffness, model.spring_damping,
-                  model.foot_radius or 0.0, model.gravity)  # fmt: skip
-    values = {n: getattr(model.parameters, n) for t in model.terms for n in MECHANISMS[t].names}
-    return motion_of(
-        robot, Samples(samples(plan.command).command_m.to_numpy(), 1000.0, 0.01), model.terms, values,
-        ground=model.ground, duration=seconds, dt=dt, every=50, motor=Motor(LOOP.kp, LOOP.kd, 100.0, 3.0),
-        bed_density=(model.volume_fraction or 0.0) * (model.grain_density or 0.0),
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize(("model", "height", "seconds"), [(THESIS, 0.02, 0.1), (CONE, 0.02, 0.1), (CONE, 0.005, 0.06)])
 def test_a_jump_over_an_obstacle_clears_it_for_the_time_asked(model, height, seconds):
     """By the re-simulation within 0.2 ms; in the laboratory within 2 ms: its steps and 0.1 mm of the apex make 1.5 ms
     where the foot is above for 0.1 s."""
     plan = Planner(model, LOOP, LIMITS).clear(height, seconds)
     assert plan.status == "solved" and above(plan.motion, height) == pytest.approx(seconds, abs=2e-4)
-    played = in_the_laboratory(model, plan, seconds=plan.command.stop + 0.4)
+    played = in_the_laboratory(model, plan)
     assert above(played, height) == pytest.approx(seconds, abs=2e-3)
 
 
@@ -281,15 +273,16 @@ def test_what_cannot_be_cleared_is_said(capsys, tmp_path):
 
 @pytest.mark.parametrize("gravity", [0.1, 0.01])
 def test_a_landing_sticks_under_the_gravity_of_a_comet(gravity):
-    """To 40 mm and back in 1.8 s, or 5.7 s; in the laboratory too it rises as asked, and stands where it stood."""
+    """To 40 mm and back in 1.8 s, or 5.7 s. In the laboratory too it rises as asked; what its straight lines between
+    samples leave of the speed, 5 mm/s, bounces by v^2 / 2 g: 0.13 and 1.3 mm."""
     model = dataclasses.replace(THESIS, gravity=gravity)
     plan = Planner(model, LOOP, LIMITS, motion="stick").plan(0.04)
     assert plan.status == "solved" and plan.resimulated_apex == pytest.approx(0.04, abs=TOLERANCE)
-    played = in_the_laboratory(model, plan, seconds=plan.command.stop + 1.0, dt=1e-5)
+    played = in_the_laboratory(model, plan, after=1.0, dt=1e-5)
     com = played.rod + model.m_m / model.M * played.motor
-    assert com.max() - com[0] == pytest.approx(0.04, abs=1e-3)
+    assert com.max() - com[0] == pytest.approx(0.04, abs=TOLERANCE)
     after = played.t > plan.command.stop + 0.3
-    assert np.abs(played.rod[after] - played.rest).max() < 5e-3
+    assert np.abs(played.rod[after] - played.rest).max() < 0.005**2 / (2 * gravity)
 
 
 def test_a_jump_that_does_not_stick_bounces_on(hard):

@@ -96,6 +96,34 @@ def make_hungry(experiment: Path) -> None:
         f.write('[contact_log]\nfile = "contact.csv"\n')
 
 
+def started(call: list[object], log: Path) -> subprocess.Popen[str]:
+    out = log.open("a")
+    return subprocess.Popen(
+        list(map(str, call)), stdout=out, stderr=out, text=True, env=ENVIRONMENT, start_new_session=True
+    )
+
+
+def down_with_its_job() -> None:
+    """A node is lost, and comes back."""
+    said("scontrol", "update", "NodeName=node2", "State=DOWN", "Reason=lost")
+    time.sleep(5.0)
+    said("scontrol", "update", "NodeName=node2", "State=RESUME")
+
+
+def killed_and_given_again(run: subprocess.Popen[str], call: list[object], log: Path) -> str:
+    """What the command says that is killed, and of the same given again, which ends well."""
+    assert run.poll() is None, log.read_text()[-3000:]
+    os.killpg(run.pid, signal.SIGKILL)
+    run.wait()
+    again = started(call, log)
+    try:
+        assert again.wait(timeout=2000) == 0, log.read_text()[-3000:]
+    finally:
+        if again.poll() is None:
+            os.killpg(again.pid, signal.SIGKILL)
+    return log.read_text()
+
+
 def done(results: Path) -> int:
     return len(list(results.glob("*/provenance.json")))
 
@@ -117,13 +145,7 @@ def test_nothing_is_lost_on_a_cluster(cluster, tmp_path):
     call = [*SELF, "run", campaign]
     call += ["--results", results, "--profile", profile_here(tmp_path / "profile"), "--no-pictures", "--workers", "100"]
 
-    def start() -> subprocess.Popen[str]:
-        out = log.open("a")
-        return subprocess.Popen(
-            list(map(str, call)), stdout=out, stderr=out, text=True, env=ENVIRONMENT, start_new_session=True
-        )
-
-    run = start()
+    run = started(call, log)
     try:
         until(lambda: done(results) >= N // 10, run)
         said("scontrol", "update", "NodeName=node1", "State=DRAIN", "Reason=a test")
@@ -133,20 +155,12 @@ def test_nothing_is_lost_on_a_cluster(cluster, tmp_path):
         until(lambda: done(results) >= 3 * N // 10, run)
         cluster("controller", "5")
         until(lambda: done(results) >= 4 * N // 10, run)
-        said("scontrol", "update", "NodeName=node2", "State=DOWN", "Reason=lost")  # its job dies with it
-        time.sleep(5.0)
-        said("scontrol", "update", "NodeName=node2", "State=RESUME")
+        down_with_its_job()
         until(lambda: done(results) >= N // 2, run)
-        assert run.poll() is None, log.read_text()[-3000:]
-        os.killpg(run.pid, signal.SIGKILL)
-        run.wait()
-        run = start()
-        run.wait(timeout=2000)
+        text = killed_and_given_again(run, call, log)
     finally:
         if run.poll() is None:
             os.killpg(run.pid, signal.SIGKILL)
-    text = log.read_text()
-    assert run.returncode == 0, text[-3000:]
     jobs = len(set(re.findall(r"SLURM jobid (\d+)", text)))
     print(f"{N} experiments in {jobs} SLURM jobs; tried again: {text.count('Trying to restart job')}")
     assert jobs < N // 2  # grouped, and not each tried again and again
@@ -167,32 +181,18 @@ def test_a_long_film_is_shared_among_slurm_jobs(cluster, tmp_path):
     (tmp_path / "piv.toml").write_text('stages = ["piv"]\n')
     call += ["--no-pictures", "--no-report", "--workers", "10", "--pipeline", tmp_path / "piv.toml"]
 
-    def start() -> subprocess.Popen[str]:
-        out = log.open("a")
-        return subprocess.Popen(
-            list(map(str, call)), stdout=out, stderr=out, text=True, env=ENVIRONMENT, start_new_session=True
-        )
-
     def kept() -> int:
         return len(list((results / ".cache" / "parts").glob("*/frames-*")))
 
-    run, parts = start(), FRAMES // 16
+    run, parts = started(call, log), FRAMES // 16
     try:
         until(lambda: kept() > parts // 6, run)
-        said("scontrol", "update", "NodeName=node2", "State=DOWN", "Reason=lost")
-        time.sleep(5.0)
-        said("scontrol", "update", "NodeName=node2", "State=RESUME")
+        down_with_its_job()
         until(lambda: kept() > parts // 3, run)
-        assert run.poll() is None, log.read_text()[-3000:]
-        os.killpg(run.pid, signal.SIGKILL)
-        run.wait()
-        run = start()
-        run.wait(timeout=2000)
+        text = killed_and_given_again(run, call, log)
     finally:
         if run.poll() is None:
             os.killpg(run.pid, signal.SIGKILL)
-    text = log.read_text()
-    assert run.returncode == 0, text[-3000:]
     jobs = len(set(re.findall(r"SLURM jobid (\d+)", text)))
     print(f"{FRAMES} frames in {jobs} SLURM jobs; tried again: {text.count('Trying to restart job')}")
     assert jobs >= 6 and kept() == 0 and leftovers(results) == []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 from collections.abc import Callable, Mapping
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from jumpvision.base.schema import FileSection, InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
+from jumpvision.inputs.sections import GrainVideo
 from jumpvision.workflow.provenance import digest_of_results, settle_tables
 from jumpvision.workflow.run import Outcome, Plan, run_campaign, run_single
 from jumpvision.workflow.run import draw as draw_experiments
@@ -241,3 +243,17 @@ def write_jumps(rows: list[dict[str, Any]], results: Path) -> Path:
     pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
     write_aside(results / JUMPS, text.getvalue())
     return results / JUMPS
+
+
+def grain_frames(campaign: Campaign) -> dict[str, int]:
+    """Frames of the grain films, by experiment; of one that cannot be read its run says why."""
+    from jumpvision.stages.recordings import open_film
+
+    found = {}
+    for e in campaign.experiments:
+        film = e.section(GrainVideo)
+        with contextlib.suppress(OSError, ValueError):
+            if film is not None:
+                with open_film(film) as frames:
+                    found[e.name] = len(frames)
+    return found

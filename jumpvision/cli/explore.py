@@ -24,6 +24,10 @@ def _rule(text: str) -> Parameter:
     return Parameter(help=text, group="When to stop, what it costs")
 
 
+def _beside(text: str) -> Parameter:
+    return Parameter(help=text, negative="", group="What is offered beside the usual jumps")
+
+
 @Parameter(name="*")
 @dataclass(frozen=True)
 class RuleOptions:
@@ -43,20 +47,13 @@ class RuleOptions:
     ] = ()
     elsewhere: Annotated[
         tuple[str, ...],
-        Parameter(
-            negative="",
-            group="What is offered beside the usual jumps",
-            help="A bed, foot or spring that the campaign has not: settings of [bed] and [robot], comma apart, e.g. "
-            "bed.volume_fraction=0.6; may be repeated.",
+        _beside(
+            "A bed, foot or spring that the campaign has not: settings of [bed] and [robot], comma apart, e.g. "
+            "bed.volume_fraction=0.6; may be repeated."
         ),
     ] = ()
     motion: Annotated[
-        tuple[Path, ...],
-        Parameter(
-            negative="",
-            group="What is offered beside the usual jumps",
-            help="A planned motion, plan.csv of plan or time_s,position_m; may be repeated.",
-        ),
+        tuple[Path, ...], _beside("A planned motion, plan.csv of plan or time_s,position_m; may be repeated.")
     ] = ()
 
 

@@ -162,6 +162,7 @@ def _hand_over(
 ) -> dict[str, list[str]]:
     """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
     from jumpvision.base.schema import InputError
+    from jumpvision.campaign.folder import grain_frames
     from jumpvision.inputs.experiment import Experiment
     from jumpvision.workflow.cluster import hand_over
 
@@ -171,22 +172,7 @@ def _hand_over(
     passed += ["--pipeline", str(pipeline.absolute())] if pipeline else []
     passed += ([] if options.pictures else ["--no-pictures"]) + (["--verify"] if options.verify else [])
     passed += ["--fresh-if-versions-differ"] if options.fresh_if_versions_differ else []
-    return hand_over(opened, plan, profile, options=passed, jobs=options.workers, frames=_frames(opened))
-
-
-def _frames(campaign: Campaign) -> dict[str, int]:
-    """Frames of the grain films, by experiment; of one that cannot be read its job says why."""
-    from jumpvision.inputs.sections import GrainVideo
-    from jumpvision.stages.recordings import open_film
-
-    found = {}
-    for e in campaign.experiments:
-        film = e.section(GrainVideo)
-        with contextlib.suppress(OSError, ValueError):
-            if film is not None:
-                with open_film(film) as frames:
-                    found[e.name] = len(frames)
-    return found
+    return hand_over(opened, plan, profile, options=passed, jobs=options.workers, frames=grain_frames(opened))
 
 
 def _share(path: Path, text: str, options: Options, pipeline: Path | None) -> int:

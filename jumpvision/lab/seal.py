@@ -23,7 +23,7 @@ from jumpvision.base.schema import InputError, closest
 from . import write
 from .blind import ROBOTS, Nuisance, Setting, draw
 from .campaign import PROTOCOL, carry_out, defaults, write_experiment, written
-from .intrusions import POWERS
+from .intrusions import scaled
 from .jumper import AT_THE_CAMERA, KNOWN, OUTSIDE, Law, Samples
 from .protocol import CAMERA_PARAMETERS, Protocol, checked, values_at
 from .protocol_keys import Jump, MotorLog, Records, RodTrack
@@ -99,12 +99,9 @@ def record_jump(out: Path, folder: Path, motion: Mapping[str, Any], *, seed: int
             motion.get("dwell_gain", 1.0),
         )
     phi = tables.get("bed", {}).get("volume_fraction", protocol.jumps[0].volume_fraction)
-    true = {
-        n: float(v) * f if isinstance(v, int | float) else tuple((at, f * y) for at, y in v)
-        for n, v in protocol.parameters.items()
-        for f in (size ** POWERS.get(n, 0),)
-    }
-    protocol = replace(protocol, robot=robot, parameters=true)
+    if size != 1.0:
+        protocol = replace(protocol, parameters=scaled(values_at(protocol.parameters, phi), size))
+    protocol = replace(protocol, robot=robot)
     jump = Jump(number, folder.name, folder.name, motion["kind"], law, phi)
     header = replace(protocol.header, duration=max(protocol.header.duration, law.stop + 1.0))
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".lab-") as aside:

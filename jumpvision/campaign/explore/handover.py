@@ -161,10 +161,7 @@ def _experiment(like: Experiment, motion: Mapping[str, Any], why: Sequence[str],
     kept = {k: v for k, v in own.items() if isinstance(v, Mapping) and "file" not in v and k != "actuation"}
     told = [str(v) for v in motion.values()]
     told += [hashlib.sha256(command.encode()).hexdigest()[:8]] if motion["kind"] == "custom" else []
-    there = (
-        merged({"bed": {}, "robot": {}}, own)[t].get(k)
-        for t, k in (("bed", "volume_fraction"), ("robot", "foot_radius"))
-    )
+    there = own.get("bed", {}).get("volume_fraction"), own.get("robot", {}).get("foot_radius")
     plain = {**_plain(own), "group": "-".join([*told, like.ground, *(str(v) for v in there if v is not None)])}
     return _waiting(plain, kept | {"actuation": motion}, asked, why)
 

@@ -41,7 +41,8 @@ def plan_picture(planned: Planned) -> bytes:
         rise = 1e3 * (motion.rod[show] - motion.rest)
         body.plot(1e3 * t, rise, color=MODEL, label="rod over rest")
         body.plot(1e3 * t, 1e3 * motion.foot[show], color=GREEN, label="foot")
-        body.axhline(1e3 * numbers.apex_m, color=QUIET, lw=0.8, ls=":", label="apex wanted")
+        wanted, height = ("apex wanted", numbers.apex_m) if numbers.clear_m is None else ("obstacle", numbers.clear_m)
+        body.axhline(1e3 * height, color=QUIET, lw=0.8, ls=":", label=wanted)
         body.set(ylabel="height [mm]")
         effort.plot(1e3 * t, force, color=ACCENT, label="motor force [N]")
         effort.plot(1e3 * t, force * V, color=MEASURED, lw=1.0, label="motor power [W]")
@@ -55,6 +56,8 @@ def plan_picture(planned: Planned) -> bytes:
 def _title(n: PlanNumbers) -> str:
     if n.highest_apex_m is not None:
         return f"highest jump found: {1e3 * n.highest_apex_m:.1f} mm; {1e3 * n.apex_m:.1f} mm wanted"
+    if n.clear_m is not None and n.clear_s is not None:
+        return f"{1e3 * n.clear_s:.0f} ms above {1e3 * n.clear_m:.1f} mm on {n.ground} ground, {n.objective}"
     return f"apex {1e3 * n.apex_m:.1f} mm on {n.ground} ground, {n.objective}"
 
 
