@@ -28,12 +28,8 @@ casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip instal
 
 from jumpvision.planning import transcription  # noqa: E402
 from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory, State  # noqa: E402
-from jumpvision.planning.plan import (  # noqa: E402
-    Planner,
-    above,
-    apexes,
-    drawn,
-)
+from jumpvision.planning.ladder import CONTINUOUS, changed, follow, ladder  # noqa: E402
+from jumpvision.planning.plan import Planner, above, apexes, drawn  # noqa: E402
 from jumpvision.planning.solve import guessed, starts  # noqa: E402
 from jumpvision.planning.transcription import Limits  # noqa: E402
 
@@ -334,6 +330,35 @@ def test_a_jump_that_needs_pumping_is_found():
     plan = planner.plan(0.085)
     assert plan.status == "solved"
     assert plan.resimulated_apex == pytest.approx(0.085, abs=TOLERANCE)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("ground", ["hard", "granular"])
+def test_plans_shift_smoothly_from_height_to_height(ground):
+    """Thesis Fig 65: one strategy for all heights; the trajectories to take-off differ little between neighbours."""
+    planner = Planner(CONE if ground == "granular" else rigid(CONE), LOOP, LIMITS, "power")
+    targets = np.linspace(0.02, 0.06, 5)
+    found = ladder(planner, targets.tolist())
+    plans = [p for p in found.plans if p]
+    assert [p.resimulated_apex for p in plans] == pytest.approx(targets.tolist(), abs=TOLERANCE)
+    assert (found.excess >= 0).all() and found.excess.max() < 0.5
+    off = [float(p.durations[:-1].sum()) for p in plans]
+    before = np.linspace(0.0, max(off), 500)
+    motor = [np.interp(t - before, p.motion.t, p.motion.motor - p.motion.rod) for p, t in zip(plans, off)]
+    for a, b in zip(motor, motor[1:]):
+        assert np.abs(a - b).max() < 0.4 * max(np.ptp(a), np.ptp(b))  # a step of 10 mm; another strategy: 0.6 to 1
+    travel = [np.ptp(x) for x in motor]
+    assert travel == sorted(travel)
+    if ground == "hard":
+        assert all(x.min() < -0.1 * np.ptp(x) for x in motor)  # a pull, then a push
+
+
+def test_a_branch_is_followed_in_steps_that_change_it_little(sand):
+    at = sand.search(0.03)
+    found = follow(sand, at, 0.04)
+    assert found.solved and found.apex == pytest.approx(0.04, abs=1e-6)
+    assert 0 < changed(at, found) < 2 * CONTINUOUS and changed(at, at) == 0
+    assert follow(sand, at, 5.0) is None  # out of reach: the branch ends, nothing is made up
 
 
 def test_bad_calls_are_named(tmp_path, capsys):

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -34,8 +34,6 @@ CORRECTIONS = 4
 PUNCTUAL = 2e-4  # s, of the time above an obstacle
 SOUGHT, BOLD = 16, 2.0  # jumps tried for that time; steps beyond what free flight asks, to have it between two
 TRIES = 3  # starts before the highest apex is asked for
-FOLLOWED = (1, 4)  # steps from one target to the next
-SWEEPS, LOWER = 4, 1e-3  # over the targets at most; of the objective, that a neighbour's plan must save
 
 
 @dataclass(frozen=True)
@@ -106,7 +104,7 @@ class Planner:
         began = time.perf_counter()
         solver = self.solver(self.objective)
         best: Solution | None = None
-        solution = self._found(apex)
+        solution = self.search(apex)
         if solution is None:
             best = self.reach(apex)
             if best is None or best.apex < apex:
@@ -118,7 +116,7 @@ class Planner:
                 self.say(f"the least {self.objective} was not found; kept a plan that reaches the apex")
             if not solution.solved:
                 return self._plan("failed", apex, best, began)
-        return self._corrected(apex, solution, solver, began)
+        return self.corrected(apex, solution, solver, began)
 
     def clear(self, height: float, seconds: float) -> Plan:
         """The jump whose foot is above an obstacle of this height [m] for this time [s], within PUNCTUAL.
@@ -143,49 +141,16 @@ class Planner:
                 apex = low[0] + share * (high[0] - low[0])
         return replace(plan, status="failed")
 
-    def plans(self, targets: Sequence[float]) -> list[Plan | None]:
-        """Jumps to several apexes [m], increasing, that shift from one to the next; None: not found.
-
-        Each is solved by itself, then followed from its neighbours, up and down, as long as that lowers the objective:
-        what is left are the least ones known, which neighbours share.
-        """
-        began, solver = time.perf_counter(), self.solver(self.objective)
-        best = [self._found(a) for a in targets]
-        for _ in range(SWEEPS):
-            before = list(best)
-            for order in (range(1, len(best)), range(len(best) - 2, -1, -1)):
-                back = -1 if order.step > 0 else 1
-                for i in order:
-                    near, now = best[i + back], best[i]
-                    other = near and self._follow(solver, near, targets[i])
-                    if other and (now is None or other.cost < now.cost * (1.0 - LOWER)):
-                        best[i] = other
-            if all(a is b for a, b in zip(best, before)):
-                break
-        return [self._corrected(a, s, solver, began) if s else None for a, s in zip(targets, best)]
-
     def _likeliest(self, apex: float) -> Forcing:
         return next(starts(self.jumper, apex, self.limits.stroke))
 
-    def _found(self, apex: float) -> Solution | None:
+    def search(self, apex: float) -> Solution | None:
         """The first of TRIES starts that leads to a plan."""
         for _, command in zip(range(TRIES), starts(self.jumper, apex, self.limits.stroke)):
             trial = self.solver(self.objective).solve(apex, self.limits, guess=self._guess(command))
             self.say(f"{self.objective}: {trial.status}, {trial.iterations} iterations, {trial.seconds:.2f} s")
             if trial.solved:
                 return trial
-        return None
-
-    def _follow(self, solver: Solver, at: Solution, apex: float) -> Solution | None:
-        """From a plan to another apex, in smaller steps where one does not do."""
-        for steps in FOLLOWED:
-            now = at
-            for target in at.apex + (apex - at.apex) * np.linspace(0.0, 1.0, steps + 1)[1:]:
-                now = solver.solve(float(target), self.limits, warm=now)
-                if not now.solved:
-                    break
-            if now.solved:
-                return now
         return None
 
     def highest(self, count: int | None = None) -> Plan:
@@ -241,7 +206,7 @@ class Planner:
                 return at
         return None
 
-    def _corrected(self, apex: float, solution: Solution, solver: Solver, began: float) -> Plan:
+    def corrected(self, apex: float, solution: Solution, solver: Solver, began: float) -> Plan:
         """Moves the target by what the re-simulated apex misses it."""
         seconds, target = solution.seconds, apex
         plan = self._plan("solved", apex, solution, began)

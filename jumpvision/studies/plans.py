@@ -28,7 +28,7 @@ HEIGHTS = np.linspace(0.02, 0.06, 9)  # m
 PLAYED = 8  # robots and beds that a plan is played on
 # relative standard deviation between the model planned with and the robot and bed that jump
 UNKNOWN = {"k1": 0.03, "k2": 0.03, "b": 0.05, "C": 0.07, "motor_mass": 0.004, "spring_stiffness": 0.01}
-SHAPE = 201  # places in a command that its trajectory is shown at
+TIMES = 401  # about the take-off, that trajectories are shown at
 THESIS_ERROR = {  # Fig 64
     "rigid plan, rigid ground": "3.4 ± 1.5 mm",
     "granular plan, sand": "3.9 ± 2.1 mm, 6.6 %",
@@ -63,16 +63,31 @@ def planners(s: Sweep, objective: str) -> dict[str, Planner]:
     }
 
 
-def planned(s: Sweep, objective: str) -> tuple[dict[str, Planner], dict[str, list[Plan]]]:
-    """Planners and their plans for the heights; those that were not found on both grounds are left out and told."""
+@dataclass(frozen=True)
+class Ladders:
+    """By ground: planner, plans for the heights, and their objective over the least known, less 1."""
+
+    planners: dict[str, Planner]
+    plans: dict[str, list[Plan]]
+    excess: dict[str, Array]
+
+
+def planned(s: Sweep, objective: str) -> Ladders:
+    """Plans for the heights; those that were not found on both grounds are left out and told."""
     made, asked = planners(s, objective), s.axis("apex").tolist()
-    found = {ground: p.plans(asked) for ground, p in watch(list(made.items()), "ladders of plans")}
-    known = [i for i in range(len(asked)) if all(f[i] for f in found.values())]
+    from jumpvision.planning.ladder import ladder
+
+    found = {ground: ladder(p, asked) for ground, p in watch(list(made.items()), "ladders of plans")}
+    known = [i for i in range(len(asked)) if all(f.plans[i] for f in found.values())]
     for i in sorted({*range(len(asked))} - {*known}):
         s.say(f"no plan was found on both grounds for {1e3 * asked[i]:.0f} mm")
     if not known:
         raise InputError(["[motor]: no plan was found under its limits; widen them"])
-    return made, {ground: [p for i in known if (p := f[i])] for ground, f in found.items()}
+    return Ladders(
+        made,
+        {ground: [p for i in known if (p := f.plans[i])] for ground, f in found.items()},
+        {ground: f.excess[known] for ground, f in found.items()},
+    )
 
 
 def motor_of(m: Motion) -> Array:
@@ -119,7 +134,8 @@ def plan_heights(s: Sweep) -> Found:
     """
     from jumpvision.planning.plan import drawn
 
-    made, plans = planned(s, "effort")
+    found = planned(s, "effort")
+    made, plans = found.planners, found.plans
     rng, groups = seeded(), {}
     for name, of, on in (
         ("rigid plan, rigid ground", "rigid", "rigid"),
@@ -166,31 +182,41 @@ def plan_heights(s: Sweep) -> Found:
 @study("plan-strategies", "granular", source="Fig 65", ranges={"apex": HEIGHTS}, values=("phi",))
 def plan_strategies(s: Sweep) -> Found:
     """Motor trajectories of plans of least peak power for a ladder of heights, on hard ground and on sand."""
-    made, plans = planned(s, "power")
+    found = planned(s, "power")
+    plans = found.plans
     apex = np.array([p.apex for p in plans["sand"]])
-    place = np.linspace(0.0, 1.0, SHAPE)
+    off = np.array([[take_off(p) for p in f] for f in plans.values()])
+    length = np.array([[p.command.stop for p in f] for f in plans.values()])
+    time = np.linspace(-off.max(), (length - off).max(), TIMES)
     motor = np.array(
-        [[np.interp(place * p.command.stop, p.motion.t, motor_of(p.motion)) for p in f] for f in plans.values()]
+        [
+            [np.interp(t + time, p.motion.t, motor_of(p.motion)) for p, t in zip(f, row)]
+            for f, row in zip(plans.values(), off)
+        ]
     )
     amplitude, pull = np.ptp(motor, axis=-1), -motor.min(axis=-1)
     ratio = amplitude[1] / amplitude[0]
     results = _stacked([[results_of(p, p.motion) for p in f] for f in plans.values()])
     over = ("ground", "apex")
+    excess = np.array(list(found.excess.values()))
     extra: dict[str, Variable] = {
-        "motor_m": ((*over, "place"), motor, "m", "motor on the rod, X_m"),
-        "duration_s": (over, np.array([[p.command.stop for p in f] for f in plans.values()]), "s", "of the command"),
+        "motor_m": ((*over, "time_from_take_off"), motor, "m", "motor on the rod, X_m"),
+        "duration_s": (over, length, "s", "of the command"),
+        "take_off_s": (over, off, "s", "from the command's start to the lift-off"),
         "amplitude_m": (over, amplitude, "m", "travel of the motor on the rod"),
         "pull_m": (over, pull, "m", "how far the motor first goes down, which pulls the rod up"),
+        "excess": (over, excess, "1", "peak power over that of the best plan found of any shape, less 1"),
     }
     data = dataset(
         s,
-        {"ground": list(plans), "apex": apex, "place": place},
+        {"ground": list(plans), "apex": apex, "time_from_take_off": time},
         over,
         results,
         extra,
-        facts=Plans("power", str(made["sand"].limits)),
+        facts=Plans("power", str(found.planners["sand"].limits)),
     )
-    step = np.abs(np.diff(motor, axis=1)).max(axis=-1)
+    before = motor[..., time <= 0.0]
+    step = np.abs(np.diff(before, axis=1)).max(axis=-1) / np.maximum(amplitude[:, 1:], amplitude[:, :-1])
     rows = [
         s.number(
             "travel of the motor, sand over rigid ground, at the least and the greatest height; mean",
@@ -207,11 +233,23 @@ def plan_strategies(s: Sweep) -> Found:
         ),
         *(
             s.number(
-                f"{ground}: change of the trajectory from one height to the next: median, greatest",
-                f"{1e3 * np.median(step[i]):.1f}, {1e3 * step[i].max():.1f} mm of {1e3 * amplitude[i].mean():.0f}",
+                f"{ground}: change of the trajectory to take-off from one height to the next: median, greatest",
+                f"{np.median(step[i]):.0%}, {step[i].max():.0%} of the travel" if step.size else "one height",
                 "a smooth shift",
+            )
+            for i, ground in enumerate(plans)
+        ),
+        *(
+            s.number(
+                f"{ground}: peak power above the least of any shape: mean, greatest",
+                f"{excess[i].mean():.0%}, {excess[i].max():.0%}",
             )
             for i, ground in enumerate(plans)
         ),
     ]
     return data, rows
+
+
+def take_off(plan: Plan) -> float:
+    """Time [s] of the lift-off in a command's clock."""
+    return float(plan.durations[:-1].sum())

@@ -46,10 +46,16 @@ def plan_strategies(data: xr.Dataset, Figure: Any) -> Any:
     for axis, ground in zip(panels, data.ground.values):
         for i, apex in enumerate(data.apex.values):
             one = data.sel(ground=ground, apex=apex)
-            time = one.place * float(one.duration_s) * 1e3
-            axis.plot(time, one.motor_m * 1e3, color=colors(i / data.apex.size), label=f"{1e3 * apex:.0f} mm")
+            runs = abs(one.time_from_take_off + one.take_off_s - 0.5 * one.duration_s) <= 0.5 * one.duration_s
+            one = one.isel(time_from_take_off=runs.values)
+            axis.plot(
+                one.time_from_take_off * 1e3,
+                one.motor_m * 1e3,
+                color=colors(i / data.apex.size),
+                label=f"{1e3 * apex:.0f} mm",
+            )
         objective = attributes_of(plans.Plans, data).objective
-        axis.set(title=f"{ground}, least {objective}", xlabel="time [ms]", ylabel="motor on the rod [mm]")
+        axis.set(title=f"{ground}, least {objective}", xlabel="time from take-off [ms]", ylabel="motor on the rod [mm]")
     panels[0].legend(fontsize=6)
     travel = data.amplitude_m * 1e3
     for ground, color in (("rigid", GREEN), ("sand", MODEL)):
