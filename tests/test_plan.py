@@ -6,6 +6,7 @@ About 30 s on an idle core where the compiled simulators are cached.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 import os
@@ -345,7 +346,7 @@ def test_plans_shift_smoothly_from_height_to_height(ground):
     off = [float(p.durations[:-1].sum()) for p in plans]
     before = np.linspace(0.0, max(off), 500)
     motor = [np.interp(t - before, p.motion.t, p.motion.motor - p.motion.rod) for p, t in zip(plans, off)]
-    for a, b in zip(motor, motor[1:]):
+    for a, b in itertools.pairwise(motor):
         assert np.abs(a - b).max() < 0.4 * max(np.ptp(a), np.ptp(b))  # a step of 10 mm; another strategy: 0.6 to 1
     travel = [np.ptp(x) for x in motor]
     assert travel == sorted(travel)
