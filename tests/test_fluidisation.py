@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.physics.air import bed_weight, bottom_height, ergun, floor, operating_point, side_walls, tortuosity, wu
+from jumpvision.physics.air import (
+    bed_weight,
+    bottom_force,
+    bottom_height,
+    ergun,
+    floor,
+    operating_point,
+    side_walls,
+    tortuosity,
+    wu,
+)
 
 AIR = {"viscosity": 1.82e-5, "density": 1.2}
 
@@ -34,6 +44,15 @@ def test_the_pressure_drops_worked_out_by_hand():
     assert w.viscous == pytest.approx(72 * 2e-5 * tau * 2e6, rel=1e-6)
     assert w.inertial == pytest.approx(3000 * tau * (1.5 + 0.29289322**4 - 2.5 * 0.29289322**2), rel=1e-6)
     assert e(e.speed(1234.0)) == pytest.approx(1234.0, rel=1e-12)
+
+
+def test_the_force_that_a_floor_adds_worked_out_by_hand():
+    """Nothing far above, -A at zeta, A ((1 - e)^2 - 1) = 0.9525 A one length 1/rate below it."""
+    assert bottom_force([1.0, 0.09, 0.08], 0.09, 20.0, 100.0) == pytest.approx([0.0, -20.0, 39.05], abs=5e-3)
+    said = floor(0.10, 45.0, 0.0381, 0.03, constant=7.7e-4, law=(1000.0, 50.0))
+    zeta = 7.7e-4 * (45.0 / 0.0381) ** 0.5
+    added = 1000.0 * np.pi * 0.0381**2 * ((1 - np.exp(50.0 * (zeta - 0.07))) ** 2 - 1)
+    assert f"where the floor adds {added:.2g} N" in said.text
 
 
 def test_tortuosity_without_grains_is_one_and_grows():

@@ -281,6 +281,12 @@ class GeometryParams(Params):
     bottom_constant: float = param(
         7.7e-4, "m^1.5/N^0.5", "C in zeta_b = C sqrt(F_0/r); default from the thesis' 9 cm", lo=0, hi=1, open_lo=True
     )
+    bottom_stress: float | None = param(
+        None, "Pa", "A over foot area of the floor's force A((1 - exp(rate (zeta_b - h)))^2 - 1)", lo=0, open_lo=True
+    )
+    bottom_rate: float | None = param(
+        None, "1/m", "rate of that force, h the height above the floor", lo=0, open_lo=True
+    )
     stiffness: float = param(
         4.6e5,
         "N/m^3",

@@ -128,6 +128,16 @@ class Bed(Section):
 
 
 @dataclass(frozen=True)
+class Preparation(Section):
+    """What was done to the bed after it was fluidised, before the jump: air pulses and shaking pack it."""
+
+    name: ClassVar[str] = "preparation"
+    pulses: float = param(0.0, "", "air pulses since the bed was fluidised", lo=0, hi=1e9)
+    air_speed: float | None = param(None, "m/s", "superficial air speed of a pulse", lo=0, hi=100.0)
+    shaking: float = param(0.0, "m/s^2", "amplitude of the bed's acceleration by its shaker meanwhile", lo=0, hi=1000.0)
+
+
+@dataclass(frozen=True)
 class Fan(Section):
     """The fan that blows air through the bed: its curve, for the check of fluidisation."""
 
@@ -169,6 +179,7 @@ __all__ = [
     "MotorLog",
     "NotApplicable",
     "PivField",
+    "Preparation",
     "Robot",
     "RobotSigma",
     "RodCorrections",
@@ -200,6 +211,7 @@ SECTIONS: dict[str, type[Section]] = {
         Motor,
         Actuation,
         Bed,
+        Preparation,
         Fan,
         RodVideo,
         RodCorrections,

@@ -181,6 +181,9 @@ def write_experiment(
     if isinstance(experiment, Jump):
         motion, phi, parameters = jump_of(protocol, experiment, rng)
         tables["actuation"] = actuation(experiment.kind, experiment.law)
+        if protocol.preparation and experiment.pulses is not None:
+            air = protocol.preparation.air_speed
+            tables["preparation"] = {"pulses": experiment.pulses, "air_speed": air, "shaking": experiment.shaking}
         made = list(of_jump(aside, protocol, motion, phi, parameters, rng, discs))
         true = jump_truth(motion, made)
     else:

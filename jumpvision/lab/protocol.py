@@ -31,6 +31,7 @@ from .protocol_keys import (
     Jump,
     JumpSweep,
     MotorValues,
+    PreparationValues,
     Records,
     RobotValues,
     intrusions_of,
@@ -66,6 +67,7 @@ class Protocol:
     robot_sigma: Mapping[str, Value] = field(default_factory=dict)
     file: Path = Path()
     part: str = ""  # what the names of its experiments begin with, where the protocol is part of another
+    preparation: PreparationValues | None = None
 
     @property
     def experiments(self) -> tuple[Jump | Intrusion, ...]:
@@ -137,7 +139,18 @@ def _table(path: Path) -> dict[str, Any]:
 
 def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: int = 0) -> Protocol:
     """The protocol that a table describes; `where` names it in messages, part and first as in `jumps_of`."""
-    known = {"robot", "motor", "bed", "truth", "jumps", "intrusions", "record", "model", *_names(Cameras)}
+    known = {
+        "robot",
+        "motor",
+        "bed",
+        "preparation",
+        "truth",
+        "jumps",
+        "intrusions",
+        "record",
+        "model",
+        *_names(Cameras),
+    }
     plain = {k: v for k, v in table.items() if k not in known}
     header, problems = read(Header, plain, f"{where}:")
 
@@ -164,6 +177,7 @@ def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: 
     robot = section(RobotValues, "robot", declared, ("sigma",))
     motor = section(MotorValues, "motor", table["motor"]) if "motor" in table else None
     bed = section(BedValues, "bed", table.get("bed", {}))
+    packs = section(PreparationValues, "preparation", table["preparation"]) if "preparation" in table else None
     cameras = {name: section(type_of(Cameras, name)[0], name, table.get(name, {})) for name in _names(Cameras)}
     record = table.get("record", {})
     records = {}
@@ -177,10 +191,15 @@ def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: 
     jump_sweeps, intrusion_sweeps = sweeps(JumpSweep, "jumps"), sweeps(IntrusionSweep, "intrusions")
     if not jump_sweeps and not intrusion_sweeps:
         problems.append(f"{where}: [[jumps]]: missing; give at least one with kind = ..., or one [[intrusions]]")
+    for i, (given, sweep) in enumerate(zip(table.get("jumps", []), jump_sweeps), 1):
+        if sweep.pulses and packs is None:
+            problems.append(f"{where}: [[jumps]] number {i}: pulses: need [preparation], which says how they pack")
+        if sweep.pulses and "volume_fraction" in given:
+            problems.append(f"{where}: [[jumps]] number {i}: pulses beside volume_fraction: give one of them")
     problems += _recorded(list(records), bool(jump_sweeps), bool(intrusion_sweeps), where)
     if problems:
         raise InputError(problems)
-    jumps = jumps_of(jump_sweeps, start=header.start, ground=header.ground, part=part, first=first)
+    jumps = jumps_of(jump_sweeps, start=header.start, ground=header.ground, part=part, first=first, preparation=packs)
     intrusions = intrusions_of(intrusion_sweeps, foot_radius=robot.foot_radius, part=part, first=first + len(jumps))
     values = {f.name: getattr(robot, f.name) for f in fields(robot)}
     loop = Motor(**{f.name: getattr(motor, f.name) for f in fields(motor)}) if motor else None
@@ -200,6 +219,7 @@ def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: 
         declared.get("sigma", {}),
         Path(where),
         part,
+        packs,
     )
     return checked(protocol, where)
 

@@ -66,6 +66,31 @@ class BedValues:
 
 
 @dataclass(frozen=True)
+class PreparationValues:
+    """How air pulses after fluidisation pack the bed, the faster the more it is shaken; for `pulses` of [[jumps]]."""
+
+    law: str = param("logarithmic", "", "how the packing goes on", choices=("logarithmic", "stretched"))
+    loose: float = param(0.57, "", "volume fraction of the fluidised bed", lo=0.3, hi=0.8)
+    dense: float = param(0.64, "", "volume fraction after pulses without end", lo=0.3, hi=0.8)
+    shape: float = param(0.4, "", "B of 1 - 1/(1 + B ln(1 + n/tau)), exponent of 1 - exp(-(n/tau)^shape)", lo=0.01)
+    tau: float = param(5.0, "", "pulses by which it packs, without shaking", lo=0, open_lo=True)
+    shaking: float = param(1.0, "m/s^2", "shaking that halves tau", lo=0, open_lo=True)
+    air_speed: float = param(0.3, "m/s", "of a pulse", lo=0)
+
+    def check(self) -> list[str]:
+        """Pulses pack."""
+        if self.dense <= self.loose:
+            return [f"dense = {self.dense:g}: must be > loose = {self.loose:g}"]
+        return []
+
+    def packed(self, pulses: float, shaking: float) -> float:
+        """Volume fraction after pulses."""
+        n = pulses / (self.tau / (1.0 + shaking / self.shaking))
+        left = 1.0 / (1.0 + self.shape * math.log(1.0 + n)) if self.law == "logarithmic" else math.exp(-(n**self.shape))
+        return self.dense - (self.dense - self.loose) * left
+
+
+@dataclass(frozen=True)
 class JumpSweep:
     """One [[jumps]]: every combination of its lists (a number, a list, or "LO:HI:N"), `trials` times."""
 
@@ -75,6 +100,8 @@ class JumpSweep:
     phase: tuple[float, ...] = param((), "rad", "start phase; default by kind", lo=-10, hi=10)
     delay: tuple[float, ...] = param((0.0,), "s", "pause between the two half cycles", lo=0)
     volume_fraction: tuple[float, ...] = param((0.57,), "", "of the bed", lo=0.3, hi=0.8)
+    pulses: tuple[float, ...] = param((), "", "air pulses that pack the bed by [preparation], in its place", lo=0)
+    shaking: tuple[float, ...] = param((0.0,), "m/s^2", "of the bed during the pulses", lo=0)
     cycles: float = param(1.0, "", "number of cycles", lo=0, open_lo=True)
     dwell_gain: float = param(1.0, "", "position gain during the delay / normal gain", lo=0, hi=1)
     trials: int = param(1, "", "repetitions of each", lo=1, hi=10000)
@@ -231,7 +258,7 @@ class Cameras:
 FILMED_BY = {"rod_film": "camera", "grain_film": "grain_camera", "bed_image": "bed_camera"}
 
 
-_SWEPT = ("volume_fraction", "frequency", "amplitude", "phase", "delay", "foot_radius", "pause")
+_SWEPT = ("volume_fraction", "pulses", "shaking", "frequency", "amplitude", "phase", "delay", "foot_radius", "pause")
 
 
 class Jump(NamedTuple):
@@ -243,6 +270,8 @@ class Jump(NamedTuple):
     kind: str
     law: Law | Samples
     volume_fraction: float
+    pulses: float | None = None  # since fluidisation; None: the packing is given
+    shaking: float = 0.0  # m/s^2
 
 
 class Intrusion(NamedTuple):
@@ -274,11 +303,21 @@ def lists(sweep: Any) -> Any:
     return out
 
 
-def jumps_of(sweeps: Sequence[JumpSweep], *, start: float, ground: str, part: str, first: int) -> tuple[Jump, ...]:
+def jumps_of(
+    sweeps: Sequence[JumpSweep],
+    *,
+    start: float,
+    ground: str,
+    part: str,
+    first: int,
+    preparation: PreparationValues | None = None,
+) -> tuple[Jump, ...]:
     """part: goes before every name; first: number of the first one."""
     out: list[Jump] = []
     for s in sweeps:
         axes = {"volume_fraction": s.volume_fraction if ground == "granular" else s.volume_fraction[:1]}
+        if s.pulses and preparation:
+            axes = {"pulses": s.pulses, "shaking": s.shaking}
         axes |= {"frequency": s.frequency, "amplitude": s.amplitude, "delay": s.delay}
         axes["phase"] = s.phase or (PHASES[s.kind],)
         told = [n for n, a in axes.items() if len(a) > 1 and n != "frequency"]
@@ -286,11 +325,22 @@ def jumps_of(sweeps: Sequence[JumpSweep], *, start: float, ground: str, part: st
             v = dict(zip(axes, values))
             cycles, amplitude = (0.0, 0.0) if s.kind == "none" else (s.cycles, v["amplitude"])
             law = Law(v["frequency"], amplitude, v["phase"], start, cycles, v["delay"], s.dwell_gain)
-            unit = {"volume_fraction": "phi", "amplitude": "A", "delay": "delay", "phase": "phase"}
+            pulses, shaking = v.get("pulses"), v.get("shaking", 0.0)
+            if preparation and pulses is not None:
+                v["volume_fraction"] = preparation.packed(pulses, shaking)
+            unit = {
+                "volume_fraction": "phi",
+                "pulses": "pulses",
+                "shaking": "shaking",
+                "amplitude": "A",
+                "delay": "delay",
+                "phase": "phase",
+            }
             group = "-".join([part + s.kind, f"{v['frequency']:.6g}Hz", *(f"{unit[n]}{v[n]:.6g}" for n in told)])
             for trial in range(1, s.trials + 1):
                 number = first + len(out)
-                out.append(Jump(number, f"{group}-{trial}", group, s.kind, law, v["volume_fraction"]))
+                name, phi = f"{group}-{trial}", v["volume_fraction"]
+                out.append(Jump(number, name, group, s.kind, law, phi, pulses, shaking))
     return tuple(out)
 
 

@@ -101,6 +101,15 @@ def bottom_height(force: float, radius: float, constant: float) -> float:
     return constant * math.sqrt(force / radius)
 
 
+def bottom_force(height: ArrayLike, zeta: float, force: float, rate: float) -> Array:
+    """What a floor adds [N] to the force on a plate at a height (...) [m] above it (Stone et al. 2004, thesis 3.2.1).
+
+    force ((1 - exp(rate (zeta - height)))^2 - 1): nothing far away, least (-force) at zeta [m], steep below it. The
+    thesis calls `force` the plate's area; it is a force [N], which grows with the area. rate [1/m].
+    """
+    return np.asarray(force * (np.expm1(rate * (zeta - np.asarray(height, float))) ** 2 - 1.0))
+
+
 def _porosity(volume_fraction: float) -> float:
     if not 0.0 < volume_fraction < 1.0:
         raise ValueError(f"volume_fraction = {volume_fraction!r} must be in (0, 1)")
@@ -147,14 +156,27 @@ def side_walls(length: float, width: float, radius: float, *, ratio: float) -> l
     ]
 
 
-def floor(height: float, force_at_floor: float, radius: float, depth: float, *, constant: float) -> Finding:
+def floor(
+    height: float,
+    force_at_floor: float,
+    radius: float,
+    depth: float,
+    *,
+    constant: float,
+    law: tuple[float, float] | None = None,
+) -> Finding:
     """Depth at which the floor begins to be felt, height - zeta_b, against the depth [m] that the foot reaches.
 
     height of the bed [m]; force_at_floor = F_0 [N], the unbounded static force at that depth; constant as in
-    `bottom_height`.
+    `bottom_height`. law: stress [Pa] and rate [1/m] of `bottom_force`, whose value at the depth is told.
     """
     zeta = bottom_height(force_at_floor, radius, constant)
     free = height - zeta
+    told = ""
+    if law is not None:
+        stress, rate = law
+        added = float(bottom_force(height - depth, zeta, stress * math.pi * radius**2, rate))
+        told = f", where the floor adds {added:.2g} N"
     return Finding(
         "depth before the floor is felt",
         free,
@@ -162,5 +184,17 @@ def floor(height: float, force_at_floor: float, radius: float, depth: float, *, 
         "m",
         free > depth,
         f"the floor is felt from {max(free, 0.0) * 1e3:.0f} mm depth on (zeta_b = {zeta * 1e3:.0f} mm above it); the "
-        f"foot reaches about {depth * 1e3:.0f} mm",
+        f"foot reaches about {depth * 1e3:.0f} mm{told}",
+    )
+
+
+def pulse(speed: float, onset: float) -> Finding:
+    """Whether air pulses stay below the onset of fluidisation, both speeds in m/s; above, they loosen the bed again."""
+    return Finding(
+        "air pulses' speed",
+        speed,
+        onset,
+        "m/s",
+        speed < onset,
+        f"pulses of {speed:.3f} m/s pack the bed; from {onset:.3f} m/s on they would fluidise it and start anew",
     )

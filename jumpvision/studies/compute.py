@@ -177,15 +177,15 @@ class Setting:
     f0_Hz: float | None = None
 
     @classmethod
-    def of(cls, machine: Machine, analysis: str, f0_Hz: float | None = None) -> Setting:
-        """The setting of an analysis with a robot, by the versions at hand."""
+    def of(cls, machine: Machine | None, analysis: str, f0_Hz: float | None = None) -> Setting:
+        """The setting of an analysis with a robot (None: of beds without one), by the versions at hand."""
         packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
-        laws = machine.laws
+        laws = machine.laws if machine else None
         return cls(
-            ground=machine.model.ground,
-            robot=machine.name,
-            constants=json.dumps(plain(dict(machine.values))),
-            model=str(machine.model),
+            ground=machine.model.ground if machine else "granular",
+            robot=machine.name if machine else "none",
+            constants=json.dumps(plain(dict(machine.values)) if machine else {}),
+            model=str(machine.model) if machine else "none",
             laws=json.dumps(laws.plain()) if laws else None,
             laws_source=laws.source if laws else None,
             versions=json.dumps({"jumpvision": __version__, "python": platform.python_version(), **packages}),

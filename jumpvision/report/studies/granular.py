@@ -12,6 +12,7 @@ from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
 from jumpvision.results.fields import attributes_of, unit_of
 from jumpvision.studies.sand import beds, models
 from jumpvision.studies.sand import drag_fit as measured
+from jumpvision.studies.sand import packing as prepared
 
 TYPE = {"single": (MEASURED, "o"), "stutter": (MODEL, "s"), "delayed stutter": (GREEN, "^")}
 FORCE = {  # force model: colour, line
@@ -207,4 +208,25 @@ def drag_fit(data: xr.Dataset, Figure: Any) -> Any:
     )
     right.errorbar(data.phi_of_jump, data.measured_height_m * 1e3, 2e3 * data.sigma_height_m, fmt=".", color=MEASURED)
     right.set(title="the jumps", xlabel=PHI, ylabel=HEIGHT)
+    return figure
+
+
+@figure_of(prepared.packing)
+def packing(data: xr.Dataset, Figure: Any) -> Any:
+    """The beds and the law of each setting, with its uncertainty."""
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axis = figure.subplots()
+    names = attributes_of(prepared.Settings, data).settings.split(" | ")
+    colors = [MEASURED, MODEL, GREEN, ACCENT, QUIET]
+    for i, name in enumerate(names):
+        color, of = colors[i % len(colors)], data.setting_of_bed == i
+        axis.errorbar(
+            data.pulses[of], data.volume_fraction[of], 2 * data.sigma_volume_fraction[of], fmt="o", ms=4, color=color
+        )
+        line, sigma = data.law_volume_fraction[i], 2 * data.law_sigma[i]
+        axis.plot(data.law_pulses, line, color=color, label=f"{name}: {data.law.values[i]} law")
+        axis.fill_between(data.law_pulses, line - sigma, line + sigma, color=color, alpha=0.2, lw=0)
+    axis.set_xscale("symlog", linthresh=1.0)
+    axis.set(xlim=(0, None), xlabel="air pulses since fluidisation", ylabel=PHI, title="packing of the bed, ±2σ")
+    axis.legend(fontsize=7)
     return figure

@@ -14,7 +14,7 @@ from jumpvision.base.schema import read
 from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import GeometryParams
-from jumpvision.inputs.sections import Actuation, Bed, Fan, NotApplicable, Robot
+from jumpvision.inputs.sections import Actuation, Bed, Fan, NotApplicable, Preparation, Robot
 from jumpvision.mechanisms.ground import linear_penetration, two_resistance
 from jumpvision.physics import air
 from jumpvision.physics.air import Finding, floor, side_walls
@@ -26,11 +26,12 @@ from .height import packing
 DEEPEST = 10.0  # m, up to which the depth that carries the load is looked for
 
 
-@stage(version=1)
+@stage(version=2)
 def geometry(
     section: Bed,
     robot: Robot | None,
     fan: Fan | None,
+    prepared: Preparation | None,
     law: Actuation | None,
     model: ModelSpec | None,
     bed: BedHeight | None,
@@ -46,6 +47,8 @@ def geometry(
     findings = walls(section, robot, law, model, height, p)
     flow, more = fluidised(section, robot, fan, phi, height, p)
     findings += more
+    if flow and prepared and prepared.pulses and prepared.air_speed is not None:
+        findings.append(air.pulse(prepared.air_speed, flow["onset_wu_m_s"]))
     if not findings and flow is None:
         raise NotApplicable(["geometry needs [bed] length and width with [robot] foot_radius, or [bed] grain_diameter"])
     for f in findings:
@@ -89,7 +92,8 @@ def walls(
         resistance = static_resistance(model, radius, p)
         depth = reach(robot, law, resistance)
         if depth is not None:
-            out.append(floor(height, resistance(height), radius, depth, constant=p.bottom_constant))
+            near = (p.bottom_stress, p.bottom_rate) if p.bottom_stress and p.bottom_rate else None
+            out.append(floor(height, resistance(height), radius, depth, constant=p.bottom_constant, law=near))
     return out
 
 
@@ -155,12 +159,12 @@ def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[
     """(what geometry.json would hold, warnings) from the folder's numbers alone; None where they do not suffice."""
     if experiment.section(Bed) is None:
         return None, []
-    bed, robot, fan, law, model = (experiment.section(s) for s in (Bed, Robot, Fan, Actuation, ModelSpec))
+    given = (experiment.section(s) for s in (Bed, Robot, Fan, Preparation, Actuation, ModelSpec))
     parameters, _ = read(GeometryParams, experiment.params.get("geometry", {}), "[params.geometry]")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", StageWarning)
         try:
-            found = geometry(bed, robot, fan, law, model, None, p=parameters)
+            found = geometry(*given, None, p=parameters)
         except NotApplicable:
             return None, []
     return found.checked, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
