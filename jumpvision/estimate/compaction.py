@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 
@@ -16,6 +16,7 @@ NAMES = {"logarithmic": ("loose", "dense", "B", "tau"), "stretched": ("loose", "
 SHAPES = {"logarithmic": np.geomspace(0.05, 20.0, 9), "stretched": np.linspace(0.2, 1.6, 8)}
 DENSEST = 0.8  # volume fraction, beyond which a fit's dense state is no packing of grains
 LEAST = 5  # different numbers of pulses for four parameters
+REPEATS = 6  # beds beyond the first of their pulses, from which scatter is told from a law that does not fit
 CLEAR = 2.0  # of chi2, by which one law must be better to be told from the other
 
 
@@ -36,14 +37,16 @@ class Compaction:
     """A law of packing: values by NAMES[law], their covariance (4, 4), both with chi2 of n preparations.
 
     scatter: standard deviation of a preparation's volume fraction beside what its measurement is uncertain by; it is
-    in the weights. range: of the pulses fitted. other: values of the other law with its chi2; `told`: whether the data
-    tell them apart. What they differ by goes into the uncertainties, by the other's probability.
+    in the weights. lack: by how much (standard deviation) the means of repeated beds are off the law beyond their own
+    errors; 0 without repeats. range: of the pulses fitted. other: values of the other law with its chi2; `told`:
+    whether the data tell them apart. What they differ by goes into the uncertainties, by the other's probability.
     """
 
     law: str
     values: Array
     covariance: Array
     scatter: float
+    lack: float
     chi2: float
     n: int
     range: tuple[float, float]
@@ -56,7 +59,8 @@ class Compaction:
     @property
     def doubt(self) -> float:
         """Probability of the other law, both held for as likely before."""
-        return float(scipy.special.expit(-0.5 * (self.other[1] - self.chi2)))
+        worse = self.other[1] - self.chi2
+        return 0.0 if np.isnan(worse) else float(scipy.special.expit(-0.5 * worse))
 
     def at(self, pulses: ArrayLike) -> tuple[Array, Array]:
         """(volume fraction, standard uncertainty of its mean) after pulses (...)."""
@@ -64,14 +68,14 @@ class Compaction:
         j = _jacobian(self.law, n.ravel(), self.values)
         variance = np.maximum(np.einsum("ni,ij,nj->n", j, self.covariance, j), 0.0).reshape(n.shape)
         phi, other = _phi(self.law, n, self.values), _phi(_other(self.law), n, self.other[0])
-        return phi, np.sqrt(variance + self.doubt * (other - phi) ** 2)
+        return phi, np.sqrt(variance + self.doubt * (other - phi) ** 2 + self.lack**2)
 
     def pulses(self, phi: float) -> tuple[float, float]:
         """(pulses after which the mean packing is phi, standard uncertainty); NaN where phi is not within reach."""
         loose, dense, shape, tau = self.values
-        left = (dense - phi) / (dense - loose)
-        if not 0.0 < left <= 1.0:
+        if not loose <= phi < dense:
             return math.nan, math.nan
+        left = (dense - phi) / (dense - loose)
         if self.law == "logarithmic":
             n = float(tau * np.expm1((1.0 / left - 1.0) / shape))
         else:
@@ -87,7 +91,8 @@ def fit_compaction(pulses: ArrayLike, phi: ArrayLike, sigma: ArrayLike, common: 
     """The law with the least chi2 through the packings phi (n,) of beds that had `pulses` (n,) since fluidisation.
 
     sigma (n,): standard uncertainties of phi by themselves (0: known exactly); common: what all share, which moves the
-    loose and the dense state. The scatter of preparations is learned: as much as makes chi2 its degrees of freedom.
+    loose and the dense state. The scatter of preparations is learned: of repeats about their means where there are
+    REPEATS or more beyond the first, else of all beds about the law.
     ValueError for shapes that differ, a negative number of pulses or fewer than LEAST different ones.
     """
     n, y, s = (np.asarray(v, float) for v in (pulses, phi, sigma))
@@ -98,15 +103,17 @@ def fit_compaction(pulses: ArrayLike, phi: ArrayLike, sigma: ArrayLike, common: 
             f"fit_compaction pulses: {np.unique(n).size} different numbers of pulses, least {n.min():g}; the law has "
             f"four parameters: give {LEAST} or more, all >= 0"
         )
-    free, scatter = n.size - 4, 0.0
+    different, group = np.unique(n, return_inverse=True)
+    repeats = n.size - different.size
+    free, scatter = (repeats if repeats >= REPEATS else n.size - 4), 0.0
     floor = max(1e-12, 1e-6 * float(np.ptp(y)))
     for _ in range(30):  # the scatter with which chi2 is its degrees of freedom
         weight = 1.0 / np.sqrt(s**2 + scatter**2 + floor**2)
         fits = {law: _fitted(law, n, y, weight) for law in NAMES}
         law = min(fits, key=lambda k: fits[k][1])
         values, chi2 = fits[law]
-        rest = (y - _phi(law, n, values)) ** 2
-        more = _excess(rest, s, free)
+        about = _means(y, group)[group] if repeats >= REPEATS else _phi(law, n, values)
+        more = _excess((y - about) ** 2, s, free)
         if abs(more - scatter) <= 1e-3 * max(more, floor):
             break
         scatter = more
@@ -114,10 +121,19 @@ def fit_compaction(pulses: ArrayLike, phi: ArrayLike, sigma: ArrayLike, common: 
     size = np.maximum(np.abs(values), 1e-9)
     covariance = np.linalg.pinv((j * size).T @ (j * size), hermitian=True) * np.outer(size, size)
     shared = np.array([common, common, 0.0, 0.0])
+    lack = 0.0
+    if repeats >= REPEATS and different.size > 4:
+        own = np.sqrt(_means(s**2 + scatter**2, group) / np.bincount(group))
+        lack = _excess((_means(y, group) - _phi(law, different, values)) ** 2, own, different.size - 4)
     reach = (float(n.min()), float(n.max()))
     return Compaction(
-        law, values, covariance + np.outer(shared, shared), scatter, chi2, n.size, reach, fits[_other(law)]
+        law, values, covariance + np.outer(shared, shared), scatter, lack, chi2, n.size, reach, fits[_other(law)]
     )
+
+
+def _means(x: Array, group: NDArray[np.intp]) -> Array:
+    """Of the values (n,) of each group."""
+    return np.asarray(np.bincount(group, x) / np.bincount(group))
 
 
 def _other(law: str) -> str:

@@ -192,9 +192,9 @@ def protocol_of(table: Mapping[str, Any], where: str, *, part: str = "", first: 
     if not jump_sweeps and not intrusion_sweeps:
         problems.append(f"{where}: [[jumps]]: missing; give at least one with kind = ..., or one [[intrusions]]")
     for i, (given, sweep) in enumerate(zip(table.get("jumps", []), jump_sweeps), 1):
-        if sweep.pulses and packs is None:
+        if sweep and sweep.pulses and packs is None:
             problems.append(f"{where}: [[jumps]] number {i}: pulses: need [preparation], which says how they pack")
-        if sweep.pulses and "volume_fraction" in given:
+        if sweep and sweep.pulses and "volume_fraction" in given:
             problems.append(f"{where}: [[jumps]] number {i}: pulses beside volume_fraction: give one of them")
     problems += _recorded(list(records), bool(jump_sweeps), bool(intrusion_sweeps), where)
     if problems:

@@ -102,6 +102,7 @@ def _rows(setting: tuple[float, float], law: Compaction, beds: list[Prepared]) -
     sigma = np.sqrt(np.maximum(np.diag(law.covariance), 0.0))
     values = ", ".join(f"{n} {v:.4g} ± {s:.2g}" for n, v, s in zip(NAMES[law.law], law.values, sigma))
     sure = "" if law.told else "; the other law is as good"
+    sure += f"; beds are off it by {law.lack:.1g}" if law.lack else ""
     out = [
         {"quantity": f"{_words(setting)}: law", "ours": f"{law.law}: {values}{sure}"},
         {
@@ -139,6 +140,7 @@ def _dataset(given: Measured, used: list[Prepared], laws: dict[tuple[float, floa
         "air_speed": of_laws([s[0] for s in laws], "m/s", "of a pulse; -1: not told"),
         "shaking": of_laws([s[1] for s in laws], "m/s^2", "amplitude of the bed's acceleration"),
         "scatter": of_laws([law.scatter for law in laws.values()], "1", "standard deviation of a preparation"),
+        "lack": of_laws([law.lack for law in laws.values()], "1", "what means of beds are off the law, beyond errors"),
         "chi2": of_laws([law.chi2 for law in laws.values()], "1", "of the beds"),
         "law_volume_fraction": xr.Variable(("setting", "law_pulses"), lines[:, 0], {"units": "1"}),
         "law_sigma": xr.Variable(("setting", "law_pulses"), lines[:, 1], {"units": "1"}),
