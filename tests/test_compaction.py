@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from jumpvision.cli import main
-from jumpvision.estimate.compaction import fit_compaction, share
+from jumpvision.studies.sand.compaction import fit_compaction, share
 
 PULSES = np.repeat([0.0, 1, 3, 10, 30, 100, 300], 3)
 MEASURED, SCATTER = 3e-4, 1e-3  # of volume fraction

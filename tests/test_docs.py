@@ -85,6 +85,9 @@ ELSEWHERE |= {
     "explore mystery --before plan.toml --tell payload=0.01": "test_explore.test_a_planned_protocol_is_read_and_told",
 }
 ELSEWHERE |= {f"sweep hard --analysis {s.name}": EACH for s in studies("hard").values() if not s.of_campaign}
+ELSEWHERE["sweep hard --analysis animals --table animals.csv"] = (
+    "test_sweep.test_animals_of_a_table_stand_beside_the_simulated_ones"
+)
 ELSEWHERE["sweep hard --analysis traces --frequency 5:12:8 --phase 1.5708"] = EACH
 
 
@@ -347,3 +350,31 @@ def test_the_site_builds_without_a_warning(tmp_path):
     pytest.importorskip("furo")
     subprocess.run([sys.executable, "-m", "sphinx", "-q", "-E", "-W", str(DOCS), str(tmp_path)], check=True)
     assert "Velocity fields of any flow" in (tmp_path / "velocity_fields.html").read_text(encoding="utf-8")
+
+
+def test_every_figure_of_the_thesis_stands_with_a_command_that_is_known():
+    """docs/figures.md: chapters II to IV are Figs 18 to 69; a command is the program's, an analysis one that it has."""
+    page = (DOCS / "figures.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| ([^|]+) \|", page, re.M)
+    assert [int(n) for n, _ in rows] == list(range(18, 70))
+    analyses = {name for ground in ("hard", "granular") for name in studies(ground)}
+    for command in re.findall(r"`jumpvision ([^`]+)`", page):
+        words = shlex.split(command)
+        assert words[0] in known_commands(), command
+        if "--analysis" in words:
+            assert words[words.index("--analysis") + 1] in analyses, command
+        if words[1:] and words[1].startswith("data_samples"):
+            assert (ROOT / words[1] / "experiment.toml").exists(), command
+    for text in re.findall(r"by `(?:sweep \w+ )?--analysis ([\w-]+)", page):
+        assert text in analyses, text
+
+
+def known_commands() -> set[str]:
+    """As the help lists them."""
+    said = subprocess.run(
+        [sys.executable, "-c", "from jumpvision.cli import main; main(['--help'])"],
+        capture_output=True,
+        text=True,
+        env=environment(ROOT),
+    ).stdout
+    return set(re.findall(r"^│ ([a-z]+) ", said, re.M))

@@ -9,6 +9,7 @@ import itertools
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 
@@ -475,11 +476,32 @@ def test_the_command(tmp_path, capsys):
         (["hard", "--set", "robot.colour=1"], "unknown key"),
         (["granular", "--set", "model.terms=[\"two_resistance\"]", "--phi", "0.6"], "has no effect"),
         (["hard", "--experiment", "nowhere"], "does not exist"),
+        (["hard", "--analysis", "alpha", "--table", "x.csv"], "--table x.csv: is for --analysis animals"),
     ],
 )  # fmt: skip
 def test_a_bad_call_is_told_and_writes_nothing(words, told, tmp_path, capsys):
     assert main(["sweep", *words, "--results", str(tmp_path / "out")]) == 2
     assert told in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_animals_of_a_table_stand_beside_the_simulated_ones(tmp_path):
+    """Lengths in mm or m; an animal that jumps as the human model does is 1 of it, within the line's own step."""
+    table = tmp_path / "animals.csv"
+    table.write_text('# mine\nanimal,length [mm],height [m],source\nhopper,6,0.7,"Nature 424, 509"\nme,1800,5.25,\n')
+    data, rows = run(Call("hard", {}, "animals", table=table))
+    assert list(data.animal.values) == ["hopper", "me"]
+    assert data.animal_length_m.values == pytest.approx([0.006, 1.8])
+    assert float(data.share_of_simulated.sel(jump="single", animal="me")) == pytest.approx(1.0, abs=0.02)
+    assert any(r["quantity"] == "hopper: height" and "117 body lengths" in r["ours"] for r in rows)
+    assert picture(data).startswith(b"\x89PNG")
+    for text, told in (
+        ("animal,length,height [m]\na,1,1\n", "column length: unit '' must be one of m, cm, mm"),
+        ("animal,length [m],height [m]\na,1,-1\n", "column height, row 1: must be > 0"),
+        ("length [m],height [m]\n1,1\n", "column animal: missing"),
+    ):
+        table.write_text(text)
+        with pytest.raises(InputError, match=re.escape(told)):
+            run(Call("hard", {}, "animals", table=table))
 
 
 def test_an_experiment_gives_robot_law_and_model(tmp_path):

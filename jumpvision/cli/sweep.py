@@ -69,6 +69,7 @@ class SweepOptions:
             "to an example (docs/granular.md)."
         ),
     ] = None
+    table: Annotated[Path | None, _says("A CSV of your own, drawn beside the analysis: animals.")] = None
     results: Annotated[
         Path | None,
         _says("Folder for the files; default: results/sweep, or results/NAME beside the campaign."),
@@ -117,6 +118,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
         campaign=campaign,
         model=o.model,
         laws=o.laws,
+        table=o.table,
         results=results,
         overrides=overrides_of(o.settings),
         workers=o.workers or cores(),

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import InputError
+from jumpvision.inputs.columns import LENGTH, read_columns
 from jumpvision.physics.hard.analysis import SINGLE, STUTTER, animal_alpha, best_by_alpha
 from jumpvision.physics.hard.jump import HardRobot
 
@@ -31,9 +36,33 @@ class Animals:
     rod_share: float
 
 
-@study("animals", "hard", source="Fig 35")
+class Measured(NamedTuple):
+    """Jumps of real animals: names, body lengths [m] and heights [m], (n,)."""
+
+    names: list[str]
+    length: Array
+    height: Array
+
+
+def read_animals(path: Path) -> Measured:
+    """A CSV with columns animal, length and height, the last two with units. InputError where it is none."""
+    found, data = read_columns(path, {"length": LENGTH, "height": LENGTH})
+    names = next((data[c] for c in data.columns if str(c).strip() == "animal"), None)
+    if names is None or names.isna().any():
+        raise InputError([f"{path}: column animal: missing, or empty in a row; give every row a name"])
+    for name, values in found.items():
+        if bad := np.flatnonzero(values <= 0).tolist():
+            raise InputError([f"{path}: column {name}, row {bad[0] + 1}: must be > 0"])
+    return Measured([str(n).strip() for n in names], found["length"], found["height"])
+
+
+@study("animals", "hard", source="Fig 35", table=True)
 def animals(s: Sweep) -> Found:
-    """Heights of isometric animals relative to body length, from human values; rod share of the robot."""
+    """Heights of isometric animals relative to body length, from human values; rod share of the robot.
+
+    With a table, animals of the user's stand beside them.
+    """
+    seen = read_animals(s.table) if s.table else Measured([], np.empty(0), np.empty(0))
     length = np.geomspace(1e-3, 5.0, 90)
     g = 9.81
     zeta = HUMAN["damping"] / (2 * np.sqrt(HUMAN["stiffness"] * HUMAN["mass"]))
@@ -57,14 +86,19 @@ def animals(s: Sweep) -> Found:
     own["peak_force_N"] = own["peak_force_N"] * stretch * size  # k A
     own["peak_power_W"] = own["peak_power_W"] * stretch**2 * size * rate  # k A^2 w_0
     own["peak_motor_speed"] = own["peak_motor_speed"] * stretch * rate
+    at = np.log(np.clip(seen.length, length[0], length[-1]))
+    share_of = [seen.height / seen.length / np.exp(np.interp(at, np.log(length), np.log(r[:-1]))) for r in relative]
     extra: dict[str, Variable] = {
+        "animal_length_m": (("animal",), seen.length, "m", "body length"),
+        "animal_height_m": (("animal",), seen.height, "m", "jump height as given"),
+        "share_of_simulated": (("jump", "animal"), np.array(share_of), "1", "height over the simulated one's"),
         "alpha": (("length",), a[:-1], "1", "eq. (14)"),
         "relative_height": (("jump", "length"), relative[:, :-1], "1", "com_height / body length"),
         "frequency_ratio": (("jump", "length"), best["frequency_ratio"][:, :-1], "1", "best frequency / f_0"),
     }
     data = dataset(
         s,
-        {"jump": list(TYPES), "length": length},
+        {"jump": list(TYPES), "length": length, "animal": np.array(seen.names, dtype=str)},
         ("jump", "length"),
         own,
         extra,
@@ -74,4 +108,9 @@ def animals(s: Sweep) -> Found:
         s.number("human alpha, zeta", f"{a[-1]:.3f}, {zeta:.2f}", "about 0.05, 0.32"),
         s.number("human: stutter, single height [m]", f"{human[0]:.2f}, {human[1]:.2f}", "2, 5", "2.1, 5.2"),
     ]
+    for i, name in enumerate(seen.names):
+        stutter, single = share_of[0][i], share_of[1][i]
+        times = f"{seen.height[i] / seen.length[i]:.3g} body lengths"
+        ours = f"{times}; {stutter:.2g} of the stutter, {single:.2g} of the single"
+        rows.append(s.number(f"{name}: height", ours, "between stutter and single, most"))
     return data, rows

@@ -44,6 +44,7 @@ class Sweep:
     values: Mapping[str, Array]  # single values, as asked
     workers: int
     say: Say
+    table: Path | None = None
 
     def axis(self, name: str) -> Array:
         """The asked range, or single value, of an axis, else the usual one of the study."""
@@ -92,7 +93,7 @@ class Study(Generic[S]):
     values: axes that it takes as single values, besides ROBOT_AXES. any_axes: it takes all, and single values are
     points of its grid instead of changes of the robot. needs_laws: only with laws of the bed against its packing.
     model_file: --model may replace the campaign's model. memory: the thesis' robot jumps on a bed that remembers a
-    pause of the foot, as far as its laws say how (`machine.remembering`).
+    pause of the foot, as far as its laws say how (`machine.remembering`). table: it takes a table of the user's.
     """
 
     name: str
@@ -106,6 +107,7 @@ class Study(Generic[S]):
     needs_laws: bool
     model_file: bool
     memory: bool
+    table: bool
 
     def __call__(self, given: S) -> Found:
         return self.function(given)
@@ -134,13 +136,25 @@ def study(
     needs_laws: bool = False,
     model_file: bool = True,
     memory: bool = False,
+    table: bool = False,
 ) -> Callable[[Callable[[S], Found]], Study[S]]:
     """Register a function of a Sweep, or of Measured jumps, as a study; the arguments are those of Study."""
 
     def register(function: Callable[[S], Found]) -> Study[S]:
         of_campaign = Measured in get_type_hints(function).values()
         _STUDIES[name] = made = Study(
-            name, grounds, source, function, of_campaign, ranges or {}, values, any_axes, needs_laws, model_file, memory
+            name,
+            grounds,
+            source,
+            function,
+            of_campaign,
+            ranges or {},
+            values,
+            any_axes,
+            needs_laws,
+            model_file,
+            memory,
+            table,
         )
         return made
 
@@ -163,7 +177,7 @@ def listed(ground: str) -> list[Row]:
             "thesis": s.source,
             "shows": s.shows,
             "ranges of": "any axes" if s.any_axes else " ".join(map(option, s.ranges)),
-            "needs": "--campaign" if s.of_campaign else "",
+            "needs": "--campaign" if s.of_campaign else "--table, if you like" if s.table else "",
         }
         for s in studies(ground).values()
     ]
@@ -173,8 +187,8 @@ def listed(ground: str) -> list[Row]:
 class Call:
     """A sweep as it is asked for; axes as typed.
 
-    model: a file with [model]. laws: a file of the bed's parameters against its volume fraction. campaign, results: of
-    a study of measured jumps, the folder of experiments and the one of their results.
+    model: a file with [model]. table: of a study that takes one. laws: a file of the bed's parameters against its
+    volume fraction. campaign, results: of a study of measured jumps, the folder of experiments and that of results.
     """
 
     ground: str
@@ -184,6 +198,7 @@ class Call:
     campaign: Path | None = None
     model: Path | None = None
     laws: Path | None = None
+    table: Path | None = None
     results: Path = Path("results/sweep")
     overrides: Tables = dataclasses.field(default_factory=dict)
     workers: int = 1
@@ -223,6 +238,9 @@ def _asked(call: Call) -> Study[Any]:
         problems.append(f"--analysis {call.analysis}: is of {other} ground; sweep {other}, or leave --analysis out")
     if call.ground == "hard" and call.laws is not None:
         problems.append(f"--laws {call.laws}: has no meaning on hard ground; leave it out")
+    if call.table is not None and not (asked and asked.table):
+        names = " or ".join(s.name for s in (here or known).values() if s.table) or "another ground's analysis"
+        problems.append(f"--table {call.table}: is for --analysis {names}; leave it out")
     if (call.campaign is not None) != (asked is not None and asked.of_campaign):
         names = " or ".join(s.name for s in (here or known).values() if s.of_campaign)
         problems.append(f"--campaign FOLDER and --analysis {names}: go together; give both or neither")
@@ -267,7 +285,7 @@ def _sweep(asked: Study[Any], call: Call) -> Sweep:
             problems.append(f"{option(n)} {call.axes[n]}: {at} does not use it; leave it out")
     if problems:
         raise InputError(problems)
-    return Sweep(asked, _changed(robot, values), ranges, values, call.workers, call.say)
+    return Sweep(asked, _changed(robot, values), ranges, values, call.workers, call.say, call.table)
 
 
 def _laws(call: Call, *, example: bool) -> Laws | None:

@@ -25,16 +25,15 @@ class AirPicture(Picture):
     file = "air.png"
 
 
-@stage(version=1, picture=True)
-def air_picture(geometry: Geometry, fan: Fan) -> AirPicture:
-    """Pressure against air speed: Ergun, Wu, the bed's weight, the fan's curve and where it works."""
+@stage(version=2, picture=True)
+def air_picture(geometry: Geometry, fan: Fan | None) -> AirPicture:
+    """Pressure against air speed: Ergun, Wu, the bed's weight, and where it is given the fan's curve and its place."""
     flow, height = geometry.checked["fluidisation"], geometry.checked["bed_height_m"]
     weight = flow["bed_weight_Pa"] if flow else None
-    if flow is None or height is None or weight is None or not fan.speed:
-        raise NotApplicable(
-            ["air_picture needs [bed] grain_diameter, a volume fraction, the bed's height and the fan's curve"]
-        )
-    v = np.linspace(0.0, max(1.6 * flow["onset_wu_m_s"], fan.speed[-1]), 300)
+    if flow is None or height is None or weight is None:
+        raise NotApplicable(["air_picture needs [bed] grain_diameter, a volume fraction and the bed's height"])
+    known = fan if fan and fan.speed else None
+    v = np.linspace(0.0, max(1.6 * flow["onset_wu_m_s"], known.speed[-1] if known else 0.0), 300)
     with styled() as Figure:
         figure = Figure(figsize=(6.0, 3.6), layout="constrained")
         axis = figure.subplots()
@@ -44,17 +43,17 @@ def air_picture(geometry: Geometry, fan: Fan) -> AirPicture:
             axis.plot(v, height * drop(v) / 1e3, color=color, label=f"{name.title()}, onset {onset:.3f} m/s")
             axis.plot(onset, weight / 1e3, "o", color=color, ms=4)
         axis.axhline(weight / 1e3, color=GREEN, ls="--", lw=1, label="weight of the bed")
-        axis.plot(fan.speed, np.array(fan.pressure) / 1e3, ".-", color=MODEL, label="fan")
-        if fan.loss:
+        title = "air through the bed"
+        if known:
+            axis.plot(known.speed, np.array(known.pressure) / 1e3, ".-", color=MODEL, label="fan")
+            title += ": the bed is fluidised" if flow["fluidised"] else ": the bed stays at rest"
+        if known and known.loss:
             lifted = np.minimum(height * Drop(**flow["laws"]["wu"])(v), weight)
-            axis.plot(v, (lifted + fan.loss * v**2) / 1e3, color=MEASURED, ls=":", label="bed (Wu) and duct")
-        if flow["fan_speed_m_s"] is not None:
-            axis.plot(
-                flow["fan_speed_m_s"], flow["fan_pressure_Pa"] / 1e3, "*", ms=11, color=ACCENT, label="works here"
-            )
-        axis.set_ylim(0.0, 1.15 * max(weight, max(fan.pressure)) / 1e3)
-        state = "the bed is fluidised" if flow["fluidised"] else "the bed stays at rest"
-        axis.set(title=f"air through the bed: {state}", xlabel="superficial air speed [m/s]", ylabel="pressure [kPa]")
+            axis.plot(v, (lifted + known.loss * v**2) / 1e3, color=MEASURED, ls=":", label="bed (Wu) and duct")
+        if (at := flow.get("fan_speed_m_s")) is not None and (pressure := flow.get("fan_pressure_Pa")) is not None:
+            axis.plot(at, pressure / 1e3, "*", ms=11, color=ACCENT, label="works here")
+        axis.set_ylim(0.0, 1.15 * max((weight, *(known.pressure if known else ()))) / 1e3)
+        axis.set(title=title, xlabel="superficial air speed [m/s]", ylabel="pressure [kPa]")
         axis.legend()
         return AirPicture(png(figure))
 

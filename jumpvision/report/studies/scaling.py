@@ -113,6 +113,10 @@ def animals(data: xr.Dataset, Figure: Any) -> Any:
         color, style = LOOK[name]
         left.plot(data.length, data.relative_height.sel(jump=name), style, color=color, label=name)
     left.plot([1.8, 1.8], data.relative_height.interp(length=1.8), "o", ms=4, color="black", label="human values")
+    for i, name in enumerate(data.animal.values):
+        x, y = float(data.animal_length_m[i]), float(data.animal_height_m[i] / data.animal_length_m[i])
+        left.plot(x, y, "^", ms=5, color=GREEN, label="measured" if i == 0 else None)
+        left.annotate(str(name), (x, y), xytext=(-6, -2), textcoords="offset points", fontsize=7, ha="right")
     left.set(
         title="isometric animals: height / body length",
         xlabel="body length [m]",

@@ -15,6 +15,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError, param, read
 from jumpvision.base.storage import sha256, write_aside
+from jumpvision.inputs.columns import read_columns
 from jumpvision.physics import shapes
 from jumpvision.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push
 from jumpvision.results import plain
@@ -77,28 +78,7 @@ def read_table(path: Path) -> Table:
     plate: angle of the plate to the horizontal, motion: of its motion below the horizontal; alpha_x against the motion,
     alpha_z upwards, per depth. InputError that names the file, the column and what is allowed.
     """
-    try:
-        data = pd.read_csv(path, comment="#")
-    except (OSError, ValueError) as e:
-        raise InputError([f"{path}: {e}"]) from None
-    found: dict[str, Array] = {}
-    problems = []
-    for name in COLUMNS:
-        units = ANGLE if name in COLUMNS[:2] else STRESS
-        column = next((c for c in data.columns if str(c).split("[")[0].strip() == name), None)
-        if column is None:
-            problems.append(f"{path}: column {name} is missing; write it with its unit: {name} [{next(iter(units))}]")
-            continue
-        unit = str(column).partition("[")[2].strip().rstrip("]").strip()
-        if unit not in units:
-            problems.append(f"{path}: column {name}: unit {unit!r} must be one of {', '.join(units)}, as {name} [UNIT]")
-            continue
-        values = pd.to_numeric(data[column], errors="coerce").to_numpy(dtype=float)
-        if bad := np.flatnonzero(~np.isfinite(values)).tolist():
-            problems.append(f"{path}: column {name}, row {bad[0] + 1}: must be a finite number")
-        found[name] = values * units[unit]
-    if problems:
-        raise InputError(problems)
+    found, _ = read_columns(path, {n: ANGLE if n in COLUMNS[:2] else STRESS for n in COLUMNS})
     limit = 0.5 * math.pi + 1e-6
     for name in COLUMNS[:2]:
         if found[name].size and np.abs(found[name]).max() > limit:

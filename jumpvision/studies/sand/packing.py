@@ -10,12 +10,12 @@ import xarray as xr
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.estimate.compaction import LEAST, NAMES, Compaction, fit_compaction
 from jumpvision.estimate.estimate import independent
 from jumpvision.inputs.experiment import open_campaign
 from jumpvision.inputs.sections import Preparation
 from jumpvision.results.fields import as_attributes
 from jumpvision.studies.compute import Setting
+from jumpvision.studies.sand.compaction import LEAST, NAMES, Compaction, fit_compaction
 from jumpvision.studies.study import Found, Measured, Row, study
 from jumpvision.workflow.run import Plan, run_campaign
 
@@ -71,8 +71,8 @@ def prepared(given: Measured) -> list[Prepared]:
 def packing(given: Measured) -> Found:
     """Volume fraction of a campaign's beds against air pulses and shaking: the law, its scatter, pulses for a packing.
 
-    One law (`estimate.compaction`) for each setting of air speed and shaking. InputError where no setting has enough
-    different numbers of pulses.
+    One law (`compaction`) for each setting of air speed and shaking. InputError where no setting has enough different
+    numbers of pulses.
     """
     beds = prepared(given)
     by_setting = {s: [b for b in beds if b.setting == s] for s in sorted({b.setting for b in beds})}
