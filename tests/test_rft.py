@@ -213,8 +213,7 @@ def test_the_command_draws_the_foot(tmp_path):
 def test_plates_in_our_own_discs_feel_what_the_published_plates_feel():
     """A bar of 45 degrees over a level one, pushed down into a heavy bed of rough discs: Li et al. have 0.56 and -0.22.
 
-    Three beds of this size gave 0.59, 0.52, 0.67 and -0.27, -0.27, -0.35: 2.5 times their scatter is allowed. A law that
-    feels the projected area alone has 0.71 and 0.
+    Three beds of this size gave 0.59, 0.52, 0.67 and -0.27, -0.27, -0.35: 2.5 times their scatter is allowed.
     """
     from benchmarks.rft_discs import Case, run
 
