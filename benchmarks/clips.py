@@ -23,6 +23,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 
 from jumpvision.stages.track import of_arrays
 
@@ -43,6 +44,7 @@ class Clip:
     clean: list[np.ndarray]
     noise: float
     spin: float  # rad a frame
+    halves: np.ndarray  # (2 n, 3) of an interlaced clip: place in each half picture [px], and whether it is seen there
 
 
 def wall(rng: np.random.Generator, h: int, w: int, level: float, d: float, ball: float) -> tuple[np.ndarray, list[str]]:
@@ -176,7 +178,7 @@ def _clip(rng: np.random.Generator) -> Clip:
     spin, seed_face, tone = rng.normal(0, 0.05), int(rng.integers(1e6)), rng.uniform(0.1, 0.5)
     drag = rng.uniform(0, 0.02)
     noise = rng.uniform(0.5, 4.0)
-    where, speeds = [], []
+    where, speeds, halves = [], [], []
     for k in range(2 * n):  # half frames
         if k >= 2 * held:
             x, y, vy = x + 0.5 * vx, y + 0.5 * vy, vy + 0.5 * gravity
@@ -205,6 +207,10 @@ def _clip(rng: np.random.Generator) -> Clip:
                 if math.hypot((bx - hx) / 2.2, by - hy) < 1.7 * d:
                     seen[i] = False
             fields.append(cv2.GaussianBlur(picture, (0, 0), 0.7))
+            free = not hand or math.hypot((bx - hx) / 2.2, by - hy) >= 1.7 * d
+            free &= 0.7 * d < bx < w - 0.7 * d and 0.7 * d < by < h - 0.7 * d
+            near = np.hypot(xx - bx, yy - by) < 0.6 * d
+            halves.append((bx, by, free and near.any() and hidden[near].mean() < 0.1))
         if interlaced:
             fields[0][1::2] = fields[1][1::2]
             seen[i] = False
@@ -220,7 +226,7 @@ def _clip(rng: np.random.Generator) -> Clip:
     frames, codec = through_codec(rng, frames, fps)
     truth = np.array(where[::2])
     at = ", ".join([kind, "dark" if dark else "bright", f"{d:.0f} px", f"{speed:.1f} d/frame", codec, *words])
-    return Clip(np.array(frames), truth, seen, d, dark, kind, at, clean, noise, spin)
+    return Clip(np.array(frames), truth, seen, d, dark, kind, at, clean, noise, spin, np.array(halves, float))
 
 
 def bound(c: Clip, i: int) -> float:
@@ -233,6 +239,13 @@ def bound(c: Clip, i: int) -> float:
     return c.noise / math.sqrt(0.5 * float(np.sum(gx**2) + np.sum(gy**2)))
 
 
+def tracked(c: Clip, p: dict) -> tuple[pd.DataFrame, list[str]]:
+    """The track of a clip and what is said of it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        return of_arrays(c.frames, **p), [str(w.message) for w in caught]
+
+
 def judged(c: Clip, click: bool) -> tuple[str, float, str]:
     """("found" | "refused" | "part" | "false", scatter over the bound, words)."""
     p: dict = {"polarity": "dark" if c.dark else "bright"}
@@ -243,21 +256,26 @@ def judged(c: Clip, click: bool) -> tuple[str, float, str]:
         if c.kind != "disc":
             p["method"] = "template"
     n = min(len(c.frames), len(c.truth))
-    truth, said = c.truth[:n], []
+    truth, seen, said = c.truth[:n], c.seen[:n], []
     if p.get("method") == "template":  # the clicked point of the ball, which turns about its centre
         angle, off = c.spin * np.arange(n), p["seed"] - c.truth[0]
         turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(n, 2, 2)
         truth = truth + turned @ off
     try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            t = of_arrays(c.frames, **p)
-            said = [str(w.message) for w in caught]
+        t, said = tracked(c, p)
+        if asked := [s.split('fields = "')[1].split('"')[0] for s in said if "interlaced" in s]:  # as the warning says
+            t, said = tracked(c, p | {"fields": asked[0]})
+            n, truth, seen = len(t), c.halves[:, :2].copy(), c.halves[:, 2] > 0
+            if p.get("method") == "template":
+                angle = 0.5 * c.spin * np.arange(len(truth))
+                truth += np.stack([np.cos(angle) * off[0] - np.sin(angle) * off[1],
+                                   np.sin(angle) * off[0] + np.cos(angle) * off[1]], axis=1)  # fmt: skip
+            n = min(n, len(truth))
+            truth, seen = truth[:n], seen[:n]
     except ValueError as e:
         return "refused", math.nan, str(e)[:60]
     good = (t.flag == "").to_numpy()[:n]
     off = np.hypot(t.x_px[:n] - truth[:, 0], t.y_px[:n] - truth[:, 1]).to_numpy()
-    seen = c.seen[:n]
     wrong = good & (off > 0.5 * c.d)
     hit = (good & (off < 0.3 * c.d))[seen].mean() if seen.any() else 0.0
     words = (
@@ -269,7 +287,7 @@ def judged(c: Clip, click: bool) -> tuple[str, float, str]:
         return "refused", math.nan, words + str(t.flag[0])
     use = np.flatnonzero(good & seen & (off < 0.3 * c.d))
     ratio = math.nan
-    if use.size > 4 and hit >= 0.9:
+    if use.size > 4 and hit >= 0.9 and "interlaced" not in c.words:
         e = np.stack([t.x_px.to_numpy()[use] - truth[use, 0], t.y_px.to_numpy()[use] - truth[use, 1]], axis=1)
         e = e - np.median(e, axis=0)
         ratio = float(np.sqrt(np.mean(e**2)) / np.mean([bound(c, i) for i in use]))

@@ -71,6 +71,13 @@ class RodVideo(FileSection):
     start: float = param(0.0, "s", "start of the first exposure on the common clock", lo=-1e6, hi=1e9)
     clock: str = _clock()
     truncated: str = _truncated()
+    fields: str = param(
+        "together",
+        "",
+        "of an interlaced film: its half pictures one by one, the upper rows (top) or the lower ones (bottom) first; "
+        "they are then the frames that are counted",
+        choices=("together", "top", "bottom"),
+    )
     up: str = param("-y", "", "image direction of physical up", choices=("-y", "+y", "-x", "+x"))
     exclude_frames: tuple[str, ...] = param((), "", "frames to leave out: 'first:last reason', both included")
 

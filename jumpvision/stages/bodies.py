@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.estimate.height import exposure_shift, parabolas, shift_noise, shift_sigma
+from jumpvision.frames.fields import ORDERS, SIGMA, field, order_of
 from jumpvision.inputs.parameters import TrackParams, of_keywords
 from jumpvision.vision.ball.film import track_film
 from jumpvision.vision.ball.track import BallSettings, BallTrack
@@ -21,6 +23,7 @@ from jumpvision.vision.stereo import FAR, at_times, pinhole
 from jumpvision.vision.stereo import triangulate as places_of
 from jumpvision.workflow.stage import StageWarning
 
+INTERLACED = 'the film is interlaced: every frame shows two instants; give {} = "{}" to follow both'
 SEEN = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables must have
 
 
@@ -34,6 +37,7 @@ def of_arrays(
     angle: float = 0.0,
     masses: tuple[float, ...] = (),
     window: int = 7,
+    fields: str = "together",
     **parameters: Any,
 ) -> pd.DataFrame:
     """A ball in every one of the frames (n, H, W), an array or a sequence of grey images: a row a frame.
@@ -41,8 +45,9 @@ def of_arrays(
     frame_rate [1/s]: default one frame a second. scale [m/px]. exposure [s]: positions are then those at mid-exposure.
     origin: (column, row) [px] of the axes' origin; angle [rad] of the x axis, counter-clockwise from the picture's row.
     masses [kg]: of the ball and of those at `markers`, for their centre of mass. window: frames of the parabola from
-    which speed and acceleration are taken; fewer where the acceleration changes within them. parameters: those of
-    [params.track], such as diameter=12 [px], polarity="dark", seed=(column, row), markers=[(column, row), ...].
+    which speed and acceleration are taken; fewer where the acceleration changes within them. fields: of interlaced
+    frames, "top" or "bottom": a row for each of their half pictures, whose upper or lower rows come first. parameters:
+    those of [params.track], such as diameter=12 [px], polarity="dark", seed=(column, row), markers=[(column, row)].
 
     Columns: body (with markers: from 1; 0 is the centre of mass), frame, time_s, x_px right, y_px down, sigma_px (of
     either); with a scale, an origin or an angle x, y up and sigma in the axes; vx, vy, v_sigma, ax, ay, a_sigma; the
@@ -51,14 +56,23 @@ def of_arrays(
     else is NaN then). Raises InputError for a parameter, ValueError for what is no stack of grey images.
     """
     p = of_keywords(TrackParams, parameters, folder=("exposure_correction",), frame_rate=frame_rate, scale=scale)
-    _check(p, exposure, frame_rate, origin, angle, masses, window)
     images = [np.asarray(f) for f in frames]
     if not images or any(f.ndim != 2 for f in images):
         raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")
+    if fields not in ORDERS:
+        raise InputError([f"jv.track fields = {fields!r}: must be one of {', '.join(ORDERS)}"])
+    if halved := fields != "together":
+        images = [field(f, lower) for f in images for lower in (fields == "bottom", fields == "top")]
+        frame_rate *= 2.0
+    _check(p, exposure, frame_rate, origin, angle, masses, window)
     seed = (p.seed[0], p.seed[1]) if p.seed else None
     settings = BallSettings(p.diameter, p.polarity, p.method, p.search, seed, exposure > 0.0, exposure * frame_rate)
     markers = [(m[0], m[1]) for m in p.markers]
     found = track_film(images, settings, scene=p.background == "static", markers=markers)
+    if halved:
+        found = [replace(ball, sigma=ball.sigma * SIGMA) for ball in found]
+    elif order := order_of(images):
+        warnings.warn(INTERLACED.format("fields", order), StageWarning, stacklevel=2)
     for number, ball in enumerate(found, 1):
         for note in ball.notes:
             warnings.warn(f"ball {number}: {note}" if markers else note, StageWarning, stacklevel=2)

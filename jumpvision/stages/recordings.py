@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.frames import Film, FrameError, open_frames
+from jumpvision.frames.fields import Fields
 from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.sections import BedImage, Calibration, Clock, CraterImage, GrainVideo, RodTrack, RodVideo, need
 from jumpvision.vision.camera import Camera, camera, straight_map, straight_points
@@ -34,9 +35,13 @@ def open_film(section: RodVideo | GrainVideo, seen: Callable[[NDArray[np.generic
     if isinstance(section, GrainVideo) and section.pairs:
         film = in_pairs(section)
     else:
-        film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start, seen=seen)
+        halved = isinstance(section, RodVideo) and section.fields != "together"
+        watch = None if halved else seen
+        film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start, seen=watch)
         if section.clock == "declared":
             film = timed_as_declared(film, section)
+        if isinstance(section, RodVideo) and halved:
+            film = Fields(film, lower=section.fields == "bottom")
     if film.truncated and section.truncated != "accept":
         film.close()
         raise FrameError(

@@ -15,6 +15,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.estimate.height import at_rest, exposure_shift, shift_noise, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
+from jumpvision.frames.fields import SIGMA, order_of
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import TrackParams
 from jumpvision.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo
@@ -24,9 +25,11 @@ from jumpvision.vision.ball.track import BallSettings, BallTrack
 from jumpvision.vision.camera import Camera
 from jumpvision.workflow.stage import StageWarning, stage
 
+from .bodies import INTERLACED
 from .bodies import of_arrays as of_arrays  # jv.track of frames
 from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
 
+LOST = 0.1  # share of frames, from which the film is asked whether it is interlaced
 SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
 
 
@@ -64,6 +67,10 @@ def from_film(
     balls = BallFilm(film, p, partial(view_of, calibration, film))
     with open_film(film, balls.see if balls.ready else None) as frames:
         tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
+        if film.fields != "together":
+            tracks = [replace(ball, sigma=ball.sigma * SIGMA) for ball in tracks]
+        elif np.mean(tracks[0].flag != "") > LOST and (order := order_of(frames)):
+            warnings.warn(INTERLACED.format("[rod_video] fields", order), StageWarning, stacklevel=2)
         other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)
         time = frames.time + exposure / 2
     motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
