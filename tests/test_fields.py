@@ -11,7 +11,7 @@ import pytest
 import jumpvision as jv
 from jumpvision.base.schema import InputError
 from jumpvision.frames.base import Clock, Film
-from jumpvision.frames.fields import Fields, field, order_of
+from jumpvision.vision.fields import Fields, field, order_of
 
 H, W, FINE = 96, 128, 4
 

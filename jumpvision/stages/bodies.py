@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.estimate.height import exposure_shift, parabolas, shift_noise, shift_sigma
-from jumpvision.frames.fields import ORDERS, SIGMA, field, order_of
 from jumpvision.inputs.parameters import TrackParams, of_keywords
 from jumpvision.vision.ball.film import track_film
 from jumpvision.vision.ball.track import BallSettings, BallTrack
+from jumpvision.vision.fields import ORDERS, SIGMA, field, order_of
 from jumpvision.vision.stereo import FAR, at_times, pinhole
 from jumpvision.vision.stereo import triangulate as places_of
 from jumpvision.workflow.stage import StageWarning

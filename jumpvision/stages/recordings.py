@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.frames import Film, FrameError, open_frames
-from jumpvision.frames.fields import Fields
 from jumpvision.inputs.experiment import Experiment
 from jumpvision.inputs.sections import BedImage, Calibration, Clock, CraterImage, GrainVideo, RodTrack, RodVideo, need
 from jumpvision.vision.camera import Camera, camera, straight_map, straight_points
+from jumpvision.vision.fields import Fields
 from jumpvision.workflow.stage import StageWarning
 
 from .pairs import in_pairs

@@ -15,7 +15,6 @@ from jumpvision.base.schema import InputError
 from jumpvision.estimate.height import at_rest, exposure_shift, shift_noise, shift_sigma
 from jumpvision.estimate.mean import weighted_mean
 from jumpvision.frames import Film
-from jumpvision.frames.fields import SIGMA, order_of
 from jumpvision.inputs.logs import read_log
 from jumpvision.inputs.parameters import TrackParams
 from jumpvision.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo
@@ -23,6 +22,7 @@ from jumpvision.results.tables import Track
 from jumpvision.vision.ball.film import FilmTracker, track_film
 from jumpvision.vision.ball.track import BallSettings, BallTrack
 from jumpvision.vision.camera import Camera
+from jumpvision.vision.fields import SIGMA, order_of
 from jumpvision.workflow.stage import StageWarning, stage
 
 from .bodies import INTERLACED

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .base import Film, Image
+from jumpvision.frames.base import Film, Image
 
 ORDERS = ("together", "top", "bottom")  # as they come; the upper, the lower rows first
 COMBED = 2.0  # mean square of what differs between neighbouring rows over that between rows of one field
