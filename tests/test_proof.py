@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 
+import cv2
 import numpy as np
 import pytest
 
@@ -193,3 +194,19 @@ def test_paths_are_of_one_thing_each():
     assert len(found) == 2
     spots = [{(s.i, s.x) for s in p} for p in found]
     assert not spots[0] & spots[1] and min(map(len, spots)) >= 7
+
+
+def test_a_template_that_has_left_the_picture_is_not_found_elsewhere():
+    """A two-toned target crosses the side edge; its double lies on the wall: flagged from there on."""
+    rng = np.random.default_rng(6)
+    frames, x = [], 30.0 + 14.0 * np.arange(14)
+    for at in x:
+        picture = np.full((90, 160), 80.0)
+        for cx, cy in ((at, 40.0), (40.0, 75.0)):
+            cv2.circle(picture, (round(cx), round(cy)), 8, 200, -1)
+            cv2.ellipse(picture, (round(cx), round(cy)), (8, 8), 0, 0, 180, 140, -1)
+        frames.append(np.clip(picture + rng.normal(0, 2, picture.shape), 0, 255).astype(np.uint8))
+    t = of_arrays(np.array(frames), method="template", seed=(30.0, 40.0), diameter=17.0)
+    inside = x < 148
+    assert (t.flag[inside] == "").all() and np.abs(t.x_px[inside] - x[inside]).max() < 1.0
+    assert (t.flag[~inside] != "").all() and t.flag.iloc[-1] == "left the image"

@@ -10,7 +10,8 @@ import numpy as np
 from jumpvision.frames.base import Film, Image
 
 ORDERS = ("together", "top", "bottom")  # as they come; the upper, the lower rows first
-COMBED = 2.0  # mean square of what differs between neighbouring rows over that between rows of one field
+COMBED = 1.3  # mean square of what differs between neighbouring rows over that between rows of one field
+STANDS = 2.0  # and over that where nothing moves
 MOVED = 6.0  # of the frames' usual difference: pixels that something moves over
 LEAST = 30  # such pixels
 PLACES = 8  # of a film that are looked at
@@ -89,7 +90,7 @@ def order_of(frames: Sequence[Image] | Film) -> str:
     if not combs:
         return ""
     inside, across, still = np.median(combs, axis=0)
-    if inside < COMBED * max(across, still):
+    if inside < max(COMBED * across, STANDS * still):
         return ""
     if abs(clear := float(np.median(meets))) > CLEAR:
         return "top" if clear < 0.0 else "bottom"

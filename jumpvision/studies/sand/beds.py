@@ -322,7 +322,7 @@ def memory_of(s: Sweep) -> str:
     told = [
         f"{m.name} ("
         + ", ".join(
-            f"{p.name} {float(laws[p.name](at)) if p.name in laws else model.symbol(p.name):g} {p.unit}"
+            f"{p.name} {float(laws[p.name](at)) if p.name in laws else model.symbol(p.name):g} {p.unit}".rstrip()
             for p in m.parameters
         )
         + ")"

@@ -85,13 +85,16 @@ def _through(frames: Frames, s: BallSettings, target: Target, scene: Float32) ->
         speed = math.hypot(*velocity)
         reach = (s.search * d + SPEED * speed) * (lost + 1)
         best = Found("lost: no target found within track.search")
+        gone = known and _left(image, x, y, 0.5 * d)
         if i == 0:
             best, turn = _fitted(image, target, *s.seed, 0.0)
-        elif known and reach < max(image.shape):
+        elif known and not gone and reach < max(image.shape):
             best, turn = _best(
                 image, target, (x, y, reach), turn + TURNS, turn, LIKE, scene if speed > MOVES * d else None
             )
-        if best.flag and i > 0:
+        if best.flag and known and _left(image, x, y, 0.0):  # not anywhere else then
+            best = Found("left the image")
+        elif best.flag and i > 0:
             best, turn = _best(image, target, None, turn + (TURNS if lost < 3 else ALL_TURNS), turn, SURE, scene)
         if best.flag:
             lost += 1
@@ -103,6 +106,12 @@ def _through(frames: Frames, s: BallSettings, target: Target, scene: Float32) ->
         found.append(best)
         turns.append(turn)
     return found, turns
+
+
+def _left(image: Float32, x: float, y: float, margin: float) -> bool:
+    """Whether (x, y) is beyond a picture's edge by the margin [px], but not the upper one: from there it falls back."""
+    h, w = image.shape
+    return not (-margin < x < w + margin) or y > h + margin
 
 
 def _best(
