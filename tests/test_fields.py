@@ -6,10 +6,12 @@ import warnings
 
 import cv2
 import numpy as np
+import pandas as pd
 import pytest
 
 import jumpvision as jv
 from jumpvision.base.schema import InputError
+from jumpvision.cli import main
 from jumpvision.frames.base import Clock, Film
 from jumpvision.vision.fields import Fields, field, order_of
 
@@ -114,3 +116,21 @@ def test_who_follows_whole_frames_of_an_interlaced_film_is_told(tmp_path):
         jv.track(frames, diameter=15.0, polarity="bright")
     with pytest.raises(InputError, match="fields = 'up': must be one of together, top, bottom"):
         jv.track(frames, fields="up")
+
+
+def test_a_folder_with_an_interlaced_film_is_tracked_in_its_fields(tmp_path):
+    frames, at = film(np.random.default_rng(9), "bottom")
+    (tmp_path / "clip").mkdir()
+    for i, f in enumerate(frames):
+        cv2.imwrite(str(tmp_path / "clip" / f"{i:03d}.png"), f)
+    text = 'ground = "hard"\n[rod_video]\nfile = "clip"\nframe_rate = 25.0\nfields = "{}"\n'
+    text += "[params.track]\ndiameter = 15.0\n"
+    (tmp_path / "experiment.toml").write_text(text.format("bottom"), encoding="utf-8")
+    assert main(["track", str(tmp_path), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
+    table = pd.read_csv(tmp_path / "r" / "track.csv")
+    assert len(table) == 28 and np.diff(table.time_s) == pytest.approx(0.02)
+    good = table.flag.isna().to_numpy()
+    assert good.mean() > 0.9
+    assert np.abs(table[["x_px", "y_px"]].to_numpy()[good] - at[good]).max() < 0.5
+    (tmp_path / "experiment.toml").write_text(text.format("upper"), encoding="utf-8")
+    assert main(["check", str(tmp_path)]) == 2
