@@ -27,7 +27,8 @@ import pandas as pd
 
 from jumpvision.stages.track import of_arrays
 
-FINE = 4  # sub-pixels of a pixel, each way
+FINE = 4  # sub-pixels of a pixel, each way: of what stands still
+ROUND = 16  # of the ball's, whose rim 4 draw wrong by a noise of some grey levels
 
 
 @dataclass
@@ -105,7 +106,7 @@ def draw(
     x0, x1, y0, y1 = max(0, int(x - pad)), min(w, int(x + pad) + 2), max(0, int(y - pad)), min(h, int(y + pad) + 2)
     if x1 <= x0 or y1 <= y0:
         return
-    sub = (np.arange(FINE) + 0.5) / FINE - 0.5
+    sub = (np.arange(ROUND) + 0.5) / ROUND - 0.5
     xs = (np.arange(x0, x1)[:, None] + sub).ravel()
     ys = (np.arange(y0, y1)[:, None] + sub).ravel()
     part = np.zeros((y1 - y0, x1 - x0))
@@ -117,7 +118,7 @@ def draw(
         inside = np.hypot(u, v) < 1.0
         grey = level + (ball - level) * face(how[0], u, v, how[1], how[2], how[3])
         for total, values in ((part, inside), (light, inside * grey)):
-            total += values.reshape(y1 - y0, FINE, x1 - x0, FINE).mean(axis=(1, 3)) / steps
+            total += values.reshape(y1 - y0, ROUND, x1 - x0, ROUND).mean(axis=(1, 3)) / steps
     picture[y0:y1, x0:x1] = picture[y0:y1, x0:x1] * (1 - part) + light
 
 
@@ -257,24 +258,20 @@ def judged(c: Clip, click: bool) -> tuple[str, float, str]:
             p["method"] = "template"
     n = min(len(c.frames), len(c.truth))
     truth, seen, said = c.truth[:n], c.seen[:n], []
-    if p.get("method") == "template":  # the clicked point of the ball, which turns about its centre
-        angle, off = c.spin * np.arange(n), p["seed"] - c.truth[0]
-        turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(n, 2, 2)
-        truth = truth + turned @ off
     try:
         t, said = tracked(c, p)
         if asked := [s.split('fields = "')[1].split('"')[0] for s in said if "interlaced" in s]:  # as the warning says
             t, said = tracked(c, p | {"fields": asked[0]})
             n, truth, seen = len(t), c.halves[:, :2].copy(), c.halves[:, 2] > 0
-            if p.get("method") == "template":
-                angle = 0.5 * c.spin * np.arange(len(truth))
-                truth += np.stack([np.cos(angle) * off[0] - np.sin(angle) * off[1],
-                                   np.sin(angle) * off[0] + np.cos(angle) * off[1]], axis=1)  # fmt: skip
             n = min(n, len(truth))
             truth, seen = truth[:n], seen[:n]
     except ValueError as e:
         return "refused", math.nan, str(e)[:60]
     good = (t.flag == "").to_numpy()[:n]
+    if p.get("method") == "template" and not any("centre" in s for s in said):  # the clicked point, which turns with it
+        angle, from_centre = c.spin * np.arange(n) * len(c.truth) / n, p["seed"] - c.truth[0]
+        turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1).reshape(n, 2, 2)
+        truth = truth + turned @ from_centre
     off = np.hypot(t.x_px[:n] - truth[:, 0], t.y_px[:n] - truth[:, 1]).to_numpy()
     wrong = good & (off > 0.5 * c.d)
     hit = (good & (off < 0.3 * c.d))[seen].mean() if seen.any() else 0.0

@@ -16,6 +16,7 @@ from .background import LEAST, Background, SceneSum, View, Window
 from .disc import WX, WY, A
 from .measure import Found, window_half
 from .proof import proved
+from .refine import refined
 from .template import track_template
 from .track import BallSettings, BallTrack, BallTracker, as_track
 
@@ -58,7 +59,7 @@ class FilmTracker:
         self._waiting: list[NDArray[Any]] = []
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
-        self._room = MEMORY
+        self._room, self.still = MEMORY, scene
         self.shape = (0, 0)
 
     def see(self, image: NDArray[Any]) -> None:
@@ -98,14 +99,18 @@ class FilmTracker:
         if len(first) == 1:
             sure = proved(first[0], frames, self.settings)
             if sure is not first[0]:
-                return [sure]
+                return self._refined([sure], frames)
         if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
-            return first
+            return self._refined(first, frames)
         behind = self._scene.background()
         if behind is None:
-            return first
+            return self._refined(first, frames)
         again = [as_track(list(f)) for f in zip(*self._without(behind, frames), strict=True)]
-        return [b if _better(a, b) else a for a, b in zip(first, again, strict=True)]
+        return self._refined([b if _better(a, b) else a for a, b in zip(first, again, strict=True)], frames)
+
+    def _refined(self, tracks: list[BallTrack], frames: Frames) -> list[BallTrack]:
+        """With what all frames share taken from all, where the still scene may be taken out and the ball is alone."""
+        return [refined(tracks[0], frames, self.settings)] if self.still and len(tracks) == 1 else tracks
 
     def _without(self, scene: Background, frames: Frames) -> list[list[Found]]:
         """The measurements of all frames once more, without the scene."""

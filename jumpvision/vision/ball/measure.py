@@ -129,15 +129,15 @@ class DiscMeasure:
                 fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
                 if not fit.converged:
                     break
-                p, noise = fit.p, _at_least(_complete(fit.noise, floor), floor)
+                p, noise = fit.p, at_least(complete(fit.noise, floor), floor)
         else:
             assert self.noise is not None
-            noise = _at_least(self.noise, floor)
+            noise = at_least(self.noise, floor)
             fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
         p = fit.p
         p[disc.X] += x0
         p[disc.Y] += y0
-        fit = fit._replace(noise=_complete(fit.noise, floor))
+        fit = fit._replace(noise=complete(fit.noise, floor))
         n = max(1.0, 4.0 * float(p[disc.R]) * disc.margin(float(p[disc.S])))
         # Only a misfit beyond chance enlarges the stated uncertainty
         excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
@@ -263,13 +263,13 @@ def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tupl
     return float(np.median(crop[outside])), float(np.median(crop[inside]))
 
 
-def _at_least(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+def at_least(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
     """No less than what digitising leaves."""
     back, ball, edge = noise.tolist()
     return np.array([max(back, floor), max(ball, floor), max(edge, 0.0)])
 
 
-def _complete(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+def complete(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
     """The variances found, where a class without pixels takes the other's; the edge's excess may be negative."""
     back, ball, edge = noise.tolist()
     if not math.isfinite(back):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
 
+from .layer import in_flight
 from .measure import Found
 from .moving import Frames, still_scene
 from .track import BallSettings, BallTrack, as_track
 
+CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
 DIAMETER = 21.0  # px, of a target whose size is not given
 LIKE, SURE = 0.7, 0.85  # least correlation with the target: where it is expected, and anywhere in the picture
 TURNS = np.deg2rad([0.0, -20.0, 20.0])  # from the last turn, that are tried
@@ -48,8 +50,12 @@ class Target:
 
 
 def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
-    """What is at the seed in the first frame, in all frames. sigma: by gradients and what the fit leaves."""
+    """What is at the seed in the first frame, in all frames: the centre of a ball that flies before a still scene (see
+    `layer`), or the place that was clicked. sigma: by gradients and what the fit leaves."""
     assert settings.seed is not None
+    flying = in_flight(frames, settings.diameter, settings.seed)
+    if flying is not None:
+        return replace(as_track(flying), notes=(CENTRE,))
     target = _cut(np.asarray(frames[0], np.float32), *settings.seed, settings.diameter or DIAMETER)
     if not target.contrast > 0:
         return as_track([Found("lost: nothing but one grey at track.seed")] * len(frames))
