@@ -8,6 +8,7 @@ import warnings
 import cv2
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from jumpvision.init.recognise import by_picture
 from jumpvision.stages.track import of_arrays
@@ -125,23 +126,68 @@ def test_frames_on_a_smudge_are_flagged():
     assert (out.flag[~wrong] == "").all() and np.isnan(out.x[wrong]).all()
 
 
-def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture():
-    """0.05 rad and 1 to 3 diameters a frame, clicked off its centre: the point clicked, to a tenth of a pixel rms; the
-    picture is laid anew by interpolation, which costs more than the noise."""
+@pytest.mark.parametrize("click", [True, False])
+def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture(click):
+    """0.05 rad and 1 to 3 diameters a frame, clicked off its centre or not at all: its centre, to 0.05 px rms (the drawn
+    rim of 5 x 5 sub-pixels is off by 0.02) and 0.1 px of a common offset, which is half the width of a sub-pixel."""
     rng = np.random.default_rng(5)
     truth = toss(14, 15.0)
     frames = film(truth, rng, tone=0.4, spin=0.05, behind=scene(ruler=False))
-    off = np.array([2.0, -1.0])
-    t = of_arrays(frames, method="template", seed=tuple(truth[0] + off), diameter=D)
-    a = 0.05 * np.arange(14)
-    clicked = truth + np.stack(
-        [off[0] * np.cos(a) - off[1] * np.sin(a), off[0] * np.sin(a) + off[1] * np.cos(a)], axis=1
-    )
+    how = dict(method="template", seed=tuple(truth[0] + [2.0, -1.0])) if click else {}
+    with pytest.warns(UserWarning, match="positions are of its centre" if click else "no plain disc was found"):
+        t = of_arrays(frames, diameter=D, **how)
     good = (t.flag == "").to_numpy()
     assert good.sum() >= 13
-    e = np.stack([t.x_px - clicked[:, 0], t.y_px - clicked[:, 1]], axis=1)[good]
-    assert np.sqrt(np.mean((e - e.mean(axis=0)) ** 2)) < 0.1
-    assert 0.001 < np.median(t.sigma_px[good]) < 0.2
+    e = np.stack([t.x_px - truth[:, 0], t.y_px - truth[:, 1]], axis=1)[good]
+    assert np.sqrt(np.mean((e - e.mean(axis=0)) ** 2)) < 0.05
+    assert np.abs(e.mean(axis=0)).max() < 0.1
+    assert 0.001 < np.median(t.sigma_px[good]) < 0.1
+
+
+def test_nothing_is_made_of_a_hand_that_waves_where_no_click_is():
+    """What moves but is no ball (a bar of 1:4 that turns) is not followed as one."""
+    rng, frames = np.random.default_rng(2), []
+    for k, (x, y) in enumerate(toss(14, 15.0)):
+        picture = scene(ruler=False)
+        cv2.ellipse(picture, (round(x), round(y)), (20, 5), 25.0 * k, 0, 360, 200.0, -1)
+        frames.append(np.clip(np.rint(picture + rng.normal(0, 1, (H, W))), 0, 255).astype(np.uint8))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        t = of_arrays(np.array(frames), diameter=D)
+    assert (t.flag != "").all()
+
+
+def test_a_short_film_before_a_textured_wall_comes_to_the_bound():
+    """30 films of 12 frames, noise 3, wall of 4 grey levels rms: rms within 1.15 of the Cramér-Rao bound of a known wall
+    and light (the scene's mean of 11 frames costs 1.04, the light of 12 frames some per cent more, 720 values are known
+    to 3 %), and sigma covers 62 to 76 %: 68 within three standard deviations of 720 values, and less what 12 medians take."""
+
+    def soft(x, y):  # a disc seen through a lens: its rim an error function of 0.8 px, mean of the sub-pixels
+        _, _, u, v = cover(x, y, D)
+        return mean(ndtr((D / 2 - np.hypot(u, v)) / 0.8))
+
+    errors, sigmas, bounds = [], [], []
+    for seed in range(30):
+        rng = np.random.default_rng([8, seed])
+        rough = cv2.GaussianBlur(rng.normal(size=(H, W)), (0, 0), 3.0)
+        behind = 60.0 + 4.0 * rough / rough.std()
+        truth = toss(12, 17.0) + rng.uniform(-0.5, 0.5, (12, 2))
+        pictures = [behind + (210.0 - behind) * soft(x, y) for x, y in truth]
+        frames = np.clip(np.rint(np.array(pictures) + rng.normal(0, 3.0, (12, H, W))), 0, 255).astype(np.uint8)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            t = of_arrays(frames, diameter=D, seed=tuple(truth[0]))
+        good = (t.flag == "").to_numpy()
+        off = np.stack([t.x_px - truth[:, 0], t.y_px - truth[:, 1]], axis=1)[good]
+        errors.append(off - np.median(off, axis=0))
+        sigmas.append(np.repeat(t.sigma_px[good].to_numpy()[:, None], 2, axis=1))
+        (x, y), h = truth[6], 0.05
+        by_x = (210.0 - behind) * (soft(x + h, y) - soft(x - h, y)) / (2 * h)
+        bounds.append(3.0 / math.sqrt(np.sum(by_x**2)))
+    e, s = np.concatenate(errors), np.concatenate(sigmas)
+    assert e.size >= 680
+    assert math.sqrt(12 / 11 * np.mean(e**2)) < 1.15 * np.mean(bounds)
+    assert 0.62 < np.mean(np.abs(e) < s) < 0.76
 
 
 def test_a_template_needs_a_click():

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jumpvision.base.arrays import FROM_MAD, Array, Float32
+from jumpvision.base.arrays import FROM_MAD, Array
 
 from . import disc
 from .background import CLEAR, Background, View
@@ -145,10 +145,10 @@ def _shared(fits: list[disc.DiscFit], wide: Array) -> tuple[Array, Array]:
 def _speeds(track: BallTrack) -> Array:
     """(n, 2): by how much the ball moves in a frame [px]; NaN where nothing next to it is known."""
     x, y = track.x, track.y
-    with np.errstate(all="ignore"):
-        steps = np.stack([np.diff(x), np.diff(y)], axis=1)
-        pad = np.full((1, 2), np.nan)
-        return np.asarray(np.nanmean([np.vstack([pad, steps]), np.vstack([steps, pad])], axis=0))
+    steps, none = np.stack([np.diff(x), np.diff(y)], axis=1), np.full((1, 2), np.nan)
+    before, after = np.vstack([none, steps]), np.vstack([steps, none])
+    before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
+    return np.asarray(0.5 * (before + after))
 
 
 def _streaks(fits: dict[int, disc.DiscFit], speed: Array) -> dict[int, tuple[Array, float]]:

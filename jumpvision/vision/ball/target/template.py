@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
 
-from .layer import in_flight
-from .measure import Found
-from .moving import Frames, still_scene
-from .track import BallSettings, BallTrack, as_track
+from ..measure import Found
+from ..moving import Frames, still_scene
+from ..track import BallSettings, BallTrack, as_track
+from .flight import in_flight
 
 CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
 DIAMETER = 21.0  # px, of a target whose size is not given
@@ -51,7 +51,7 @@ class Target:
 
 def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
     """What is at the seed in the first frame, in all frames: the centre of a ball that flies before a still scene (see
-    `layer`), or the place that was clicked. sigma: by gradients and what the fit leaves."""
+    `flight`), or the place that was clicked. sigma: by gradients and what the fit leaves."""
     assert settings.seed is not None
     flying = in_flight(frames, settings.diameter, settings.seed)
     if flying is not None:

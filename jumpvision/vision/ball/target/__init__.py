@@ -1,0 +1,1 @@
+"""Targets that are no plain discs: followed as a picture."""
