@@ -128,13 +128,13 @@ def test_frames_on_a_smudge_are_flagged():
 
 @pytest.mark.parametrize("click", [True, False])
 def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture(click):
-    """0.05 rad and 1 to 3 diameters a frame, clicked off its centre or not at all: its centre, to 0.05 px rms (the drawn
-    rim of 5 x 5 sub-pixels is off by 0.02) and 0.1 px of a common offset, which is half the width of a sub-pixel."""
+    """0.05 rad and 1 to 3 diameters a frame, clicked off its centre or not at all: its centre, to 0.05 px rms (the
+    drawn rim of 5 x 5 sub-pixels is off by 0.02) and 0.1 px of a common offset, half the width of a sub-pixel."""
     rng = np.random.default_rng(5)
     truth = toss(14, 15.0)
     frames = film(truth, rng, tone=0.4, spin=0.05, behind=scene(ruler=False))
-    how = dict(method="template", seed=tuple(truth[0] + [2.0, -1.0])) if click else {}
-    with pytest.warns(UserWarning, match="positions are of its centre" if click else "no plain disc was found"):
+    how = {"method": "template", "seed": tuple(truth[0] + [2.0, -1.0])} if click else {}
+    with pytest.warns(UserWarning, match="positions are of its centre" if click else "no plain disc that moves"):
         t = of_arrays(frames, diameter=D, **how)
     good = (t.flag == "").to_numpy()
     assert good.sum() >= 13
@@ -158,9 +158,10 @@ def test_nothing_is_made_of_a_hand_that_waves_where_no_click_is():
 
 
 def test_a_short_film_before_a_textured_wall_comes_to_the_bound():
-    """30 films of 12 frames, noise 3, wall of 4 grey levels rms: rms within 1.15 of the Cramér-Rao bound of a known wall
-    and light (the scene's mean of 11 frames costs 1.04, the light of 12 frames some per cent more, 720 values are known
-    to 3 %), and sigma covers 62 to 76 %: 68 within three standard deviations of 720 values, and less what 12 medians take."""
+    """30 films of 12 frames, noise 3, wall of 4 grey levels rms: rms within 1.15 of the Cramér-Rao bound of a known
+    wall and light (the scene's mean of 11 frames costs 1.04, the light of 12 frames some per cent more, 720 values are
+    known to 3 %), and sigma covers 62 to 76 %: 68 within three standard deviations of 720 values,
+    and more by what 12 medians take."""
 
     def soft(x, y):  # a disc seen through a lens: its rim an error function of 0.8 px, mean of the sub-pixels
         _, _, u, v = cover(x, y, D)

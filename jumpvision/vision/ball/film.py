@@ -16,7 +16,7 @@ from .background import LEAST, Background, SceneSum, View, Window
 from .disc import WX, WY, A
 from .measure import Found, window_half
 from .moving import MOST_FRAMES
-from .proof import proved
+from .proof import proved, stands
 from .refine import refined
 from .target.flight import in_flight
 from .target.template import track_template
@@ -25,7 +25,7 @@ from .track import BallSettings, BallTrack, BallTracker, as_track
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache
-FLYING = "no plain disc was found: followed is what is round and flies farthest, as a picture"
+FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 SAME = 0.5  # diameters: two balls nearer than this are one
 
 
@@ -101,7 +101,7 @@ class FilmTracker:
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
             sure = proved(first[0], frames, self.settings)
-            if self.settings.seed is None and self.still and (sure.flag != "").all() and len(frames) <= MOST_FRAMES:
+            if self.settings.seed is None and self.still and stands(sure) and len(frames) <= MOST_FRAMES:
                 flying = in_flight(frames, self.settings.diameter, None)
                 if flying is not None:
                     return [replace(as_track(flying), notes=(FLYING,))]

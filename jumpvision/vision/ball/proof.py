@@ -38,8 +38,7 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
     if len(frames) < STAYS or settings.streak:
         return track
     d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or MIN_DIAMETER
-    reach = math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) if good.any() else 0.0
-    still = reach < MOVES * d
+    still = stands(track)
     if still or np.mean(~good) > MANY:
         scene = still_scene(frames)
         paths = moving_paths(frames, scene, settings.diameter, settings.polarity, MIN_DIAMETER)
@@ -61,6 +60,14 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
                 flag = np.where(good, said, track.flag)
                 return _without(replace(track, notes=(*track.notes, said)), flag)
     return standing(track, frames, settings)
+
+
+def stands(track: BallTrack) -> bool:
+    """Whether a track stays within a diameter, or was never found."""
+    good = track.flag == ""
+    if not good.any():
+        return True
+    return math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) < MOVES * float(np.median(track.diameter[good]))
 
 
 def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | None = None) -> BallTrack:

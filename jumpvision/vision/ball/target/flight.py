@@ -16,7 +16,7 @@ from ..moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, s
 from .layer import Layer, Place, fit, learned
 
 THINGS = 8  # that are looked at in a frame
-FAINT = 0.15  # of what changes most in the usual frame: less is noise
+USUAL, FAINT = 90, 0.15  # per cent of the frames, in the next of which what changes most is told; less of it is noise
 CLEAR = 4.0  # standard deviations of the noise, the least mean change of a thing
 SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
@@ -51,7 +51,7 @@ def _path(frames: Frames, scene: Float32, d: float, seed: tuple[float, float] | 
     """The farthest path of those that begin at the seed, of two as far the one of more contrast."""
     n = min(len(frames), MOST_FRAMES)
     things = {i: _things(i, np.asarray(frames[i], np.float32), scene, d) for i in range(n)}
-    usual = float(np.median([t[0].contrast if t else 0.0 for t in things.values()]))
+    usual = float(np.percentile([t[0].contrast if t else 0.0 for t in things.values()], USUAL))
     all_paths = paths({i: [s for s in t if s.contrast > FAINT * usual] for i, t in things.items()})
     ours = [p for p in all_paths if (_from(p, seed) if seed is not None else len(p) >= FLIGHT)]
     far = [p for p in ours if extent(p) > 0.7 * max(map(extent, ours))]
@@ -64,7 +64,7 @@ def _from(path: Path, seed: tuple[float, float]) -> bool:
     speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
     x, y = at(path, 0)
     near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
-    return min(near) < 1.5 * first.d + speed * max(first.i, 0)
+    return min(near) < 1.5 * first.d + speed * min(first.i, HOLE)
 
 
 def _things(i: int, image: Float32, scene: Float32, d: float) -> list[Spot]:
