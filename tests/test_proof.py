@@ -144,6 +144,22 @@ def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture(click):
     assert 0.001 < np.median(t.sigma_px[good]) < 0.1
 
 
+def test_a_shadow_is_not_taken_for_a_dark_ball_of_two_tones():
+    """A round shadow beside it is the better disc; the ball changes more of the scene."""
+    rng, frames, truth = np.random.default_rng(3), [], toss(14, 15.0)
+    for k, (x, y) in enumerate(truth):
+        picture = 180.0 - 45.0 * cover(x + 13.0, y + 13.0, D)[0]
+        share, inside, u, v = cover(x, y, D)
+        side = v * math.cos(0.05 * k) - u * math.sin(0.05 * k)
+        picture = picture * (1 - share) + mean(inside * np.where(side > 0, 40.0, 150.0))
+        frames.append(np.clip(np.rint(picture + rng.normal(0, 1, (H, W))), 0, 255).astype(np.uint8))
+    with pytest.warns(UserWarning, match="no plain disc that moves"):
+        t = of_arrays(np.array(frames), diameter=D, polarity="dark")
+    good = (t.flag == "").to_numpy()
+    assert good.sum() >= 12
+    assert np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])[good].max() < 0.3
+
+
 def test_nothing_is_made_of_a_hand_that_waves_where_no_click_is():
     """What moves but is no ball (a bar of 1:4 that turns) is not followed as one."""
     rng, frames = np.random.default_rng(2), []

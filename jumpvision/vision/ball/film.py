@@ -18,7 +18,7 @@ from .measure import Found, window_half
 from .moving import MOST_FRAMES
 from .proof import proved, stands
 from .refine import refined
-from .target.flight import in_flight
+from .target.flight import in_flight, is_shadow
 from .target.template import track_template
 from .track import BallSettings, BallTrack, BallTracker, as_track
 
@@ -101,7 +101,9 @@ class FilmTracker:
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
             sure = proved(first[0], frames, self.settings)
-            if self.settings.seed is None and self.still and stands(sure) and len(frames) <= MOST_FRAMES:
+            dark = self.settings.polarity == "dark"
+            unsure = self.settings.seed is None and self.still and len(frames) <= MOST_FRAMES
+            if unsure and (stands(sure) or (dark and is_shadow(sure, frames))):
                 flying = in_flight(frames, self.settings.diameter, None)
                 if flying is not None:
                     return [replace(as_track(flying), notes=(FLYING,))]

@@ -13,6 +13,7 @@ from jumpvision.base.arrays import MAD, Float32
 
 from ..measure import Found
 from ..moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, still_scene
+from ..track import BallTrack
 from .layer import Layer, Place, fit, learned
 
 THINGS = 8  # that are looked at in a frame
@@ -20,6 +21,7 @@ USUAL, FAINT = 90, 0.15  # per cent of the frames, in the next of which what cha
 CLEAR = 4.0  # standard deviations of the noise, the least mean change of a thing
 SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
+BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
 GUESS = 12.0  # px: first diameter where none is known
 
 
@@ -45,6 +47,20 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     if np.mean(on_path) < SURE:
         return None
     return [p.found for p in places]
+
+
+def is_shadow(track: BallTrack, frames: Frames) -> bool:
+    """Whether a dark track goes beside something that changes the scene more, as a shadow beside its ball."""
+    good = np.flatnonzero(track.flag == "")
+    if good.size < FLIGHT:
+        return False
+    scene, d, beside = still_scene(frames), float(np.median(track.diameter[good])), 0
+    for i in good:
+        things = _things(int(i), np.asarray(frames[int(i)], np.float32), scene, d)
+        away = [math.hypot(t.x - track.x[i], t.y - track.y[i]) / d for t in things]
+        own = max((t.contrast for t, a in zip(things, away) if a < BESIDE[0]), default=0.0)
+        beside += any(t.contrast > DARKER * own for t, a in zip(things, away) if BESIDE[0] < a < BESIDE[1])
+    return beside > SURE * good.size
 
 
 def _path(frames: Frames, scene: Float32, d: float, seed: tuple[float, float] | None) -> Path | None:
