@@ -23,6 +23,7 @@ from .target.template import track_template
 from .track import BallSettings, BallTrack, BallTracker, as_track
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
+KEPT = 2**25  # bytes of a short film, kept whole for its last fit
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
@@ -63,6 +64,7 @@ class FilmTracker:
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
+        self._kept: list[NDArray[Any]] | None = [] if scene and settings.method == "disc" else None
         self.shape = (0, 0)
 
     def see(self, image: NDArray[Any]) -> None:
@@ -87,6 +89,10 @@ class FilmTracker:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
         found = together(self._trackers, [View.of(image)] * len(self._trackers), [None] * len(self._trackers))
         self._found.append(found)
+        if self._kept is not None:
+            self._kept.append(image.copy())
+            if image.nbytes * len(self._kept) > KEPT:
+                self._kept = None
         if self._scene is None:
             return
         self._windows.append([self._window(image, f) for f in found])
@@ -108,18 +114,20 @@ class FilmTracker:
                 if flying is not None:
                     return [replace(as_track(flying), notes=(FLYING,))]
             if sure is not first[0]:
-                return self._refined([sure], frames)
+                return self._refined([sure])
         if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
-            return self._refined(first, frames)
+            return self._refined(first)
         behind = self._scene.background()
         if behind is None:
-            return self._refined(first, frames)
+            return self._refined(first)
         again = [as_track(list(f)) for f in zip(*self._without(behind, frames), strict=True)]
-        return self._refined([b if _better(a, b) else a for a, b in zip(first, again, strict=True)], frames)
+        return self._refined([b if _better(a, b) else a for a, b in zip(first, again, strict=True)])
 
-    def _refined(self, tracks: list[BallTrack], frames: Frames) -> list[BallTrack]:
+    def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
         """With what all frames share taken from all, where the still scene may be taken out and the ball is alone."""
-        return [refined(tracks[0], frames, self.settings)] if self.still and len(tracks) == 1 else tracks
+        if self._kept is None or len(tracks) > 1:
+            return tracks
+        return [refined(tracks[0], self._kept, self.settings)]
 
     def _without(self, scene: Background, frames: Frames) -> list[list[Found]]:
         """The measurements of all frames once more, without the scene."""
