@@ -105,10 +105,15 @@ def rendered(n: int) -> None:
                 print(f"| {row} |")
 
 
-def real(folder: str) -> None:
+def photron(folder: str) -> NDArray[np.uint16]:
+    """The real film (15, 384, 384) of 12 bits: a dark ball of 126 px that falls."""
     raw = np.fromfile(os.path.join(folder, "photron_ball_12bit", "ball_12bit.mraw"), np.uint8).astype(np.uint16)
     b = raw.reshape(-1, 3)
-    frames = np.stack([b[:, 0] << 4 | b[:, 1] >> 4, (b[:, 1] & 15) << 8 | b[:, 2]], 1).reshape(15, 384, 384)
+    return np.stack([b[:, 0] << 4 | b[:, 1] >> 4, (b[:, 1] & 15) << 8 | b[:, 2]], 1).reshape(15, 384, 384)
+
+
+def real(folder: str) -> None:
+    frames = photron(folder)
     print("\nReal back-lit ball, 126 px, falling 2.65 px a frame: RMS about a parabola [px]\n")
     print("| method | x | y | stated sigma, last frame |\n|---|---|---|---|")
     k = np.arange(len(frames))
@@ -139,15 +144,13 @@ def plain_centroid(images: list[NDArray[np.uint8]], level: float) -> Positions:
 def compressed(folder: str) -> None:
     """The real film, ball made bright, shrunk four times, through codecs: scatter by third differences, which a smooth
     motion leaves none."""
-    raw = np.fromfile(os.path.join(folder, "photron_ball_12bit", "ball_12bit.mraw"), np.uint8).astype(np.uint16)
-    b = raw.reshape(-1, 3)
-    frames = np.stack([b[:, 0] << 4 | b[:, 1] >> 4, (b[:, 1] & 15) << 8 | b[:, 2]], 1).reshape(15, 384, 384)
+    frames = photron(folder)
     print("\nThe same film, shrunk to a ball of 32 px, through codecs: RMS of third differences over sqrt(20) [px]\n")
     print("| codec | jv.track | plain centroid | trackpy |\n|---|---|---|---|")
     small = frames.reshape(15, 96, 4, 96, 4).mean(axis=(2, 4)) / 16.0
     bright = [np.clip(np.rint(255.0 - f), 0, 255).astype(np.uint8) for f in small]
     for codec in CODECS:
-        images = through(codec, bright)
+        images = through(codec, bright, 50.0)
         level = 0.5 * (float(np.percentile(images[0], 2)) + float(np.percentile(images[0], 98)))
         t = of_arrays(np.array(images), diameter=126.3 / 4)
         tracks = (t.x_px.to_numpy(), t.y_px.to_numpy()), plain_centroid(images, level), by_trackpy(images, 126.3 / 4)[0]
@@ -155,7 +158,7 @@ def compressed(folder: str) -> None:
         print(f"| {codec} | " + " | ".join(f"{r:.4f}" for r in rms) + " |")
 
 
-def through(codec: str, images: list[NDArray[np.uint8]]) -> list[NDArray[np.uint8]]:
+def through(codec: str, images: list[NDArray[np.uint8]], fps: float) -> list[NDArray[np.uint8]]:
     """The images as a file of the codec gives them back."""
     if codec == "none":
         return images
@@ -164,7 +167,7 @@ def through(codec: str, images: list[NDArray[np.uint8]]) -> list[NDArray[np.uint
         return [np.asarray(cv2.imdecode(cv2.imencode(".jpg", i, how)[1], 0)) for i in images]
     with tempfile.TemporaryDirectory() as folder:
         path = os.path.join(folder, "film.avi")
-        film = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*codec), 50.0, images[0].shape[::-1])  # type: ignore[attr-defined]
+        film = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*codec), fps, images[0].shape[::-1])  # type: ignore[attr-defined]
         for i in images:
             film.write(cv2.cvtColor(i, cv2.COLOR_GRAY2BGR))
         film.release()

@@ -15,16 +15,15 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-import tempfile
 import time
 import warnings
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pandas as pd
 
+from benchmarks.ball import through
 from jumpvision.stages.track import of_arrays
 
 FINE = 4  # sub-pixels of a pixel, each way: of what stands still
@@ -124,23 +123,10 @@ def draw(
 
 def through_codec(rng: np.random.Generator, frames: list[np.ndarray], fps: float) -> tuple[list[np.ndarray], str]:
     """Frames as a camera's file gives them back."""
-    how = rng.choice(["none", "stills", "MJPG", "mp4v"], p=[0.15, 0.25, 0.25, 0.35])
-    if how == "none":
-        return frames, how
+    how = str(rng.choice(["none", "stills", "MJPG", "mp4v"], p=[0.15, 0.25, 0.25, 0.35]))
     if how == "stills":
-        quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(35, 90))]
-        return [cv2.imdecode(cv2.imencode(".jpg", f, quality)[1], 0) for f in frames], f"jpeg {quality[1]}"
-    with tempfile.TemporaryDirectory() as folder:
-        path = str(Path(folder, "clip.avi"))
-        h, w = frames[0].shape
-        out = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*how), fps, (w, h))
-        for f in frames:
-            out.write(cv2.cvtColor(f, cv2.COLOR_GRAY2BGR))
-        out.release()
-        back, film = [], cv2.VideoCapture(path)
-        while (got := film.read())[0]:
-            back.append(cv2.cvtColor(got[1], cv2.COLOR_BGR2GRAY))
-    return back, how
+        how = f"jpeg {int(rng.integers(35, 90))}"
+    return through(how, frames, fps), how
 
 
 def clip(seed: int, number: int) -> Clip:

@@ -144,6 +144,18 @@ def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture(click):
     assert 0.001 < np.median(t.sigma_px[good]) < 0.1
 
 
+@pytest.mark.parametrize("tone", [1.0, 0.4])
+def test_a_film_of_fractions_gives_what_grey_levels_give(tone):
+    """Grey over 255: the same places to a tenth of their sigma, of a disc's last fit and of a layer's."""
+    frames = film(toss(14, 15.0), np.random.default_rng(6), tone=tone, spin=0.05, behind=scene(ruler=False), noise=2.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        t, f = (of_arrays(v, diameter=D) for v in (frames, frames / 255.0))
+    assert (t.flag == f.flag).all() and (t.flag == "").sum() >= 12
+    assert (np.hypot(t.x_px - f.x_px, t.y_px - f.y_px) < 0.1 * t.sigma_px)[t.flag == ""].all()
+    assert np.allclose(t.sigma_px, f.sigma_px, rtol=0.05, equal_nan=True)
+
+
 def test_a_shadow_is_not_taken_for_a_dark_ball_of_two_tones():
     """A round shadow beside it is the better disc; the ball changes more of the scene."""
     rng, frames, truth = np.random.default_rng(3), [], toss(14, 15.0)

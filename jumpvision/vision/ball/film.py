@@ -64,7 +64,9 @@ class FilmTracker:
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
-        self._kept: list[NDArray[Any]] | None = [] if scene and settings.method == "disc" else None
+        self._kept: list[NDArray[Any]] | None = None
+        if self._scene is not None and not markers and not settings.streak:
+            self._kept = []
         self.shape = (0, 0)
 
     def see(self, image: NDArray[Any]) -> None:
@@ -125,9 +127,9 @@ class FilmTracker:
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
         """With what all frames share taken from all, where the still scene may be taken out and the ball is alone."""
-        if self._kept is None or len(tracks) > 1:
+        if self._kept is None:
             return tracks
-        return [refined(tracks[0], self._kept, self.settings)]
+        return [refined(tracks[0], self._kept, self.settings.polarity)]
 
     def _without(self, scene: Background, frames: Frames) -> list[list[Found]]:
         """The measurements of all frames once more, without the scene."""

@@ -19,7 +19,7 @@ from .background import CLEAR, Background, View
 from .disc import BX, BY, GX, GY, LIGHT, RIM_FREEDOM, WX, A, B, R, S, X, Y
 from .measure import DiscMeasure, Found, Start, at_least, complete, window_half
 from .moving import Frames
-from .track import BallSettings, BallTrack
+from .track import BallTrack
 
 MOST = 400  # good frames: a longer film learns its light and scene on the way
 FEWEST = 6  # good frames of which a scatter is taken
@@ -28,18 +28,16 @@ OUTLIER = 4.0  # standard deviations from the scene's median, or from the scene 
 SHARED = (R, S, BX, BY, GX, GY)
 FAST = 4.0  # px a frame, from which a streak may show
 STEPS = 0.3  # diameters: a fit that goes farther is not of this ball
-FLOOR = 1.0 / 12.0  # grey^2, of digitising
-WORSE = 1.0  # of the median sigma: no gain, and the first fits are kept
 
 
-def refined(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
+def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
     """The track with its good frames fitted once more, where that makes the median sigma less."""
     good = np.flatnonzero(track.flag == "")
-    if settings.method != "disc" or settings.streak or not FEWEST <= good.size <= MOST:
+    if not FEWEST <= good.size <= MOST:
         return track
     d = float(np.median(track.diameter[good]))
     scenes = _Scenes(track, frames, d)
-    first = {int(i): f for i in good if (f := _free(frames, track, int(i), settings.polarity)) is not None}
+    first = {int(i): f for i in good if (f := _free(frames, track, int(i), polarity)) is not None}
     if len(first) < FEWEST:
         return track
     ball = float(np.median([f.fit.p[A] for f in first.values() if f.fit]))
@@ -48,8 +46,10 @@ def refined(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTra
         return track
     fits: dict[int, disc.DiscFit] = {}
     noise = np.median([f.fit.noise for f in first.values() if f.fit], axis=0)
+    contrast = float(np.median([abs(f.fit.p[A] - f.fit.p[B]) for f in first.values() if f.fit]))
+    floor = 1.0 / 12.0 if frames[0].dtype.kind in "ui" else (1e-4 * contrast) ** 2  # of digitising
     wide = np.full(12, np.inf)
-    wide[LIGHT] = float(np.median([abs(f.fit.p[A] - f.fit.p[B]) for f in first.values() if f.fit])) ** 2
+    wide[LIGHT] = contrast**2
     speed = _speeds(track)
     for turn in range(4):
         before, fits = fits, {}
@@ -70,7 +70,7 @@ def refined(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTra
                 fits[i] = fit
         if len(fits) < max(FEWEST, 0.8 * good.size):
             return track
-        noise = at_least(np.median([complete(f.noise, FLOOR) for f in fits.values()], axis=0), FLOOR)
+        noise = at_least(np.median([complete(f.noise, floor) for f in fits.values()], axis=0), floor)
     return _taken(track, fits, crops)
 
 
@@ -101,7 +101,8 @@ class _Scenes:
             return None
         stack = np.asarray(views, dtype=np.float32)
         middle = np.median(stack, axis=0)
-        spread = FROM_MAD * float(np.median(np.abs(stack - middle))) + 0.5
+        step = 0.5 if image.dtype.kind in "ui" else 1e-3 * abs(ball)
+        spread = FROM_MAD * float(np.median(np.abs(stack - middle))) + step
         kept = np.abs(stack - middle) < OUTLIER * spread
         scene = np.sum(stack * kept, axis=0) / np.maximum(kept.sum(axis=0), 1)
         scene = np.where(kept.any(axis=0), scene, middle).astype(np.float64)
@@ -175,6 +176,6 @@ def _taken(track: BallTrack, fits: dict[int, disc.DiscFit], crops: dict[int, _Cr
         x[i], y[i] = f.p[X] + crops[i].x0, f.p[Y] + crops[i].y0
         sigma[i] = math.sqrt(max(f.cov[X, X], f.cov[Y, Y]) * max(factor, 1.0) * max(f.chi2, 1.0))
         size[i], chi2[i] = 2.0 * f.p[R], f.chi2
-    if not np.nanmedian(sigma) < WORSE * np.nanmedian(track.sigma):
+    if not np.nanmedian(sigma) < np.nanmedian(track.sigma):
         return track
     return replace(track, x=x, y=y, sigma=sigma, diameter=size, chi2=chi2)

@@ -129,10 +129,10 @@ def _everywhere(frames: Frames, scene: Float32, path: Path, layer: Layer, known:
         for i in order:
             image = np.asarray(frames[i], np.float32)
             expected = (spots[i].x, spots[i].y) if i in spots else at(path, i)
-            starts = [known[i]] if i in known else [replace(last, x=expected[0], y=expected[1])]
-            place = fit(image, scene, layer, starts[0], layer.d)
+            start = known.get(i) or replace(last, x=expected[0], y=expected[1])
+            place = fit(image, scene, layer, start, layer.d)
             if place.found.flag and i not in spots:  # held before, or bounced: where it was, or something moves
-                if order.step > 0 and _left(scene, *expected):
+                if order.step > 0 and left(scene, *expected, 0.0):
                     place = replace(place, found=Found("left the image"))
                 elif gap <= HOLE:
                     reach = layer.d + gap * _fastest(path)
@@ -148,9 +148,10 @@ def _everywhere(frames: Frames, scene: Float32, path: Path, layer: Layer, known:
     return [done[i] for i in range(len(frames))]
 
 
-def _left(scene: Float32, x: float, y: float) -> bool:
-    """Whether (x, y) is beyond the picture's edge, but not the upper one: from there it falls back."""
-    return not 0.0 <= x < scene.shape[1] or y >= scene.shape[0]
+def left(image: Float32, x: float, y: float, margin: float) -> bool:
+    """Whether (x, y) is beyond a picture's edge by the margin [px], but not the upper one: from there it falls back."""
+    h, w = image.shape
+    return not (-margin < x < w + margin) or y > h + margin
 
 
 def _fastest(path: Path) -> float:

@@ -8,7 +8,6 @@ and contrast, on its own pixels.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -31,6 +30,7 @@ RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the stro
 CLOSED = 0.6  # least share of the rays on which what is seen ends at the rim
 ROUND = 0.08  # diameters: largest scatter of an outline about its circle
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
+LEAST = 0.002  # of the height, that noise is taken for, up to what digitising leaves
 OUTLIER = 3.0  # standard deviations, from which a pixel counts less
 
 
@@ -66,7 +66,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
     best = min(inside, key=lambda s: abs(s.contrast - usual))
     order = sorted(inside, key=lambda s: abs(s.i - best.i))
     where = {best.i: Place(best.x, best.y, 0.0, 0.0, 1.0, best.found)}
-    layer = _taught(frames, scene, list(where.items()), _round(d, 0.0, 0.0, d), None)
+    layer = _taught(frames, scene, where, _round(d, d))
     for turn in range(ROUNDS):
         now: dict[int, Place] = {best.i: where[best.i]} if turn == 0 else {}
         for s in order:
@@ -74,12 +74,9 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
                 continue
             near = min(now or where, key=lambda i: abs(i - s.i))
             guess = where.get(s.i) or replace((now or where)[near], x=s.x, y=s.y)
-            tried = [fit(np.asarray(frames[s.i], np.float32), scene, layer, guess, d)]
-            if turn == 0:
-                tried = [
-                    fit(np.asarray(frames[s.i], np.float32), scene, layer, replace(guess, turn=guess.turn + t), d)
-                    for t in TURNS
-                ]
+            image = np.asarray(frames[s.i], np.float32)
+            turns = TURNS if turn == 0 else (0.0,)
+            tried = [fit(image, scene, layer, replace(guess, turn=guess.turn + t), d) for t in turns]
             place = min(tried, key=lambda p: p.found.chi2 if not p.found.flag else math.inf)
             if not place.found.flag:
                 now[s.i] = place
@@ -91,15 +88,15 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
             return None
         x, y, size = outline
         where = {i: _shifted(p, x, y) for i, p in where.items()}
-        layer = _taught(frames, scene, list(where.items()), _round(d, 0.0, 0.0, size), layer)
+        layer = _taught(frames, scene, where, _round(d, size))
     return layer, where
 
 
-def _round(d: float, x: float, y: float, size: float) -> Float32:
-    """Share of the pixels of a window for diameter d that a disc of a size takes, its centre (x, y) from the middle."""
+def _round(d: float, size: float) -> Float32:
+    """Share of the pixels of a window for diameter d that a disc of a size takes in its middle."""
     k = 2 * math.ceil(WINDOW * d) + 1
     v, u = np.indices((k, k)) - (k - 1) / 2
-    return np.clip((0.5 * size - np.hypot(u - x, v - y)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
+    return np.clip((0.5 * size - np.hypot(u, v)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
 
 
 def _shifted(place: Place, u: float, v: float) -> Place:
@@ -108,22 +105,21 @@ def _shifted(place: Place, u: float, v: float) -> Place:
     return replace(place, x=place.x + c * u - s * v, y=place.y + s * u + c * v)
 
 
-def _sampled(image: Float32, place: Place, k: int) -> Float32:
-    """An image on the layer's grid (k, k) laid at a place."""
+def sampled(image: Float32, x: float, y: float, turn: float, k: int) -> Float32:
+    """An image on a grid (k, k) laid with its middle at (x, y), turned."""
     v, u = np.indices((k, k)) - (k - 1) / 2
-    c, s = math.cos(place.turn), math.sin(place.turn)
-    at_x, at_y = (place.x + c * u - s * v).astype(np.float32), (place.y + s * u + c * v).astype(np.float32)
+    c, s = math.cos(turn), math.sin(turn)
+    at_x, at_y = (x + c * u - s * v).astype(np.float32), (y + s * u + c * v).astype(np.float32)
     return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
-def _taught(
-    frames: Frames, scene: Float32, where: Sequence[tuple[int, Place]], alpha: Float32, before: Layer | None
-) -> Layer:
-    """The layer of this share that the frames show at their places; the rim's share from how it hides the scene."""
+def _taught(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
+    """The layer of this share that the frames show at their places."""
     k = alpha.shape[0]
     seen = []
-    for i, p in where:
-        image, behind = (_sampled(a, p, k) for a in (np.asarray(frames[i], np.float32), scene))
+    for i, p in where.items():
+        images = (np.asarray(frames[i], np.float32), scene)
+        image, behind = (sampled(a, p.x, p.y, p.turn, k) for a in images)
         seen.append((image - (1.0 - alpha) * behind - p.light * alpha) / p.contrast)
     stack = np.asarray(seen, np.float32)
     middle = np.median(stack, axis=0)
@@ -143,7 +139,8 @@ def _outline(
     Where the change falls to half of what it is just inside, along RAYS from the centre; a circle through these.
     """
     k = layer.alpha.shape[0]
-    stack = [_sampled(np.asarray(frames[i], np.float32) - scene, p, k) for i, p in where.items()]
+    changes = ((np.asarray(frames[i], np.float32) - scene, p) for i, p in where.items())
+    stack = [sampled(change, p.x, p.y, p.turn, k) for change, p in changes]
     change = np.median(stack, axis=0).astype(np.float32)
     u = v = 0.0
     size = layer.d
@@ -219,7 +216,7 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
             columns.append(((light - behind) * (a1 - a0) + contrast * (m1 - m0)) / (2 * (dx + dy + dt)))
         j = np.stack([*columns, alpha, shown], axis=-1)[part]
         r = left[part]
-        noise = max(FROM_MAD * float(np.median(np.abs(r))), 0.3)
+        noise = max(FROM_MAD * float(np.median(np.abs(r))), min(0.3, LEAST * height))
         weight = np.minimum(1.0, OUTLIER * noise / np.maximum(np.abs(r), 1e-9))
         normal = j.T @ (weight[:, None] * j)
         prior = noise**2 / np.array([np.inf, np.inf, np.inf, (FREE * height) ** 2, FREE**2])

@@ -20,7 +20,8 @@ from jumpvision.base.arrays import Array, Float32
 from ..measure import Found
 from ..moving import Frames, still_scene
 from ..track import BallSettings, BallTrack, as_track
-from .flight import in_flight
+from .flight import in_flight, left
+from .layer import sampled
 
 CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
 DIAMETER = 21.0  # px, of a target whose size is not given
@@ -64,7 +65,8 @@ def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
     good = [i for i, f in enumerate(found) if not f.flag]
     some = good[:: max(1, len(good) // FOLDED)][:FOLDED]
     if len(some) >= 4:
-        grids = [_sampled(np.asarray(frames[i], np.float32), target, found[i].x, found[i].y, turns[i]) for i in some]
+        k = target.grey.shape[0]
+        grids = [sampled(np.asarray(frames[i], np.float32), found[i].x, found[i].y, turns[i], k) for i in some]
         target = Target(np.mean(grids, axis=0).astype(np.float32), target.weight)
         found, _ = _through(frames, settings, target, scene)
     return as_track(found)
@@ -91,14 +93,14 @@ def _through(frames: Frames, s: BallSettings, target: Target, scene: Float32) ->
         speed = math.hypot(*velocity)
         reach = (s.search * d + SPEED * speed) * (lost + 1)
         best = Found("lost: no target found within track.search")
-        gone = known and _left(image, x, y, 0.5 * d)
+        gone = known and left(image, x, y, 0.5 * d)
         if i == 0:
             best, turn = _fitted(image, target, *s.seed, 0.0)
         elif known and not gone and reach < max(image.shape):
             best, turn = _best(
                 image, target, (x, y, reach), turn + TURNS, turn, LIKE, scene if speed > MOVES * d else None
             )
-        if best.flag and known and _left(image, x, y, 0.0):  # not anywhere else then
+        if best.flag and known and left(image, x, y, 0.0):  # not anywhere else then
             best = Found("left the image")
         elif best.flag and i > 0:
             best, turn = _best(image, target, None, turn + (TURNS if lost < 3 else ALL_TURNS), turn, SURE, scene)
@@ -112,12 +114,6 @@ def _through(frames: Frames, s: BallSettings, target: Target, scene: Float32) ->
         found.append(best)
         turns.append(turn)
     return found, turns
-
-
-def _left(image: Float32, x: float, y: float, margin: float) -> bool:
-    """Whether (x, y) is beyond a picture's edge by the margin [px], but not the upper one: from there it falls back."""
-    h, w = image.shape
-    return not (-margin < x < w + margin) or y > h + margin
 
 
 def _best(
@@ -175,7 +171,7 @@ def _changed(image: Float32, scene: Float32 | None, target: Target) -> list[tupl
 
 
 def _turned(grey: Float32, turn: float) -> Float32:
-    """The target turned by an angle [rad], as `_sampled` turns its grid."""
+    """The target turned by an angle [rad], as `sampled` turns its grid."""
     k = grey.shape[0]
     c, s, m = math.cos(turn), math.sin(turn), (k - 1) / 2
     back = np.array([[c, s, m - c * m - s * m], [-s, c, m + s * m - c * m]])
@@ -183,15 +179,6 @@ def _turned(grey: Float32, turn: float) -> Float32:
         cv2.warpAffine(grey, back, (k, k), flags=LINEAR, borderMode=cv2.BORDER_REPLICATE),
         np.float32,
     )
-
-
-def _sampled(image: Float32, target: Target, x: float, y: float, turn: float) -> Float32:
-    """The image on the target's grid laid at (x, y), turned."""
-    k = target.grey.shape[0]
-    v, u = np.indices((k, k)) - (k - 1) / 2
-    c, s = math.cos(turn), math.sin(turn)
-    at_x, at_y = (x + c * u - s * v).astype(np.float32), (y + s * u + c * v).astype(np.float32)
-    return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> tuple[Found, float]:
@@ -205,7 +192,7 @@ def _fitted(image: Float32, target: Target, x: float, y: float, turn: float) -> 
     for _ in range(STEPS):
         if not (half < x < w_img - 1 - half and half < y < h - 1 - half):
             return Found("at the image edge"), turn
-        grey = _sampled(image, target, x, y, turn).astype(np.float64)
+        grey = sampled(image, x, y, turn, k).astype(np.float64)
         gv, gu = np.gradient(grey)
         c, s = math.cos(turn), math.sin(turn)
         gx, gy = np.ravel(c * gu - s * gv), np.ravel(s * gu + c * gv)
