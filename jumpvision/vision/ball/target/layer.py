@@ -123,7 +123,7 @@ def _taught(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Floa
         seen.append((image - (1.0 - alpha) * behind - p.light * alpha) / p.contrast)
     stack = np.asarray(seen, np.float32)
     middle = np.median(stack, axis=0)
-    spread = FROM_MAD * np.median(np.abs(stack - middle), axis=0) + 1e-3
+    spread = FROM_MAD * np.median(np.abs(stack - middle), axis=0) + 1e-5 * float(np.ptp(stack))
     kept = np.abs(stack - middle) <= OUTLIER * spread
     shown = np.sum(stack * kept, axis=0) / np.maximum(kept.sum(axis=0), 1)
     shown = np.where(alpha > 0.0, shown, 0.0)
