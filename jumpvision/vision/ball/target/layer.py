@@ -290,7 +290,7 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
         return lost(f"lost: not like the target (contrast {contrast:.2g} of it, {unlike:.0%} unlike)")
     cov = np.linalg.inv(normal) * float(np.sum(weight * r**2) / max(np.sum(weight) - 5.0, 1.0))
     # The layer's own noise, 1 / n of a frame's, is in both; of a frame that taught it, what is left hides as much
-    sigma = math.sqrt(max(cov[0, 0], cov[1, 1]) * (layer.n + 1) / (layer.n - 1))
+    sigma = math.sqrt(max(cov[0, 0], cov[1, 1]) * (layer.n + 1) / max(layer.n - 1, 1))
     return Place(x, y, turn, light, contrast, Found("", x, y, sigma, layer.d, unlike), start.streak)
 
 
