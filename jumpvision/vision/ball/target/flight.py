@@ -22,7 +22,6 @@ CLEAR = 4.0  # standard deviations of the noise, the least mean change of a thin
 SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
-CENTRE = 0.02  # px: of a rim's centre, two-tone and textured discs of 9 to 26 px
 GUESS = 12.0  # px: first diameter where none is known
 
 
@@ -47,14 +46,7 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     on_path = [places[s.i].found.flag == "" for s in path]
     if np.mean(on_path) < SURE:
         return None
-    return [_with_centre(p, places) for p in places]
-
-
-def _with_centre(place: Place, places: list[Place]) -> Found:
-    """The measurement, with what an error of the centre in the layer adds where the ball has turned."""
-    usual = float(np.median([p.turn for p in places if not p.found.flag]))
-    moved = CENTRE * math.sqrt(2.0 - 2.0 * math.cos(place.turn - usual))
-    return place.found._replace(sigma=math.hypot(place.found.sigma, moved))
+    return [p.found for p in places]
 
 
 def is_shadow(track: BallTrack, frames: Frames) -> bool:

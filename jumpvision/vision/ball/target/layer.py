@@ -8,63 +8,44 @@ and contrast, on its own pixels.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from jumpvision.base.arrays import FROM_MAD, Float32
 
 from ..measure import Found
-from ..moving import Frames, Path, at
-from .rim import BLUR, outline, rim, share
+from ..moving import Frames, Path
 
-FINE = 2  # points of a layer to a pixel
 WINDOW = 0.8  # diameters: half width of the picture of a ball
 ROUNDS = 3  # of learning
 TEACHERS = 40  # frames that teach at most
 TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried
 STEPS, REST, H = 15, 1e-3, 0.3  # of a fit; px: the last; of a difference
 UNLIKE = 0.3  # of the change against the scene, which a fit may leave
+EDGE = 1.0  # px: half width of a ball's rim
+RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the strongest
+CLOSED = 0.6  # least share of the rays on which what is seen ends at the rim
+ROUND = 0.08  # diameters: largest scatter of an outline about its circle
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
 LEAST = 0.002  # of the height, that noise is taken for, up to what digitising leaves
-LESSONS = 6  # of a layer, from all its frames
-FAST, LONGEST = 4.0, 0.5  # px a frame, from which a streak is looked for; diameters
-SHARES, CLOSE = (0.0, 0.2, 0.5, 1.0), 0.01  # of the longest, that are tried, and how near it is found
-FASTEST = 12  # frames, that tell it
-PIECES = 24  # of a streak
 OUTLIER = 3.0  # standard deviations, from which a pixel counts less
 
 
 @dataclass(frozen=True)
 class Layer:
-    """alpha, shown (FINE side, FINE side): share of a pixel and what is shown in it, FINE to a pixel, the centre in the
-    middle; d: diameter [px]; n: frames that taught it."""
+    """alpha, shown (k, k): share of a pixel and what is shown in it; d: diameter [px]. Centre at (k - 1) / 2."""
 
     alpha: Float32
     shown: Float32
     d: float
-    n: int
-
-    @property
-    def side(self) -> int:
-        """Of the window [px]."""
-        return self.alpha.shape[0] // FINE
-
-
-def _side(d: float) -> int:
-    """Of a window for a diameter [px]."""
-    return 2 * math.ceil(WINDOW * d) + 1
 
 
 @dataclass(frozen=True)
 class Place:
-    """x, y [px], turn [rad], light [grey] and contrast of a ball in one frame; found: its measurement; streak: its way
-    in the exposure [px]."""
+    """x, y [px], turn [rad], light [grey] and contrast of a ball in one frame; found: its measurement."""
 
     x: float
     y: float
@@ -72,7 +53,6 @@ class Place:
     light: float
     contrast: float
     found: Found
-    streak: tuple[float, float] = (0.0, 0.0)
 
 
 def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer, dict[int, Place]] | None:
@@ -86,7 +66,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
     best = min(inside, key=lambda s: abs(s.contrast - usual))
     order = sorted(inside, key=lambda s: abs(s.i - best.i))
     where = {best.i: Place(best.x, best.y, 0.0, 0.0, 1.0, best.found)}
-    layer, _ = _taught(frames, scene, where, _disc(d, d, BLUR[0]))
+    layer = _taught(frames, scene, where, _round(d, d))
     for turn in range(ROUNDS):
         now: dict[int, Place] = {best.i: where[best.i]} if turn == 0 else {}
         for s in order:
@@ -103,63 +83,20 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
         if len(now) < 3:
             return None
         where = now
-        change, behind = _change(frames, scene, where, layer.side, LESSONS if turn else 1)
-        round_one = outline(change, layer.d)
-        if round_one is None:
+        outline = _outline(frames, scene, where, layer)
+        if outline is None:
             return None
-        x, y, size, blur = rim(change, behind, round_one)
+        x, y, size = outline
         where = {i: _shifted(p, x, y) for i, p in where.items()}
-        layer = replace(layer, alpha=_disc(d, size, blur), d=size)
-        if turn < ROUNDS - 1:
-            where = _streaked(frames, scene, path, where, layer)
-        layer, _ = _taught(frames, scene, where, layer.alpha)
+        layer = _taught(frames, scene, where, _round(d, size))
     return layer, where
 
 
-def _streaked(frames: Frames, scene: Float32, path: Path, where: dict[int, Place], layer: Layer) -> dict[int, Place]:
-    """The places with their streaks: of the exposure, as a share of the time between frames, that leaves least."""
-    speed = {i: math.hypot(*velocity(path, i)) for i in where}
-    fastest = max(speed.values())
-    if fastest < FAST:
-        return where
-
-    def of(exposure: float, which: Iterable[int]) -> dict[int, Place]:
-        ways = {i: velocity(path, i) for i in which}
-        return {i: replace(where[i], streak=(exposure * u, exposure * v)) for i, (u, v) in ways.items()}
-
-    some = sorted(where, key=lambda i: -speed[i])[:FASTEST]
-
-    def left(exposure: float) -> float:
-        return _taught(frames, scene, of(exposure, some), layer.alpha)[1]
-
-    tried = [min(1.0, LONGEST * layer.d / fastest) * f for f in SHARES]
-    best = int(np.argmin([left(s) for s in tried]))
-    span = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
-    found = minimize_scalar(left, bounds=span, method="bounded", options={"xatol": CLOSE * tried[-1]})
-    return of(float(found.x), where)
-
-
-def velocity(path: Path, i: int) -> tuple[float, float]:
-    """Of a ball in frame i [px a frame], none where the path does not see it."""
-    if all(s.i != i for s in path):
-        return 0.0, 0.0
-    (x0, y0), (x1, y1) = at(path, i - 1), at(path, i + 1)
-    return 0.5 * (x1 - x0), 0.5 * (y1 - y0)
-
-
-def _disc(d: float, size: float, blur: float) -> Float32:
+def _round(d: float, size: float) -> Float32:
     """Share of the pixels of a window for diameter d that a disc of a size takes in its middle."""
-    k = FINE * _side(d)
-    v, u = (np.indices((k, k)) - (k - 1) / 2) / FINE
-    return share(0.0, 0.0, 0.5 * size, blur, u, v).astype(np.float32)
-
-
-def _change(frames: Frames, scene: Float32, where: dict[int, Place], k: int, lessons: int) -> tuple[Float32, Float32]:
-    """What changes with the ball, without its streaks, and what is behind it on the median, (k, k) each."""
-    change = _taught(frames, scene, where, np.zeros((FINE * k, FINE * k), np.float32), lessons)[0].shown
-    middle = (FINE * k - 1) / 2
-    behind = [sampled(scene, p.x, p.y, p.turn, k) for p in where.values()]
-    return sampled(change, middle, middle, 0.0, k, 1 / FINE), np.median(behind, axis=0).astype(np.float32)
+    k = 2 * math.ceil(WINDOW * d) + 1
+    v, u = np.indices((k, k)) - (k - 1) / 2
+    return np.clip((0.5 * size - np.hypot(u, v)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
 
 
 def _shifted(place: Place, u: float, v: float) -> Place:
@@ -168,79 +105,88 @@ def _shifted(place: Place, u: float, v: float) -> Place:
     return replace(place, x=place.x + c * u - s * v, y=place.y + s * u + c * v)
 
 
-def sampled(image: Float32, x: float, y: float, turn: float, k: int, fine: float = 1.0) -> Float32:
-    """An image on a grid (k, k) laid with its middle at (x, y), turned, as many times as fine."""
-    v, u = (np.indices((k, k)) - (k - 1) / 2) / fine
+def sampled(image: Float32, x: float, y: float, turn: float, k: int) -> Float32:
+    """An image on a grid (k, k) laid with its middle at (x, y), turned."""
+    v, u = np.indices((k, k)) - (k - 1) / 2
     c, s = math.cos(turn), math.sin(turn)
     at_x, at_y = (x + c * u - s * v).astype(np.float32), (y + s * u + c * v).astype(np.float32)
     return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
-def _taught(
-    frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32, lessons: int = LESSONS
-) -> tuple[Layer, float]:
-    """The layer of this share that the frames show at their places, and the squared grey levels that it leaves.
+def _taught(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
+    """The layer of this share that the frames show at their places."""
+    k = alpha.shape[0]
+    seen = []
+    for i, p in where.items():
+        images = (np.asarray(frames[i], np.float32), scene)
+        image, behind = (sampled(a, p.x, p.y, p.turn, k) for a in images)
+        seen.append((image - (1.0 - alpha) * behind - p.light * alpha) / p.contrast)
+    stack = np.asarray(seen, np.float32)
+    middle = np.median(stack, axis=0)
+    spread = FROM_MAD * np.median(np.abs(stack - middle), axis=0) + 1e-5 * float(np.ptp(stack))
+    kept = np.abs(stack - middle) <= OUTLIER * spread
+    shown = np.sum(stack * kept, axis=0) / np.maximum(kept.sum(axis=0), 1)
+    shown = np.where(alpha > 0.0, shown, 0.0)
+    size = 2.0 * math.sqrt(float(alpha.sum()) / math.pi)
+    return Layer(alpha, shown.astype(np.float32), size)
 
-    What a frame shows beyond the layer, laid on the layer again, corrects it (Landweber 1951; Irani and Peleg 1991).
+
+def _outline(
+    frames: Frames, scene: Float32, where: dict[int, Place], layer: Layer
+) -> tuple[float, float, float] | None:
+    """Centre (u, v) in the layer's window and diameter of what changes with the ball; None where it is not round.
+
+    Where the change falls to half of what it is just inside, along RAYS from the centre; a circle through these.
     """
-    k = alpha.shape[0] // FINE
-    cuts = [(_cut(np.asarray(frames[i], np.float32), scene, p.x, p.y, k), p) for i, p in where.items()]
-    layer = Layer(alpha, np.zeros_like(alpha), 2.0 * math.sqrt(float(alpha.sum()) / math.pi) / FINE, len(cuts))
-    yy, xx = np.indices((k, k))
-
-    def near(p: Place, cut: _Cut) -> NDArray[np.bool_]:
-        return np.hypot(xx + cut.x - p.x, yy + cut.y - p.y) < (0.5 + 0.25 * LONGEST) * layer.d + 2.0
-
-    for lesson in range(lessons):
-        rest, power = [], 0.0
-        for cut, p in cuts:
-            share, shown = _laid(layer, p.x - cut.x, p.y - cut.y, p.turn, p.streak)
-            left = (cut.grey - cut.behind * (1.0 - share) - p.light * share) / p.contrast - shown
-            power += float(np.sum(left[cut.inside & near(p, cut)] ** 2))
-            rest.append(
-                sampled(
-                    _smeared(left.astype(np.float32), p.streak), p.x - cut.x, p.y - cut.y, p.turn, alpha.shape[0], FINE
-                )
-            )
-        stack = np.stack(rest)
-        if lesson == 0:
-            more = np.median(stack, axis=0)
-            off = np.abs(stack - more)
-            kept = off <= OUTLIER * FROM_MAD * np.median(off, axis=0) + 1e-5 * float(np.ptp(stack))
-        else:
-            more = np.sum(stack * kept, axis=0) / np.maximum(kept.sum(axis=0), 1)
-        layer = replace(layer, shown=(layer.shown + more).astype(np.float32))
-    if alpha.any():
-        layer = replace(layer, shown=np.where(alpha > 1e-3, layer.shown, 0.0).astype(np.float32))
-    return layer, power
-
-
-@dataclass(frozen=True)
-class _Cut:
-    """grey, behind (k, k): a frame and the scene from row y and column x; inside (k, k): the image's."""
-
-    grey: NDArray[np.float64]
-    behind: NDArray[np.float64]
-    x: int
-    y: int
-    inside: NDArray[np.bool_]
-
-
-def _cut(image: Float32, scene: Float32, x: float, y: float, k: int) -> _Cut:
-    """A window (k, k) about (x, y)."""
-    h, w = image.shape
-    x0, y0 = round(x) - (k - 1) // 2, round(y) - (k - 1) // 2
-    cut = [max(0, -y0), max(0, y0 + k - h), max(0, -x0), max(0, x0 + k - w)]
-    at = np.s_[max(0, y0) : y0 + k, max(0, x0) : x0 + k]
-    room = ((cut[0], cut[1]), (cut[2], cut[3]))
-    grey, behind = (np.pad(a[at].astype(np.float64), room, mode="edge") for a in (image, scene))
-    return _Cut(grey, behind, x0, y0, np.pad(np.ones(image[at].shape, bool), room))
+    k = layer.alpha.shape[0]
+    changes = ((np.asarray(frames[i], np.float32) - scene, p) for i, p in where.items())
+    stack = [sampled(change, p.x, p.y, p.turn, k) for change, p in changes]
+    change = np.median(stack, axis=0).astype(np.float32)
+    u = v = 0.0
+    size = layer.d
+    angle = np.arange(RAYS) * 2 * math.pi / RAYS
+    for turn in range(5):
+        r = np.arange(0.0, 0.5 * k, 0.1)
+        x, y = (c + np.outer(f(angle), r) for c, f in ((u, np.cos), (v, np.sin)))
+        shift = np.float32((k - 1) / 2)
+        rays = cv2.remap(change, x.astype(np.float32) + shift, y.astype(np.float32) + shift, cv2.INTER_CUBIC)
+        rim = 0.5 * size
+        inner = (r > rim - max(0.35 * rim, 2.8)) & (r < rim - 1.3)
+        basis = np.stack([np.ones(inner.sum()), r[inner] - rim], axis=1)
+        line = np.linalg.lstsq(basis, rays[:, inner].T, rcond=None)[0]
+        height = line[0]  # what the rim would show, were it sharp
+        at, strong = np.full(RAYS, np.nan), np.abs(height) > WEAK * np.percentile(np.abs(height), 90)
+        band = 1.5 if turn else max(3.0, 0.4 * rim)
+        begin, end = np.searchsorted(r, [rim - band, rim + band])
+        for q in range(RAYS):
+            below = np.flatnonzero(rays[q, begin:end] / height[q] < 0.5)
+            if below.size and below[0] and strong[q]:
+                at[q] = r[begin + below[0]]
+        ok = np.isfinite(at)
+        if turn and np.mean(ok[strong]) < CLOSED:
+            return None
+        for _ in range(3):
+            if ok.sum() < RAYS // 5:
+                return None
+            weight = np.abs(height[ok])
+            ex, ey = u + at[ok] * np.cos(angle[ok]), v + at[ok] * np.sin(angle[ok])
+            a = np.stack([ex, ey, np.ones(ok.sum())], axis=1) * weight[:, None]
+            cu, cv, c0 = np.linalg.lstsq(a, weight * (ex**2 + ey**2), rcond=None)[0]
+            centre, radius = (0.5 * cu, 0.5 * cv), math.sqrt(max(c0 + 0.25 * (cu**2 + cv**2), 1e-6))
+            off = np.hypot(u + at * np.cos(angle) - centre[0], v + at * np.sin(angle) - centre[1]) - radius
+            spread = FROM_MAD * float(np.nanmedian(np.abs(off[ok])))
+            ok = np.isfinite(at) & (np.abs(off) < max(3.0 * spread, 0.1))
+        u, v, size = float(centre[0]), float(centre[1]), 2.0 * radius
+        if not (math.hypot(u, v) < 0.4 * layer.d and 0.6 < size / layer.d < 1.6):
+            return None
+    return (u, v, size) if spread < ROUND * size else None
 
 
 def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) -> Place:
     """Least squares of the layer before the scene, in x, y, turn, light and contrast; chi2: what is left of the change
     against the scene."""
-    k = layer.side
+    k = layer.alpha.shape[0]
+    half = (k - 1) // 2
     x, y, turn, light, contrast = start.x, start.y, start.turn, start.light, start.contrast
     h, w = image.shape
     reach = 0.5 * layer.d + 1.0
@@ -250,21 +196,23 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
 
     if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
         return lost("at the image edge")
-    cut = _cut(image, scene, x, y, k)
-    grey, behind, x0, y0 = cut.grey, cut.behind, cut.x, cut.y
+    x0, y0 = round(x) - half, round(y) - half
+    cut = [max(0, -y0), max(0, y0 + k - h), max(0, -x0), max(0, x0 + k - w)]
+    at = np.s_[max(0, y0) : y0 + k, max(0, x0) : x0 + k]
+    room = ((cut[0], cut[1]), (cut[2], cut[3]))
+    grey, behind = (np.pad(a[at].astype(np.float64), room, mode="edge") for a in (image, scene))
     yy, xx = np.indices((k, k))
     face = layer.shown[layer.alpha > 0.5]
     height = float(np.std(face)) + abs(float(np.median(face) - np.median(behind)))
     for _ in range(STEPS):
-        alpha, shown = _laid(layer, x - x0, y - y0, turn, start.streak)
+        alpha, shown = _laid(layer, x - x0, y - y0, turn)
         model = behind * (1.0 - alpha) + light * alpha + contrast * shown
-        part = cut.inside & (np.hypot(xx + x0 - x, yy + y0 - y) < 0.5 * layer.d + 3.0 + 0.5 * math.hypot(*start.streak))
+        part = np.hypot(xx + x0 - x, yy + y0 - y) < 0.5 * layer.d + 3.0
+        part[: cut[0]] = part[k - cut[1] :] = part[:, : cut[2]] = part[:, k - cut[3] :] = False
         left = grey - model
         columns = []
         for dx, dy, dt in ((H, 0.0, 0.0), (0.0, H, 0.0), (0.0, 0.0, 2 * H / layer.d)):
-            (a1, m1), (a0, m0) = (
-                _laid(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt, start.streak) for g in (1.0, -1.0)
-            )
+            (a1, m1), (a0, m0) = (_laid(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt) for g in (1.0, -1.0))
             columns.append(((light - behind) * (a1 - a0) + contrast * (m1 - m0)) / (2 * (dx + dy + dt)))
         j = np.stack([*columns, alpha, shown], axis=-1)[part]
         r = left[part]
@@ -289,38 +237,18 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
     if unlike > UNLIKE or not 0.5 < contrast < 2.0:
         return lost(f"lost: not like the target (contrast {contrast:.2g} of it, {unlike:.0%} unlike)")
     cov = np.linalg.inv(normal) * float(np.sum(weight * r**2) / max(np.sum(weight) - 5.0, 1.0))
-    # The layer's own noise, 1 / n of a frame's, is in both; of a frame that taught it, what is left hides as much
-    sigma = math.sqrt(max(cov[0, 0], cov[1, 1]) * (layer.n + 1) / max(layer.n - 1, 1))
-    return Place(x, y, turn, light, contrast, Found("", x, y, sigma, layer.d, unlike), start.streak)
+    sigma = math.sqrt(max(cov[0, 0], cov[1, 1]))
+    return Place(x, y, turn, light, contrast, Found("", x, y, sigma, layer.d, unlike))
 
 
-def _laid(
-    layer: Layer, x: float, y: float, turn: float, streak: tuple[float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """alpha and what is shown, of the layer laid at (x, y) of its own window, turned and smeared."""
-    k = layer.side
-    c, s, m = FINE * math.cos(turn), FINE * math.sin(turn), (FINE * k - 1) / 2
+def _laid(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """alpha and what is shown, of the layer laid at (x, y) of its own window, turned."""
+    k = layer.alpha.shape[0]
+    c, s, m = math.cos(turn), math.sin(turn), (k - 1) / 2
     back = np.array([[c, s, m - c * x - s * y], [-s, c, m + s * x - c * y]])
     how = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     a, b = (
-        _smeared(np.asarray(cv2.warpAffine(v, back, (k, k), flags=how)), streak).astype(np.float64)
+        cv2.warpAffine(v, back, (k, k), flags=how, borderMode=cv2.BORDER_CONSTANT).astype(np.float64)
         for v in (layer.alpha, layer.shown)
     )
     return a, b
-
-
-def _smeared(image: Float32, streak: tuple[float, float]) -> Float32:
-    """The mean of an image along a way [px]."""
-    if math.hypot(*streak) < 0.2:
-        return image
-    return np.asarray(cv2.filter2D(image, -1, _line(*streak), borderType=cv2.BORDER_REPLICATE))
-
-
-@lru_cache(maxsize=256)
-def _line(u: float, v: float) -> Float32:
-    """Shares of the pixels about the middle in a line from (-u / 2, -v / 2) to (u / 2, v / 2)."""
-    f = (np.arange(PIECES) + 0.5) / PIECES - 0.5
-    rows, columns = (np.ceil(0.5 * abs(s)) for s in (v, u))
-    y, x = np.arange(-rows, rows + 1), np.arange(-columns, columns + 1)
-    down, across = (np.maximum(1.0 - np.abs(a[:, None] - s * f), 0.0) for a, s in ((y, v), (x, u)))
-    return np.asarray(down @ across.T / PIECES, np.float32)
