@@ -146,7 +146,7 @@ def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture(click):
 
 def test_sigma_of_a_ball_of_two_tones_covers():
     """20 films of 14 frames, noise 3, rims of 0.8 px: 68 % less what the learned picture's own noise takes (1/14 of the
-    variance: 66 %), within three standard deviations of 560 values (2 % each): 60 to 75 %. Measured 63."""
+    variance: 66 %), within three standard deviations of 560 values (2 % each): 60 to 72 %. Measured 63."""
     errors, sigmas = [], []
     for seed in range(20):
         rng, frames = np.random.default_rng([9, seed]), []
@@ -166,7 +166,7 @@ def test_sigma_of_a_ball_of_two_tones_covers():
         sigmas.append(np.repeat(t.sigma_px[good].to_numpy()[:, None], 2, axis=1))
     covered = np.abs(np.concatenate(errors)) < np.concatenate(sigmas)
     assert covered.size >= 500
-    assert 0.60 < covered.mean() < 0.75
+    assert 0.60 < covered.mean() < 0.72
 
 
 @pytest.mark.parametrize("tone", [1.0, 0.4])
