@@ -41,8 +41,9 @@ def slopes(f, y, gx, gy):  # type: ignore[no-untyped-def]
     row, up, up2, down, down2 = f[y], f[y - 1], f[y - 2], f[y + 1], f[y + 2]
     gx[:2] = 0
     gx[n - 2 :] = 0
-    for i in range(2, n - 2):
-        gx[i] = (k8 * (row[i + 1] - row[i - 1]) - (row[i + 2] - row[i - 2])) * k12
+    inside = gx[2:]
+    for i in range(n - 4):  # forwards only: a place i - 1 would be tested for being negative, one by one
+        inside[i] = (k8 * (row[i + 3] - row[i + 1]) - (row[i + 4] - row[i])) * k12
     for i in range(n):
         gy[i] = (k8 * (down[i] - up[i]) - (down2[i] - up2[i])) * k12
 
@@ -59,16 +60,18 @@ def gradient(first, last, f, gx, gy):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, fastmath={"contract"})
-def _add_products(p, total, f, j):  # type: ignore[no-untyped-def]
+def _add_products(below, above, count, total, f, j):  # type: ignore[no-untyped-def]
     """Add the rows at eta = j and -j to the column sums: what is even in eta from their sum, what is odd from the rest.
 
-    p: tile of weight, m, r, grad m of either row. One loop for all, so that nothing is read twice.
+    below, above: weight, m, r, grad m of either row. One loop for all, so that nothing is read twice.
     """
     f1 = f * j
     f2 = f1 * j
-    for i in range(TILE):
-        w, m, r, gx, gy = p[i], p[TILE + i], p[2 * TILE + i], p[3 * TILE + i], p[4 * TILE + i]
-        v, n, s, hx, hy = p[5 * TILE + i], p[6 * TILE + i], p[7 * TILE + i], p[8 * TILE + i], p[9 * TILE + i]
+    w_, m_, r_, gx_, gy_ = below
+    v_, n_, s_, hx_, hy_ = above
+    for i in range(count):
+        w, m, r, gx, gy = w_[i], m_[i], r_[i], gx_[i], gy_[i]
+        v, n, s, hx, hy = v_[i], n_[i], s_[i], hx_[i], hy_[i]
         wx, wy, wm, wr = w * gx, w * gy, w * m, w * r
         vx, vy, vn, vs = v * hx, v * hy, v * n, v * s
         a, b = wx * gx, vx * hx
@@ -110,20 +113,22 @@ def _add_products(p, total, f, j):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, fastmath={"contract"})
-def _add_planes(p, total, f, j):  # type: ignore[no-untyped-def]
+def _add_planes(below, above, count, total, f, j):  # type: ignore[no-untyped-def]
     """As `_add_products`, of three planes up to second order."""
     f1 = f * j
     f2 = f1 * j
-    for i in range(TILE):
-        a, b = p[i], p[3 * TILE + i]
+    p0, p1, p2 = below
+    q0, q1, q2 = above
+    for i in range(count):
+        a, b = p0[i], q0[i]
         total[i] += f * (a + b)
         total[TILE + i] += f1 * (a - b)
         total[2 * TILE + i] += f2 * (a + b)
-        a, b = p[TILE + i], p[4 * TILE + i]
+        a, b = p1[i], q1[i]
         total[3 * TILE + i] += f * (a + b)
         total[4 * TILE + i] += f1 * (a - b)
         total[5 * TILE + i] += f2 * (a + b)
-        a, b = p[2 * TILE + i], p[5 * TILE + i]
+        a, b = p2[i], q2[i]
         total[6 * TILE + i] += f * (a + b)
         total[7 * TILE + i] += f1 * (a - b)
         total[8 * TILE + i] += f2 * (a + b)
@@ -160,22 +165,22 @@ def moments(first, last, m, r, keep, gx, gy, x, y, g, source, out):  # type: ign
     cols = m.shape[1]
     h = len(g) // 2
     columns = np.zeros((cols, WIDTH), np.float32)
-    p, total = np.zeros(10 * TILE, np.float32), np.empty(PRODUCTS * TILE, np.float32)
+    total = np.empty(PRODUCTS * TILE, np.float32)
     for k in range(first, last):
         for start in range(0, cols, TILE):
             n = min(TILE, cols - start)
             total[:] = 0
             for j in range(h + 1):
-                for side in range(2):
-                    row, q = y[k] + (1 - 2 * side) * j, 5 * side * TILE
-                    for i in range(n):  # a slice to a slice takes a second to compile
-                        p[q + i] = keep[row, start + i]
-                        p[q + TILE + i] = m[row, start + i]
-                        p[q + 2 * TILE + i] = r[row, start + i]
-                        p[q + 3 * TILE + i] = gx[row, start + i]
-                        p[q + 4 * TILE + i] = gy[row, start + i]
+                d, u, end = y[k] + j, y[k] - j, start + n
                 f = g[h + j] if j > 0 else g[h] * np.float32(0.5)  # the middle row is its own pair
-                _add_products(p, total, f, np.float32(j))
+                _add_products(
+                    (keep[d, start:end], m[d, start:end], r[d, start:end], gx[d, start:end], gy[d, start:end]),
+                    (keep[u, start:end], m[u, start:end], r[u, start:end], gx[u, start:end], gy[u, start:end]),
+                    n,
+                    total,
+                    f,
+                    np.float32(j),
+                )
             for i in range(n):
                 for c in range(PRODUCTS):
                     columns[start + i, c] = total[c * TILE + i]
@@ -188,18 +193,22 @@ def moments_of(first, last, planes, x, y, g, source, out):  # type: ignore[no-un
     cols = planes.shape[2]
     h = len(g) // 2
     columns = np.zeros((cols, WIDTH), np.float32)
-    p, total = np.zeros(6 * TILE, np.float32), np.empty(SQUARES * TILE, np.float32)
+    total = np.empty(SQUARES * TILE, np.float32)
     for k in range(first, last):
         for start in range(0, cols, TILE):
             n = min(TILE, cols - start)
             total[:] = 0
             for j in range(h + 1):
-                for q in range(6):
-                    row = y[k] + (j if q < 3 else -j)
-                    for i in range(n):
-                        p[q * TILE + i] = planes[q % 3, row, start + i]
+                d, u, end = y[k] + j, y[k] - j, start + n
                 f = g[h + j] if j > 0 else g[h] * np.float32(0.5)
-                _add_planes(p, total, f, np.float32(j))
+                _add_planes(
+                    (planes[0, d, start:end], planes[1, d, start:end], planes[2, d, start:end]),
+                    (planes[0, u, start:end], planes[1, u, start:end], planes[2, u, start:end]),
+                    n,
+                    total,
+                    f,
+                    np.float32(j),
+                )
             for i in range(n):
                 for c in range(SQUARES):
                     columns[start + i, c] = total[c * TILE + i]

@@ -33,13 +33,14 @@ from .deform import half_way
 from .frame import Frame, taper
 from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of, slopes
 from .solve import STEPPED, covariances, steps
-from .surface import axis, everywhere, lightly_smoothed
+from .surface import Drawn, axis, drawn, lightly_smoothed, line, times
 from .validate import LAG
 
 AROUND = 33  # px, side of the region over which the correlation of neighbouring residuals is averaged
 BAND = 4_000_000  # px of a frame that are worked on at a time: some 80 bytes each
 STENCIL = 2  # px on either side of a gradient
 LEAST_RATIO = 0.2  # of the variance with to that without correlation: less is chance
+APART = np.tile([1.0, 2.0, 2.0, 4.0, 4.0, 4.0], 3)  # of the moments of such planes: their pixels are 2 px apart
 ALONG = np.array([0, 3, 1, 2, 4, 5])  # places of d_x, d_y, u_x, u_y, v_x, v_y among the unknowns of a step
 
 
@@ -87,8 +88,8 @@ def refine(
     bands = bands_of(at_y, grid.window // 2, shape)
 
     def pictures(band: Band) -> Iterator[tuple[Float32, Float32, Float32]]:
-        dx, dy = (everywhere(rows.pixels(band.top, band.bottom), columns, f) for f in start)
-        return (half_way(a, b, dx, dy, band.top) for a, b in pairs)
+        moved = drawn(rows.pixels(band.top, band.bottom), columns, start)
+        return (half_way(a, b, moved, band.top) for a, b in pairs)
 
     sums, held = np.zeros((ny, nx, FIRST[-1])), []
     for band in bands:
@@ -106,7 +107,7 @@ def refine(
     smooth = np.stack(
         [
             *start,
-            *(q for f in start for q in (f @ columns.slope.T, rows.slope @ f)),
+            *(q for f in start for q in (times(f, columns.slope.T), times(rows.slope, f))),
         ]
     )
     p = smooth + change[ALONG]
@@ -116,13 +117,16 @@ def refine(
         # rounding is there where equal frames leave no residual; the frames of an ensemble share all but two of it
         least = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs) * float((g**2).sum() / g.sum()) ** 2
         for band in bands:
-            there = [everywhere(rows.pixels(band.top, band.bottom), columns, change[q]) for q in (6, 7, 0, 3)]
+            there = drawn(rows.pixels(band.top, band.bottom), columns, change[[6, 7, 0, 3]])
             places, count = (at_x, band.rows(at_y)), band.end - band.first
             zz, ss, ratio, energy = _scatter(held or pictures(band), there, places[::-1], band)
             scatter, noise = np.empty((2, count, nx, 18))
-            moments_of(count, zz, *places, g * g, OF_PLANES, scatter)
-            moments_of(count, ss, *places, g, OF_PLANES, noise)
-            scatter *= ratio[:, :, None]
+            of_two = g[grid.window // 2 % 2 :: 2]  # the planes hold every second pixel
+            halves = [q // 2 for q in places]
+            moments_of(count, zz, *halves, of_two * of_two, OF_PLANES, scatter)
+            moments_of(count, ss, *halves, of_two, OF_PLANES, noise)
+            scatter *= ratio[:, :, None] * APART
+            noise *= APART
             texture_of += energy
             own = slice(band.first * nx, band.end * nx)
             of_windows = (sums[own], noise.reshape(-1, 18), scatter.reshape(-1, 18))
@@ -180,68 +184,168 @@ def _gradient(f: Float32) -> tuple[Float32, Float32]:
     return gx, gy
 
 
-@shared(fastmath={"contract"})
-def _forces(first, last, m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
-    """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r; |grad m|^2; grad r grad r."""
-    rows, cols = m.shape
-    offset, gain, ex, ey = change
-    gx, gy, left = np.empty(cols, np.float32), np.empty(cols, np.float32), np.empty(cols, np.float32)
-    for j in range(max(first, 2), min(last, rows - 2)):
-        slopes(m, j, gx, gy)
-        _left(keep[j], r[j], offset[j], gain[j], m[j], gx, ex[j], gy, ey[j], left)
-        _add(z[0, j], gx, left)
-        _add(z[1, j], gy, left)
-        _add(energy[j], gx, gx)
-        _add(energy[j], gy, gy)
-        slopes(r, j, gx, gy)
-        for i in range(cols):
-            left[i] = keep[j, i] * gx[i]
-        _add(ss[0, j], left, gx)
-        _add(ss[1, j], left, gy)
-        for i in range(cols):
-            left[i] = keep[j, i] * gy[i]
-        _add(ss[2, j], left, gy)
-
-
-@nb.njit(cache=True, fastmath={"contract"})
-def _left(keep, r, offset, gain, m, gx, ex, gy, ey, left):  # type: ignore[no-untyped-def]
-    for i in range(len(left)):
-        left[i] = keep[i] * (r[i] - offset[i] - gain[i] * m[i] - gx[i] * ex[i] - gy[i] * ey[i])
-
-
-@nb.njit(cache=True, fastmath={"contract"})
-def _add(total, a, b):  # type: ignore[no-untyped-def]
-    for i in range(len(total)):
-        total[i] += a[i] * b[i]
-
-
 def _scatter(
     pictures: Iterable[tuple[Float32, Float32, Float32]],
-    change: Sequence[Float32],
+    change: Drawn,
     at: tuple[NDArray[np.intp], ...],
     band: Band,
 ) -> tuple[Float32, Float32, Array, Array]:
-    """Variance that each pixel alone brings to sum w J r (xx, xy, yy: (3, H, W)), and what noise adds to grad m grad m.
+    """Variance that each pixel alone brings to sum w J r (xx, xy, yy), and what noise adds to grad m grad m.
 
-    Also the ratio of the variance with a pixel's neighbours to that without, at the rows and columns `at`, and two sums
-    over the band's own rows: of the squared gradient of the texture, and of its product with that of its neighbours.
+    Both (3, H / 2, W / 2): sums about every second pixel, weights 1/2, 1, 1/2 along either axis. Also the ratio of the
+    variance with a pixel's neighbours to that without, at the rows and columns `at`, and two sums over the band's own
+    rows: of the squared gradient of the texture, and of its product with the mean of its neighbours'.
     z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; the ratio is
     that of sum z (sum of z over the box) to sum z^2 around. change: offset and gain of the grey and the step in x and
     y, everywhere.
     """
-    shape = change[0].shape
-    z, ss, energy = np.zeros((2, *shape), np.float32), np.zeros((3, *shape), np.float32), np.zeros(shape, np.float32)
+    shape = len(change.knot), change.lines.shape[2]
+    half = tuple(-(-n // 2) for n in shape)
+    z, energy, ss = np.zeros((2, *shape), np.float32), np.zeros(shape, np.float32), np.zeros((3, *half), np.float32)
     for together in pictures:
-        _forces(len(z[0]), *together, tuple(change), z, ss, energy)
-    box = (LAG, LAG)
-    around = (AROUND, AROUND)
-    together = sum(cv2.multiply(q, cv2.boxFilter(q, -1, box, normalize=False)) for q in z)
-    zz = np.empty((3, *shape), np.float32)
-    for q, (f, g) in zip(zz, ((z[0], z[0]), (z[0], z[1]), (z[1], z[1]))):
-        cv2.multiply(f, g, q)
-    around_all, around_alone = (cv2.boxFilter(q, -1, around)[np.ix_(*at)] for q in (together, zz[0] + zz[2]))
+        _forces(half[0], *together, change, z, ss, energy)
+    zz, texture = np.zeros((5, *half), np.float32), np.zeros((2, half[0]))
+    _products(half[0], z, energy, zz, texture)
+    around = (AROUND // 2 + 1,) * 2
+    rows, columns = (q // 2 for q in at)
+    around_all, around_alone = (cv2.boxFilter(q, -1, around)[np.ix_(rows, columns)] for q in (zz[4], zz[3]))
     ratio = np.maximum(around_all, LEAST_RATIO * around_alone) / np.maximum(around_alone, 1e-9)
-    own = slice(band.own_top - band.top, band.own_bottom - band.top)
-    clumped = cv2.multiply(energy, cv2.boxFilter(energy, -1, box))
-    # OpenCV's own sums differ in the last bit from run to run
-    return zz, ss, ratio, np.array([np.sum(q[own], dtype=np.float64) for q in (energy, clumped)])
+    own = slice((band.own_top - band.top + 1) // 2, (band.own_bottom - band.top + 1) // 2)
+    return zz[:3], ss, ratio, 2 * texture[:, own].sum(1)
+
+
+@shared(fastmath={"contract"})
+def _forces(first, last, m, r, keep, change, z, ss, energy):  # type: ignore[no-untyped-def]
+    """Adds grad m times what the step (ex, ey), offset and gain of the grey leave of r; |grad m|^2; grad r grad r.
+
+    Two rows at a time, whose first is the middle one of a sum over three of ss.
+    """
+    rows, cols = m.shape
+    gx, gy, sums = np.empty(cols, np.float32), np.empty(cols, np.float32), np.zeros(cols + 3, np.float32)
+    of = np.empty((4, cols), np.float32)
+    three = np.zeros((3, 3, cols), np.float32)
+    for pair in range(first, last):
+        if pair == first:
+            _noise(r, keep, 2 * pair - 1, gx, gy, three[0])
+        else:
+            three[0] = three[2]
+        for k in range(2):
+            j = 2 * pair + k
+            _noise(r, keep, j, gx, gy, three[1 + k])
+            if 2 <= j < rows - 2:
+                slopes(m, j, gx, gy)
+                for q in range(4):
+                    line(change, q, j, of[q])
+                _add_forces((m[j], r[j], keep[j]), (of[0], of[1], of[2], of[3]), gx, gy, z[0, j], z[1, j], energy[j])
+        for c in range(3):
+            _halved(three[0, c], three[1, c], three[2, c], sums, ss[c, pair])
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _add_forces(pictures, change, gx, gy, zx, zy, energy):  # type: ignore[no-untyped-def]
+    m, r, keep = pictures
+    offset, gain, ex, ey = change
+    for i in range(len(m)):
+        left = keep[i] * (r[i] - offset[i] - gain[i] * m[i] - gx[i] * ex[i] - gy[i] * ey[i])
+        zx[i] += gx[i] * left
+        zy[i] += gy[i] * left
+        energy[i] += gx[i] * gx[i] + gy[i] * gy[i]
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _noise(r, keep, j, gx, gy, out):  # type: ignore[no-untyped-def]
+    """Products of the slopes of r in row j, zero within 2 px of the edge."""
+    if j < 2 or j >= len(r) - 2:
+        out[:] = 0
+        return
+    slopes(r, j, gx, gy)
+    _squares(gx, gy, keep[j], out[0], out[1], out[2])
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _squares(x, y, weight, xx, xy, yy):  # type: ignore[no-untyped-def]
+    for i in range(len(x)):
+        xx[i] = weight[i] * x[i] * x[i]
+        xy[i] = weight[i] * x[i] * y[i]
+        yy[i] = weight[i] * y[i] * y[i]
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _halved(above, middle, below, sums, out):  # type: ignore[no-untyped-def]
+    """Adds to out the sums about every second column of three rows, weights 1/2, 1, 1/2 both ways; sums: room, with a
+    zero at its end and one more."""
+    half = np.float32(0.5)
+    n = len(above)
+    inside = sums[1:]
+    for i in range(n):
+        inside[i] = half * (above[i] + below[i]) + middle[i]
+    for i in range(len(out)):
+        out[i] += inside[2 * i] + half * (sums[2 * i] + inside[2 * i + 1])
+
+
+@shared(fastmath={"contract"})
+def _products(first, last, z, energy, out, texture):  # type: ignore[no-untyped-def]
+    """z_x z_x, z_x z_y, z_y z_y, summed as `_halved` does. Of every other row alone, as means over regions are all that
+    is asked of them: |z|^2, z times its sum over the box, and (texture: (2, H / 2)) the row's sums of the energy and of
+    it times its mean over the box."""
+    rows, cols = energy.shape
+    reach = LAG // 2
+    columns, sums, one = np.empty((3, cols), np.float32), np.zeros(cols + 3, np.float32), np.ones(cols, np.float32)
+    alone, boxed, none = np.empty(cols, np.float32), np.empty(cols, np.float32), np.zeros(cols, np.float32)
+    three = np.zeros((3, 3, cols), np.float32)
+    for pair in range(first, last):
+        for k in range(-1 if pair == first else 0, 2):
+            j, of = 2 * pair + k, three[1 + k]
+            if j < reach or j >= rows - reach:
+                of[:] = 0
+                continue
+            _squares(z[0, j], z[1, j], one, of[0], of[1], of[2])
+            if k == 0:
+                columns[:] = 0
+                for q in range(j - reach, j + reach + 1):
+                    _add(columns[0], z[0, q])
+                    _add(columns[1], z[1, q])
+                    _add(columns[2], energy[q])
+                alone[:] = 0
+                boxed[:] = 0
+                _add(alone, of[0])
+                _add(alone, of[2])
+                _add_times_box(z[0, j], columns[0], boxed[reach:])
+                _add_times_box(z[1, j], columns[1], boxed[reach:])
+                _halved(none, alone, none, sums, out[3, pair])
+                _halved(none, boxed, none, sums, out[4, pair])
+                boxed[:] = 0
+                _add_times_box(energy[j], columns[2], boxed[reach:])
+                texture[0, pair], texture[1, pair] = _sum(energy[j]), _sum(boxed) / LAG**2
+        for c in range(3):
+            _halved(three[0, c], three[1, c], three[2, c], sums, out[c, pair])
+        three[0] = three[2]
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _sum(f):  # type: ignore[no-untyped-def]
+    """Sum of f in sixteen parts, each in its order: one after the other every addition waits for the last."""
+    parts = np.zeros(16)
+    for k in range(len(f) // 16):
+        block = f[16 * k :]
+        for i in range(16):
+            parts[i] += block[i]
+    total = parts.sum()
+    for i in range(len(f) // 16 * 16, len(f)):
+        total += f[i]
+    return total
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _add(total, a):  # type: ignore[no-untyped-def]
+    for i in range(len(total)):
+        total[i] += a[i]
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _add_times_box(f, columns, out):  # type: ignore[no-untyped-def]
+    """Adds to out f times the sum of five columns about it, from the third column on."""
+    middle = f[LAG // 2 :]
+    for i in range(len(f) - LAG + 1):
+        c = columns[i] + columns[i + 1] + columns[i + 2] + columns[i + 3] + columns[i + 4]
+        out[i] += middle[i] * c

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,7 +77,7 @@ def lightly_smoothed(rows: Axis, columns: Axis, f: Array, matched: NDArray[np.bo
     What chance is, the field itself tells: the median of the squared differences. A smoothed step would ring over
     three vectors on either side. Where not `matched` (ny, nx), and everywhere if it is None, the surface counts.
     """
-    surface = np.stack([rows.smooth @ q @ columns.smooth.T for q in f])
+    surface = np.stack([along_both(rows.smooth, columns.smooth, q) for q in f])
     if matched is None:
         return surface
     e = f - surface
@@ -85,29 +87,63 @@ def lightly_smoothed(rows: Axis, columns: Axis, f: Array, matched: NDArray[np.bo
     return surface + np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0) * e
 
 
-def everywhere(rows: Axis, columns: Axis, f: Array) -> Float32:
-    """A field of vectors (ny, nx) at every pixel (height, width)."""
-    c = rows.coefficients @ f @ columns.coefficients.T
-    out = np.empty((len(rows.knot), len(columns.knot)), np.float32)
-    _evaluate(len(out), c.astype(np.float32), rows.knot, rows.weight, columns.knot, columns.weight, out)
+def along_both(rows: Array, columns: Array, f: Array) -> Array:
+    """rows f columns^T."""
+    return times(times(rows, f), columns.T)
+
+
+def times(a: Array, b: Array) -> Array:
+    """a b. Not numpy's product, whose threads take longer to meet than such small matrices to multiply."""
+    out = np.zeros((len(a), b.shape[1]))
+    _times(len(a), np.ascontiguousarray(a), np.ascontiguousarray(b, np.float64), out)
     return out
 
 
 @shared(fastmath={"contract"})
-def _evaluate(first, last, c, row, row_weight, column, column_weight, out):  # type: ignore[no-untyped-def]
+def _times(first, last, a, b, out):  # type: ignore[no-untyped-def]
     for j in range(first, last):
-        line = np.zeros(c.shape[1], np.float32)
-        for q in range(4):
-            for k in range(c.shape[1]):
-                line[k] += row_weight[j, q] * c[row[j] + q, k]
-        for i in range(out.shape[1]):
-            k = column[i]
-            out[j, i] = (
-                column_weight[i, 0] * line[k]
-                + column_weight[i, 1] * line[k + 1]
-                + column_weight[i, 2] * line[k + 2]
-                + column_weight[i, 3] * line[k + 3]
-            )
+        row = out[j]
+        for k in range(len(b)):
+            f, of = a[j, k], b[k]
+            for i in range(len(row)):
+                row[i] += f * of[i]
+
+
+class Drawn(NamedTuple):
+    """Fields of vectors at every column of pixels, still on the knots of the rows: `line` makes a row of pixels."""
+
+    lines: Float32  # (n, knots, width)
+    knot: NDArray[np.int64]  # (height,) as of `Axis`
+    weight: Float32  # (height, 4)
+
+
+def drawn(rows: Axis, columns: Axis, fields: Sequence[Array]) -> Drawn:
+    """Fields of vectors (ny, nx), n of them, for the pixels of both axes."""
+    lines = np.empty((len(fields), len(rows.coefficients), len(columns.knot)), np.float32)
+    for f, out in zip(fields, lines):
+        c = along_both(rows.coefficients, columns.coefficients, f).astype(np.float32)
+        _widen(len(c), c, columns.knot, columns.weight, out)
+    return Drawn(lines, rows.knot, rows.weight)
+
+
+@shared(fastmath={"contract"})
+def _widen(first, last, c, knot, weight, out):  # type: ignore[no-untyped-def]
+    for j in range(first, last):
+        row = out[j]
+        for i in range(len(row)):
+            of = c[j, knot[i] :]
+            row[i] = weight[i, 0] * of[0] + weight[i, 1] * of[1] + weight[i, 2] * of[2] + weight[i, 3] * of[3]
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def line(drawn, field, j, out):  # type: ignore[no-untyped-def]
+    """Row j of pixels of one of the fields of `Drawn`."""
+    lines, knot, weight = drawn
+    k = knot[j]
+    w0, w1, w2, w3 = weight[j, 0], weight[j, 1], weight[j, 2], weight[j, 3]
+    c0, c1, c2, c3 = lines[field, k], lines[field, k + 1], lines[field, k + 2], lines[field, k + 3]
+    for i in range(len(out)):
+        out[i] = w0 * c0[i] + w1 * c1[i] + w2 * c2[i] + w3 * c3[i]
 
 
 STIFF = 10.0  # of the smooth surface: keeps waves of 20 vectors to 10 %, takes two thirds of the noise
@@ -126,7 +162,7 @@ def smoothed(p: Array, sigma: Array, window: int, step: int, stiffness: float, t
     # the noise of neighbours is alike as along one axis times as along the other, to 3 % of the variance
     squared, once = (np.outer(*q) for q in zip(*(_gains(n, window, step, stiffness, times) for n in (ny, nx))))
     rest = 1 - 2 * once + squared
-    surface = np.stack([rows @ f @ columns.T for f in p])
+    surface = np.stack([along_both(rows, columns, f) for f in p])
     e = p - surface
     known = np.isfinite(sigma[0]) & np.isfinite(sigma[1])
     power = np.zeros(known.shape)
