@@ -110,19 +110,42 @@ def test_error(name, limit):
     assert np.nanmean(np.hypot(f.u - u, f.v - v)) < limit
 
 
-@pytest.mark.parametrize(("name", "least"), [("uniform", 0.5), ("shear", 0.5), ("band", 1.02)])
-def test_adaptive_smoothing_gains_where_the_field_is_smooth_and_spares_the_band(name, least):
-    """Noise 6. A surface of stiffness 10 keeps 0.36 of the noise of vectors 8 px apart; half is asked for, and in the
-    band, where signal exceeds noise, no loss beyond 2 %."""
-    pair = [camera(i, 6, np.random.default_rng(k)) for k, i in enumerate(bed_of(name))]
-    u, v = truth(f := piv_pair(*pair, **SETTINGS), name)
-    s = piv_pair(*pair, **SETTINGS, smooth="adaptive")
-    before, after = (np.nanmean(np.hypot(q.u - u, q.v - v)) for q in (f, s))
-    assert after < least * before
-    inside = np.abs(np.r_[((s.u - u) / s.u_sigma).ravel(), ((s.v - v) / s.v_sigma).ravel()]) < 1
-    # errors are alike over about 3 x 3 windows: some 20 independent values, 0.683 +- 3 x 0.1; the band is not resolved
-    assert 0.38 < inside.mean() < 0.98
-    assert np.array_equal(f.u_raw, s.u_raw)
+@pytest.mark.parametrize(("name", "least"), [("uniform", 0.4), ("shear", 0.4), ("vortex", 0.9), ("band", 1.02)])
+def test_smoothing_gains_where_the_field_is_smooth_and_spares_the_band(name, least):
+    """Noise 6, three times. The first surface alone keeps 0.4 of the noise of vectors 8 px apart, stiffer ones less, and
+    0.4 is asked for; a wave of 190 px passes the second surface, not the third; in the band, where signal exceeds
+    noise, no loss beyond 2 %."""
+    before, after, inside = [], [], []
+    for seed in range(3):
+        pair = [camera(i, 6, np.random.default_rng(2 * seed + k)) for k, i in enumerate(bed_of(name))]
+        f, s = (piv_pair(*pair, **SETTINGS, smooth=smooth) for smooth in ("none", "adaptive"))
+        u, v = truth(f, name)
+        assert np.array_equal(s.matched, np.stack([f.u, f.v, f.u_sigma, f.v_sigma]), equal_nan=True)
+        assert np.array_equal(f.u_raw, s.u_raw)
+        for errors, q in ((before, f), (after, s)):
+            errors.append(np.nanmean(np.hypot(q.u - u, q.v - v)))
+        inside.append(np.abs(np.r_[((s.u - u) / s.u_sigma).ravel(), ((s.v - v) / s.v_sigma).ravel()]) < 1)
+    assert np.mean(after) < least * np.mean(before)
+    # errors are alike over 3 x 3 windows and more: some 60 independent values, 0.683 +- 3 x 0.06
+    assert 0.5 < np.mean(inside) < 0.87
+
+
+def test_weak_motion_that_many_vectors_share_is_kept():
+    """Waves of 120 px and 0.03 px, at noise 6, where a vector has 0.035 px of noise: below it, yet three quarters of them
+    stay (the stiffer surfaces alone hold a quarter; the fit over some 60 independent vectors, four times, is sure to
+    0.003 px)."""
+    k = 2 * np.pi / 120
+    pair = grains(SHAPE, lambda x, y: (0.4 + 0.03 * np.sin(k * y), 0 * x), np.random.default_rng(8))
+    kept = []
+    for seed in range(4):
+        f = piv_pair(*(camera(i, 6, np.random.default_rng(2 * seed + j)) for j, i in enumerate(pair)), **SETTINGS)
+        wave = np.sin(k * f.y)[:, None] + 0 * f.x
+        kept.append(
+            [np.nansum((u - np.nanmean(u)) * wave) / np.sum((wave - wave.mean()) ** 2) for u in (f.u, f.matched[0])]
+        )
+    drawn, matched = np.mean(kept, 0)
+    assert matched == pytest.approx(0.03, abs=0.01)
+    assert drawn > 0.75 * matched
 
 
 # noise 2, as above: two steps and a spline on pixels lose little with grains of 5-13 px
@@ -179,23 +202,23 @@ def test_claimed_sigma_is_true_sigma():
     assert all(0.55 < v.mean() < 0.82 for v in inside.values()), {k: v.mean() for k, v in inside.items()}
 
 
-@pytest.mark.parametrize(("smooth", "window", "step"), [("none", 24, 8), ("none", 16, 4), ("adaptive", 24, 4)])
-def test_errors_are_alike_over_the_stated_length(smooth, window, step):
+@pytest.mark.parametrize(("window", "step"), [(24, 8), (16, 4)])
+def test_errors_are_alike_over_the_stated_length(window, step):
     """Against the errors of drawn grains at noise 6: the sum of their correlation along either axis, twice over three
     noises. Their texture is not white, and the frames hold 300 lengths^2 and more: 20 % (measured: within 13 %)."""
-    settings = SETTINGS | {"window": window, "step": step, "smooth": smooth}
+    settings = SETTINGS | {"window": window, "step": step}
     errors = []
     for seed, name in enumerate(("uniform", "shear") * 3):
         f = piv_pair(
             *(camera(i, 6, np.random.default_rng(2 * seed + k)) for k, i in enumerate(bed_of(name))), **settings
         )
-        errors += [q - t for q, t in zip((f.u, f.v), truth(f, name))]
+        errors += [q - t for q, t in zip(f.matched[:2], truth(f, name))]
     alike = [
         np.mean([np.nanmean(e[k:] * e[: len(e) - k]) + np.nanmean(e[:, k:] * e[:, : e.shape[1] - k]) for e in errors])
         for k in range(int(2 * window / step) + 1)
     ]
     length = step * (2 * sum(alike) / alike[0] - 1)
-    assert length_of_errors(window, step, smooth, "default") == pytest.approx(length, rel=0.2)
+    assert length_of_errors(window, step, "default") == pytest.approx(length, rel=0.2)
 
 
 @functools.cache
@@ -423,7 +446,7 @@ def test_an_ensemble_of_pairs_measures_what_one_pair_cannot():
 def test_an_ensemble_of_a_slow_film_gains_as_its_length():
     """Consecutive pairs share a frame, whose noise cancels: nine pairs have a ninth of the error, not a third."""
     frames = list(slow_film(10))
-    one, many = (next(piv_film(frames, mask=None, gap=1, ensemble=n, **SETTINGS)) for n in (1, 9))
+    one, many = (next(piv_film(frames, mask=None, gap=1, ensemble=n, smooth="none", **SETTINGS)) for n in (1, 9))
     inner = np.s_[2:-2, 2:-2]
     v = -0.02 * np.sin(one.x / 40)
     rms = [np.sqrt(np.mean(np.square([f.u[inner] - 0.06, (f.v - v)[inner]]))) for f in (one, many)]

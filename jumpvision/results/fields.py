@@ -80,6 +80,15 @@ class Piv(Field):
         return attributes_of(VectorGrid, self.field)
 
     @property
+    def as_matched(self) -> xr.Dataset:
+        """The field with its vectors as they were matched, before they were drawn together: for means, fits and
+        derivatives, whose noise goes by itself, while what smoothing rounds off does not come back."""
+        names = {f"{n}_matched{s}": f"{n}{s}" for n in ("u", "v") for s in ("", "_sigma")}
+        if not names.keys() <= set(self.field.data_vars):  # of another program, or of discs
+            return self.field
+        return self.field.drop_vars(list(names.values())).rename(names)
+
+    @property
     def face_sigma(self) -> float:
         """Standard uncertainty of the foot's face that all times share [unit of places]; 0 where not known."""
         return float(self.field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))

@@ -24,7 +24,7 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
 
     Speed downwards against depth z below the foot's face, its jammed front and a^(z+b), for each t.
     """
-    field, grid = piv.field, piv.geometry
+    field, grid = piv.as_matched, piv.geometry
     if not grid.metric:
         raise NotApplicable(["column needs the scale of [grain_video] or [piv_field]"])
     if "foot_y" not in field:

@@ -43,7 +43,7 @@ def flow(
 
     The sigmas over t are all of a value's uncertainty; `*_sigma_common`, what other films of this camera share.
     """
-    field, grid, source = piv.field, piv.geometry, given or film
+    field, grid, source = piv.as_matched, piv.geometry, given or film
     assert source is not None  # the field comes from one of them
     maps: dict[str, list[Array]] = {}
     for i in range(field.sizes["t"]):
@@ -98,7 +98,7 @@ def under_the_foot(
     piv: Piv, sums: Sums | None, source: GrainVideo | PivField, robot: Robot | None, p: FlowParams
 ) -> dict[str, tuple[Array, str]]:
     """Momentum, added mass and the foot's motion over t."""
-    field, n = piv.field, piv.field.sizes["t"]
+    field, n = piv.as_matched, piv.field.sizes["t"]
     out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
     needed = {"foot_row and axis_column": "foot_y" in field, "scale": piv.geometry.metric}
     lacking = [f"[{source.name}] {k}" for k, there in needed.items() if not there]

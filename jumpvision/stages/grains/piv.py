@@ -35,7 +35,7 @@ FOOT = "foot.npz"  # the part that is kept of a foot
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=11, any_of=("film", "field"))
+@stage(version=12, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
@@ -242,7 +242,7 @@ def header(
         origin_row_px=origin_y,
         window_px=p.window,
         step_px=p.step,
-        error_px=length_of_errors(p.window, p.step, p.smooth, p.preset),
+        error_px=length_of_errors(p.window, p.step, p.preset),
         image_rows=shape[0],
         image_columns=shape[1],
         gap_frames=p.gap,
@@ -285,6 +285,10 @@ def as_dataset(f: VectorField, film: GrainVideo, dt: float) -> xr.Dataset:
             "v_sigma": speed(f.v_sigma),
             "u_raw": speed(f.u_raw),
             "v_raw": speed(f.v_raw, -1.0),
+            "u_matched": speed(f.matched[0]),
+            "v_matched": speed(f.matched[1], -1.0),
+            "u_matched_sigma": speed(f.matched[2]),
+            "v_matched_sigma": speed(f.matched[3]),
             "chc": (
                 ("y", "x"),
                 np.isin(f.reason, MEASURED).astype(float),

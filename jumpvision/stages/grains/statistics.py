@@ -30,7 +30,7 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
     Over (y, x): u, v, vorticity with their sigmas; uu, vv, uv [m^2/s^2], u_rms, v_rms and tke = (uu + vv)/2 without the
     noise of the matching; n measured vectors. The sigmas heed how long the flow remembers. Not for a foot that moves.
     """
-    field = piv.field
+    field = piv.as_matched
     if "foot_y" in field:
         raise NotApplicable(["statistics: the foot of [grain_video] moves: no steady flow"])
     chosen = field.isel(t=np.flatnonzero((field.t.values >= p.first) & (field.t.values <= p.last)))

@@ -18,15 +18,23 @@ from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
 from .pair import TIMES, Settings, VectorField, backend, combined
 from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
+from .scales import Noise, drawn_together, true_noise
 from .solve import COVERED, FLAT, STEPPED
-from .surface import STIFF, smoothed
 from .validate import error_length, factors, local_median, normalised_median
 
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
-UNRESOLVED = {"default": 8.0, "fast": 1.0}  # squared error of what is not resolved over the squared last change
-SPLINE = {"default": 0.0, "fast": 0.003}  # px, error of a cubic spline between whole pixels on grains of 3-4 px
+UNRESOLVED = {
+    "default": 8.0,
+    "fast": 1.0,
+    "sharp": 8.0,
+}  # squared error of what is not resolved over the squared last change
+SPLINE = {
+    "default": 0.0,
+    "fast": 0.003,
+    "sharp": 0.0,
+}  # px, error of a cubic spline between whole pixels on grains of 3-4 px
 NEAR = 3  # vectors, side of the neighbourhood over which the last change is averaged
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
@@ -164,13 +172,13 @@ def vector_places(pixels: int, window: int, step: int) -> Array:
     return np.arange(window // 2, pixels - window // 2, step, dtype=np.float64)
 
 
-def length_of_errors(window: int, step: int, smooth: str, preset: str) -> float:
-    """Distance [px] over which vectors share their error, where the field is smooth.
+def length_of_errors(window: int, step: int, preset: str) -> float:
+    """Distance [px] over which vectors as they were matched share their error.
 
     The error of a mean over an area is as if one vector in about (length)^2 were independent; sigma of a vector does
     not hold that.
     """
-    return error_length(window, step, STIFFNESS, TIMES[preset], STIFF if smooth == "adaptive" else None)
+    return error_length(window, step, STIFFNESS, TIMES[preset])
 
 
 def _match(pairs: Pairs, s: Settings) -> VectorField:
@@ -196,8 +204,6 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     factor = np.repeat(factors(s.window, s.step, STIFFNESS, times, m.clumping), (2, 4))
     sigma = m.sigma * factor[:, None, None]
     moved = np.nan_to_num(m.p[:2] - start)
-    about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in moved])
-    left = UNRESOLVED[s.preset] * about + SPLINE[s.preset] ** 2
 
     measured = np.isin(reason, code.MEASURED)
     reason[measured & _to_try(first)] = code.SECOND_PEAK
@@ -208,24 +214,34 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     sigma = np.where(measured, sigma, np.nan)
     holes = _to_try(reason)
     near, scatter = _around(p, s.step, holes)
-    filled, spread = np.where(holes, near, p[:2]), np.where(holes, scatter, sigma[:2])
+    filled = np.where(holes, near, p[:2])
+    whole = _whole(np.concatenate([filled, p[2:]]), s.step)
+    noise = Noise(s.window, s.step, STIFFNESS, times)
+    sigma *= true_noise(whole, sigma[:2], noise)
+
+    def stated(moved: Array, spread: Array) -> Array:
+        about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in moved])
+        left = UNRESOLVED[s.preset] * about + SPLINE[s.preset] ** 2
+        return np.where(measured, np.sqrt(spread**2 + left), np.where(holes, scatter, np.nan))
+
+    matched = np.concatenate([filled, stated(moved, sigma[:2])])
+    best = matched
     if s.smooth == "adaptive":
-        complete = _whole(np.concatenate([filled, p[2:]]), s.step)
-        drawn, factor = smoothed(complete, sigma[:2], s.window, s.step, STIFFNESS, times)
-        filled, spread = np.where(measured, drawn, filled), np.where(measured, factor * sigma[:2], spread)
-    spread = np.where(measured, np.sqrt(spread**2 + left), spread)
+        drawn = drawn_together(whole, sigma[:2], noise)
+        best = np.concatenate([np.where(measured, drawn.of(whole), filled), stated(drawn.of(moved), drawn.sigma)])
     shape = reason.shape
     return VectorField(
         x,
         y,
-        filled[0],
-        filled[1],
-        spread[0],
-        spread[1],
+        best[0],
+        best[1],
+        best[2],
+        best[3],
         m.quality,
         reason,
         raw[0],
         raw[1],
+        matched,
         p[2:].reshape(2, 2, *shape),
         sigma[2:].reshape(2, 2, *shape),
     )

@@ -49,7 +49,7 @@ def backend(name: str) -> Backend:
 
 
 SMOOTHING = ("none", "adaptive")
-TIMES = {"default": 3, "fast": 2}  # Gauss-Newton steps
+TIMES = {"default": 3, "fast": 2, "sharp": 8}  # Gauss-Newton steps: each gives back some of what the window averages
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ class Settings:
     min_correlation: float  # matches below it are replaced
     min_texture: float  # grey, standard deviation below which a window is empty
     outlier: float  # limit of the normalised median test, about 2
-    smooth: str = "none"  # or "adaptive": see `smooth`
-    preset: str = "default"  # or "fast": spline on whole pixels, two steps
+    smooth: str = "adaptive"  # see `scales`, or "none"
+    preset: str = "default"  # or "fast": spline on whole pixels, two steps; "sharp": eight steps
     backend: str = "numpy"  # or "cupy", "torch": where the correlations are computed
 
     def __post_init__(self) -> None:
@@ -117,11 +117,12 @@ class VectorField:
     reason: NDArray[np.int8]  # (ny, nx) key of REASONS
     u_raw: Array  # (ny, nx) before replacement
     v_raw: Array
+    matched: Array  # (4, ny, nx) [px] u, v and their sigmas before vectors were drawn together: for means and fits
     gradient: Array  # (2, 2, ny, nx) [1], [[u_x, u_y], [v_x, v_y]] fitted inside the window, NaN where not measured
     gradient_sigma: Array  # (2, 2, ny, nx) [1], standard uncertainty
 
 
-HELD = "u", "v", "u_sigma", "v_sigma", "correlation", "reason", "u_raw", "v_raw"  # of a field that is kept
+HELD = "u", "v", "u_sigma", "v_sigma", "correlation", "reason", "u_raw", "v_raw", "matched"  # of a field that is kept
 
 
 def packed(fields: Sequence[VectorField]) -> bytes:
@@ -152,21 +153,37 @@ def combined(fields: list[tuple[float, VectorField]]) -> VectorField:
     the weight of its variance (their errors come from different frames). What is left of the disagreement widens sigma
     as in Birge's ratio. Gradients are those of the longest that takes part; all else is that of the shortest.
     """
+    base = fields[0][1]
+    as_matched, use = _together(fields, [f.matched for _, f in fields])
+    best, _ = _together(fields, [np.stack([f.u, f.v, f.u_sigma, f.v_sigma]) for _, f in fields])
+    gradient, gradient_sigma = base.gradient.copy(), base.gradient_sigma.copy()
+    for taken, (baseline, f) in zip(use, fields[1:]):
+        n = baseline / fields[0][0]
+        gradient[:, :, taken], gradient_sigma[:, :, taken] = (
+            f.gradient[:, :, taken] / n,
+            f.gradient_sigma[:, :, taken] / n,
+        )
+    u, v, su, sv = best
+    return replace(
+        base, u=u, v=v, u_sigma=su, v_sigma=sv, matched=as_matched, gradient=gradient, gradient_sigma=gradient_sigma
+    )
+
+
+def _together(fields: list[tuple[float, VectorField]], of: list[Array]) -> tuple[Array, list[NDArray[np.bool_]]]:
+    """The same of u, v and their sigmas (4, ny, nx) of each field; also where each of the longer ones took part."""
     (unit, base), *longer = fields
-    d, s = np.stack([base.u, base.v]), np.stack([base.u_sigma, base.v_sigma])
+    d, s = of[0][:2], of[0][2:]
     weight = np.where(np.isin(base.reason, MEASURED), 1 / s**2, np.nan)
     total, mean, chi2, count = weight.copy(), d.copy(), np.zeros_like(d), np.ones(d.shape[1:])
-    gradient, gradient_sigma = base.gradient.copy(), base.gradient_sigma.copy()
-    for baseline, f in longer:
-        n = baseline / unit
-        u, sigma = np.stack([f.u, f.v]) / n, np.stack([f.u_sigma, f.v_sigma]) / n
+    parts = []
+    for (baseline, f), values in zip(longer, of[1:]):
+        u, sigma = values[:2] * (unit / baseline), values[2:] * (unit / baseline)
         apart = (u - mean) ** 2 / (sigma**2 + 1 / total)
         use = np.isin(f.reason, MEASURED) & (np.hypot(f.u, f.v) <= FURTHEST) & (apart.max(0) <= AGREE**2)
         w = np.where(use, 1 / sigma**2, 0.0)
         mean, chi2 = np.where(use, (total * mean + w * u) / (total + w), mean), chi2 + np.where(use, apart, 0.0)
         total, count = total + w, count + use
-        gradient[:, :, use], gradient_sigma[:, :, use] = f.gradient[:, :, use] / n, f.gradient_sigma[:, :, use] / n
+        parts.append(use)
     birge = np.sqrt(np.maximum(1.0, chi2.sum(0) / np.maximum(2 * (count - 1), 1)))
     several = count > 1
-    d, s = np.where(several, mean, d), np.where(several, birge / np.sqrt(total), s)
-    return replace(base, u=d[0], v=d[1], u_sigma=s[0], v_sigma=s[1], gradient=gradient, gradient_sigma=gradient_sigma)
+    return np.concatenate([np.where(several, mean, d), np.where(several, birge / np.sqrt(total), s)]), parts

@@ -1,10 +1,9 @@
-"""A smooth displacement of every pixel through the vectors of a grid; vectors drawn towards it within noise."""
+"""A smooth displacement of every pixel through the vectors of a grid."""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -14,8 +13,6 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
 from jumpvision.base.threads import shared
-
-from .validate import response
 
 AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
 LEAST = 0.02  # px: smaller differences are no step
@@ -36,15 +33,15 @@ class Axis(NamedTuple):
         return self._replace(knot=self.knot[first:end], weight=self.weight[first:end])
 
 
-@functools.lru_cache(maxsize=16)
-def smoother(vectors: int, stiffness: float) -> Array:
-    """Matrix (vectors, vectors) to the s of least sum (d - s)^2 + stiffness * sum (second difference of s)^2.
+@functools.lru_cache(maxsize=32)
+def smoother(vectors: int, stiffness: float, order: int = 2) -> Array:
+    """Matrix (vectors, vectors) to the s of least sum (d - s)^2 + stiffness * sum (difference of s of that order)^2.
 
-    Whittaker 1923: it leaves straight lines alone and damps a wave of theta rad a vector by
-    1 / (1 + stiffness (2 - 2 cos theta)^2).
+    Whittaker 1923: it leaves polynomials of a degree below the order alone and damps a wave of theta rad a vector by
+    1 / (1 + stiffness (2 - 2 cos theta)^order).
     """
-    second = np.diff(np.eye(vectors), 2, axis=0) if vectors > 2 else np.zeros((1, vectors))
-    return np.linalg.inv(np.eye(vectors) + stiffness * second.T @ second).astype(np.float64)
+    difference = np.diff(np.eye(vectors), order, axis=0) if vectors > order else np.zeros((1, vectors))
+    return np.linalg.inv(np.eye(vectors) + stiffness * difference.T @ difference).astype(np.float64)
 
 
 @functools.lru_cache(maxsize=16)
@@ -117,8 +114,8 @@ class Drawn(NamedTuple):
     weight: Float32  # (height, 4)
 
 
-def drawn(rows: Axis, columns: Axis, fields: Sequence[Array]) -> Drawn:
-    """Fields of vectors (ny, nx), n of them, for the pixels of both axes."""
+def drawn(rows: Axis, columns: Axis, fields: Array) -> Drawn:
+    """Fields of vectors (n, ny, nx) for the pixels of both axes."""
     lines = np.empty((len(fields), len(rows.coefficients), len(columns.knot)), np.float32)
     for f, out in zip(fields, lines):
         c = along_both(rows.coefficients, columns.coefficients, f).astype(np.float32)
@@ -144,48 +141,3 @@ def line(drawn, field, j, out):  # type: ignore[no-untyped-def]
     c0, c1, c2, c3 = lines[field, k], lines[field, k + 1], lines[field, k + 2], lines[field, k + 3]
     for i in range(len(out)):
         out[i] = w0 * c0[i] + w1 * c1[i] + w2 * c2[i] + w3 * c3[i]
-
-
-STIFF = 10.0  # of the smooth surface: keeps waves of 20 vectors to 10 %, takes two thirds of the noise
-CHANCE = 1.5  # times the variance expected of noise: a mean over COMPARED^2 overlapping vectors exceeds it rarely
-COMPARED = 5  # vectors, side of the neighbourhood over which vectors are compared with the surface
-
-
-def smoothed(p: Array, sigma: Array, window: int, step: int, stiffness: float, times: int) -> tuple[Array, Array]:
-    """p, sigma: (2, ny, nx) [px], p finite, sigma NaN where not measured. Returns the vectors and the factor on sigma.
-
-    A local Wiener filter: with e = d - (smooth surface), P its mean square over what noise alone would give, the vector
-    becomes surface + w e, w = max(0, 1 - CHANCE / P). Shear bands, P >> 1, stay as they were.
-    """
-    ny, nx = p.shape[1:]
-    rows, columns = (smoother(n, STIFF) for n in (ny, nx))
-    # the noise of neighbours is alike as along one axis times as along the other, to 3 % of the variance
-    squared, once = (np.outer(*q) for q in zip(*(_gains(n, window, step, stiffness, times) for n in (ny, nx))))
-    rest = 1 - 2 * once + squared
-    surface = np.stack([along_both(rows, columns, f) for f in p])
-    e = p - surface
-    known = np.isfinite(sigma[0]) & np.isfinite(sigma[1])
-    power = np.zeros(known.shape)
-    power[known] = 0.5 * ((e[:, known] / sigma[:, known]) ** 2).sum(0) / rest[known]
-    box, border = (COMPARED, COMPARED), cv2.BORDER_REFLECT
-    total = cv2.boxFilter(power, -1, box, borderType=border)
-    share = cv2.boxFilter(known.astype(np.float64), -1, box, borderType=border)
-    w = np.clip(1 - CHANCE * share / np.maximum(total, 1e-12), 0, 1)
-    w[share == 0] = 1
-    return surface + w * e, np.sqrt(w**2 + (1 - w) ** 2 * squared + 2 * w * (1 - w) * once)
-
-
-@functools.lru_cache(maxsize=16)
-def _gains(vectors: int, window: int, step: int, stiffness: float, times: int) -> tuple[Array, Array]:
-    """Of the variance of a vector: that of the surface, and the covariance of both; (vectors,) along one axis.
-
-    At its ends the surface is held by the vectors of one side only and has more than twice the variance.
-    """
-    n = min(max(128, 32 * step), 1024)  # px, beyond which the response repeats itself
-    seen = response(window, step, stiffness, times, STIFF, n)[0]
-    along = np.fft.ifft((seen**2).sum(0)).real[: n // 2 : step]
-    alike = np.zeros(max(vectors, len(along)))
-    alike[: len(along)] = along / along[0]
-    c = alike[np.abs(np.subtract.outer(np.arange(vectors), np.arange(vectors)))]
-    s = smoother(vectors, STIFF)
-    return ((s @ c) * s).sum(1), (s * c).sum(1)

@@ -139,28 +139,34 @@ def _gains(window: int, step: int, stiffness: float, times: int) -> tuple[float,
     return float(shift), float((gradient**2).mean() / alone), float((box * (2 * seen - seen**2)).mean())
 
 
-def response(window: int, step: int, stiffness: float, times: int, other: float, n: int = 128) -> tuple[Array, Array]:
-    """R W and the response of a surface of stiffness `other`, on the same wave numbers (n, n)."""
+def response(
+    window: int, step: int, stiffness: float, times: int, other: float, n: int = 128, order: int = 2
+) -> tuple[Array, Array]:
+    """R W and the response of a surface of stiffness `other` and that order, on the same wave numbers (n, n)."""
     g = taper(window).astype(np.float64)
     k = 2 * np.pi * np.fft.fftfreq(n)
     one_window = (g * np.cos(np.outer(k, np.arange(len(g)) - len(g) // 2))).sum(1) / g.sum()
-    w, s, o = (np.outer(q, q) for q in (one_window, _surface(k * step, stiffness), _surface(k * step, other)))
+    each = one_window, _surface(k * step, stiffness), _folded(k * step, other, order)
+    w, s, o = (np.outer(q, q) for q in each)
     missed = s * (1 - w)
     return w * (1 - missed**times) / (1 - missed), o
 
 
 @functools.lru_cache(maxsize=16)
-def error_length(window: int, step: int, stiffness: float, times: int, other: float | None) -> float:
+def error_length(window: int, step: int, stiffness: float, times: int) -> float:
     """Side [px] of the square over which the errors of vectors are worth that of one.
 
-    The integral of their correlation over the plane is its square: the power at k = 0 over its mean. other: stiffness
-    of the surface that the vectors are drawn to afterwards, None where they are left alone.
+    The integral of their correlation over the plane is its square: the power at k = 0 over its mean.
     """
-    seen, surface = response(window, step, stiffness, times, other or 0.0, min(max(128, 32 * step), 1024))
-    power = (seen * surface if other is not None else seen) ** 2
-    return float(1 / np.sqrt(power.mean()))
+    seen = response(window, step, stiffness, times, 0.0, min(max(128, 32 * step), 1024))[0]
+    return float(1 / np.sqrt((seen**2).mean()))
 
 
 def _surface(theta: NDArray[np.floating[Any]], stiffness: float) -> Array:
     """Response of the smoothed surface (`surface.axis`) to waves of theta rad a vector; none beyond the grid's."""
-    return np.where(np.abs(theta) < np.pi, 1 / (1 + stiffness * (2 - 2 * np.cos(theta)) ** 2), 0)
+    return np.where(np.abs(theta) < np.pi, _folded(theta, stiffness, 2), 0)
+
+
+def _folded(theta: NDArray[np.floating[Any]], stiffness: float, order: int) -> Array:
+    """The same of vectors, which take shorter waves for longer ones."""
+    return 1 / (1 + stiffness * (2 - 2 * np.cos(theta)) ** order)

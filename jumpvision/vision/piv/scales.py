@@ -1,0 +1,193 @@
+"""Vectors drawn together over scales where they differ by no more than noise, and how large that noise is.
+
+Surfaces s_1, s_2, ... through the vectors s_0, each damping waves of twice the length of the one before; e_k =
+s_(k-1) - s_k is what the field holds between two scales. Where its mean square around a place is P times what noise
+alone would give, the share w = max(0, 1 - CHANCE / P) of e_k is kept: a Wiener filter of every scale and place. Shear
+bands, P >> 1, stay as they were; weak motion that many vectors share stays too, since the noise of a stiff surface is
+small. What is averaged or fitted later should not be smoothed before (`VectorField.matched`): the noise goes by itself
+then, and what smoothing rounds off does not.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import Array
+
+from .surface import along_both, smoother, times
+from .validate import response
+
+ORDER = 3  # of the differences that the surfaces keep small: parabolas stay, waves of twice the length to 2 %
+SHORTEST = 0.7  # rad a vector, a wave of 9 vectors: halved by the first surface; by the next half of it, and so on
+COMPARED = 5  # vectors, side of the neighbourhood of P for the first surface, about half of that wave
+CHANCE = 1.3  # P that noise alone exceeds at one place in six
+RESOLVED, FINEST = 0.225, 1.2  # waves of that many rad a window, but of no more a vector, are what a window still sees
+CALM = 0.08  # share of the places, those with least P, that tell the noise
+FEW = 2.0  # independent neighbourhoods that a factor of 1 is worth
+ALLOWED = 0.6, 1.3  # factors on sigma: a field may be stirred all over
+STILL = 0.05  # of the noise expected: less is no noise but equal pictures, which tell nothing of it
+WIDER = 2  # times the neighbourhood of P is that of what smoothing took from the motion
+DOUBT = 0.5  # of its standard deviation, by which P must exceed 1 there
+
+
+class Noise(NamedTuple):
+    """What the errors of vectors are made of: see `validate.response`."""
+
+    window: int
+    step: int
+    stiffness: float
+    times: int
+
+
+class Drawing(NamedTuple):
+    """Vectors drawn together."""
+
+    shares: list[Array]  # (ny, nx) of the vectors, then of the surfaces
+    surfaces: list[tuple[Array, Array]]  # smoothers along y and x
+    sigma: Array  # (2, ny, nx) [px]
+
+    def of(self, f: Array) -> Array:
+        """A field (n, ny, nx) drawn likewise."""
+        each = [f, *(_drawn(s, f) for s in self.surfaces)]
+        return np.asarray(sum(a * q for a, q in zip(self.shares, each)))
+
+
+def drawn_together(p: Array, sigma: Array, noise: Noise) -> Drawing:
+    """p, sigma: (2, ny, nx) [px], p finite, sigma NaN where not measured."""
+    ny, nx = p.shape[1:]
+    known = _known(sigma)
+    levels = max(1, math.ceil(math.log2(max(ny, nx) * SHORTEST / (2 * math.pi))))
+    halved = tuple(SHORTEST / 2**k for k in range(levels))
+    surfaces = [_surface(q, ny, nx) for q in halved]
+    cov = _covariance(ny, nx, noise, halved)
+    fields, variance = [p], [np.where(known, sigma, 0.0) ** 2]
+    shares, kept = [], np.zeros((ny, nx))
+    lost = np.zeros_like(p)
+    for k, surface in enumerate(surfaces, 1):
+        side = min(COMPARED + 4 * (2 ** (k - 1) - 1), 2 * min(ny, nx) - 1)
+        there = np.maximum(_around(known.astype(float), side), 1e-12)
+        fields.append(_drawn(surface, p))
+        variance.append(np.stack([np.maximum(_around(f, side), 0) for f in variance[0]]) / there)
+        of_noise = (cov[k - 1, k - 1] - 2 * cov[k - 1, k] + cov[k, k]) * np.where(known, variance[-1], 1)
+        power = (
+            _around(
+                np.where(known, 0.5 * ((fields[-2] - fields[-1]) ** 2 / np.maximum(of_noise, 1e-30)).sum(0), 0), side
+            )
+            / there
+        )
+        w = np.where(there > 1e-9, np.clip(1 - CHANCE / np.maximum(power, 1e-12), 0, 1), 1)
+        shares.append(w - kept)
+        kept = w
+        # signed, so that noise, which is above 1 as often as below, does not count
+        far = min(WIDER * side + 1, 2 * min(ny, nx) - 1)
+        by_chance = DOUBT * math.sqrt(_spread(noise, SHORTEST)) * side / far
+        lost += np.maximum(_around((1 - w) ** 2 * (power - 1), far) - by_chance, 0) * of_noise
+    shares.append(1 - kept)
+    both = range(levels + 1)
+    total = sum(shares[k] * shares[m] * cov[k, m] * np.sqrt(variance[k] * variance[m]) for k in both for m in both)
+    return Drawing(shares, surfaces, np.sqrt(np.maximum(total, 0) + lost))
+
+
+def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
+    """Factor on sigma that makes the shortest waves that a window sees as large as noise alone would.
+
+    p, sigma as of `drawn_together`. Waves along either axis are asked, and the calmest places of the calmer axis tell,
+    so that bands and eddies have no say; it is drawn towards 1 where few vectors tell, and kept within ALLOWED.
+    """
+    ny, nx = p.shape[1:]
+    known = _known(sigma)
+    if not known.any():
+        return 1.0
+    halved = min(FINEST, noise.step / (RESOLVED * noise.window))
+    spread = _spread(noise, halved, along=True)
+    expected = float(scipy.stats.gamma.ppf(CALM, 1 / spread)) * spread
+    share = np.maximum(_around(known.astype(float), COMPARED), 1e-12)
+    calm = []
+    for along_y in (True, False):
+        n = ny if along_y else nx
+        s, cov = _smoother(halved, n), _along(n, noise, (halved,))
+        rest = cov[0, 0] - 2 * cov[0, 1] + cov[1, 1]
+        e = p - np.stack([times(s, f) if along_y else times(f, s.T) for f in p])
+        power = _power(e, (rest[:, None] if along_y else rest) * np.where(known, sigma, 1) ** 2, known)
+        calm.append(float(np.quantile((_around(power, COMPARED) / share)[known], CALM)) / expected)
+    if min(calm) < STILL:
+        return 1.0
+    telling = known.sum() * spread  # neighbourhoods that do not share their noise
+    found = (telling * min(calm) + FEW) / (telling + FEW)
+    return float(np.clip(math.sqrt(found), *ALLOWED))
+
+
+def _known(sigma: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(sigma).all(0))
+
+
+def _power(e: Array, of_noise: Array, known: NDArray[np.bool_]) -> Array:
+    """Mean square of both components over what noise alone would give; 0 where not known."""
+    return np.where(known, 0.5 * (e**2 / np.maximum(of_noise, 1e-30)).sum(0), 0.0)
+
+
+def _around(f: Array, side: int) -> Array:
+    return np.asarray(cv2.boxFilter(f, -1, (side, side), borderType=cv2.BORDER_REFLECT))
+
+
+def _surface(theta: float, ny: int, nx: int) -> tuple[Array, Array]:
+    """Smoothers along y and x that halve waves of theta rad a vector."""
+    return _smoother(theta, ny), _smoother(theta, nx)
+
+
+def _smoother(theta: float, n: int) -> Array:
+    return smoother(n, theta ** (-2 * ORDER), ORDER)
+
+
+def _drawn(surface: tuple[Array, Array], f: Array) -> Array:
+    return np.stack([along_both(*surface, q) for q in f])
+
+
+def _covariance(ny: int, nx: int, noise: Noise, halved: tuple[float, ...]) -> NDArray[np.float64]:
+    """Covariance of s_k and s_m over the variance of a vector: (1 + surfaces, 1 + surfaces, ny, nx).
+
+    halved: [rad a vector] of the surfaces. The noise of neighbours is alike as along one axis times as along the other,
+    to 3 % of the variance.
+    """
+    y, x = (_along(n, noise, halved) for n in (ny, nx))
+    return y[:, :, :, None] * x[:, :, None, :]
+
+
+@functools.lru_cache(maxsize=16)
+def _along(vectors: int, noise: Noise, halved: tuple[float, ...]) -> NDArray[np.float64]:
+    """The same along one axis, (1 + surfaces, 1 + surfaces, vectors).
+
+    At its ends a surface is held by the vectors of one side only and has more than twice the variance.
+    """
+    n = min(max(128, 32 * noise.step), 1024)  # px, beyond which the response repeats itself
+    seen = response(*noise, other=0.0, n=n)[0]
+    along = np.fft.ifft((seen**2).sum(0)).real[: n // 2 : noise.step]
+    alike = np.zeros(max(vectors, len(along)))
+    alike[: len(along)] = along / along[0]
+    c = alike[np.abs(np.subtract.outer(np.arange(vectors), np.arange(vectors)))]
+    s = [np.eye(vectors), *(_smoother(q, vectors) for q in halved)]
+    half = [np.asarray(q @ c) for q in s]
+    return np.array([[(q * r).sum(1) for r in s] for q in half])
+
+
+@functools.lru_cache(maxsize=16)
+def _spread(noise: Noise, halved: float, along: bool = False) -> float:
+    """Variance of P of a surface, or of smoothing along one axis, under noise alone, over the square of its mean.
+
+    The mean square of a vector's two normal components has a variance of 1; those of two vectors are alike by rho^2.
+    """
+    n = min(max(128, 32 * noise.step), 1024)
+    seen, surface = response(*noise, other=halved ** (-2 * ORDER), n=n, order=ORDER)
+    left = 1 - (surface[:1] if along else surface)  # no wave along the other axis: no damping by it
+    alike = np.fft.ifft2((seen * left) ** 2).real[: n // 2 : noise.step, : n // 2 : noise.step]
+    apart = np.arange(min(COMPARED, len(alike)))
+    pairs = np.where(apart > 0, 2, 1) * (COMPARED - apart)
+    rho = alike[: len(apart), : len(apart)] / alike[0, 0]
+    return float((np.outer(pairs, pairs) * rho**2).sum() / COMPARED**4)
