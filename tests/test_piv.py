@@ -112,8 +112,8 @@ def test_error(name, limit):
 
 @pytest.mark.parametrize(("name", "least"), [("uniform", 0.4), ("shear", 0.4), ("vortex", 0.9), ("band", 1.02)])
 def test_smoothing_gains_where_the_field_is_smooth_and_spares_the_band(name, least):
-    """Noise 6, three times. The first surface alone keeps 0.4 of the noise of vectors 8 px apart, stiffer ones less, and
-    0.4 is asked for; a wave of 190 px passes the second surface, not the third; in the band, where signal exceeds
+    """Noise 6, three times. The first surface alone keeps 0.4 of the noise of vectors 8 px apart, stiffer ones less,
+    and 0.4 is asked for; a wave of 190 px passes the second surface, not the third; in the band, where signal exceeds
     noise, no loss beyond 2 %."""
     before, after, inside = [], [], []
     for seed in range(3):
@@ -131,8 +131,8 @@ def test_smoothing_gains_where_the_field_is_smooth_and_spares_the_band(name, lea
 
 
 def test_weak_motion_that_many_vectors_share_is_kept():
-    """Waves of 120 px and 0.03 px, at noise 6, where a vector has 0.035 px of noise: below it, yet three quarters of them
-    stay (the stiffer surfaces alone hold a quarter; the fit over some 60 independent vectors, four times, is sure to
+    """Waves of 120 px and 0.03 px, at noise 6, where a vector has 0.035 px of noise: below it, yet three quarters
+    of them stay (stiffer surfaces alone hold a quarter; the fit over 60 independent vectors, four times, is sure to
     0.003 px)."""
     k = 2 * np.pi / 120
     pair = grains(SHAPE, lambda x, y: (0.4 + 0.03 * np.sin(k * y), 0 * x), np.random.default_rng(8))

@@ -227,7 +227,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     matched = np.concatenate([filled, stated(moved, sigma[:2])])
     best = matched
     if s.smooth == "adaptive":
-        drawn = drawn_together(whole, sigma[:2], noise)
+        of_pictures = np.mean([a.noise + b.noise for a, b in pairs]) / np.maximum(m.rest, 1e-12)
+        drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
         best = np.concatenate([np.where(measured, drawn.of(whole), filled), stated(drawn.of(moved), drawn.sigma)])
     shape = reason.shape
     return VectorField(
@@ -266,6 +267,7 @@ def _second_try(
             None,
             np.nan,
             np.where(better, trial.quality, m.quality),
+            m.rest,
             np.where(better, trial.state, m.state),
         )
         reason = _judge(m, np.where(better, start, kept), s)

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Float32
+from jumpvision.base.arrays import Array, Float32
 
 from .pair import MEASURED, VectorField
 
@@ -28,6 +28,7 @@ class Frame(NamedTuple):
     weight: NDArray[np.uint8]  # 0 or 1 for each pixel of the padded frame
     pad: int  # px of border around the frame
     rounding: float  # [grey^2] variance that whole grey levels leave after smoothing, 0 for frames of fractions
+    noise: float  # [grey^2] variance that white noise leaves after smoothing, see `white`; NaN where not known
 
 
 def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int, fine: bool, smooth: float) -> Frame:
@@ -39,7 +40,9 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
     grains of 3 px to 0.002 px, on the pixels themselves only to 0.02 px.
     """
     grey = image.astype(np.float32)
-    rounding = 0.0 if np.issubdtype(image.dtype, np.floating) else 1 / (12 * 4 * math.pi * smooth**2)
+    kept = 1 / (4 * math.pi * smooth**2)  # of the variance of white noise
+    rounding = 0.0 if np.issubdtype(image.dtype, np.floating) else kept / 12
+    noise = kept * white(image, mask)
     usable = np.isfinite(grey)
     if not usable.all():
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
@@ -55,7 +58,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
             cv2.sepFilter2D(
                 padded, -1, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], borderType=cv2.BORDER_REFLECT
             )
-    return Frame(grey, usable, c, weight, pad, rounding)
+    return Frame(grey, usable, c, weight, pad, rounding, noise)
 
 
 @functools.cache
@@ -102,25 +105,48 @@ GAIN = 0.95  # of the roughness: less is chance
 def sharp(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> bool:
     """Whether more than SHARP of the power of the gradient lies above FINE, the level of white noise taken off.
 
-    image (H, W), mask (H, W) True = usable; blocks with unusable or NaN pixels are left out. False without any block.
+    image (H, W), mask (H, W) True = usable. False without a block whose pixels are all usable.
     """
-    rows, columns = (n // BLOCK for n in image.shape)
-    grey = image[: rows * BLOCK, : columns * BLOCK].astype(np.float32)
-    if mask is not None:
-        grey[~mask[: grey.shape[0], : grey.shape[1]]] = np.nan
-    blocks = grey.reshape(rows, BLOCK, columns, BLOCK).swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)
-    blocks = blocks[np.isfinite(blocks).all((1, 2))]
-    if not len(blocks):
+    power = _spectrum(image, mask, ENOUGH)
+    if power is None:
         return False
-    blocks = blocks[:: -(-len(blocks) // ENOUGH)]
-    hann = 0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(BLOCK) + 0.5) / BLOCK)
-    waves = np.fft.fft2((blocks - blocks.mean((1, 2), keepdims=True)) * np.outer(hann, hann).astype(np.float32))
-    k = np.abs(np.fft.fftfreq(BLOCK))
-    power, far = (np.abs(waves) ** 2).mean(0), np.hypot(k, k[:, None])
-    corner = np.minimum(k, k[:, None]) > CORNER
-    slope = (power - power[corner].mean()) * far**2
+    far = np.hypot(WAVES, WAVES[:, None])
+    slope = (power - power[IN_CORNER].mean()) * far**2
     inside = far <= 0.5
     return bool(slope[inside & (far > FINE)].sum() > SHARP * slope[inside].sum())
+
+
+def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
+    """Variance [grey^2] of the white noise of an image, by the corner of its spectrum; NaN without a block as above."""
+    power = _spectrum(image, mask, FEW)
+    return math.nan if power is None else float(power[IN_CORNER].mean() / HANN.sum() ** 2)
+
+
+WAVES = np.abs(np.fft.fftfreq(BLOCK))
+IN_CORNER = np.minimum(WAVES, WAVES[:, None]) > CORNER
+HANN = (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(BLOCK) + 0.5) / BLOCK)) ** 2
+FEW = 64  # blocks: the corner has 50 waves in each
+
+
+def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough: int) -> Array | None:
+    """Power of the waves of blocks, their mean; blocks with unusable or NaN pixels are left out, None without any."""
+    rows, columns = (n // BLOCK for n in image.shape)
+    blocks = _blocks(image, rows, columns)
+    good = np.ones(len(blocks), bool) if mask is None else _blocks(mask, rows, columns).all((1, 2))
+    if np.issubdtype(image.dtype, np.floating):
+        good &= np.isfinite(blocks).all((1, 2))
+    chosen = np.flatnonzero(good)
+    if not len(chosen):
+        return None
+    some = blocks[chosen[:: -(-len(chosen) // enough)]].astype(np.float32)
+    window = np.sqrt(np.outer(HANN, HANN)).astype(np.float32)
+    waves = np.fft.fft2((some - some.mean((1, 2), keepdims=True)) * window)
+    return np.asarray((np.abs(waves) ** 2).mean(0))
+
+
+def _blocks(f: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.generic]:
+    cut = f[: rows * BLOCK, : columns * BLOCK].reshape(rows, BLOCK, columns, BLOCK)
+    return cut.swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)
 
 
 def roughness(f: VectorField, reach: int) -> float:

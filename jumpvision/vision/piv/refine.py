@@ -67,6 +67,7 @@ class Match(NamedTuple):
     sigma: Array | None
     clumping: float  # how much the squared gradient of the texture is concentrated, 1 = not at all; NaN without sigma
     quality: Array  # (ny, nx) correlation
+    rest: Array  # (ny, nx) [grey^2] what the step leaves of the difference of the frames
     state: NDArray[np.int64]  # (ny, nx)
 
 
@@ -99,9 +100,9 @@ def refine(
             sums[band.first : band.end] += part
             if errors and len(bands) == 1:
                 held.append(together)
-    step, quality, state = np.empty((ny * nx, 8)), np.empty(ny * nx), np.empty(ny * nx, np.int64)
+    step, (quality, rest), state = np.empty((ny * nx, 8)), np.empty((2, ny * nx)), np.empty(ny * nx, np.int64)
     sums = sums.reshape(ny * nx, -1)
-    steps(ny * nx, sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, state)
+    steps(ny * nx, sums, len(pairs) * float(g.sum()) ** 2, texture, step, quality, rest, state)
 
     change = step.T.reshape(8, ny, nx)
     smooth = np.stack(
@@ -136,7 +137,7 @@ def refine(
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)
-    return Match(p, sigma, clumping, quality.reshape(ny, nx), state)
+    return Match(p, sigma, clumping, quality.reshape(ny, nx), rest.reshape(ny, nx), state)
 
 
 class Band(NamedTuple):

@@ -34,7 +34,7 @@ FEW = 2.0  # independent neighbourhoods that a factor of 1 is worth
 ALLOWED = 0.6, 1.3  # factors on sigma: a field may be stirred all over
 STILL = 0.05  # of the noise expected: less is no noise but equal pictures, which tell nothing of it
 WIDER = 2  # times the neighbourhood of P is that of what smoothing took from the motion
-DOUBT = 0.5  # of its standard deviation, by which P must exceed 1 there
+DOUBT = 0.75  # of its standard deviation, by which P must exceed 1 there
 
 
 class Noise(NamedTuple):
@@ -59,8 +59,12 @@ class Drawing(NamedTuple):
         return np.asarray(sum(a * q for a, q in zip(self.shares, each)))
 
 
-def drawn_together(p: Array, sigma: Array, noise: Noise) -> Drawing:
-    """p, sigma: (2, ny, nx) [px], p finite, sigma NaN where not measured."""
+def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Drawing:
+    """p, sigma: (2, ny, nx) [px], p finite, sigma NaN where not measured.
+
+    by_chance: (ny, nx) the share of sigma^2 that the noise of the pictures explains. The rest is motion that a window
+    does not follow: no neighbour takes it away, and there drawing vectors together would cost what they did resolve.
+    """
     ny, nx = p.shape[1:]
     known = _known(sigma)
     levels = max(1, math.ceil(math.log2(max(ny, nx) * SHORTEST / (2 * math.pi))))
@@ -76,19 +80,15 @@ def drawn_together(p: Array, sigma: Array, noise: Noise) -> Drawing:
         fields.append(_drawn(surface, p))
         variance.append(np.stack([np.maximum(_around(f, side), 0) for f in variance[0]]) / there)
         of_noise = (cov[k - 1, k - 1] - 2 * cov[k - 1, k] + cov[k, k]) * np.where(known, variance[-1], 1)
-        power = (
-            _around(
-                np.where(known, 0.5 * ((fields[-2] - fields[-1]) ** 2 / np.maximum(of_noise, 1e-30)).sum(0), 0), side
-            )
-            / there
-        )
+        chance = np.maximum(_around(np.where(known, by_chance, 0.0), side) / there, 1e-6)
+        power = _around(_power(fields[-2] - fields[-1], chance * of_noise, known), side) / there
         w = np.where(there > 1e-9, np.clip(1 - CHANCE / np.maximum(power, 1e-12), 0, 1), 1)
         shares.append(w - kept)
         kept = w
         # signed, so that noise, which is above 1 as often as below, does not count
         far = min(WIDER * side + 1, 2 * min(ny, nx) - 1)
-        by_chance = DOUBT * math.sqrt(_spread(noise, SHORTEST)) * side / far
-        lost += np.maximum(_around((1 - w) ** 2 * (power - 1), far) - by_chance, 0) * of_noise
+        doubt = DOUBT * math.sqrt(_spread(noise, SHORTEST)) * side / far
+        lost += np.maximum(_around((1 - w) ** 2 * (power - 1), far) - doubt, 0) * chance * of_noise
     shares.append(1 - kept)
     both = range(levels + 1)
     total = sum(shares[k] * shares[m] * cov[k, m] * np.sqrt(variance[k] * variance[m]) for k in both for m in both)

@@ -76,36 +76,38 @@ def _block(h, sums, first, c, d, sign):  # type: ignore[no-untyped-def]
 
 
 @shared()
-def steps(first, last, sums, full, texture, step, quality, state):  # type: ignore[no-untyped-def]
-    """Least-squares step (n, 8) of every window from its sums (n, FIRST[-1]), correlation (n,) and state.
+def steps(first, last, sums, full, texture, step, quality, rest, state):  # type: ignore[no-untyped-def]
+    """Least-squares step (n, 8) of every window from its sums (n, FIRST[-1]), correlation (n,), rest and state.
+
+    rest: [grey^2] variance of what the step leaves of the difference of the frames.
 
     full: sum of the weight of a whole window; texture: [grey] least standard deviation.
     """
     h, low, q = np.zeros((N, N)), np.zeros((N, N)), np.empty(N)
     for k in range(first, last):
-        state[k], quality[k] = _step(sums[k], full, texture, h, low, q, step[k])
+        state[k], quality[k], rest[k] = _step(sums[k], full, texture, h, low, q, step[k])
 
 
 @nb.njit(cache=True)
 def _step(s, full, texture, h, low, q, b):  # type: ignore[no-untyped-def]
-    """State, correlation and step b of one window; h, low and q are room to work in."""
+    """State, correlation, rest and step b of one window; h, low and q are room to work in."""
     b[:] = 0.0
     one = s[FIRST[ONE]]
     if one < 0.5 * full:
-        return COVERED, np.nan
+        return COVERED, np.nan, np.nan
     mean, offset = s[FIRST[M]] / one, s[FIRST[R]] / one
     mm = s[FIRST[MM]] / one - mean * mean
     mr = s[FIRST[MR]] / one - mean * offset
     rr = s[FIRST[RR]] / one - offset * offset
     if min(mm + mr + 0.25 * rr, mm - mr + 0.25 * rr) < texture * texture:
-        return FLAT, np.nan
+        return FLAT, np.nan, np.nan
     h[:] = 0.0
     normal(s, h)
     for i in range(3):
         b[i], b[3 + i] = s[FIRST[GXR] + i], s[FIRST[GYR] + i]
     b[6], b[7] = s[FIRST[R]], s[FIRST[MR]]
     if not _factor(h, low):
-        return FLAT, np.nan
+        return FLAT, np.nan, np.nan
     for i in range(N):
         q[i] = b[i]
     _solve(low, b)
@@ -113,7 +115,7 @@ def _step(s, full, texture, h, low, q, b):  # type: ignore[no-untyped-def]
     for i in range(N):
         left -= q[i] * b[i]
     left = max(left, 0.0) / one
-    return STEPPED, (mm - 0.25 * left) / (mm + 0.25 * left)
+    return STEPPED, (mm - 0.25 * left) / (mm + 0.25 * left), left
 
 
 @nb.njit(cache=True)
