@@ -20,25 +20,26 @@ WIDE = 1 << 16  # knots that a row or a column may move by at most, twice
 LANES = 16  # pixels computed at a time; a run's last ones reach into the next run, which then overwrites them
 
 
-def half_way(a: Frame, b: Frame, moved: Drawn, top: int) -> tuple[Float32, Float32, Float32]:
+def half_way(a: Frame, b: Frame, moved: Drawn, top: int, foreign: float) -> tuple[Float32, Float32, Float32]:
     """Mean m and difference r of some rows of two frames brought half-way together, and the weight of their pixels.
 
-    moved: displacement [px] from a to b, in x and in y, of the padded frame's pixels from its row `top` on; keep is 0
-    or 1.
+    moved: displacement [px] from a to b, in x and in y, of the padded frame's pixels from its row `top` on. keep is 0
+    where either is not usable, else 1 / (1 + (r / foreign)^2) (Lorentz), foreign [grey]: differences beyond it are not
+    of the motion that a window follows, but of the other side of a shear band, of grains that came and went.
     """
     m, r, keep = (np.empty((len(moved.knot), moved.lines.shape[2]), np.float32) for _ in range(3))
     frame = (a.pad, a.pad + a.grey.shape[0], a.pad + a.grey.shape[1])
     clear = a.usable.all(), b.usable.all()
-    _half_way(len(m), top, a.c, b.c, a.weight, b.weight, *clear, frame, moved, m, r, keep)
+    _half_way(len(m), top, a.c, b.c, a.weight, b.weight, *clear, frame, moved, np.float32(foreign**-2), m, r, keep)
     return m, r, keep
 
 
 # "contract" alone, here and wherever threads share a loop: freer rounding differs between a process that compiles
 # and one that loads what was compiled
 @shared(fastmath={"contract"})
-def _half_way(first, last, top, ca, cb, wa, wb, clear_a, clear_b, frame, moved, m, r, keep):  # type: ignore[no-untyped-def]
+def _half_way(first, last, top, ca, cb, wa, wb, clear_a, clear_b, frame, moved, doubt, m, r, keep):  # type: ignore[no-untyped-def]
     cols = m.shape[1]
-    half = np.float32(0.5)
+    half, one = np.float32(0.5), np.float32(1)
     part, grey = np.empty((2, cols + LANES), np.float32), np.empty((2, cols + LANES), np.float32)
     light, knot = np.empty((2, cols), np.float32), np.empty(cols, np.int32)
     dx, dy = np.empty(cols, np.float32), np.empty(cols, np.float32)
@@ -50,7 +51,7 @@ def _half_way(first, last, top, ca, cb, wa, wb, clear_a, clear_b, frame, moved, 
         for i in range(cols):
             m[j, i] = half * (grey[0, i] + grey[1, i])
             r[j, i] = grey[0, i] - grey[1, i]
-            keep[j, i] = light[0, i] * light[1, i]
+            keep[j, i] = light[0, i] * light[1, i] / (one + doubt * r[j, i] * r[j, i])
 
 
 @nb.njit(cache=True, fastmath={"contract"})

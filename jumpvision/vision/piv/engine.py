@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from typing import Any
@@ -35,6 +36,8 @@ SPLINE = {
     "fast": 0.003,
     "sharp": 0.0,
 }  # px, error of a cubic spline between whole pixels on grains of 3-4 px
+# times what the median window leaves of the frames' difference, beyond which a pixel counts by less than half
+FOREIGN, LEAST = 10.0, 0.01  # and the least [grey^2] that it leaves
 NEAR = 3  # vectors, side of the neighbourhood over which the last change is averaged
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
@@ -187,7 +190,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     times = TIMES[s.preset]
 
     start = np.mean([flow(a.grey, b.grey, x, y, s.step) for a, b in pairs], axis=0)
-    m = refine(pairs, grid, start, s.min_texture, None, False)
+    m = refine(pairs, grid, start, s.min_texture, None, False, math.inf)
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
@@ -196,8 +199,10 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     first, matched = reason, ~scipy.ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
         start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), k == times - 1)
+        last, seen = k == times - 1, m.state != COVERED
+        m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), last, _foreign(m) if last else math.inf)
         reason = _judge(m, start, s)
+        reason[seen & (m.state == COVERED)] = code.LOW_CORRELATION  # most of it is foreign
     raw = np.where(_to_try(first), raw, m.p[:2])
     if m.sigma is None:
         raise ValueError("at least two steps are needed")
@@ -248,6 +253,12 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     )
 
 
+def _foreign(m: Match) -> float:
+    """Difference of the frames [grey] beyond which a pixel is not of its window's motion."""
+    known = m.rest[np.isfinite(m.rest)]
+    return FOREIGN * math.sqrt(max(float(np.median(known)), LEAST)) if known.size else math.inf
+
+
 def _second_try(
     pairs: Pairs, grid: Grid, m: Match, reason: NDArray[np.int8], s: Settings
 ) -> tuple[Match, NDArray[np.int8], NDArray[np.bool_]]:
@@ -260,7 +271,7 @@ def _second_try(
         again = _to_try(reason)
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
         start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(pairs, grid, start, s.min_texture, None, False)
+        trial = refine(pairs, grid, start, s.min_texture, None, False, math.inf)
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p),

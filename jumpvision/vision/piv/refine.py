@@ -72,12 +72,19 @@ class Match(NamedTuple):
 
 
 def refine(
-    pairs: Pairs, grid: Grid, start: Array, texture: float, matched: NDArray[np.bool_] | None, errors: bool
+    pairs: Pairs,
+    grid: Grid,
+    start: Array,
+    texture: float,
+    matched: NDArray[np.bool_] | None,
+    errors: bool,
+    foreign: float,
 ) -> Match:
     """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere.
 
     Several pairs share one displacement: their normal equations are added (ensemble).
     matched: (ny, nx) True where the start was matched before, so that its steps are the field's; None: nowhere.
+    foreign: [grey] see `half_way`.
     """
     shape = pairs[0][0].weight.shape
     ny, nx = start.shape[1:]
@@ -90,7 +97,7 @@ def refine(
 
     def pictures(band: Band) -> Iterator[tuple[Float32, Float32, Float32]]:
         moved = drawn(rows.pixels(band.top, band.bottom), columns, start)
-        return (half_way(a, b, moved, band.top) for a, b in pairs)
+        return (half_way(a, b, moved, band.top, foreign) for a, b in pairs)
 
     sums, held = np.zeros((ny, nx, FIRST[-1])), []
     for band in bands:
