@@ -42,12 +42,13 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
     grey = image.astype(np.float32)
     kept = 1 / (4 * math.pi * smooth**2)  # of the variance of white noise
     rounding = 0.0 if np.issubdtype(image.dtype, np.floating) else kept / 12
-    noise = kept * white(image, mask)
+    noise = white(image, mask)
     usable = np.isfinite(grey)
     if not usable.all():
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
     if mask is not None:
         usable = usable & mask
+    usable &= ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
     keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
     weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
     padded = cv2.copyMakeBorder(grey, *(pad,) * 4, cv2.BORDER_REFLECT)
@@ -58,7 +59,44 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
             cv2.sepFilter2D(
                 padded, -1, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], borderType=cv2.BORDER_REFLECT
             )
-    return Frame(grey, usable, c, weight, pad, rounding, noise)
+    return Frame(grey, usable, c, weight, pad, rounding, kept * noise)
+
+
+CELL = 4  # px, side of the blocks in which a dark body is looked for
+DARK, SMOOTH = 0.4, 0.3  # of the light and of the contrast that is usual in the picture: less of both is a body,
+EVEN = 0.5  # if its contrast over its light is less too; grains in the shade keep that
+SPARSE = 0.5  # contrast^2 over light^2 that is usual among bright particles on a dark ground, which has gaps
+LARGEST = 0.6  # of the picture: a body is darker than most of it, or the picture is dark
+
+
+def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.bool_]:
+    """Pixels (H, W) of a body that shows neither light nor texture where most of the picture does, and its rim.
+
+    A bar or a foot before the grains: what moves there is not what is asked for. It is 3 CELLs wide at least. noise:
+    [grey^2] variance of the picture's white noise.
+    """
+    out = np.zeros(grey.shape, bool)
+    rows, columns = (n // CELL for n in grey.shape)
+    if min(rows, columns) < 8:
+        return out
+    cells = grey[: rows * CELL, : columns * CELL]
+    mean = cv2.resize(cells, (columns, rows), interpolation=cv2.INTER_AREA)
+    square = cv2.resize(cells * cells, (columns, rows), interpolation=cv2.INTER_AREA)
+    light = cv2.blur(mean, (3, 3), borderType=cv2.BORDER_REFLECT)
+    contrast = cv2.blur(square, (3, 3), borderType=cv2.BORDER_REFLECT) - light * light
+    of_light = np.maximum(contrast - noise, 0) / np.maximum(light * light, 1e-6)
+    there = usable[CELL // 2 :: CELL, CELL // 2 :: CELL][:rows, :columns]
+    if not there.any():
+        return out
+    usual = [float(np.median(q[there])) for q in (light, contrast, of_light)]
+    body = (light < DARK * usual[0]) & (contrast < SMOOTH**2 * usual[1]) & (of_light < EVEN**2 * usual[2]) & there
+    if usual[2] > SPARSE or not body.any() or body.sum() > LARGEST * there.sum():
+        return out
+    square_of_3 = np.ones((3, 3), np.uint8)
+    whole = cv2.morphologyEx(body.astype(np.uint8), cv2.MORPH_OPEN, square_of_3)
+    rim = cv2.dilate(whole, square_of_3, iterations=2)  # the blocks about a pixel reach over it by one and a half
+    out[: rows * CELL, : columns * CELL] = np.repeat(np.repeat(rim > 0, CELL, 0), CELL, 1)
+    return out
 
 
 @functools.cache
