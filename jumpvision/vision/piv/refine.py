@@ -33,7 +33,7 @@ from .deform import half_way
 from .frame import Frame, taper
 from .moments import FIRST, OF_PICTURES, OF_PLANES, gradient, moments, moments_of, slopes
 from .solve import STEPPED, covariances, steps
-from .surface import Drawn, axis, drawn, lightly_smoothed, line, times
+from .surface import Drawn, at_vectors, axis, drawn, lightly_smoothed, line, times
 from .validate import LAG
 
 AROUND = 33  # px, side of the region over which the correlation of neighbouring residuals is averaged
@@ -90,13 +90,13 @@ def refine(
     ny, nx = start.shape[1:]
     pad = pairs[0][0].pad
     rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
-    start = lightly_smoothed(rows, columns, start, matched)
+    start, jump = lightly_smoothed(rows, columns, start, matched)
     g = taper(grid.window)
     at_x, at_y = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
     bands = bands_of(at_y, grid.window // 2, shape)
 
     def pictures(band: Band) -> Iterator[tuple[Float32, Float32, Float32]]:
-        moved = drawn(rows.pixels(band.top, band.bottom), columns, start)
+        moved = drawn(rows.pixels(band.top, band.bottom), columns, start, jump)
         return (half_way(a, b, moved, band.top, foreign) for a, b in pairs)
 
     sums, held = np.zeros((ny, nx, FIRST[-1])), []
@@ -114,7 +114,7 @@ def refine(
     change = step.T.reshape(8, ny, nx)
     smooth = np.stack(
         [
-            *start,
+            *(at_vectors(rows, columns, f, jump) for f in start),
             *(q for f in start for q in (times(f, columns.slope.T), times(rows.slope, f))),
         ]
     )

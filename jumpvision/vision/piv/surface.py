@@ -17,6 +17,7 @@ from jumpvision.base.threads import shared
 AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
 LEAST = 0.02  # px: smaller differences are no step
 BEYOND = 4.0  # times the variance of chance: more is a step of the field
+JUMP = 100.0  # times that: more is a jump
 
 
 class Axis(NamedTuple):
@@ -27,6 +28,7 @@ class Axis(NamedTuple):
     slope: Array  # (vectors, vectors) d/dpx of the spline at the vectors
     knot: NDArray[np.int64]  # (pixels,) first of the four knots that a pixel hears
     weight: Float32  # (pixels, 4) their weights
+    before: int  # knots before that of the first vector
 
     def pixels(self, first: int, end: int) -> Axis:
         """The same for some of the pixels."""
@@ -65,23 +67,52 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     knot = np.floor(q).astype(np.int64)
     t = q - knot
     weight = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, 1 + 3 * t + 3 * t**2 - 3 * t**3, t**3], axis=1) / 6
-    return Axis(exact, smoother(vectors, stiffness), slope, knot - 1, weight.astype(np.float32))
+    return Axis(exact, smoother(vectors, stiffness), slope, knot - 1, weight.astype(np.float32), before)
 
 
-def lightly_smoothed(rows: Axis, columns: Axis, f: Array, matched: NDArray[np.bool_] | None) -> Array:
+def lightly_smoothed(
+    rows: Axis, columns: Axis, f: Array, matched: NDArray[np.bool_] | None
+) -> tuple[Array, NDArray[np.float64] | None]:
     """Fields (n, ny, nx) smoothed where they differ from the smooth surface by no more than chance, kept where by more.
 
     What chance is, the field itself tells: the median of the squared differences. A smoothed step would ring over
     three vectors on either side. Where not `matched` (ny, nx), and everywhere if it is None, the surface counts.
+    Also where the field jumps, see `knots`: (ny, nx) from 0 to 1, or None: nowhere.
     """
     surface = np.stack([along_both(rows.smooth, columns.smooth, q) for q in f])
     if matched is None:
-        return surface
+        return surface, None
     e = f - surface
     squared = (e**2).sum(0)
     power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
     chance = max(BEYOND * float(np.median(squared)) / math.log(2), LEAST**2)  # of two normal components: exponential
-    return surface + np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0) * e
+    kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
+    jump = cv2.dilate(np.where(matched, np.clip(power / (JUMP * chance), 0, 1), 0), np.ones((3, 3)))
+    return surface + kept * e, np.where(jump > 1 / JUMP, jump, 0)
+
+
+def knots(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None) -> Array:
+    """Coefficients of the spline through the vectors f (ny, nx); where they jump the vectors themselves.
+
+    The spline through a step rings by a tenth of it beside it, and the windows there would have to answer for that;
+    with the vectors as coefficients it runs between them.
+    """
+    c = along_both(rows.coefficients, columns.coefficients, f)
+    if jump is None or not jump.any():
+        return c
+    border = [(q.before, n - m - q.before) for q, n, m in zip((rows, columns), c.shape, f.shape)]
+    return np.asarray(c + np.pad(jump, border) * (np.pad(f, border, mode="edge") - c))
+
+
+def at_vectors(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None) -> Array:
+    """The spline of `knots` at the vectors."""
+    if jump is None or not jump.any():
+        return f
+    c = knots(rows, columns, f, jump)
+    c = (c[:-2] + 4 * c[1:-1] + c[2:]) / 6
+    c = (c[:, :-2] + 4 * c[:, 1:-1] + c[:, 2:]) / 6
+    top, left = rows.before - 1, columns.before - 1
+    return c[top : top + f.shape[0], left : left + f.shape[1]]
 
 
 def along_both(rows: Array, columns: Array, f: Array) -> Array:
@@ -114,11 +145,11 @@ class Drawn(NamedTuple):
     weight: Float32  # (height, 4)
 
 
-def drawn(rows: Axis, columns: Axis, fields: Array) -> Drawn:
+def drawn(rows: Axis, columns: Axis, fields: Array, jump: NDArray[np.float64] | None = None) -> Drawn:
     """Fields of vectors (n, ny, nx) for the pixels of both axes."""
     lines = np.empty((len(fields), len(rows.coefficients), len(columns.knot)), np.float32)
     for f, out in zip(fields, lines):
-        c = along_both(rows.coefficients, columns.coefficients, f).astype(np.float32)
+        c = knots(rows, columns, f, jump).astype(np.float32)
         _widen(len(c), c, columns.knot, columns.weight, out)
     return Drawn(lines, rows.knot, rows.weight)
 
