@@ -23,9 +23,9 @@ LANES = 16  # pixels computed at a time; a run's last ones reach into the next r
 def half_way(a: Frame, b: Frame, moved: Drawn, top: int, foreign: float) -> tuple[Float32, Float32, Float32]:
     """Mean m and difference r of some rows of two frames brought half-way together, and the weight of their pixels.
 
-    moved: displacement [px] from a to b, in x and in y, of the padded frame's pixels from its row `top` on. keep is 0
-    where either is not usable, else 1 / (1 + (r / foreign)^2) (Lorentz), foreign [grey]: differences beyond it are not
-    of the motion that a window follows, but of the other side of a shear band, of grains that came and went.
+    moved: displacement [px] from a to b, in x and in y, of the padded frame's pixels from its row `top` on, and where
+    it jumps, j. keep is 0 where either is not usable, else 1 / (1 + j (r / foreign)^2) (Lorentz), foreign [grey]:
+    beside a jump larger differences are of its other side.
     """
     m, r, keep = (np.empty((len(moved.knot), moved.lines.shape[2]), np.float32) for _ in range(3))
     frame = (a.pad, a.pad + a.grey.shape[0], a.pad + a.grey.shape[1])
@@ -39,19 +39,22 @@ def half_way(a: Frame, b: Frame, moved: Drawn, top: int, foreign: float) -> tupl
 @shared(fastmath={"contract"})
 def _half_way(first, last, top, ca, cb, wa, wb, clear_a, clear_b, frame, moved, doubt, m, r, keep):  # type: ignore[no-untyped-def]
     cols = m.shape[1]
-    half, one = np.float32(0.5), np.float32(1)
+    half, zero, one = np.float32(0.5), np.float32(0), np.float32(1)
     part, grey = np.empty((2, cols + LANES), np.float32), np.empty((2, cols + LANES), np.float32)
     light, knot = np.empty((2, cols), np.float32), np.empty(cols, np.int32)
-    dx, dy = np.empty(cols, np.float32), np.empty(cols, np.float32)
+    dx, dy, jump = np.empty(cols, np.float32), np.empty(cols, np.float32), np.zeros(cols, np.float32)
+    jumps = len(moved.lines) > 2
     for j in range(first, last):
         line(moved, 0, j, dx)
         line(moved, 1, j, dy)
+        if jumps:
+            line(moved, 2, j, jump)
         _read(ca, wa, clear_a, frame, dx, dy, -half, top + j, part, knot, grey[0], light[0])
         _read(cb, wb, clear_b, frame, dx, dy, half, top + j, part, knot, grey[1], light[1])
         for i in range(cols):
             m[j, i] = half * (grey[0, i] + grey[1, i])
             r[j, i] = grey[0, i] - grey[1, i]
-            keep[j, i] = light[0, i] * light[1, i] / (one + doubt * r[j, i] * r[j, i])
+            keep[j, i] = light[0, i] * light[1, i] / (one + max(jump[i], zero) * doubt * r[j, i] * r[j, i])
 
 
 @nb.njit(cache=True, fastmath={"contract"})

@@ -36,8 +36,8 @@ SPLINE = {
     "fast": 0.003,
     "sharp": 0.0,
 }  # px, error of a cubic spline between whole pixels on grains of 3-4 px
-# times what the median window leaves of the frames' difference, beyond which a pixel counts by less than half
-FOREIGN, LEAST = 10.0, 0.01  # and the least [grey^2] that it leaves
+# times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
+FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
 NEAR = 3  # vectors, side of the neighbourhood over which the last change is averaged
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
@@ -254,7 +254,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
 
 
 def _foreign(m: Match) -> float:
-    """Difference of the frames [grey] beyond which a pixel is not of its window's motion."""
+    """Difference of the frames [grey] beyond which a pixel beside a jump is of its other side."""
     known = m.rest[np.isfinite(m.rest)]
     return FOREIGN * math.sqrt(max(float(np.median(known)), LEAST)) if known.size else math.inf
 

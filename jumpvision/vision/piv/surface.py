@@ -17,7 +17,7 @@ from jumpvision.base.threads import shared
 AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
 LEAST = 0.02  # px: smaller differences are no step
 BEYOND = 4.0  # times the variance of chance: more is a step of the field
-JUMP = 100.0  # times that: more is a jump
+JUMP = 30.0  # times that: more begins to be a jump, twice as much is one
 
 
 class Axis(NamedTuple):
@@ -87,8 +87,10 @@ def lightly_smoothed(
     power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
     chance = max(BEYOND * float(np.median(squared)) / math.log(2), LEAST**2)  # of two normal components: exponential
     kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
-    jump = cv2.dilate(np.where(matched, np.clip(power / (JUMP * chance), 0, 1), 0), np.ones((3, 3)))
-    return surface + kept * e, np.where(jump > 1 / JUMP, jump, 0)
+    jump = np.asarray(
+        cv2.dilate(np.where(matched, np.clip(power / (JUMP * chance) - 1, 0, 1), 0), np.ones((3, 3))), np.float64
+    )
+    return surface + kept * e, jump if jump.any() else None
 
 
 def knots(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None) -> Array:
@@ -98,7 +100,7 @@ def knots(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None)
     with the vectors as coefficients it runs between them.
     """
     c = along_both(rows.coefficients, columns.coefficients, f)
-    if jump is None or not jump.any():
+    if jump is None:
         return c
     border = [(q.before, n - m - q.before) for q, n, m in zip((rows, columns), c.shape, f.shape)]
     return np.asarray(c + np.pad(jump, border) * (np.pad(f, border, mode="edge") - c))
@@ -106,7 +108,7 @@ def knots(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None)
 
 def at_vectors(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None) -> Array:
     """The spline of `knots` at the vectors."""
-    if jump is None or not jump.any():
+    if jump is None:
         return f
     c = knots(rows, columns, f, jump)
     c = (c[:-2] + 4 * c[1:-1] + c[2:]) / 6
@@ -146,7 +148,9 @@ class Drawn(NamedTuple):
 
 
 def drawn(rows: Axis, columns: Axis, fields: Array, jump: NDArray[np.float64] | None = None) -> Drawn:
-    """Fields of vectors (n, ny, nx) for the pixels of both axes."""
+    """Fields of vectors (n, ny, nx) for the pixels of both axes; with jumps, where they are is one field more."""
+    if jump is not None:
+        fields = np.concatenate([fields, jump[None]])
     lines = np.empty((len(fields), len(rows.coefficients), len(columns.knot)), np.float32)
     for f, out in zip(fields, lines):
         c = knots(rows, columns, f, jump).astype(np.float32)
