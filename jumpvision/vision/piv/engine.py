@@ -190,7 +190,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     times = TIMES[s.preset]
 
     start = np.mean([flow(a.grey, b.grey, x, y, s.step) for a, b in pairs], axis=0)
-    m = refine(pairs, grid, start, s.min_texture, None, False, math.inf)
+    m = refine(pairs, grid, start, s.min_texture, None, False, None)
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
@@ -199,10 +199,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     first, matched = reason, ~scipy.ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
         start = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
-        last, seen = k == times - 1, m.state != COVERED
-        m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), last, _foreign(m) if last else math.inf)
+        m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), k == times - 1, None)
         reason = _judge(m, start, s)
-        reason[seen & (m.state == COVERED)] = code.LOW_CORRELATION  # most of it is foreign
     raw = np.where(_to_try(first), raw, m.p[:2])
     if m.sigma is None:
         raise ValueError("at least two steps are needed")
@@ -233,6 +231,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     best = matched
     if s.smooth == "adaptive":
         of_pictures = np.mean([a.noise + b.noise for a, b in pairs]) / np.maximum(m.rest, 1e-12)
+        if m.jump is not None:
+            whole = _beside_jumps(pairs, grid, m, measured, whole, s)
         drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
         best = np.concatenate([np.where(measured, drawn.of(whole), filled), stated(drawn.of(moved), drawn.sigma)])
     shape = reason.shape
@@ -253,10 +253,16 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     )
 
 
-def _foreign(m: Match) -> float:
-    """Difference of the frames [grey] beyond which a pixel beside a jump is of its other side."""
-    known = m.rest[np.isfinite(m.rest)]
-    return FOREIGN * math.sqrt(max(float(np.median(known)), LEAST)) if known.size else math.inf
+def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_], whole: Array, s: Settings) -> Array:
+    """The vectors `whole` (2, ny, nx) with those beside jumps matched once more, without the pixels of the other side.
+
+    Each then speaks for its own side; over both sides together their mean would be wrong, so `matched` has them not.
+    """
+    assert m.jump is not None
+    foreign = FOREIGN * math.sqrt(max(float(np.median(m.rest[np.isfinite(m.rest)])), LEAST))
+    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign)
+    near = np.hypot(*(again.p[:2] - whole)) < LARGEST_STEP * s.window
+    return np.where(measured & (m.jump > 0) & (again.state == STEPPED) & near, again.p[:2], whole)
 
 
 def _second_try(
@@ -271,7 +277,7 @@ def _second_try(
         again = _to_try(reason)
         kept = _whole(np.where(np.isin(reason, code.MEASURED), m.p, np.nan), s.step)
         start = np.where(again, np.stack([at(coarse, f, grid.x, grid.y) for f in peak]), kept)
-        trial = refine(pairs, grid, start, s.min_texture, None, False, math.inf)
+        trial = refine(pairs, grid, start, s.min_texture, None, False, None)
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p),
@@ -279,6 +285,7 @@ def _second_try(
             np.nan,
             np.where(better, trial.quality, m.quality),
             m.rest,
+            None,
             np.where(better, trial.state, m.state),
         )
         reason = _judge(m, np.where(better, start, kept), s)

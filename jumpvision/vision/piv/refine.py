@@ -18,6 +18,7 @@ windows and the repeated steps make of it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
@@ -68,6 +69,7 @@ class Match(NamedTuple):
     clumping: float  # how much the squared gradient of the texture is concentrated, 1 = not at all; NaN without sigma
     quality: Array  # (ny, nx) correlation
     rest: Array  # (ny, nx) [grey^2] what the step leaves of the difference of the frames
+    jump: Array | None  # (ny, nx) where the start jumped, see `surface.lightly_smoothed`; None: nowhere
     state: NDArray[np.int64]  # (ny, nx)
 
 
@@ -78,26 +80,27 @@ def refine(
     texture: float,
     matched: NDArray[np.bool_] | None,
     errors: bool,
-    foreign: float,
+    foreign: float | None,
 ) -> Match:
     """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere.
 
     Several pairs share one displacement: their normal equations are added (ensemble).
     matched: (ny, nx) True where the start was matched before, so that its steps are the field's; None: nowhere.
-    foreign: [grey] see `half_way`.
+    foreign: [grey] see `half_way`; None: jumps of the field are not heeded.
     """
     shape = pairs[0][0].weight.shape
     ny, nx = start.shape[1:]
     pad = pairs[0][0].pad
     rows, columns = (axis(n, q[0] + pad, grid.step, len(q), grid.stiffness) for n, q in zip(shape, (grid.y, grid.x)))
-    start, jump = lightly_smoothed(rows, columns, start, matched)
+    start, found = lightly_smoothed(rows, columns, start, matched)
+    jump = None if foreign is None else found
     g = taper(grid.window)
     at_x, at_y = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
     bands = bands_of(at_y, grid.window // 2, shape)
 
     def pictures(band: Band) -> Iterator[tuple[Float32, Float32, Float32]]:
         moved = drawn(rows.pixels(band.top, band.bottom), columns, start, jump)
-        return (half_way(a, b, moved, band.top, foreign) for a, b in pairs)
+        return (half_way(a, b, moved, band.top, foreign or math.inf) for a, b in pairs)
 
     sums, held = np.zeros((ny, nx, FIRST[-1])), []
     for band in bands:
@@ -144,7 +147,7 @@ def refine(
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
     p = np.where(state == STEPPED, p, np.nan)
-    return Match(p, sigma, clumping, quality.reshape(ny, nx), rest.reshape(ny, nx), state)
+    return Match(p, sigma, clumping, quality.reshape(ny, nx), rest.reshape(ny, nx), found, state)
 
 
 class Band(NamedTuple):
