@@ -38,6 +38,11 @@ def kind_of(name: object) -> Kind:
     return KINDS.get(str(name), OTHER)
 
 
+def spoken(name: str) -> str:
+    """A name of a file as a person writes it: kinds of jump, parts of one, mechanisms."""
+    return {"pre_load": "preload", "push_off": "push-off", "re_intrusion": "re-intrusion"}.get(name, name.replace("_", " "))
+
+
 @contextmanager
 def styled() -> Iterator[Any]:
     """pyplot-free matplotlib in the house style; gives `matplotlib.figure.Figure`."""
