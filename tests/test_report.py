@@ -230,7 +230,7 @@ def test_the_truth_stands_beside_the_named_parameters_only_where_it_is_stated(tm
     campaign, outcomes, results = campaign_of(tmp_path)
     rows = jumps_table(campaign, outcomes)
     recorded = write_report(campaign, outcomes, rows, results, single=False, diagnosis=diagnosis_of(rows)).read_text()
-    assert "Measured by films or tests" in recorded and "2.60 ± 0.10" in recorded and "-0.4" in recorded
+    assert "Measured by films or tests" in recorded and "2.60 ± 0.10" in recorded and "−0.4" in recorded
     assert ">true<" not in recorded and "95 %" not in recorded
     truth = {"terms": ["added_mass"], "parameters": {"C": true}}
     (campaign.path / "truth.json").write_text(json.dumps(truth))  # the page is made anew though no result changed

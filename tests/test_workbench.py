@@ -359,6 +359,15 @@ def test_a_campaign_is_opened_one_experiment_at_a_time(tmp_path, served):
     assert s.benches.whole == tmp_path
 
 
+def test_of_a_campaign_the_first_experiment_with_a_film_is_opened(tmp_path, served):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "experiment.toml").write_text('schema = 1\n[motor_log]\nfile = "motor.csv"\n')
+    (tmp_path / "a" / "motor.csv").write_text("time_s,position_m\n0,0\n0.1,0\n")
+    falling(tmp_path / "b", n=8)
+    assert asked(served(tmp_path), "/api/state")[1]["name"] == "b"
+    assert asked(served(tmp_path / "a"), "/api/state")[1]["films"] == []
+
+
 def test_a_run_that_cannot_begin_says_so(tmp_path):
     run = Running(tmp_path / "none")
     until(lambda: not run.running)
@@ -521,6 +530,15 @@ def test_clicks_on_sand_become_foot_part_polygon_and_floor(tmp_path, browser, se
     assert (
         grain["leave_out"][0] == pytest.approx([80, 120, 120, 120, 100, 160], abs=1.0) and len(grain["leave_out"]) == 1
     )
+    assert p.said == []
+
+
+def test_an_experiment_without_a_film_says_so(tmp_path, browser, served):
+    (tmp_path / "experiment.toml").write_text('schema = 1\n[motor_log]\nfile = "motor.csv"\n')
+    (tmp_path / "motor.csv").write_text("time_s,position_m\n0,0\n0.1,0\n")
+    p = Page(browser, served(tmp_path))
+    assert "no film or picture" in p.page.inner_text("#hint") and p.page.locator("#tab-run").is_visible()
+    assert not p.page.locator("#tab-scale").is_visible() and p.page.locator("#write").is_visible()
     assert p.said == []
 
 

@@ -192,7 +192,7 @@ def _causes(ax: Any, d: Findings) -> None:
 
 def under(ax: Any, column: float = 0.5) -> None:
     """A legend below the axes, where nothing is drawn."""
-    ax.legend(loc="upper center", bbox_to_anchor=(column, -0.16), ncols=3, columnspacing=1.0, handlelength=1.2)
+    ax.legend(loc="upper center", bbox_to_anchor=(column, -0.18), ncols=3, columnspacing=1.0, handlelength=1.2)
 
 
 def _gain(ax: Any, data: Diagnosis) -> None:
