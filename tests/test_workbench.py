@@ -572,8 +572,9 @@ def test_the_campaign_is_run_by_its_button(hard, browser, served):
 
 @pytest.mark.long
 def test_scrubbing_and_controls_answer_in_time(tmp_path, browser, served):
-    """1280 x 1024 px: 20 frames a second under a moving hand, and 95 % of what is typed answered within 0.1 s."""
-    if os.getloadavg()[0] > (os.cpu_count() or 1):
+    """1280 x 1024 px: 20 different frames a second under a moving hand, 95 % of what is typed answered within 0.1 s.
+    Met at three times as many programs as processors (32 frames a second or more); above that they are measured."""
+    if os.getloadavg()[0] > 3.5 * (os.cpu_count() or 1):
         pytest.skip(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores: times would be those of other programs")
     rng = np.random.default_rng(1)
     film = rng.integers(20, 60, (200, 1024, 1280), dtype=np.uint8)
@@ -582,10 +583,12 @@ def test_scrubbing_and_controls_answer_in_time(tmp_path, browser, served):
     np.save(tmp_path / "rod.npy", film)
     p = Page(browser, served(tmp_path))
     scrub = """async () => {
-      const s = document.getElementById('scrub'), t = performance.now(), d = workbench.player.drawn;
+      const s = document.getElementById('scrub'), t = performance.now();
+      let seen = 0, last = -1;
       for (let k = 0; performance.now() - t < 4000; k++) { s.value = Math.floor(s.max * (0.5 - 0.5 * Math.cos(k / 40)));
-        s.dispatchEvent(new Event('input')); await new Promise(requestAnimationFrame); }
-      return (workbench.player.drawn - d) / 4; }"""
+        s.dispatchEvent(new Event('input')); await new Promise(requestAnimationFrame);
+        if (workbench.player.shown !== last) { seen++; last = workbench.player.shown; } }
+      return seen / 4; }"""
     assert p.page.evaluate(scrub) >= 20
     control = """async () => { const field = [...document.querySelectorAll('#step-scale label')].find((l) =>
         l.textContent === 'Frame rate [1/s]' && l.offsetParent).control, out = [];

@@ -7,7 +7,7 @@ export const NOISE = 2e-4; // m
 export const MOST = 6; // recordings of a world
 const RATE = 200; // frames a second
 const BEFORE = 0.05, AFTER = 0.6; // s recorded before the motor starts, after it stops
-const REACH = 1.5; // the judge looks up to this times the strongest value that is drawn
+export const REACH = 1.5; // the judge looks up to this times the strongest value that is drawn
 const COARSE = 13, FINE = 12, STEP = 1e-3; // values of a first look; steps of the fit; share of the range for derivatives
 
 // Name: [what it does to a question, weakest and strongest value drawn (SI), of both signs, unit shown, times, the ground it needs]

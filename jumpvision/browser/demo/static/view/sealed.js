@@ -1,7 +1,7 @@
 // The panel of a sealed world: recordings, the answer, and what the judge says. Its state lies in the page's:
 // state.world = {number, laws, said}.
 import { campaign, zip } from "../play/campaign.js";
-import { EFFECTS, MOST, NOISE, NOTHING, choices, hidden, judged, keyOf, recording } from "../play/world.js";
+import { EFFECTS, MOST, NOISE, NOTHING, REACH, choices, hidden, judged, keyOf, recording } from "../play/world.js";
 import { number, t } from "../words.js";
 import { at } from "./draw.js";
 
@@ -15,11 +15,11 @@ const make = (tag, props = {}, ...children) => {
 const percent = (p) => (p > 0.999 ? `>\u00a0${number(99.9, 1)}` : p < 0.001 ? `<\u00a0${number(0.1, 1)}` : number(100 * p, p < 0.1 || p > 0.9 ? 1 : 0)) + "\u00a0%";
 export const anyWorld = () => ({ number: 1 + Math.floor(Math.random() * 9999), laws: [], said: "" });
 
-// An effect with its size: "extra mass on the motor, +85 g".
+// An effect with its size: "extra mass on the motor, +85 g"; one at the end of what the judge looks at has no uncertainty.
 function sized({ name, value, sigma }) {
   if (name === NOTHING) return t("e_nothing");
-  const [, , , , unit, times] = EFFECTS[name], digits = (v) => Math.max(0, 2 - Math.floor(Math.log10(Math.abs(v * times) || 1)));
-  const n = sigma ? digits(10 * sigma) : digits(value), shown = number(Math.abs(value) * times, n), about = sigma ? ` ± ${number(sigma * times, n)}` : "";
+  const [, , strong, , unit, times] = EFFECTS[name], edge = Math.abs(value) >= 0.999 * REACH * strong, digits = (v) => Math.max(0, 2 - Math.floor(Math.log10(Math.abs(v * times) || 1)));
+  const n = sigma ? digits(10 * sigma) : digits(value), shown = number(Math.abs(value) * times, n), about = sigma && !edge ? ` ± ${number(sigma * times, n)}` : "";
   return `${t(`e_${name}`)}, ${value < 0 ? "−" : "+"}${shown}${about}${unit && `\u00a0${unit}`}`;
 }
 
