@@ -52,7 +52,7 @@ def firefox():
         try:
             b = p.firefox.launch(channel="moz-firefox", executable_path=path, firefox_user_prefs=still)
             context = b.new_context(viewport={"width": 1280, "height": 800}, **given)
-        except playwright.Error as error:  # their BiDi commands are those of other versions (1.58 with Firefox 153 works)
+        except playwright.Error as error:  # other BiDi commands than this Firefox has; 1.58 drives Firefox 153
             pytest.skip(f"this playwright cannot drive {path}: {str(error).splitlines()[0]}")
         yield context
         b.close()

@@ -1,4 +1,4 @@
-"""The page's solvers in JavaScript against the package's: 1,000 random jumps, run with node; its sealed worlds; words."""
+"""The page's solvers in JavaScript against the package's, run with node: 1,000 random jumps; sealed worlds; words."""
 
 from __future__ import annotations
 

@@ -40,7 +40,8 @@ def kind_of(name: object) -> Kind:
 
 def spoken(name: str) -> str:
     """A name of a file as a person writes it: kinds of jump, parts of one, mechanisms."""
-    return {"pre_load": "preload", "push_off": "push-off", "re_intrusion": "re-intrusion"}.get(name, name.replace("_", " "))
+    written = {"pre_load": "preload", "push_off": "push-off", "re_intrusion": "re-intrusion"}
+    return written.get(name, name.replace("_", " "))
 
 
 @contextmanager

@@ -15,7 +15,19 @@ from jumpvision.diagnosis.jumper.jumps import PARTS
 from jumpvision.mechanisms.expression import parse
 from jumpvision.mechanisms.own import LONG_AGO
 from jumpvision.mechanisms.record import STATE
-from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL, QUIET, SIGNED, kind_of, lettered, spoken, styled
+from jumpvision.report.style import (
+    ACCENT,
+    GREEN,
+    MAP,
+    MEASURED,
+    MODEL,
+    QUIET,
+    SIGNED,
+    kind_of,
+    lettered,
+    spoken,
+    styled,
+)
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Cell, Discovered
 
@@ -24,7 +36,7 @@ from .pictures import png
 BARS = 7  # models shown
 ROWS = 12  # recordings shown
 POINTS = 121  # of a law along each argument
-SYMBOLS = {"C": "$C$", "mu": r"$\mu$", "theta": r"$\theta$", "k1": "$k_1$", "k2": "$k_2$", "delta": r"$\delta$", "b": "$b$"}
+SYMBOLS = {"C": "$C$", "b": "$b$", "k1": "$k_1$", "k2": "$k_2$"} | {n: rf"$\{n}$" for n in ("mu", "theta", "delta")}
 CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 

@@ -92,7 +92,9 @@ QUANTITIES: Mapping[str, str] = {
 }
 
 
-SYMBOLS = dict(alpha="α", beta="β", delta="δ", lam="λ", mu="μ", phi="φ", sigma="σ", tau="τ", theta="θ", zeta="ζ")
+SYMBOLS = dict(
+    zip(["alpha", "beta", "delta", "lam", "mu", "phi", "sigma", "tau", "theta", "zeta"], "αβδλμφστθζ", strict=True)
+)
 SYMBOL = re.compile(rf"(?<![\w-])({'|'.join(SYMBOLS)})(?![\w-])")
 POWER = re.compile(r"(\d)e([+-]?)0*(\d+)\b")
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -1,10 +1,12 @@
 // The panel of a sealed world: recordings, the answer, and what the judge says. Its state lies in the page's:
 // state.world = {number, laws, said}.
+import page from "../page.js";
 import { campaign, zip } from "../play/campaign.js";
 import { EFFECTS, MOST, NOISE, NOTHING, REACH, choices, hidden, judged, keyOf, recording } from "../play/world.js";
 import { number, t } from "../words.js";
 import { at } from "./draw.js";
 
+const FEW = 4; // jumps that a diagnosis needs
 const KNOWN = 0.95, OPEN = 0.05; // shares of the evidence: an effect is shown, is not ruled out
 const fine = (v) => `${number(v * 1e3, 2)}\u00a0mm`;
 const make = (tag, props = {}, ...children) => {
@@ -111,10 +113,33 @@ export class Sealed {
       bar.style.width = `${60 * e.p}%`;
       return [make("dt", { textContent: sized(e) }), make("dd", {}, bar, make("span", { textContent: percent(e.p) }))];
     });
-    const take = make("button", { type: "button", textContent: t("take") });
-    take.dataset.do = "take";
-    return [make("h2", { textContent: t("evidence") }), make("dl", { className: "evidence" }, ...bars), make("p", {}, take),
+    const button = (name, word, disabled = false) => {
+      const node = make("button", { type: "button", textContent: t(word), disabled });
+      node.dataset.do = name;
+      return node;
+    };
+    const few = state.world.laws.length < FEW, asked = this.diagnosis?.key === this.asked ? this.diagnosis.say() : "";
+    return [make("h2", { textContent: t("evidence") }), make("dl", { className: "evidence" }, ...bars),
+      make("p", {}, ...(page.served ? [button("diagnose", "ask_diagnosis", few || Boolean(asked)), " "] : []), button("take", "take")),
+      make("p", { id: "diagnosis", textContent: page.served && few ? t("few", { n: FEW }) : asked }),
       make("p", { className: "note", textContent: t("take_note") })];
+  }
+
+  files({ ground, world } = this.state) {
+    return campaign(ground, world.number, world.laws.map((law) => ({ law, ...this.track({ ground, world }, law) })));
+  }
+
+  // The recordings questioned by the package itself, where it serves the page.
+  async diagnose() {
+    const told = (say) => { this.diagnosis = { key, say }; this.on.changed(); }, key = this.asked, word = (n) => (EFFECTS[n] ? t(`e_${n}`) : n.replaceAll("_", " "));
+    told(() => t("diagnosing"));
+    try {
+      const reply = await fetch("api/diagnose", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(this.files()) });
+      const said = await reply.json();
+      if (!reply.ok) throw new Error(said.problem);
+      const alike = (n) => (said.indistinguishable.find((s) => s.includes(n)) ?? [n]).map(word).join(` ${t("alike")} `);
+      told(() => (said.verdict === "adequate" ? t("diagnosed_adequate") : said.named.length ? t("diagnosed", { what: said.named.map(alike).join(", ") }) : t("diagnosed_none")));
+    } catch (e) { told(() => t("undiagnosed", { why: e.message })); }
   }
 
   record() {
@@ -137,8 +162,8 @@ export class Sealed {
   }
 
   take() {
-    const { ground, world } = this.state, files = campaign(ground, world.number, world.laws.map((law) => ({ law, ...this.track(this.state, law) })));
-    const link = make("a", { href: URL.createObjectURL(new Blob(zip(files), { type: "application/zip" })), download: `world-${ground}-${world.number}.zip` });
+    const { ground, world } = this.state;
+    const link = make("a", { href: URL.createObjectURL(new Blob(zip(this.files()), { type: "application/zip" })), download: `world-${ground}-${world.number}.zip` });
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   }
