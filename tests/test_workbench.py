@@ -374,6 +374,20 @@ def test_a_run_that_cannot_begin_says_so(tmp_path):
     assert run.said == "not run" and "does not exist" in "\n".join(run.lines)
 
 
+def test_frames_read_backwards_are_those_read_forwards(tmp_path, monkeypatch):
+    """Where a read back is slow, those before it are made on the way: each once, and the same."""
+    phone(tmp_path / "phone")
+    file, read = tmp_path / "phone" / CASES["phone"][0], []
+    there, back = Shown(file), Shown(file)
+    monkeypatch.setattr("jumpvision.browser.workbench.films.SLOW", 0.0)
+    monkeypatch.setattr(back, "_read", lambda i, real=back._read: read.append(i) or real(i))
+    forwards = [there.jpeg(i, 320) for i in range(60)]
+    assert [back._jpeg(i, 320) for i in range(59, -1, -1)] == forwards[::-1]
+    assert sorted(read) == list(range(60)) and back._slow
+    for film in (there, back):
+        film.close()
+
+
 # --- the page --------------------------------------------------------------------------------------------------------
 
 
