@@ -31,7 +31,7 @@ from jumpvision.report.pages.charts import heights_chart, marked
 from jumpvision.report.pages.drawings import INK as PEN
 from jumpvision.report.pages.drawings import drawing
 from jumpvision.report.pages.page import NAME, write_report
-from jumpvision.report.pages.quantities import fit_rows
+from jumpvision.report.pages.quantities import fit_rows, small, typeset
 from jumpvision.report.pages.words import experiment_words
 from jumpvision.report.style import MEASURED
 from jumpvision.results.fields import Column, ColumnGeometry
@@ -217,6 +217,44 @@ def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
         None, {"jump_height_m": 0.02, "sigma_m": 2e-5, "simulated_height_m": 0.01999}, Fits({})
     )
     assert said.endswith("the model says 19.99 mm, the same within 2σ.") and facts[1][0] == "−0.010 ± 0.020"
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("mu = -1.2 (-1.3 to -1.1), theta = 1.05", "μ = −1.2 (−1.3 to −1.1), θ = 1.05"),
+        ("dg = -0.4916 m/s^2, 4.86e+03 N/m^3, 1.03e-05 s", "dg = −0.4916 m/s², 4.86 × 10³ N/m³, 1.03 × 10⁻⁵ s"),
+        ("beta [deg]", "β [°]"),
+        ("true phi", "true φ"),
+        ("jump-2, theta-3, mu_cone, alphabet, 2e", "jump-2, theta-3, mu_cone, alphabet, 2e"),  # names stay
+    ],
+)
+def test_a_table_is_typeset(text, shown):
+    assert typeset(text) == shown == typeset(shown)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "shown"),
+    [
+        (2.01e-4, "kg", "201 mg"),
+        (0.0312, "kg", "31.2 g"),
+        (1.03e-5, "s", "10.3 μs"),
+        (0.00198, "N", "1.98 mN"),
+        (4860.0, "N/m^3", "4860 N/m³"),
+        (0.00331, "N s/m", "0.00331 N s/m"),
+        (2.5e7, "N/m^3", "2.5 × 10⁷ N/m³"),
+    ],
+)
+def test_a_strength_is_said_in_the_unit_of_its_size(value, unit, shown):
+    assert small(value, unit) == shown
+
+
+def test_half_a_foot_is_said_where_its_mass_stands():
+    mass = Fits({"added_mass_kg": Estimate(0.073, 0.001, "kg", 7, math.nan)})
+    assert [experiment_words(None, {}, mass, whole=w)[1][0][2] for w in (False, True)] == [
+        "grains that move with the foot, at most (half foot, as filmed)",
+        "grains that move with the foot, at most (whole foot)",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -220,7 +220,7 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
         fits |= Intrusion.load(folder).fits.estimates
     crater = json_of(folder / "crater.json")
     volume = {"volume_m3": Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)} if crater else {}
-    sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume))
+    sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume), whole=whole_disc(folder))
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")
     text = template("experiment.html.j2").render(
