@@ -366,7 +366,7 @@ def test_a_saved_jump_comes_back(open_page):
 def test_challenges_are_judged_by_the_numbers(open_page):
     page = open_page(reduced_motion="reduce")
     page.locator("#challenge").select_option("beat")
-    assert page.inner_text("#judged").startswith("Not yet: 41.0")
+    until(page, "document.querySelector('#judged').textContent.startsWith('Not yet: 41.0')")
     page.locator("#s-phase-n").fill("0.5")
     page.locator("#s-frequency-n").fill("10.94")
     page.locator("#s-delay-n").fill("41.8")

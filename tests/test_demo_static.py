@@ -239,7 +239,7 @@ def test_the_judge_finds_what_a_world_hides(page_folder):
     standard normal: the sum of their squares within the 99.9 % limits of chi^2."""
     from scipy.stats import chi2
 
-    found = worlds(page_folder, "hard", range(40), 2) + worlds(page_folder, "granular", range(5), 1)
+    found = worlds(page_folder, "hard", range(30), 2) + worlds(page_folder, "granular", range(3), 1)
     assert len({w["hidden"]["name"] for w in found}) >= 7
     pulls = judged_rightly(found)
     low, high = chi2.ppf((0.0005, 0.9995), pulls.size)

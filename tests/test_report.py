@@ -261,8 +261,8 @@ def test_half_a_foot_is_said_where_its_mass_stands():
     ("true", "said"),
     # C = 2.7, 90 % from 2.4 to 3.0: sigma 0.3 / 1.645 = 0.182, 95 % to 3.057; by film 2.6 ± 0.1, 95 % to 2.796
     [(2.75, ("C = 2.75; all inside 95 %", "inside 95 %")),
-     (3.03, ("C = 3.03; all inside 95 %", "outside 95 % (4.3 sigma) by film")),
-     (3.10, ("C = 3.10; C outside 95 % (2.2 sigma)", "outside 95 % (5.0 sigma) by film; outside 95 % (2.0 sigma) by"))],
+     (3.03, ("C = 3.03; all inside 95 %", "outside 95 % (4.3 σ) by film")),
+     (3.10, ("C = 3.10; C outside 95 % (2.2 σ)", "outside 95 % (5.0 σ) by film; outside 95 % (2.0 σ) by"))],
 )  # fmt: skip
 def test_the_truth_stands_beside_the_named_parameters_only_where_it_is_stated(tmp_path, true, said):
     campaign, outcomes, results = campaign_of(tmp_path)
