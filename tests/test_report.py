@@ -612,6 +612,23 @@ def test_plots_are_dark_where_the_page_is(tmp_path, open_page):
     assert shades[0] < 200 < 600 < shades[1]
 
 
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        (390, "dark"),
+        *(pytest.param(*c, marks=pytest.mark.long) for c in ((390, "light"), (1280, "light"), (1280, "dark"))),
+    ],
+)
+def test_no_finding_of_axe(pages, open_page, width, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
+    for which in (NAME, f"stutter-1/{NAME}"):
+        page = open_page(pages / which, width, 800, color_scheme=scheme)
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+        page.wait_for_timeout(300)
+        found = axe.Axe().run(page).response["violations"]
+        assert [(v["id"], [n["html"] for n in v["nodes"]]) for v in found] == []
+
+
 def test_residuals_have_ticks_to_be_read_by(pages, open_page):
     page = open_page(pages / "stutter-1" / NAME)
     across = "[...document.querySelectorAll('.plot')].map(p => p.querySelectorAll('path.grid[d*=H]').length)"

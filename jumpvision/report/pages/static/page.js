@@ -86,7 +86,7 @@ function table(spec) {
     for (const t of tables(spec)) {
       const text = [t.head, ...t.rows].map((r) => r.map(csv).join(",")).join("\n"), part = document.createElement("div");
       const cell = (v) => (typeof v === "number" ? said(v, 6) : esc(v ?? ""));
-      part.innerHTML = `<h4>${esc(t.title)} <a download="${esc(t.title.replaceAll(/[^\w]+/g, "_"))}.csv" href="data:text/csv;charset=utf-8,${encodeURIComponent(text)}">save as CSV</a></h4>
+      part.innerHTML = `<p class="part">${esc(t.title)} <a download="${esc(t.title.replaceAll(/[^\w]+/g, "_"))}.csv" href="data:text/csv;charset=utf-8,${encodeURIComponent(text)}">save as CSV</a></p>
         <div class="wide low" tabindex="0"><table><thead><tr>${t.head.map((h) => `<th scope="col">${esc(h)}</th>`).join("")}</tr></thead>
         <tbody>${t.rows.map((r) => `<tr>${r.map((v) => `<td>${cell(v)}</td>`).join("")}</tr>`).join("")}</tbody></table></div>`;
       out.append(part);

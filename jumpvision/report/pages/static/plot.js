@@ -59,7 +59,7 @@ function folds(name, most) {
 class Panel {
   constructor(chart, spec, host) {
     Object.assign(this, { chart, spec, host, zoom: null, cursor: null });
-    host.innerHTML = `<h4>${esc(spec.title)}</h4><div class="plot"></div><p class="tip" role="status"></p>`;
+    host.innerHTML = `<p class="part">${esc(spec.title)}</p><div class="plot"></div><p class="tip" role="status"></p>`;
     this.plot = host.querySelector(".plot");
     this.tip = host.querySelector(".tip");
     this.plot.tabIndex = 0;
