@@ -36,6 +36,28 @@ def browser():
         b.close()
 
 
+@pytest.fixture(scope="module")
+def firefox():
+    """A stock Firefox over WebDriver BiDi, as a context with nothing emulated; playwright's own build is not needed."""
+    playwright = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed: pip install playwright"
+    )
+    names = ("firefox", "firefox-esr")
+    path = os.environ.get("JUMPVISION_FIREFOX") or next(filter(None, map(shutil.which, names)), None)
+    if path is None:
+        pytest.skip("no firefox or firefox-esr in PATH; JUMPVISION_FIREFOX may name one")
+    with playwright.sync_playwright() as p:
+        still = {"ui.prefersReducedMotion": 1}
+        given = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors", "contrast"), "null")
+        try:
+            b = p.firefox.launch(channel="moz-firefox", executable_path=path, firefox_user_prefs=still)
+            context = b.new_context(viewport={"width": 1280, "height": 800}, **given)
+        except playwright.Error as error:  # other BiDi commands than this Firefox has; 1.58 drives Firefox 153
+            pytest.skip(f"this playwright cannot drive {path}: {str(error).splitlines()[0]}")
+        yield context
+        b.close()
+
+
 @pytest.fixture
 def lammps_peer():
     """The module that runs LAMMPS beside ours."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 import xarray as xr
 from test_report import KINDS, campaign_of, diagnosis_of, grains_into
 
+import jumpvision
 from jumpvision.campaign.folder import jumps_table, write_jumps
 from jumpvision.cli import main
 from jumpvision.report.catalogue import available
@@ -18,6 +20,7 @@ from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL,
 from jumpvision.report.style import KINDS as LOOKS
 
 POINT = 25.4 / 72  # mm
+PACKAGE = Path(jumpvision.__file__).parent
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +63,13 @@ def test_a_campaign_an_experiment_and_a_sweep_list_what_they_have(results, sweep
     assert listed(results / "stutter-1") == ["tracks", *grains]
     assert listed(results / "single-0") == ["tracks"]
     assert listed(sweep) == listed(sweep / "sweep.nc") == ["sweep-map"]
+
+
+def test_no_letter_is_drawn_that_print_fonts_lack():
+    """Arial, Helvetica and their like have no small digits below the line: those are set by mathtext."""
+    drawing = [f for folder in ("figures", "studies") for f in (PACKAGE / "report" / folder).glob("*.py")]
+    assert len(drawing) > 10
+    assert [f.name for f in drawing if re.search("[\u2080-\u209c]", f.read_text(encoding="utf-8"))] == []
 
 
 def test_every_figure_is_as_wide_as_a_column_or_a_page(drawn):

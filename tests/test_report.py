@@ -31,7 +31,7 @@ from jumpvision.report.pages.charts import heights_chart, marked
 from jumpvision.report.pages.drawings import INK as PEN
 from jumpvision.report.pages.drawings import drawing
 from jumpvision.report.pages.page import NAME, write_report
-from jumpvision.report.pages.quantities import fit_rows
+from jumpvision.report.pages.quantities import fit_rows, small, typeset
 from jumpvision.report.pages.words import experiment_words
 from jumpvision.report.style import MEASURED
 from jumpvision.results.fields import Column, ColumnGeometry
@@ -220,17 +220,55 @@ def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
 
 
 @pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("mu = -1.2 (-1.3 to -1.1), theta = 1.05", "μ = −1.2 (−1.3 to −1.1), θ = 1.05"),
+        ("dg = -0.4916 m/s^2, 4.86e+03 N/m^3, 1.03e-05 s", "dg = −0.4916 m/s², 4.86 × 10³ N/m³, 1.03 × 10⁻⁵ s"),
+        ("beta [deg]", "β [°]"),
+        ("true phi", "true φ"),
+        ("jump-2, theta-3, mu_cone, alphabet, 2e", "jump-2, theta-3, mu_cone, alphabet, 2e"),  # names stay
+    ],
+)
+def test_a_table_is_typeset(text, shown):
+    assert typeset(text) == shown == typeset(shown)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "shown"),
+    [
+        (2.01e-4, "kg", "201 mg"),
+        (0.0312, "kg", "31.2 g"),
+        (1.03e-5, "s", "10.3 μs"),
+        (0.00198, "N", "1.98 mN"),
+        (4860.0, "N/m^3", "4860 N/m³"),
+        (0.00331, "N s/m", "0.00331 N s/m"),
+        (2.5e7, "N/m^3", "2.5 × 10⁷ N/m³"),
+    ],
+)
+def test_a_strength_is_said_in_the_unit_of_its_size(value, unit, shown):
+    assert small(value, unit) == shown
+
+
+def test_half_a_foot_is_said_where_its_mass_stands():
+    mass = Fits({"added_mass_kg": Estimate(0.073, 0.001, "kg", 7, math.nan)})
+    assert [experiment_words(None, {}, mass, whole=w)[1][0][2] for w in (False, True)] == [
+        "grains that move with the foot, at most (half foot, as filmed)",
+        "grains that move with the foot, at most (whole foot)",
+    ]
+
+
+@pytest.mark.parametrize(
     ("true", "said"),
     # C = 2.7, 90 % from 2.4 to 3.0: sigma 0.3 / 1.645 = 0.182, 95 % to 3.057; by film 2.6 ± 0.1, 95 % to 2.796
     [(2.75, ("C = 2.75; all inside 95 %", "inside 95 %")),
-     (3.03, ("C = 3.03; all inside 95 %", "outside 95 % (4.3 sigma) by film")),
-     (3.10, ("C = 3.10; C outside 95 % (2.2 sigma)", "outside 95 % (5.0 sigma) by film; outside 95 % (2.0 sigma) by"))],
+     (3.03, ("C = 3.03; all inside 95 %", "outside 95 % (4.3 σ) by film")),
+     (3.10, ("C = 3.10; C outside 95 % (2.2 σ)", "outside 95 % (5.0 σ) by film; outside 95 % (2.0 σ) by"))],
 )  # fmt: skip
 def test_the_truth_stands_beside_the_named_parameters_only_where_it_is_stated(tmp_path, true, said):
     campaign, outcomes, results = campaign_of(tmp_path)
     rows = jumps_table(campaign, outcomes)
     recorded = write_report(campaign, outcomes, rows, results, single=False, diagnosis=diagnosis_of(rows)).read_text()
-    assert "Measured by films or tests" in recorded and "2.60 ± 0.10" in recorded and "-0.4" in recorded
+    assert "Measured by films or tests" in recorded and "2.60 ± 0.10" in recorded and "−0.4" in recorded
     assert ">true<" not in recorded and "95 %" not in recorded
     truth = {"terms": ["added_mass"], "parameters": {"C": true}}
     (campaign.path / "truth.json").write_text(json.dumps(truth))  # the page is made anew though no result changed
@@ -572,6 +610,23 @@ def test_plots_are_dark_where_the_page_is(tmp_path, open_page):
         for scheme in ("light", "dark")
     ]
     assert shades[0] < 200 < 600 < shades[1]
+
+
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        (390, "dark"),
+        *(pytest.param(*c, marks=pytest.mark.long) for c in ((390, "light"), (1280, "light"), (1280, "dark"))),
+    ],
+)
+def test_no_finding_of_axe(pages, open_page, width, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
+    for which in (NAME, f"stutter-1/{NAME}"):
+        page = open_page(pages / which, width, 800, color_scheme=scheme)
+        page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+        page.wait_for_timeout(300)
+        found = axe.Axe().run(page).response["violations"]
+        assert [(v["id"], [n["html"] for n in v["nodes"]]) for v in found] == []
 
 
 def test_residuals_have_ticks_to_be_read_by(pages, open_page):

@@ -359,10 +359,33 @@ def test_a_campaign_is_opened_one_experiment_at_a_time(tmp_path, served):
     assert s.benches.whole == tmp_path
 
 
+def test_of_a_campaign_the_first_experiment_with_a_film_is_opened(tmp_path, served):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "experiment.toml").write_text('schema = 1\n[motor_log]\nfile = "motor.csv"\n')
+    (tmp_path / "a" / "motor.csv").write_text("time_s,position_m\n0,0\n0.1,0\n")
+    falling(tmp_path / "b", n=8)
+    assert asked(served(tmp_path), "/api/state")[1]["name"] == "b"
+    assert asked(served(tmp_path / "a"), "/api/state")[1]["films"] == []
+
+
 def test_a_run_that_cannot_begin_says_so(tmp_path):
     run = Running(tmp_path / "none")
     until(lambda: not run.running)
     assert run.said == "not run" and "does not exist" in "\n".join(run.lines)
+
+
+def test_frames_read_backwards_are_those_read_forwards(tmp_path, monkeypatch):
+    """Where a read back is slow, those before it are made on the way: each once, and the same."""
+    phone(tmp_path / "phone")
+    file, read = tmp_path / "phone" / CASES["phone"][0], []
+    there, back = Shown(file), Shown(file)
+    monkeypatch.setattr("jumpvision.browser.workbench.films.SLOW", 0.0)
+    monkeypatch.setattr(back, "_read", lambda i, real=back._read: read.append(i) or real(i))
+    forwards = [there.jpeg(i, 320) for i in range(60)]
+    assert [back._jpeg(i, 320) for i in range(59, -1, -1)] == forwards[::-1]
+    assert sorted(read) == list(range(60)) and back._slow
+    for film in (there, back):
+        film.close()
 
 
 # --- the page --------------------------------------------------------------------------------------------------------
@@ -524,6 +547,15 @@ def test_clicks_on_sand_become_foot_part_polygon_and_floor(tmp_path, browser, se
     assert p.said == []
 
 
+def test_an_experiment_without_a_film_says_so(tmp_path, browser, served):
+    (tmp_path / "experiment.toml").write_text('schema = 1\n[motor_log]\nfile = "motor.csv"\n')
+    (tmp_path / "motor.csv").write_text("time_s,position_m\n0,0\n0.1,0\n")
+    p = Page(browser, served(tmp_path))
+    assert "no film or picture" in p.page.inner_text("#hint") and p.page.locator("#tab-run").is_visible()
+    assert not p.page.locator("#tab-scale").is_visible() and p.page.locator("#write").is_visible()
+    assert p.said == []
+
+
 @pytest.mark.parametrize(
     ("width", "scheme"),
     [(1280, "light"), *(pytest.param(*c, marks=LONG) for c in ((1280, "dark"), (820, "light"), (820, "dark")))],
@@ -554,8 +586,9 @@ def test_the_campaign_is_run_by_its_button(hard, browser, served):
 
 @pytest.mark.long
 def test_scrubbing_and_controls_answer_in_time(tmp_path, browser, served):
-    """1280 x 1024 px: 20 frames a second under a moving hand, and 95 % of what is typed answered within 0.1 s."""
-    if os.getloadavg()[0] > (os.cpu_count() or 1):
+    """1280 x 1024 px: 20 different frames a second under a moving hand, 95 % of what is typed answered within 0.1 s.
+    Met at three times as many programs as processors (32 frames a second or more); above that they are measured."""
+    if os.getloadavg()[0] > 3.5 * (os.cpu_count() or 1):
         pytest.skip(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores: times would be those of other programs")
     rng = np.random.default_rng(1)
     film = rng.integers(20, 60, (200, 1024, 1280), dtype=np.uint8)
@@ -564,10 +597,12 @@ def test_scrubbing_and_controls_answer_in_time(tmp_path, browser, served):
     np.save(tmp_path / "rod.npy", film)
     p = Page(browser, served(tmp_path))
     scrub = """async () => {
-      const s = document.getElementById('scrub'), t = performance.now(), d = workbench.player.drawn;
+      const s = document.getElementById('scrub'), t = performance.now();
+      let seen = 0, last = -1;
       for (let k = 0; performance.now() - t < 4000; k++) { s.value = Math.floor(s.max * (0.5 - 0.5 * Math.cos(k / 40)));
-        s.dispatchEvent(new Event('input')); await new Promise(requestAnimationFrame); }
-      return (workbench.player.drawn - d) / 4; }"""
+        s.dispatchEvent(new Event('input')); await new Promise(requestAnimationFrame);
+        if (workbench.player.shown !== last) { seen++; last = workbench.player.shown; } }
+      return seen / 4; }"""
     assert p.page.evaluate(scrub) >= 20
     control = """async () => { const field = [...document.querySelectorAll('#step-scale label')].find((l) =>
         l.textContent === 'Frame rate [1/s]' && l.offsetParent).control, out = [];

@@ -38,6 +38,12 @@ def kind_of(name: object) -> Kind:
     return KINDS.get(str(name), OTHER)
 
 
+def spoken(name: str) -> str:
+    """A name of a file as a person writes it: kinds of jump, parts of one, mechanisms."""
+    written = {"pre_load": "preload", "push_off": "push-off", "re_intrusion": "re-intrusion"}
+    return written.get(name, name.replace("_", " "))
+
+
 @contextmanager
 def styled() -> Iterator[Any]:
     """pyplot-free matplotlib in the house style; gives `matplotlib.figure.Figure`."""

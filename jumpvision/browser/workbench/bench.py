@@ -215,8 +215,10 @@ class Benches:
         if own and (folder.parent / CAMPAIGN).exists():
             self.whole = folder.parent
             self.folders = {f.name: f for f in sorted(folder.parent.iterdir()) if _holds_recordings(f)}
-        first = folder if own or not below else below[0]
-        self.bench, self.running = Bench(first, self.only), None  # type: Bench, Running | None
+        first = Bench(folder if own or not below else below[0], self.only)
+        if not own:  # of a campaign the first with a film, as there is more to do
+            first = next((b for b in map(Bench, below) if b.films), first) if not first.films else first
+        self.bench, self.running = first, None  # type: Bench, Running | None
         self._lock = threading.Lock()
 
     def state(self) -> State:

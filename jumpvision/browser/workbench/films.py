@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import OrderedDict
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from jumpvision.init.recognise import opened
 
 KEPT = 256 * 2**20  # bytes of encoded frames
 AHEAD = 48  # frames made ahead of the one that was asked for
+BEHIND = 32  # frames made together with one that lies before the last one read, where such a read is SLOW
+SLOW = 0.03  # s: a film that is decoded again from a key frame
 QUIET = 0.08  # s without a question, after which frames are made ahead
 QUALITY = 85  # of a JPEG
 WIDTHS = (64, 4096)  # px that may be asked for
@@ -34,6 +37,7 @@ class Shown:
         self._reading, self._keeping = threading.Lock(), threading.Lock()
         self._kept: OrderedDict[tuple[int, int], bytes] = OrderedDict()
         self._size, self._wanted, self._closed = 0, (0, 0), False
+        self._last, self._slow = -1, False  # frame read last; whether reading back is slow
         self._wake = threading.Event()
         self._low, self._high = self._range()
         threading.Thread(target=self._prepare, daemon=True).start()
@@ -46,7 +50,14 @@ class Shown:
         if not 0 <= i < len(self.film):
             raise InputError([f"{self.path}: frame = {i}: must be in [0, {len(self.film) - 1}]"])
         with self._reading:
-            return self.film[i]
+            return self._read(i)
+
+    def _read(self, i: int) -> NDArray[Any]:
+        back, began = i < self._last, time.perf_counter()
+        image = self.film[i]
+        self._slow = self._slow or (back and time.perf_counter() - began > SLOW)
+        self._last = i
+        return image
 
     def jpeg(self, i: int, width: int) -> bytes:
         """Frame i, no wider than `width` [px]; its neighbours ahead are made next."""
@@ -68,14 +79,22 @@ class Shown:
             if (i, width) in self._kept:
                 self._kept.move_to_end((i, width))
                 return self._kept[i, width]
+        if self._slow and 0 < i < self._last:  # a hand that goes back: those before it are decoded on the way
+            with self._reading:
+                for k in range(max(0, i - BEHIND), i):
+                    if (k, width) not in self._kept:
+                        self._keep(k, width, self._encoded(self._read(k), width))
         made = self._encoded(self.grey(i), width)
+        self._keep(i, width, made)
+        return made
+
+    def _keep(self, i: int, width: int, made: bytes) -> None:
         with self._keeping:
             if (i, width) not in self._kept:
                 self._kept[i, width] = made
                 self._size += len(made)
             while self._size > KEPT:
                 self._size -= len(self._kept.popitem(last=False)[1])
-        return made
 
     def _encoded(self, image: NDArray[Any], width: int) -> bytes:
         rows, columns = image.shape

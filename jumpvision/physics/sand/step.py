@@ -110,7 +110,7 @@ def middle(s: Array, s1: Array, k: Array, h: float, out: Array) -> None:
 
 
 RESONANT = 1e-6  # |1 - (forcing / natural frequency)^2| and damping both below: the form divides by zero
-STEPS_PER_PERIOD = 4  # of the oscillation in q: events are looked for twice a step, and between by a parabola
+STEPS_PER_PERIOD = 8  # of the oscillation in q: events are looked for twice a step, and between by a parabola
 
 # An arc: start, cosine and sine part of the oscillation, its decay and frequency, four numbers of the particular
 # solution (level, sine, cosine; or a cubic) and what follows a lag's transient in it, height and rate of the mass

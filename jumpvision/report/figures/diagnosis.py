@@ -15,7 +15,19 @@ from jumpvision.diagnosis.jumper.jumps import PARTS
 from jumpvision.mechanisms.expression import parse
 from jumpvision.mechanisms.own import LONG_AGO
 from jumpvision.mechanisms.record import STATE
-from jumpvision.report.style import ACCENT, GREEN, MAP, MEASURED, MODEL, QUIET, SIGNED, kind_of, styled
+from jumpvision.report.style import (
+    ACCENT,
+    GREEN,
+    MAP,
+    MEASURED,
+    MODEL,
+    QUIET,
+    SIGNED,
+    kind_of,
+    lettered,
+    spoken,
+    styled,
+)
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Cell, Discovered
 
@@ -24,11 +36,12 @@ from .pictures import png
 BARS = 7  # models shown
 ROWS = 12  # recordings shown
 POINTS = 121  # of a law along each argument
+SYMBOLS = {"C": "$C$", "b": "$b$", "k1": "$k_1$", "k2": "$k_2$"} | {n: rf"$\{n}$" for n in ("mu", "theta", "delta")}
 CYCLE = (GREEN, "#56B4E9", "#E69F00", MODEL, ACCENT, MEASURED, "#F0E442", QUIET)
 
 
 def diagnosis_picture(d: Findings, system: Jumper, data: Diagnosis) -> bytes:
-    """Nine panels for a discrepant model, three for an adequate one."""
+    """Nine panels for a discrepant model, three for an adequate one; (h) is of the jump in (b)."""
     with styled() as Figure:
         extended = bool(data.named)
         figure = Figure(figsize=(12.6, 10.4 if d.naming else 3.8), layout="constrained")
@@ -43,7 +56,7 @@ def diagnosis_picture(d: Findings, system: Jumper, data: Diagnosis) -> bytes:
             _energy(axes[6], data)
             _force(axes[7], d, system, extended)
             _films(axes[8], data)
-        return png(figure)
+        return png(lettered(figure))
 
 
 def gains(data: Diagnosis, Figure: Any) -> Any:
@@ -72,7 +85,7 @@ def study_picture(data: Diagnosis) -> bytes:
             axes[1].plot(worst.t, worst.measured - y, color=color, label=name, lw=0.8)
         axes[0].plot(worst.t, worst.measured, ".", ms=2, color=MEASURED, label="measured")
         axes[0].set(title=f"{worst.recording}", xlabel="time [s]", ylabel=worst.channel + unit)
-        axes[1].set(title="what is left there", xlabel="time [s]", ylabel="measured - simulated" + unit)
+        axes[1].set(title="what is left there", xlabel="time [s]", ylabel="measured − simulated" + unit)
         _study_where(axes[2], data)
         _study_bars(axes[3], [(" + ".join(c.mechanisms), c.probability) for c in data.models[:BARS]], "probability")
         several = len({x.channel for x in data.traces}) > 1
@@ -89,7 +102,7 @@ def study_picture(data: Diagnosis) -> bytes:
         axes[5].text(0.0, 1.0, "\n".join(x for x in text if x), va="top", transform=axes[5].transAxes)
         for ax in axes[:2]:
             ax.legend()
-        return png(figure)
+        return png(lettered(figure))
 
 
 def _study_where(ax: Any, data: Diagnosis) -> None:
@@ -119,10 +132,13 @@ def _heights(ax: Any, data: Diagnosis) -> None:
             ax.plot(after, measured, mark, ms=4.5, color=color)
         top = max(top, *measured, *before)
     ax.plot([0, top], [0, top], color=QUIET, lw=0.8, ls="--", label="equal")
-    ax.set(title="jump heights", xlabel="simulated [mm] (open; filled: extended)", ylabel="measured [mm]")
+    ax.plot([], [], "o", ms=6, mfc="none", color="black", label="simulated")
+    if any(np.isfinite(h.extended_m) for h in rows):
+        ax.plot([], [], "o", ms=4.5, color="black", label="extended")
+    ax.set(title="jump heights", xlabel="of a model [mm]", ylabel="measured [mm]")
     ax.set_xlim(0, None)
-    ax.set_ylim(0, 1.02 * top)
-    ax.legend(loc="upper left")
+    ax.set_ylim(0, 1.45 * top)  # the legend stands above the points
+    ax.legend(loc="upper left", ncols=2, columnspacing=1.0, handlelength=1.2)
 
 
 def _track(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
@@ -136,7 +152,7 @@ def _track(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
         after = system.predict(fit.mechanisms, fit.named, [worst])[0]
         ax.plot(o.t, 1e3 * (o.y - after), color=GREEN, label="extended")
     ax.axhspan(-2e3 * d.noise.s, 2e3 * d.noise.s, color=QUIET, alpha=0.3, lw=0, label="noise, ±2σ")
-    ax.set(title=f"residual, {o.name}", xlabel="time [s]", ylabel="measured - simulated [mm]")
+    ax.set(title=f"residual, {o.name}", xlabel="time [s]", ylabel="measured − simulated [mm]")
     ax.legend()
 
 
@@ -150,8 +166,8 @@ def _where(figure: Any, ax: Any, data: Diagnosis) -> None:
             z[kinds.index(c.kind), parts.index(c.phase_of_jump)] = 1e3 * c.mean_residual_m
     limit = max(float(np.nanmax(np.abs(z))) if np.isfinite(z).any() else 1.0, 1e-6)
     image = ax.imshow(z, cmap=SIGNED, vmin=-limit, vmax=limit, aspect="auto")
-    ax.set_xticks(range(len(parts)), [p.replace("_", " ") for p in parts], rotation=35, ha="right")
-    ax.set_yticks(range(len(kinds)), [k.replace("_", " ") for k in kinds])
+    ax.set_xticks(range(len(parts)), [spoken(p) for p in parts], rotation=35, ha="right")
+    ax.set_yticks(range(len(kinds)), [spoken(k) for k in kinds])
     ax.grid(False)
     ax.set_title("where: mean residual [mm]")
     stand_out = beyond(cells)
@@ -172,15 +188,23 @@ def beyond(cells: Sequence[Cell]) -> list[Cell]:
 def _causes(ax: Any, d: Findings) -> None:
     assert d.naming
     tried = d.naming.tried[:BARS]
-    names = [" + ".join(m.replace("_", " ") for m in e.mechanisms) or "baseline" for e in tried]
+    names = ["\n+ ".join(spoken(m) for m in e.mechanisms) or "baseline" for e in tried]
     score = [max(e.fit.chi2 / sum(r.size for r in e.fit.residuals), 1e-3) for e in tried]
     colors = [GREEN if e is d.naming.best and d.naming.named else QUIET for e in tried]
     ax.barh(range(len(tried)), score, color=colors)
-    ax.axvline(1.0, color="black", lw=0.8)
+    ax.axvline(1.0, color="black", lw=0.8, label="noise alone")
     ax.set_yticks(range(len(tried)), names)
     ax.invert_yaxis()
     ax.set_xscale("log")
-    ax.set(title="misfit of each explanation", xlabel="chi² per sample; 1 is noise alone")
+    if GREEN in colors:
+        ax.plot([], [], "s", color=GREEN, label="named")
+    ax.set(title="misfit of each explanation", xlabel=r"$\chi^2$ per sample")
+    under(ax)
+
+
+def under(ax: Any, column: float = 0.5) -> None:
+    """A legend below the axes, where nothing is drawn."""
+    ax.legend(loc="upper center", bbox_to_anchor=(column, -0.18), ncols=3, columnspacing=1.0, handlelength=1.2)
 
 
 def _gain(ax: Any, data: Diagnosis) -> None:
@@ -199,7 +223,7 @@ def _gain(ax: Any, data: Diagnosis) -> None:
     ax.set_xticks([0, 1], [p[0] for p in pairs])
     ax.set_yscale("log")
     low, high = g.ratio_ci95
-    ax.set(title=f"held out: {g.ratio:.1f}x better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
+    ax.set(title=f"held out: {g.ratio:.1f}× better\n({low:.1f} to {high:.1f})", ylabel="error, rms [mm]")
     ax.margins(y=0.25)
     ax.legend(loc="upper center", ncols=2)
 
@@ -211,11 +235,12 @@ def _scores(ax: Any, d: Findings) -> None:
         top[direction.mechanism] = max(top.get(direction.mechanism, 0.0), abs(float(z)))
     names = sorted(top, key=lambda m: -top[m])[: BARS + 3]
     ax.barh(range(len(names)), [top[m] for m in names], color=MEASURED)
-    ax.set_yticks(range(len(names)), [m.replace("_", " ") for m in names])
+    ax.set_yticks(range(len(names)), [spoken(m) for m in names])
     ax.invert_yaxis()
     ax.set_xscale("log")
-    ax.axvline(3.0, color="black", lw=0.8)
-    ax.set(title="scores on the baseline", xlabel="|z|; 3 is chance")
+    ax.axvline(3.0, color="black", lw=0.8, label="chance")
+    ax.set(title="scores on the baseline", xlabel="$|z|$")
+    under(ax)
 
 
 def _energy(ax: Any, data: Diagnosis) -> None:
@@ -233,7 +258,7 @@ def _energy(ax: Any, data: Diagnosis) -> None:
     ax.invert_yaxis()
     ax.axvline(0.0, color="black", lw=0.8)
     ax.set(title="the motor's work, by the apex", xlabel="energy [J]")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.3, -0.16), ncols=3, columnspacing=1.0, handlelength=1.2)
+    under(ax, 0.3)
 
 
 SMOOTH = 9  # frames, of the quadratic whose curvature is the acceleration
@@ -254,7 +279,7 @@ def _force(ax: Any, d: Findings, system: Jumper, extended: bool) -> None:
         force = jump.model.M * savgol_filter(r, SMOOTH, 2, deriv=2, delta=float(np.median(np.diff(o.t))))
         ax.plot(o.t[late], force[late], color=color, lw=1.0, label=name)
     ax.axhline(0.0, color=QUIET, lw=0.8)
-    ax.set(title=f"force missing on the rod, {o.name}", xlabel="time [s]", ylabel="mass x missed acceleration [N]")
+    ax.set(title="force missing on the rod in (b)", xlabel="time [s]", ylabel="mass × missed acceleration [N]")
     ax.legend()
 
 
@@ -274,11 +299,11 @@ def _films(ax: Any, data: Diagnosis) -> None:
         value, sigma = np.array(by).T / jumps
         ax.errorbar(value, place + shift, xerr=Z95 * np.abs(sigma), fmt="o", ms=5, capsize=3, color=color, label=label)
     apart = ["  contradict" if r.contradicts else "" for r in rows]
-    ax.set_yticks(place, [f"{r.quantity.replace('_', ' ')}{a}" for r, a in zip(rows, apart)])
+    ax.set_yticks(place, [f"{SYMBOLS.get(r.quantity, spoken(r.quantity))}{a}" for r, a in zip(rows, apart)])
     ax.axvline(1.0, color=QUIET, lw=0.8)
-    ax.invert_yaxis()
-    ax.set(title="measured by other means", xlabel="over the jumps' value; bars 95 %")
-    ax.legend()
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set(title="by other means", xlabel="over the jumps' value; bars 95 %")
+    under(ax)
 
 
 def heights(rows: Sequence[Mapping[str, Any]], Figure: Any) -> Any:

@@ -106,7 +106,7 @@ def flow_picture(flow: Flow, piv: Piv, column: Column | None) -> FlowPicture:
         if column is not None:
             draw_sides(first, column.field, i)
         band(second, field.t * 1e3, field.momentum, field.momentum_sigma, MEASURED)
-        second.set(title="grain momentum, downwards, ±2σ", xlabel="time [ms]", ylabel="$P$ [kg m/s]")
+        second.set(title="momentum, ±2σ", xlabel="time [ms]", ylabel="$P$ of the grains, downwards [kg m/s]")
         depth = field.foot_depth * 1e3
         third.errorbar(
             depth, field.added_mass * 1e3, field.added_mass_sigma * 1e3, fmt=".", color=MEASURED, lw=0.8, ms=4

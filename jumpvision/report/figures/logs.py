@@ -231,7 +231,8 @@ def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: Any) -> Any:
     for axis, name, factor in ((left, "actuator_ratio", 1.0), (right, "actuator_lag_s", 1e3)):
         value, sigma = np.array([r.fits[name] for r in rows]).T * factor
         axis.errorbar(f, value, 2 * sigma, fmt="o", ms=4, lw=0.8, color=MEASURED, label="measured, ±2σ")
-        axis.legend()
+        axis.legend(loc="upper center")  # lag is least certain at the ends
+        axis.margins(y=0.2)
         axis.set(xlabel="frequency [Hz]")
     if np.isfinite(found.gain.value):
         left.axhline(found.gain.value / np.sqrt(2), color=QUIET, lw=0.8, ls="--", label="−3 dB")

@@ -42,7 +42,7 @@ def disc_picture(runs: Sequence[xr.Dataset], bed: DiscBed, numbers: DiscNumbers)
         left.set(title="front below the face", ylabel="[mm]")
         middle.axhline(60.0, color=QUIET, lw=0.8, ls="--")
         middle.axvspan(1e3 * CONSTANT * bed.stroke, 1e3 * bed.stroke, color=QUIET, alpha=0.15, lw=0)
-        middle.set(title=f"θ = {told(numbers.theta_deg, numbers.theta_sigma_deg)}°", ylabel="angle of the sides [deg]")
+        middle.set(title=f"θ = {told(numbers.theta_deg, numbers.theta_sigma_deg)}°", ylabel="angle of the sides [°]")
         right.set(title="added mass; the plug alone (orange)", ylabel="[kg]", ylim=(0.0, None))
         for axis in (left, middle, right):
             axis.set_xlabel("depth of the foot [mm]")
@@ -107,7 +107,7 @@ def foot_picture(triangles: Array, found: pd.DataFrame, foot: Foot) -> bytes:
             else:
                 angle = "tilt_deg" if found.tilt_deg.nunique() > 1 else "attack_deg"
                 axis.plot(found[angle], found[name], ".-", color=MEASURED)
-                axis.set_xlabel(f"{angle.split('_')[0]} [deg]")
+                axis.set_xlabel(f"{angle.split('_')[0]} [°]")
             axis.set(title=title, ylabel="[N m]" if name == "Ty_Nm" else "[N]")
         if len(kinds) > 1:
             panels[0].legend(fontsize=7)

@@ -281,8 +281,9 @@ def draw_beta(axis: Any, fits: Fits, of: Data) -> None:
     axis.errorbar(c.foot_depth * 1e3, c.beta_deg, c.beta_deg_sigma, fmt=".", lw=0.7, color=MEASURED)
     if b := fits.known("beta_deg"):
         axis.axhline(b.value, color=MODEL, label=f"mean {measured(b.value, b.sigma)}°")
-        axis.legend()
-    axis.set(title=r"$\beta = \arcsin a^{\Delta z}$", xlabel="foot depth [mm]", ylabel=r"$\beta$ [deg]")
+        axis.legend(loc="upper center")  # least certain where the foot is slow: at the ends
+    axis.margins(y=0.2)
+    axis.set(title=r"$\beta = \arcsin a^{\Delta z}$", xlabel="foot depth [mm]", ylabel=r"$\beta$ [°]")
 
 
 def draw_front(axis: Any, fits: Fits, of: Data) -> None:
@@ -314,7 +315,7 @@ def draw_theta(axis: Any, fits: Fits, of: Data) -> None:
     if theta := fits.known("theta_deg"):
         axis.axhline(theta.value, color=MODEL, label=f"mean {measured(theta.value, theta.sigma)}°")
     axis.legend()
-    axis.set(title=r"$\theta$ of the cone", xlabel="foot depth [mm]", ylabel=r"$\theta$ [deg]", ylim=(30, 90))
+    axis.set(title=r"$\theta$ of the cone", xlabel="foot depth [mm]", ylabel=r"$\theta$ [°]", ylim=(30, 90))
 
 
 def draw_cone(axis: Any, fits: Fits, of: Data) -> None:

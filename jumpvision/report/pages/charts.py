@@ -10,13 +10,14 @@ from typing import Any, NotRequired, TypedDict, Unpack
 import numpy as np
 
 from jumpvision.diagnosis.detect import LEVEL
+from jumpvision.diagnosis.jumper.jumps import PARTS
 from jumpvision.report.figures.diagnosis import beyond
-from jumpvision.report.style import kind_of
+from jumpvision.report.style import kind_of, spoken
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Cell, Gain
 from jumpvision.results.values import Fits
 
-from .quantities import mechanism_words
+from .quantities import mechanism_words, typeset
 
 Numbers = list[float | None]
 
@@ -233,7 +234,7 @@ def diagnosis_charts(d: Diagnosis | None) -> list[Chart]:
             [c.probability for c in d.causes],
             range(len(d.causes)),
             kind="bars",
-            label=[c.words for c in d.causes],
+            label=[typeset(c.words) for c in d.causes],
         )
         mechanisms = axis("mechanism", names=[mechanism_words(c.mechanism) for c in d.causes])
         panels.append(
@@ -270,12 +271,13 @@ def gain_panel(g: Gain) -> Panel:
 def where_panel(cells: Sequence[Cell]) -> Panel:
     """Mean residual by kind and part of the jump, as a map."""
     kinds = sorted({c.kind for c in cells})
-    parts = list(dict.fromkeys(c.phase_of_jump for c in cells))
+    there = {c.phase_of_jump for c in cells}
+    parts = [p for p in PARTS if p in there] + sorted(there - set(PARTS))
     z: list[Numbers] = [[None] * len(parts) for _ in kinds]
     dots, stand_out = [], beyond(cells)
     for c in cells:
         j, i = kinds.index(c.kind), parts.index(c.phase_of_jump)
-        z[j][i] = numbers([c.mean_residual_m], 1e3, 3)[0]
+        z[j][i] = numbers([round(1e3 * c.mean_residual_m, 3)], digits=3)[0]
         if c in stand_out:
             dots.append((i, j))
     top = max((abs(v) for row in z for v in row if v is not None), default=1.0) or 1.0
@@ -293,8 +295,8 @@ def where_panel(cells: Sequence[Cell]) -> Panel:
     }
     return panel(
         "where: mean of measured − simulated [mm]",
-        axis("part of the jump", names=[p.replace("_", " ") for p in parts]),
-        axis("kind", names=[k.replace("_", " ") for k in kinds]),
+        axis("part of the jump", names=[spoken(p) for p in parts]),
+        axis("kind", names=[spoken(k) for k in kinds]),
         [drawn],
         height=90 + 44 * len(kinds),
         share=1.3,

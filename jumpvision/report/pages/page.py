@@ -43,7 +43,7 @@ from jumpvision.workflow.run import Outcome
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
 from .drawings import drawing
 from .experiment_charts import experiment_charts, whole_disc
-from .quantities import HALF, WHOLE, fit_rows, mechanism_words
+from .quantities import HALF, WHOLE, fit_rows, mechanism_words, small, typeset
 from .words import campaign_words, experiment_words, film, inline, noise_words, poster, preview
 
 NAME = "report.html"
@@ -137,16 +137,16 @@ def write_campaign(
         causes=causes_shown(diagnosis, truth) if diagnosis else [],
         synthetic=truth is not None,
         detectable=detectable_shown(diagnosis) if diagnosis else [],
-        beside=confirmation_rows(diagnosis, campaign) if diagnosis else [],
+        beside=typeset_rows(confirmation_rows(diagnosis, campaign)) if diagnosis else [],
         noise=noise_words(diagnosis.noise) if diagnosis else "",
         confirmed=diagnosis.confirmed if diagnosis else None,
         model=diagnosis,
         critical=drawing(critical, craters, crossing) if packed else None,
         intrusions=drawing(resistances, intruded, intrusion_laws(intruded)) if intruded else None,
         actuator=drawing(actuator, motors, actuator_bandwidth(motors)) if swept else None,
-        table=linked(overview(campaign, outcomes), outcomes),
-        details=filmed_foot(details(campaign, outcomes), outcomes),
-        chance=coverage_words(campaign, outcomes),
+        table=linked(typeset_rows(overview(campaign, outcomes)), outcomes),
+        details=typeset_rows(filmed_foot(details(campaign, outcomes), outcomes)),
+        chance=typeset(coverage_words(campaign, outcomes)),
         shown=shown,
         previews=[
             {"src": preview(shown.results / f), "heading": PICTURES.get(f, ("Intrusion", ""))[0]}
@@ -163,6 +163,12 @@ def write_campaign(
     write_aside(results / NAME, text)
 
 
+def typeset_rows(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+    """Rows as a page shows them; names of experiments stay."""
+    kept = ("experiment", "source")
+    return [{typeset(k): v if k in kept else typeset(v or "") for k, v in row.items()} for row in rows]
+
+
 def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dict[str, str]]:
     """The rows with the foot that an added mass is of: half of one at the wall, or the whole."""
     whole = {o.name: whole_disc(o.results) for o in outcomes}
@@ -175,10 +181,13 @@ def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dic
 
 def detectable_shown(d: Diagnosis) -> list[dict[str, str]]:
     """Rows: what is not named, and the strength from which it would have shown."""
-    known = [x for x in d.detectable if math.isfinite(x.value)]
-    units = ["" if x.unit == "1" else f" {x.unit}" for x in known]
     return [
-        {"mechanism": mechanism_words(x.mechanism), "from": strength(x.value) + unit} for x, unit in zip(known, units)
+        {
+            "mechanism": mechanism_words(x.mechanism),
+            "from": typeset(strength(x.value)) if x.unit == "1" else small(x.value, x.unit),
+        }
+        for x in d.detectable
+        if math.isfinite(x.value)
     ]
 
 
@@ -188,10 +197,10 @@ def causes_shown(diagnosis: Diagnosis, truth: Truth | None) -> list[dict[str, st
         {
             "mechanism": " and ".join(mechanism_words(m) for m in c.mechanisms),
             "probability": "< 0.001" if c.probability < 5e-4 else f"{c.probability:.3f}",
-            "gain": f"{c.delta_score:.0f}",
-            "words": c.words,
-            "meanings": "; ".join(f"{n}: {PARAMETERS[n].meaning}" for n in c.parameters if n in PARAMETERS),
-            "true": true_parameters(c, truth) if truth and diagnosis.names(c) else "",
+            "gain": typeset(f"{c.delta_score:.3g}"),
+            "words": typeset(c.words),
+            "meanings": typeset("; ".join(f"{n}: {PARAMETERS[n].meaning}" for n in c.parameters if n in PARAMETERS)),
+            "true": typeset(true_parameters(c, truth)) if truth and diagnosis.names(c) else "",
         }
         for c in diagnosis.models
     ]
@@ -211,7 +220,7 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
         fits |= Intrusion.load(folder).fits.estimates
     crater = json_of(folder / "crater.json")
     volume = {"volume_m3": Estimate(crater["volume_m3"], crater["sigma_m3"], "m3", 1, math.nan)} if crater else {}
-    sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume))
+    sentence, facts = experiment_words(law, outcome.summary, Fits(fits | volume), whole=whole_disc(folder))
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")
     text = template("experiment.html.j2").render(

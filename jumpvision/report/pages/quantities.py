@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -89,6 +90,40 @@ QUANTITIES: Mapping[str, str] = {
     "spring_hysteresis_N": "half width of the spring's loop",
     "volume_m3": "volume change of the crater",
 }
+
+
+SYMBOLS = dict(
+    zip(["alpha", "beta", "delta", "lam", "mu", "phi", "sigma", "tau", "theta", "zeta"], "αβδλμφστθζ", strict=True)
+)
+SYMBOL = re.compile(rf"(?<![\w-])({'|'.join(SYMBOLS)})(?![\w-])")
+POWER = re.compile(r"(\d)e([+-]?)0*(\d+)\b")
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def typeset(text: str) -> str:
+    """Greek names as letters, powers raised, minus signs, degrees: a table's text as a page shows it."""
+    text = SYMBOL.sub(lambda m: SYMBOLS[m[1]], text)
+    text = POWER.sub(lambda m: f"{m[1]} × 10{(m[2].strip('+') + m[3]).translate(RAISED)}", text)
+    text = re.sub(r"(?<=[A-Za-z])\^(-?\d)", lambda m: m[1].translate(RAISED), text)
+    return re.sub(r"(?<![\w)])-(?=\d)", "−", text).replace("[deg]", "[°]")
+
+
+PREFIXED = {  # unit: units that a person takes for smaller values, with their factors
+    "kg": (("kg", 1.0), ("g", 1e3), ("mg", 1e6)),
+    "m": (("m", 1.0), ("mm", 1e3), ("μm", 1e6)),
+    "s": (("s", 1.0), ("ms", 1e3), ("μs", 1e6)),
+    "N": (("N", 1.0), ("mN", 1e3)),
+}
+
+
+def small(value: float, unit: str) -> str:
+    """A strength with three significant figures, in the unit that makes it neither tiny nor huge."""
+    choices = PREFIXED.get(unit, ((unit, 1.0),))
+    unit, factor = next((c for c in choices if abs(value) * c[1] >= 1.0), choices[-1])
+    shown = f"{value * factor:.3g}"
+    if "e+" in shown and float(shown) < 1e6:
+        shown = f"{float(shown):.0f}"
+    return typeset(f"{shown} {unit}".strip())
 
 
 class FitRow(NamedTuple):

@@ -16,6 +16,7 @@ from jumpvision.results.findings import Noise
 from jumpvision.results.values import Fits
 
 from .charts import column
+from .quantities import HALF, WHOLE
 
 Numbers = list[tuple[str, str, str]]  # value, unit, what it is
 SHOWN = 3
@@ -72,8 +73,8 @@ def noise_words(noise: Noise) -> str:
 SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
 
 
-def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Fits) -> tuple[str, Numbers]:
-    """(sentence, numbers) of one experiment. kind: its [actuation], or None."""
+def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Fits, *, whole: bool = False) -> tuple[str, Numbers]:
+    """(sentence, numbers) of one experiment. kind: its [actuation], or None; whole: the film shows a whole foot."""
     h, model = summary.get("jump_height_m"), summary.get("simulated_height_m")
     facts: Numbers = []
     text = ""
@@ -93,7 +94,8 @@ def experiment_words(kind: Any, summary: Mapping[str, Any], fits: Fits) -> tuple
         text += "."
     for name, label, unit, factor in OTHERS:
         if fit := fits.known(name):
-            facts.append((measured(fit.value, fit.sigma, factor), unit, label))
+            foot = f" ({WHOLE if whole else HALF})" if name == "added_mass_kg" else ""
+            facts.append((measured(fit.value, fit.sigma, factor), unit, label + foot))
     if summary.get("volume_fraction") is not None:
         facts.append(
             (

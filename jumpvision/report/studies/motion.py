@@ -66,7 +66,7 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
     amp, loss = told.amplitude_m * 1e3, told.landing_loss
     axis.set(
         title=f"apexes of the driven hopper, A = {amp:g} mm, landing loss {loss:g}",
-        xlabel="f / f₀",
+        xlabel="$f / f_0$",
         ylabel="height of the centre of mass [mm]",
         yscale="log",
     )
@@ -88,7 +88,7 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
             norm=mpl.colors.BoundaryNorm(edges, 6),
             rasterized=True,
         )
-        axes[i].set(title=f"different apexes, going {data.direction.values[i]}", xlabel="f / f₀")
+        axes[i].set(title=f"different apexes, going {data.direction.values[i]}", xlabel="$f / f_0$")
     bar = bottom.colorbar(seen, ax=axes[1])
     bar.set_ticks([0, 1, 2, 3.5, 6.5, 50], labels=["none", "1", "2", "3–4", "5–8", "more"])
     mean = data.map_mean_apex_m
@@ -96,7 +96,7 @@ def bifurcation(data: xr.Dataset, Figure: Any) -> Any:
     span = float(np.nanpercentile(np.abs(change), 98)) or 1.0
     seen = axes[2].pcolormesh(x, y, change, shading="nearest", cmap="RdBu_r", vmin=-span, vmax=span, rasterized=True)
     bottom.colorbar(seen, ax=axes[2], extend="both", label="mm")
-    axes[2].set(title="mean apex, down − up", xlabel="f / f₀")
+    axes[2].set(title="mean apex, down − up", xlabel="$f / f_0$")
     axes[0].set_ylabel("amplitude [mm]")
     for axis in axes:
         axis.grid(False)
@@ -142,12 +142,14 @@ def traces(data: xr.Dataset, Figure: Any) -> Any:
             axis.axvline(stop, color="black", lw=0.6, ls=":")
             if j == 0:
                 axis.set_ylabel(name)
-                axis.legend(fontsize=7, loc="best")
+            if j == count - 1:  # beside the last: in the panels it would lie over the curves
+                axis.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
         work = [float(w) * 1e3 for w in one.impulse_work_J]
         title = f"{one.case.item()}\n{float(one.case_frequency):.2f} Hz, {float(one.case_phase) / np.pi:.3g} π"
         axes[0, j].set_title(title, fontsize=8)
         if max(map(abs, work)) > 0.1:
-            axes[3, j].set_title(f"impulses {work[0]:+.1f}, {work[1]:+.1f} mJ", fontsize=7, fontweight="normal")
+            said = f"impulses\n{work[0]:+.1f}, {work[1]:+.1f} mJ".replace("-", "−")
+            axes[3, j].set_title(said, fontsize=7, fontweight="normal")
         axes[3, j].set_xlabel("time [ms]")
         axes[3, j].set_xlim(0, ends[j])
     for i, (group, (factor, _)) in enumerate(zip(groups, scales)):
@@ -186,7 +188,7 @@ def least_amplitude(data: xr.Dataset, Figure: Any) -> Any:
         if j == 0:
             axis.set_ylabel("amplitude [mm]")
         if i == rows - 1:
-            axis.set_xlabel("f / f₀")
+            axis.set_xlabel("$f / f_0$")
     axes[0, 0].legend(title="lift-off until", title_fontsize=8, fontsize=8)
     return figure
 
@@ -213,7 +215,7 @@ def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
         axis.axvline(1.0, color=QUIET, lw=0.8, ls=":")
         axis.set(
             title=f"cycles to lift-off, {phase_name(float(data.phase[i]))}",
-            xlabel="f / f₀",
+            xlabel="$f / f_0$",
             ylabel="A [mm]",
             facecolor="#dddddd",
         )
@@ -232,7 +234,7 @@ def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
         off = data.easiest_ratio_damped.isel(phase=i) - 1.0
         right.plot(data.damping_ratio, off, style, marker="o", ms=4, color=color, label=name)
     left.axhline(1.0, color=QUIET, lw=0.8, ls=":")
-    left.set(title="easiest frequency against the cut-off N", xlabel="cycles N", ylabel="f_N / f₀", xscale="log")
+    left.set(title="easiest frequency against the cut-off N", xlabel="cycles N", ylabel="$f_N / f_0$", xscale="log")
     left.legend()
     z = np.linspace(float(data.damping_ratio[0]), float(data.damping_ratio[-1]), 100)
     right.plot(z, 1 / np.sqrt(1 - 2 * z**2) - 1, color=QUIET, lw=0.9, label="1/√(1 − 2ζ²): inertial forcing")
@@ -240,7 +242,7 @@ def lift_off_time(data: xr.Dataset, Figure: Any) -> Any:
     right.set(
         title=f"viscous damping never lowers it (N = {float(data.cut_off[-1]):g})",
         xlabel="damping ratio ζ",
-        ylabel="f_N / f₀ − 1",
+        ylabel="$f_N / f_0 - 1$",
     )
     right.legend()
     return figure
@@ -254,15 +256,14 @@ def power_limit(data: xr.Dataset, Figure: Any) -> Any:
     shot = attributes_of(thresholds.Catapult, data)
     shown = {
         "best height [mm]": 1e3 * data.com_height_m,
-        "f / f₀": data.frequency_ratio,
+        "$f / f_0$": data.frequency_ratio,
         "A [mm]": 1e3 * data.amplitude_m,
     }
     for axis, (words, values) in zip(axes, shown.items()):
         for name, color, style in (("stutter", MODEL, "-"), ("single", MEASURED, "--")):
             axis.plot(data.power, values.sel(jump=name), style, color=color, label=name)
         axis.set(title=words, xlabel="limit of the motor's power [W]", xscale="log", ylim=(0, None))
-    axes[0].axhline(1e3 * shot.height_m, color=GREEN, ls=":")
-    axes[0].text(0.02, 0.97, "dotted: catapult, loaded slowly", transform=axes[0].transAxes, va="top", fontsize=8)
-    axes[0].set(ylim=(0, 1.1e3 * np.nanmax([shot.height_m, data.com_height_m.max()])))
-    axes[1].legend()
+    axes[0].axhline(1e3 * shot.height_m, color=GREEN, ls=":", label="catapult, loaded slowly")
+    axes[0].set(ylim=(0, 1.5e3 * np.nanmax([shot.height_m, data.com_height_m.max()])))
+    axes[0].legend(loc="upper left")
     return figure

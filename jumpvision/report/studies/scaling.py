@@ -55,9 +55,9 @@ def alpha(data: xr.Dataset, Figure: Any) -> Any:
         axis.axvline(at, color=QUIET, lw=0.8, ls=":")
     height.set(title="best height / A")
     height.legend()
-    power.set(title="its peak power / (k A² ω₀)")
+    power.set(title=r"its peak power $/ (k A^2 \omega_0)$")
     freq.axhline(1.0, color=QUIET, lw=0.6)
-    freq.set(title="its frequency / f₀", xlabel="α (dotted: this robot)", ylim=(0, None))
+    freq.set(title="its frequency $/ f_0$", xlabel="α (dotted: this robot)", ylim=(0, None))
     for axis, by, name in ((rod, "rod", "rod_share"), (zeta, "zeta", "damping_ratio")):
         lower, upper = data[f"region_low_by_{by}"], data[f"region_high_by_{by}"]
         axis.plot(data[name], lower, "o-", ms=3, color=MEASURED, label="higher than the single from")
@@ -96,7 +96,7 @@ def estimates(data: xr.Dataset, Figure: Any) -> Any:
     axis.set(
         title="best frequency of the stutter jump",
         xlabel="α = M g / (k A)",
-        ylabel="f / f₀",
+        ylabel="$f / f_0$",
         ylim=(0, 1.6),
         xlim=(0, min(last, 1.5)),
     )
@@ -154,8 +154,8 @@ def two_frequency(data: xr.Dataset, Figure: Any) -> Any:
     height.set(title="best height / A")
     height.legend()
     power.set(title="peak power / the stutter's")
-    efficiency.set(title="M g height ω₀ / peak power", xlabel="α = M g / (k A)")
-    freq.set(title="best frequencies / f₀", xlabel="α = M g / (k A)")
+    efficiency.set(title=r"$M g \omega_0$ height / peak power", xlabel="α = M g / (k A)")
+    freq.set(title="best frequencies $/ f_0$", xlabel="α = M g / (k A)")
     freq.legend(fontsize=8)
     logarithmic(height, "x")
     for axis in (height, power, freq):
@@ -177,6 +177,6 @@ def height_amplitude(data: xr.Dataset, Figure: Any) -> Any:
         axis.plot(data.frequency / f0, one.minimum_amplitude_m * 1e3, color="white", lw=1.2)
         axis.plot(one.best_frequency_Hz / f0, data.amplitude * 1e3, color="black", lw=1.2)
         ends = [float(x) * 1e3 for x in (data.amplitude[0], data.amplitude[-1])]
-        axis.set(title=f"{kind}", xlabel="f / f₀", ylabel="amplitude A [mm]", ylim=ends)
+        axis.set(title=f"{kind}", xlabel="$f / f_0$", ylabel="amplitude A [mm]", ylim=ends)
         axis.grid(False)
     return figure

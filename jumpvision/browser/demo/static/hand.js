@@ -44,7 +44,7 @@ export class Hand {
   }
 
   record() {
-    return { t: [...this.log.t], x: [...this.log.x] };
+    return { t: this.log.t.map((v) => Number(v.toFixed(4))), x: this.log.x.map((v) => Number(v.toFixed(6))) }; // as links hold it
   }
 
   end() {

@@ -4,12 +4,13 @@ import { Hand } from "./hand.js";
 import page from "./page.js";
 import { problems } from "./physics/check.js";
 import { jump } from "./physics/jump.js";
-import { CHALLENGES, judge } from "./play/challenges.js";
+import { SEALED } from "./play/challenges.js";
 import { Saved } from "./play/saved.js";
-import { decode, encode, fresh, question } from "./play/state.js";
+import { decode, encode, fresh, lawOf, question, take } from "./play/state.js";
 import { Energy } from "./view/energy.js";
 import { HeightMap } from "./view/map.js";
 import { Robot } from "./view/robot.js";
+import { Task } from "./view/task.js";
 import { Traces } from "./view/traces.js";
 import { current, headline, languages, mm, number, rise, speak, story, t, table } from "./words.js";
 
@@ -71,12 +72,9 @@ function tell() {
   $("numbers").replaceChildren(...table(numbers, q).flatMap(([term, value]) => [
     Object.assign(document.createElement("dt"), { textContent: term }), Object.assign(document.createElement("dd"), { textContent: value })]));
   $("robot").setAttribute("aria-label", `${t("the_robot")}: ${headline(numbers, q.hand)}`);
-  const task = $("challenge").value, verdict = task && judge(task, numbers, state);
-  $("doing").hidden = $("judged").hidden = !task;
-  if (!task) return;
-  $("doing").textContent = t(`c_${task}_do`);
-  const reached = `${mm(numbers.jump_height_m)}, ${number(numbers.peak_power_W, 2)}\u00a0W`;
-  $("judged").textContent = verdict === "won" ? `${t("won")} ${reached}` : verdict === "not_yet" ? t("not_yet", { reached }) : t("not_allowed", { what: t(verdict) });
+  task.tell(answer, state);
+  traces.dots = task.sealed.dots(state);
+  dirty = true;
 }
 
 const apex = (motion) => motion.t[motion.rod.indexOf(Math.max(...motion.rod))];
@@ -122,8 +120,10 @@ function kindOf() {
   for (const input of document.querySelectorAll("input[name=kind]")) input.checked = input.value === law.kind;
 }
 
-function enter(ground) {
+function enter(ground, goal = states[ground].task) {
+  if (goal === SEALED && !states[ground].world) states[ground] = fresh(ground);
   state = states[ground];
+  task.set(state, goal);
   mapKey = "";
   clearTimeout(mapTimer);
   map.forget();
@@ -137,7 +137,11 @@ const make = () => build($("controls"), page, {
   change,
   two(on) { state.two = on; byLaw(); controls.show(state); ask(); },
   sand(law) { state.sand = law; controls.show(state); ask(); },
-  reset() { states[state.ground] = fresh(state.ground); enter(state.ground); },
+  reset() {
+    const { task: goal, world } = state;
+    states[state.ground] = { ...fresh(state.ground), world };
+    enter(state.ground, goal);
+  },
 }, isShown);
 
 // Everything that is written, in a language.
@@ -146,12 +150,16 @@ function talk(name) {
   const options = (list) => list.map(([value, text]) => Object.assign(document.createElement("option"), { value, textContent: text }));
   $("language").replaceChildren(...options(languages.map((l) => [l, page.words.language[l]])));
   $("language").value = current();
-  const task = $("challenge").value;
-  $("challenge").replaceChildren(...options([["", t("free")], ...Object.keys(CHALLENGES).map((c) => [c, t(`c_${c}`)])]));
-  $("challenge").value = task;
+  task.name(state.task);
   $("map").setAttribute("aria-label", `${t("map")}; ${t("map_help")}`);
   $("told").textContent = "";
 }
+const task = new Task({
+  law: () => lawOf(state),
+  show(law) { take(state, law); $("law").hidden = !state.hand; controls.show(state); kindOf(); ask(); },
+  changed() { remember(); if (answer) tell(); },
+  chosen(goal) { enter(state.ground, goal); },
+});
 talk(navigator.language.slice(0, 2));
 let controls = make();
 const robot = new Robot($("robot"), $("grip"));
@@ -182,7 +190,7 @@ const hand = new Hand($("grip"), () => ({ scale: robot.scale, travel: robot.size
   },
 });
 
-for (const input of document.querySelectorAll("input[name=ground]")) input.onchange = () => enter(input.value);
+for (const input of document.querySelectorAll("input[name=ground]")) input.onchange = () => enter(input.value, state.task);
 for (const input of document.querySelectorAll("input[name=kind]")) {
   input.onchange = () => {
     Object.assign(state.set.actuation, page.grounds[state.ground].presets[input.value]);
@@ -200,7 +208,6 @@ $("language").onchange = () => {
   if (answer) tell();
   redraw();
 };
-$("challenge").onchange = () => { if (answer) tell(); };
 $("save").onclick = () => {
   const { numbers, question: q } = answer, law = q.set.actuation;
   const how = q.hand ? t("by_hand") : `${number(law.frequency, 2)} Hz`;

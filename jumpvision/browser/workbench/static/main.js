@@ -50,9 +50,13 @@ on("state", () => {
     b.dataset.section = f.section;
     return b;
   }));
-  $("hint").textContent = films.length ? "" : "No film or picture here that could be shown.";
-  if (films.length) choose(store.section);
-  step("scale");
+  const none = !films.length; // logs and tracks alone: there is only to run
+  document.body.classList.toggle("nofilm", none);
+  for (const s of STEPS.slice(0, 3)) $(`tab-${s}`).hidden = none;
+  $("facts").textContent = "";
+  if (!none) choose(store.section);
+  step(none ? "run" : "scale");
+  if (none) $("hint").textContent = `${name} has no film or picture. Its logs and tracks need no clicks: run it, or choose another experiment.`;
 });
 on("section", () => {
   const f = film(), { all, usual } = speeds();
@@ -67,6 +71,7 @@ on("section", () => {
 });
 on("frame section preview", () => {
   const f = film();
+  if (!f) return;
   $("scrub").value = store.frame;
   $("clock").textContent = `${(1e3 * times()[store.frame]).toFixed(3)} ms · ${store.frame} / ${f.time.length - 1}`;
   const t = $("timeline");

@@ -3,7 +3,7 @@ import { emit, film, picture, store, times, trouble } from "./store.js";
 
 const WIDTHS = [320, 640, 960, 1280, 1920, 2560, 4096], KEPT = 160, AHEAD = 6, AT_ONCE = 2, NEAR = 2;
 const kept = new Map(), under = new Map();
-export const player = { image: null, shown: -1, playing: false, speed: 1, width: 640, direction: 1, drawn: 0 };
+export const player = { image: null, shown: -1, playing: false, speed: 1, width: 640, direction: 1 };
 
 const key = (i) => `${store.section}/${i}/${player.width}`;
 
@@ -40,7 +40,7 @@ async function show() {
       const image = await fetched(i);
       if (section === store.section && turn > newest) {
         newest = turn;
-        Object.assign(player, { image, shown: i, drawn: player.drawn + 1 });
+        Object.assign(player, { image, shown: i });
       }
       emit("image");
       if (Math.abs(i - last) <= NEAR) ahead(i); // a hand that jumps will not come by

@@ -60,7 +60,7 @@ export const store = {
 };
 
 export const film = () => store.state?.films.find((f) => f.section === store.section);
-export const picks = (section = store.section) => (store.draft.picks[section] ??= {});
+export const picks = (section = store.section) => (section ? (store.draft.picks[section] ??= {}) : {}); // without a film: none
 export const value = (section, key) => section.split(".").reduce((t, part) => t?.[part], store.table)?.[key];
 export const mine = (section, key) => store.draft.values[section]?.[key];
 

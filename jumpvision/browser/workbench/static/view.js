@@ -36,11 +36,12 @@ export function redraw() {
 
 function draw() {
   const f = film(), box = canvas.getBoundingClientRect(), dpr = devicePixelRatio || 1;
-  if (!f || !box.width) return;
+  if (!box.width) return;
   const w = Math.round(box.width * dpr), h = Math.round(box.height * dpr);
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
   pen.setTransform(dpr, 0, 0, dpr, 0, 0);
   pen.clearRect(0, 0, box.width, box.height);
+  if (!f) return;
   want(Math.min(f.columns, f.columns * view.k * dpr));
   if (player.image) {
     pen.imageSmoothingEnabled = view.k * f.columns / player.image.width < 2;
@@ -83,7 +84,7 @@ for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (
 canvas.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-e.deltaY / 400), at(e)); }, { passive: false });
 
 new ResizeObserver(() => (view.fitted ? fit() : redraw())).observe(canvas);
-on("state section", () => { player.image = null; fit(); });
+on("state section", () => { player.image = null; if (film()) fit(); else redraw(); });
 on("image draft preview track ball pair bed tool frame", redraw);
 on("tool", () => canvas.classList.toggle("picking", store.tool !== null));
 export const film_at = { toScreen, toFilm }; // for tests

@@ -68,11 +68,12 @@ function tables(spec) {
     const same = parts.every((s) => s.x.length === parts[0].x.length && s.x.every((v, i) => v === parts[0].x[i]));
     const [x, y] = parts[0]?.kind === "bars" ? [p.y, p.x] : [p.x, p.y];
     if (same) {
-      const label = parts[0]?.label ? ["name"] : null;
-      return { title: p.title, head: [...(label ?? []), words(x), ...parts.flatMap((s) => [`${s.name} [${y.unit || "1"}]`, ...(s.s ? ["σ"] : [])])],
-        rows: (parts[0]?.x ?? []).map((v, i) => [...(label ? [parts[0].label[i]] : []), v, ...parts.flatMap((s) => [s.y[i], ...(s.s ? [s.s[i]] : [])])]) };
+      const label = parts[0]?.label, last = parts[0]?.kind === "bars", column = (is, v) => (label && is ? [v] : []);
+      return { title: p.title, head: [...column(!last, "name"), words(x), ...parts.flatMap((s) => [y.unit ? `${s.name} [${y.unit}]` : s.name, ...(s.s ? ["σ"] : [])]), ...column(last, "details")],
+        rows: (parts[0]?.x ?? []).map((v, i) => [...column(!last, label?.[i]), v, ...parts.flatMap((s) => [s.y[i], ...(s.s ? [s.s[i]] : [])]), ...column(last, label?.[i])]) };
     }
-    return { title: p.title, head: ["series", "name", words(x), words(y), "σ"], rows: parts.flatMap((s) => s.x.map((v, i) => [s.name, s.label?.[i] ?? "", v, s.y[i], s.s?.[i] ?? null])) };
+    const named = parts.some((s) => s.label), sure = parts.some((s) => s.s), cells = (s, i, v) => [s.name, ...(named ? [s.label?.[i] ?? ""] : []), v, s.y[i], ...(sure ? [s.s?.[i] ?? null] : [])];
+    return { title: p.title, head: ["series", ...(named ? ["name"] : []), words(x), words(y), ...(sure ? ["σ"] : [])], rows: parts.flatMap((s) => s.x.map((v, i) => cells(s, i, v))) };
   });
 }
 
@@ -85,7 +86,7 @@ function table(spec) {
     for (const t of tables(spec)) {
       const text = [t.head, ...t.rows].map((r) => r.map(csv).join(",")).join("\n"), part = document.createElement("div");
       const cell = (v) => (typeof v === "number" ? said(v, 6) : esc(v ?? ""));
-      part.innerHTML = `<h4>${esc(t.title)} <a download="${esc(t.title.replaceAll(/[^\w]+/g, "_"))}.csv" href="data:text/csv;charset=utf-8,${encodeURIComponent(text)}">save as CSV</a></h4>
+      part.innerHTML = `<p class="part">${esc(t.title)} <a download="${esc(t.title.replaceAll(/[^\w]+/g, "_"))}.csv" href="data:text/csv;charset=utf-8,${encodeURIComponent(text)}">save as CSV</a></p>
         <div class="wide low" tabindex="0"><table><thead><tr>${t.head.map((h) => `<th scope="col">${esc(h)}</th>`).join("")}</tr></thead>
         <tbody>${t.rows.map((r) => `<tr>${r.map((v) => `<td>${cell(v)}</td>`).join("")}</tr>`).join("")}</tbody></table></div>`;
       out.append(part);

@@ -46,10 +46,20 @@ function decades(lo, hi) {
   return out.filter((v) => v >= lo * 0.999 && v <= hi * 1.001);
 }
 
+// A name in lines of at most so many letters; a longer word keeps its line.
+function folds(name, most) {
+  const lines = [];
+  for (const word of String(name).split(" ")) {
+    if (lines.length && lines.at(-1).length + 1 + word.length <= most) lines[lines.length - 1] += ` ${word}`;
+    else lines.push(word);
+  }
+  return lines;
+}
+
 class Panel {
   constructor(chart, spec, host) {
     Object.assign(this, { chart, spec, host, zoom: null, cursor: null });
-    host.innerHTML = `<h4>${esc(spec.title)}</h4><div class="plot"></div><p class="tip" role="status"></p>`;
+    host.innerHTML = `<p class="part">${esc(spec.title)}</p><div class="plot"></div><p class="tip" role="status"></p>`;
     this.plot = host.querySelector(".plot");
     this.tip = host.querySelector(".tip");
     this.plot.tabIndex = 0;
@@ -93,21 +103,22 @@ class Panel {
 
   draw() {
     const { spec } = this, w = Math.max(this.plot.clientWidth, 200), map = spec.series.find((s) => s.kind === "map");
-    const h = this.categories && !map ? 46 + 26 * this.categories * Math.max(1, this.shown().length * 0.7) : spec.height ?? 270;
     const left = spec.y.names ? Math.min(0.42 * w, 14 + 6.6 * Math.max(...spec.y.names.map((n) => n.length))) : PAD.left;
+    const folded = spec.y.names?.map((n) => folds(n, Math.floor((left - 10) / 6.6))), tall = Math.max(26, 14 * Math.max(0, ...(folded ?? []).map((f) => f.length)) + 6);
+    const h = this.categories && !map ? 46 + this.categories * Math.max(tall, 26 * this.shown().length * 0.7) : spec.height ?? 270;
     const slant = spec.x.names && (w - left) / spec.x.names.length < 90, right = map ? 66 : PAD.right, [fx, fy] = this.extent(), [x0, x1] = this.zoom?.x ?? fx, [y0, y1] = this.zoom?.y ?? fy;
     const x = (this.x = scale(x0, x1, left, w - right, spec.x.log)), top = PAD.top, bottom = h - (slant ? 84 : PAD.bottom);
     const y = (this.y = spec.y.names ? scale(-0.5, this.categories - 0.5, top, bottom) : scale(y0, y1, bottom, top, spec.y.log));
     Object.assign(this, { w, h, left, right: w - right, top, bottom });
     const xt = spec.x.names ? spec.x.names.map((n, i) => [i, n]) : x.ticks(Math.max(2, (w - left) / 75)).map((v) => [v, said(v)]);
     const yt = spec.y.names ? spec.y.names.map((n, i) => [i, n]) : y.ticks((bottom - top) / 40).map((v) => [v, said(v)]);
-    const most = Math.floor(left / 6.6), out = [];
+    const out = [];
     for (const [v] of spec.x.names ? [] : xt) out.push(`<path class="grid" d="M${x(v)} ${top}V${bottom}"/>`);
     for (const [v] of spec.y.names ? [] : yt) out.push(`<path class="grid" d="M${left} ${y(v)}H${w - right}"/>`);
     for (const [v, n] of xt) out.push(`<text transform="translate(${x(v)} ${bottom + 16})${slant ? " rotate(-35)" : ""}" text-anchor="${slant ? "end" : "middle"}">${esc(n)}</text>`);
     for (const [v, n] of yt) {
-      const cut = spec.y.names && n.length > most ? `${n.slice(0, most - 1)}…` : n;
-      out.push(`<text x="${left - 7}" y="${y(v) + 4}" text-anchor="end">${esc(cut)}<title>${esc(n)}</title></text>`);
+      const lines = folded?.[v] ?? [n], first = y(v) + 4 - 7 * (lines.length - 1);
+      out.push(`<text text-anchor="end">${lines.map((line, i) => `<tspan x="${left - 7}" y="${first + 14 * i}">${esc(line)}</tspan>`).join("")}<title>${esc(n)}</title></text>`);
     }
     out.push(`<text class="axis" x="${(left + w - right) / 2}" y="${h - 4}" text-anchor="middle">${esc(words(spec.x))}</text>`);
     if (!spec.y.names) out.push(`<text class="axis" transform="translate(12 ${(top + bottom) / 2}) rotate(-90)" text-anchor="middle">${esc(words(spec.y))}</text>`);

@@ -93,6 +93,15 @@ export function numbersOf(q, tolerance = TOLERANCE) {
     flights: found.flights, rest: found.rest });
 }
 
+// When the motor stops [s].
+export const stopOf = (q) => piecesOf(q).at(-1)[1];
+
+// Rise of the rod above rest [m] at increasing times, the first before the motor starts.
+export function trackOf(q, times) {
+  const rows = samples(q, values(q), piecesOf(q), times, { stop: stopOf(q) }, TOLERANCE);
+  return rows.map((r) => r[0] - rows[0][0]);
+}
+
 // Only the height of the map [m].
 export function heightOf(q) {
   return solved(q, values(q), piecesOf(q), COARSE).numbers.jump_height_m;

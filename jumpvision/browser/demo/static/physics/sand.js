@@ -18,7 +18,8 @@ const RESOLVE = 1e-6; // s: a motion not seen to begin within this time has not 
 const NOISE = 1e-14; // m or m/s
 const STEPS = 200_000;
 
-// The model's numbers from those of the page; sand: "cone", "drag" or "" (hard floor).
+// The model's numbers from those of the page; sand: "cone", "drag", "drag_cone" (constant drag and the cone's mass) or ""
+// (hard floor).
 export function ground(value, sand) {
   const M = value.motor_mass + value.rod_mass, { foot_radius: R, mu, spring_stiffness: k, spring_damping: c, gravity: g } = value;
   const p = { M, q: value.motor_mass / M, m: value.foot_mass, k, c, g, sand, e: value.e ?? 0, slack: 1e-9 * M * g };
@@ -29,7 +30,8 @@ export function ground(value, sand) {
   const tan = Math.tan(value.theta), scale = value.C * value.volume_fraction * value.grain_density * mu;
   const flat = (z) => Math.max(R - (mu * z) / tan, 0); // (23)
   const cone = (z) => (scale * Math.PI * (R ** 3 - flat(z) ** 3) * tan) / (3 * mu); // (33)
-  return { ...p, flat, tan, R, cone, drag: (z) => value.b * scale * Math.PI * flat(z) ** 2, mass: (z) => p.m + cone(z) }; // (34)
+  const drag = sand === "drag_cone" ? () => value.alpha : (z) => value.b * scale * Math.PI * flat(z) ** 2; // (34)
+  return { ...p, flat, tan, R, cone, drag, mass: (z) => p.m + cone(z) };
 }
 
 // Depth [m] at which the bed carries the robot; NaN where it cannot.

@@ -19,7 +19,7 @@ let theme;
 export function colours() {
   if (!theme) {
     const style = getComputedStyle(document.documentElement);
-    const names = ["ink", "soft", "line", "page", "card", "mark", "metal", "steel", "floor", "sand", "grain", "jam"];
+    const names = ["ink", "soft", "line", "page", "card", "mark", "bad", "metal", "steel", "floor", "sand", "grain", "jam"];
     theme = Object.fromEntries(names.map((n) => [n, style.getPropertyValue(`--${n}`).trim()]));
   }
   return theme;

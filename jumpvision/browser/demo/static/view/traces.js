@@ -7,7 +7,7 @@ const LEFT = 46, RIGHT = 8, TOP = 4, BOTTOM = 24, TITLE = 22;
 export class Traces {
   constructor(canvas, scrub) {
     this.canvas = canvas;
-    this.pointer = null;
+    this.pointer = this.dots = null; // dots: {t, x [m]} beside the rod, as a camera saw it
     const time = (e) => {
       const box = canvas.getBoundingClientRect();
       const share = (e.clientX - box.left - LEFT) / (box.width - LEFT - RIGHT);
@@ -23,6 +23,12 @@ export class Traces {
     canvas.onpointerleave = () => { this.pointer = null; };
   }
 
+  // The camera's dots in the time shown: [t, x], or [t, x less the model].
+  seen(motion, less) {
+    const model = { t: motion.t, rod: motion.rod }, rows = this.dots.t.map((s, i) => [s, this.dots.x[i]]);
+    return rows.filter(([s]) => s >= motion.t[0] && s <= motion.t.at(-1)).map(([s, x]) => [s, less ? x - at(model, s).rod : x]);
+  }
+
   draw(motion, t, ground) {
     const { c, w, h } = context(this.canvas), ink = colours();
     this.span = [motion.t[0], motion.t.at(-1)];
@@ -36,12 +42,15 @@ export class Traces {
       [word("trace_force"), "N", 1, force],
       [word("trace_power"), "W", 1, [["power", "", ink.mark, []]]],
     ];
+    if (this.dots) panels.splice(1, 0, [word("residual"), "mm", 1e3, []]);
     const height = (h - TOP - BOTTOM) / panels.length;
     const shown = this.pointer ?? t, now = at(motion, shown);
     panels.forEach(([title, unit, factor, lines], k) => {
       const top = TOP + k * height + TITLE, bottom = TOP + (k + 1) * height - 9;
       let low = 0, high = 0;
       for (const [name] of lines) for (const v of motion[name]) { low = Math.min(low, v * factor); high = Math.max(high, v * factor); }
+      const dots = k < 2 && this.dots ? this.seen(motion, k === 1) : [];
+      for (const [, v] of dots) { low = Math.min(low, v * factor); high = Math.max(high, v * factor); }
       if (high - low < 1e-6) high = low + 1;
       const y = (v) => bottom - ((v - low) / (high - low)) * (bottom - top);
       c.textBaseline = "middle";
@@ -64,9 +73,16 @@ export class Traces {
         c.fillStyle = colour;
         c.beginPath(); c.arc(x(shown), y(now[name] * factor), 3, 0, 7); c.fill();
       }
+      c.fillStyle = ink.bad;
+      for (const [s, v] of dots) { c.beginPath(); c.arc(x(s), y(v * factor), 1.8, 0, 7); c.fill(); }
       c.textAlign = "left";
       c.fillStyle = ink.ink;
       c.fillText(title, LEFT, top - TITLE / 2);
+      if (dots.length) {
+        const wide = c.measureText(title).width;
+        c.fillStyle = ink.bad;
+        c.fillText(`● ${word("dots")}`, LEFT + wide + 12, top - TITLE / 2);
+      }
       c.textAlign = "right";
       const read = lines.map(([name, said]) => `${said} ${number(now[name] * factor, 1)} ${unit}`.trim());
       c.fillStyle = ink.soft;

@@ -1,0 +1,114 @@
+"""The three pages in Firefox: the jumper (served and as a folder), a report, the workbench; nothing on the console."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+import time
+from urllib.parse import quote
+
+import pytest
+from conftest import SAMPLES
+
+from jumpvision.browser.demo.server import Server as Demo
+from jumpvision.browser.demo.server import export
+from jumpvision.browser.workbench.server import Server as Workbench
+from jumpvision.cli import main
+
+pytestmark = pytest.mark.long
+
+
+@pytest.fixture
+def opened(firefox):
+    """Opens an address in Firefox; at the end nothing may have been said on the console."""
+    pages, said = [], []
+
+    def go(address):
+        page = firefox.new_page()
+        pages.append(page)
+        page.on("console", lambda m: said.append(m.text) if m.type in ("error", "warning") else None)
+        page.on("pageerror", lambda e: said.append(str(e)))
+        page.goto(address)
+        return page
+
+    yield go
+    for page in pages:
+        page.close()
+    assert said == []
+
+
+@pytest.fixture
+def served():
+    """Serves until the end of the test."""
+    open_ones = []
+
+    def serve(server):
+        open_ones.append(server)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        return server.address
+
+    yield serve
+    for s in open_ones:
+        s.shutdown()
+        s.server_close()
+
+
+def until(page, condition, limit=60.0):
+    end = time.monotonic() + limit
+    while not page.evaluate(condition):
+        assert time.monotonic() < end, f"never came true: {condition}"
+        page.wait_for_timeout(30)
+
+
+def text_has(where, what):
+    return f"document.querySelector({json.dumps(where)}).textContent.includes({json.dumps(what)})"
+
+
+@pytest.mark.parametrize("how", ["served", "folder"])
+def test_the_jumper_jumps_and_a_sealed_world_is_judged(how, opened, served, tmp_path):
+    if how == "folder":
+        export(tmp_path / "page")
+        address = (tmp_path / "page" / "index.html").as_uri()
+    else:
+        address = served(Demo(0))
+    page = opened(address)
+    until(page, text_has("#headline", "41.0\u00a0mm"))
+    page.locator("#s-frequency-n").fill("12")
+    until(page, f"!{text_has('#headline', '41.0')}")
+    page.locator("input[value=granular]").check(force=True)
+    until(page, text_has("#headline", "24.1\u00a0mm"))
+    until(page, text_has("#map-note", "36"))
+    world = {"ground": "hard", "set": {}, "task": "sealed", "world": {"n": 0, "laws": []}}
+    page.evaluate("(hash) => { location.hash = hash; }", quote(json.dumps(world)))
+    page.locator("[data-do=record]").click()
+    page.locator("#said").select_option("landing_loss")
+    page.locator("[data-do=open_seal]").click()
+    until(page, text_has("#judged", "Right, and your recordings show it"))
+
+
+def test_a_report_draws_its_figures_and_reads_them(opened, tmp_path):
+    shutil.copytree(SAMPLES / "hard_ground", tmp_path / "hard")
+    assert main(["run", str(tmp_path / "hard"), "--results", str(tmp_path / "results")]) == 0
+    page = opened((tmp_path / "results" / "report.html").as_uri())
+    until(page, "document.querySelectorAll('figure.chart .plot svg path').length > 5")
+    figures = page.evaluate("document.querySelectorAll('figure.chart').length")
+    assert figures > 0 and page.evaluate("document.querySelectorAll('figure.chart .plot svg').length") >= figures
+    page.locator("figure.chart .plot").first.hover()
+    until(page, "[...document.querySelectorAll('.tip')].some((e) => e.textContent)")
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_the_workbench_shows_tracks_and_writes(opened, served, tmp_path):
+    shutil.copytree(SAMPLES / "hard_ground", tmp_path / "hard", ignore=shutil.ignore_patterns("truth.json"))
+    server = Workbench(tmp_path / "hard", 0)
+    page = opened(served(server))
+    until(page, "!!window.workbench?.ready && workbench.player.shown === 0")
+    page.keyboard.press("t")
+    until(page, "workbench.store.track.finished && !workbench.store.track.running")
+    assert page.evaluate("workbench.store.track.rows.filter((r) => r[3]).length") == 0
+    page.locator("#scrub").fill("300")
+    until(page, "workbench.player.shown === 300")
+    page.keyboard.press("4")
+    page.locator("#write").wait_for(state="visible")
+    server.close_benches()
