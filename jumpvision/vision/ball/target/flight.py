@@ -14,6 +14,7 @@ from jumpvision.base.arrays import MAD, Float32
 from ..measure import Found
 from ..moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, still_scene
 from ..track import BallTrack
+from .joint import adjusted
 from .layer import Layer, Place, fit, learned
 
 THINGS = 8  # that are looked at in a frame
@@ -46,7 +47,8 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     on_path = [places[s.i].found.flag == "" for s in path]
     if np.mean(on_path) < SURE:
         return None
-    return [p.found for p in places]
+    better = adjusted(frames, scene, places, layer)
+    return [p.found for p in (better[0] if better else places)]
 
 
 def is_shadow(track: BallTrack, frames: Frames) -> bool:
