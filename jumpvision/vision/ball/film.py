@@ -114,7 +114,7 @@ class FilmTracker:
             if unsure and (stands(sure) or (dark and is_shadow(sure, frames))):
                 flying = in_flight(frames, self.settings.diameter, None)
                 if flying is not None:
-                    return [replace(as_track(flying), notes=(FLYING,))]
+                    return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
                 return self._refined([sure])
         if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:

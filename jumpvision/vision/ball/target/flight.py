@@ -13,7 +13,7 @@ from jumpvision.base.arrays import MAD, Float32
 
 from ..measure import Found
 from ..moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, still_scene
-from ..track import BallTrack
+from ..track import BallTrack, as_track
 from .joint import adjusted
 from .layer import Layer, Place, fit, learned
 
@@ -24,11 +24,13 @@ SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
 GUESS = 12.0  # px: first diameter where none is known
+CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
+KNOWN = ", known in its picture to {:.2g} px, an offset that turns with the ball"
 
 
-def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] | None) -> list[Found] | None:
+def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] | None) -> BallTrack | None:
     """The ball that flies from the seed, or the farthest where none is given, in every frame; None where nothing flies,
-    it is not round, of another diameter [px], or its picture does not hold."""
+    it is not round, of another diameter [px], or its picture does not hold. notes: of what its positions are."""
     if len(frames) < FLIGHT:
         return None
     scene = still_scene(frames)
@@ -48,7 +50,9 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     if np.mean(on_path) < SURE:
         return None
     better = adjusted(frames, scene, places, layer)
-    return [p.found for p in (better[0] if better else places)]
+    if better is None:
+        return replace(as_track([p.found for p in places]), notes=(CENTRE,))
+    return replace(as_track([p.found for p in better[0]]), notes=(CENTRE + KNOWN.format(better[1]),))
 
 
 def is_shadow(track: BallTrack, frames: Frames) -> bool:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,7 +37,7 @@ OFF, STRAYED = 0.4, 0.5  # of the learned diameter, by which the fitted may diff
 WEAK = 1e-6  # 1 / rad^2: of the turn's prior
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
 BARE = 0.03  # share of a pixel, below which it shows the scene
-STRANGE, TAIL = 4.0, 2.0  # standard deviations, from which that is something else; px, so near which pixels are left out
+STRANGE, TAIL = 4.0, 2.0  # standard deviations, from which that is something else; px about it that are left out
 OUTLIER = 3.0  # standard deviations, from which a pixel counts less
 PIECES = 2  # of a streak, to a pixel
 H = 0.02  # px: of differences by the radius and the blur
@@ -82,7 +83,7 @@ class _Face:
         phase = math.pi * (np.clip(at / self.side, -0.5, 0.5) + 0.5)
         self.cosine = np.cos(np.arange(n)[:, None] * phase).astype(np.float32)
 
-    def _blurred(self, sharp: Float32, blur: float) -> Float32:
+    def _blurred(self, sharp: NDArray[Any], blur: float) -> Float32:
         soft = cv2.GaussianBlur(sharp, (0, 0), blur * FINE * OVER)
         return np.asarray(cv2.resize(soft, (self.k, self.k), interpolation=cv2.INTER_AREA))
 
