@@ -24,6 +24,7 @@ SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
 GUESS = 12.0  # px: first diameter where none is known
+HOLDS, PLAIN = 1.5, 0.1  # of a ball whose rim is not seen all round: largest misfit; px: of its centre
 CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
 KNOWN = ", known in its picture to {:.2g} px, an offset that turns with the ball"
 
@@ -44,15 +45,19 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     known_layer = learned(frames, scene, path, d)
     if known_layer is None or (diameter and abs(known_layer[0].d / diameter - 1.0) > SIZE):
         return None
-    layer, known = known_layer
+    layer, known, outlined = known_layer
+    if not outlined and diameter is None:
+        return None
     places = _everywhere(frames, scene, path, layer, known)
     on_path = [places[s.i].found.flag == "" for s in path]
     if np.mean(on_path) < SURE:
         return None
     better = adjusted(frames, scene, places, layer)
+    if not outlined and (better is None or better.misfit > HOLDS or better.centre > PLAIN):
+        return None
     if better is None:
         return replace(as_track([p.found for p in places]), notes=(CENTRE,))
-    return replace(as_track([p.found for p in better[0]]), notes=(CENTRE + KNOWN.format(better[1]),))
+    return replace(as_track([p.found for p in better.places]), notes=(CENTRE + KNOWN.format(better.centre),))
 
 
 def is_shadow(track: BallTrack, frames: Frames) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -112,7 +112,7 @@ class _Pictures:
         self.k = face.k
         stack = face.stack(s)
         self.value = np.stack([stack[0], s.waves @ stack]).astype(np.float64)
-        self.stack = np.ascontiguousarray(stack.T, np.float64)
+        self.stack = np.ascontiguousarray(stack.T)
         square = self.value.reshape(2, face.k, face.k)
         self.by_u, self.by_v = (_slope(square, axis).reshape(2, -1) for axis in (2, 1))
         v, u = ((a - (face.k - 1) / 2).ravel() / FINE for a in np.indices((face.k, face.k)))
@@ -184,7 +184,7 @@ class _Equations:
         vx, vy = f.velocity
         exposure = -vx * (cos * e_u - sin * e_v) - vy * (sin * e_u + cos * e_v)
         own = np.stack([x, y, change(a_t, m_t), a, m], axis=1)
-        waves = p.contrast * np.asarray(lay @ pictures.stack)
+        waves = p.contrast * np.asarray(lay.astype(np.float32) @ pictures.stack, np.float64)
         shared = np.column_stack([waves, change(a_r, m_r), change(a_b, m_b), exposure])
         left = f.grey - f.behind - change(a, m)
         self.noise = max(FROM_MAD * float(np.median(np.abs(left))), 1e-6 * float(np.ptp(f.grey)) + 1e-9)
@@ -221,9 +221,17 @@ class _Film:
         return np.concatenate([[0.0, 0.0, WEAK], 1.0 / self.spread])
 
 
-def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer) -> tuple[list[Place], float] | None:
-    """The places [one a frame] of a learned layer, all fitted at once, and the standard uncertainty [px] of the ball's
-    centre in its picture, which they share and their sigmas have not; None where the fit does not come to rest."""
+class Adjusted(NamedTuple):
+    """places: one a frame; centre: standard uncertainty of the ball's centre in its picture [px], which the places share
+    and their sigmas have not; misfit: noise at the ball over that of the scene."""
+
+    places: list[Place]
+    centre: float
+    misfit: float
+
+
+def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer) -> Adjusted | None:
+    """The places [one a frame] of a learned layer, all fitted at once; None where the fit does not come to rest."""
     good = [i for i, p in enumerate(places) if not p.found.flag]
     cuts = {i: _cut(np.asarray(frames[i], np.float32), scene, places, i, layer.d) for i in good}
     teach = good[:: max(1, math.ceil(len(good) / TEACHERS))]
@@ -244,7 +252,10 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer) 
     else:
         if moved > 1.0:
             return None
-    return _measured(film, face, cuts, cov, places)
+    apart = [float(np.median(np.abs(np.asarray(frames[i], np.float32) - scene))) for i in teach]
+    at_ball = float(np.median([e.noise for e in equations.values()]))
+    out, centre = _measured(film, face, cuts, cov, places)
+    return Adjusted(out, centre, at_ball / max(FROM_MAD * float(np.median(apart)), 1e-9))
 
 
 def _stepped(
@@ -301,7 +312,7 @@ def _measured(
     film: _Film, face: _Face, cuts: dict[int, _Frame], cov: Array, places: list[Place]
 ) -> tuple[list[Place], float]:
     """Every good frame fitted with the shared unknowns as they are; sigma: its own, and what theirs cost it beyond what
-    they cost all alike, which is the second of what is returned."""
+    they cost all alike. And the standard uncertainty of the centre in the ball's picture [px]."""
     s, pictures, last = film.shared, _Pictures(face, film.shared), dict[int, _Equations]()
     for i, cut in cuts.items():
         for _ in range(OWN_TURNS):
@@ -321,7 +332,15 @@ def _measured(
             Found("lost: the fit did not converge") if away else Found("", p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
         )
         out[i] = replace(p, found=found)
-    return out, math.sqrt(float(np.max(np.diag(usual @ cov @ usual.T))))
+    turned = [_turned(film.places[i].turn) @ c for i, c in costs.items()]
+    centre = np.mean(turned, axis=0)
+    return out, math.sqrt(float(np.max(np.diag(centre @ cov @ centre.T))))
+
+
+def _turned(turn: float) -> Array:
+    """Matrix that turns (x, y) back into a ball's own picture."""
+    c, s = math.cos(turn), math.sin(turn)
+    return np.array([[c, s], [-s, c]])
 
 
 def _cut(image: Float32, scene: Float32, places: list[Place], i: int, d: float) -> _Frame:
