@@ -23,6 +23,7 @@ CLEAR = 4.0  # standard deviations of the noise, the least mean change of a thin
 SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
+BEGINS = 3  # spots of a path, of which one may be its first
 GUESS = 12.0  # px: first diameter where none is known
 HOLDS, PLAIN = 1.5, 0.1  # of a ball whose rim is not seen all round: largest misfit; px: of its centre
 CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
@@ -86,12 +87,14 @@ def _path(frames: Frames, scene: Float32, d: float, seed: tuple[float, float] | 
 
 
 def _from(path: Path, seed: tuple[float, float]) -> bool:
-    """Whether a path may have begun at the seed in the first frame."""
-    first, second = path[0], path[1]
-    speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
-    x, y = at(path, 0)
-    near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
-    return min(near) < 1.5 * first.d + speed * min(first.i, HOLE)
+    """Whether a path may have begun at the seed in the first frame; its own first may be of the hand beside."""
+    for first, second in itertools.pairwise(path[: 1 + BEGINS]):
+        speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
+        x, y = at([s for s in path if s.i >= first.i], 0)
+        near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
+        if min(near) < 1.5 * first.d + speed * min(first.i, HOLE):
+            return True
+    return False
 
 
 def _things(i: int, image: Float32, scene: Float32, d: float) -> list[Spot]:
