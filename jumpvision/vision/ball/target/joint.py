@@ -29,11 +29,13 @@ FINE, OVER = 3, 2  # points of the picture to a pixel; of the disc that it is bl
 FINEST = 1.25  # px: shortest half wave of a face
 ROOM = 2.5  # px beyond the rim, that are fitted
 BLUR = 0.76, 0.35  # px: of a rim, first and least
-TEACHERS = 40  # frames that teach at most
+TEACHERS, FEWEST = 40, 4  # frames that teach at most, and at least
 TURNS, REST, FIRST = 15, 0.2, 4  # of the fit; standard deviations of a place: the last; before which none is the last
 OWN_TURNS = 4  # of a frame, with the shared unknowns as they are
 LARGEST, SMALL = 0.3, 0.05  # step of radius, blur [px] and exposure; first exposure
 OFF, STRAYED = 0.4, 0.5  # of the learned diameter, by which the fitted may differ; of the radius, by which a place may
+ODD, ODD_LIGHT = 2.8, 3.0  # times what a ball leaves in most frames; of the widest light or contrast: not the ball
+LIKE = "doubt: not like the ball of the other frames (off it by {:.1f} times as much)"
 WEAK = 1e-6  # 1 / rad^2: of the turn's prior
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
 BARE = 0.03  # share of a pixel, below which it shows the scene
@@ -195,6 +197,7 @@ class _Equations:
             weight[off.min(axis=1) < TAIL] = 0.0
         self.count, self.power = float(weight.sum()), float(weight @ left**2)
         ball = a > 0.5
+        self.off = float(np.mean(left[ball] ** 2)) if ball.any() else math.inf
         self.unlike = float(np.sum(left[ball] ** 2) / max(np.sum((f.grey - f.behind)[ball] ** 2), 1e-9))
         self.longest = np.array([1.0, 1.0, 0.3, np.inf, 0.3])
         root = np.sqrt(weight) / self.noise
@@ -222,8 +225,8 @@ class _Film:
 
 
 class Adjusted(NamedTuple):
-    """places: one a frame; centre: standard uncertainty of the ball's centre in its picture [px], which the places share
-    and their sigmas have not; misfit: noise at the ball over that of the scene."""
+    """places: one a frame; centre: standard uncertainty of the ball's centre in its picture [px], which the places
+    share and their sigmas have not; misfit: noise at the ball over that of the scene."""
 
     places: list[Place]
     centre: float
@@ -244,6 +247,12 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer) 
     for turn in range(TURNS):
         pictures = _Pictures(face, film.shared)
         equations = {i: _Equations(cuts[i], film.places[i], film.shared, pictures, film.prior) for i in teach}
+        if turn in (FIRST // 2, FIRST):
+            odd = _odd(equations, film.places, widest)
+            teach = [i for i in teach if i not in odd]
+            equations = {i: equations[i] for i in teach}
+        if len(teach) < FEWEST:
+            return None
         cov, moved = _stepped(film, face, equations, widest, turn)
         if not abs(2.0 * film.shared.radius / layer.d - 1.0) < OFF:
             return None
@@ -254,8 +263,18 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer) 
             return None
     apart = [float(np.median(np.abs(np.asarray(frames[i], np.float32) - scene))) for i in teach]
     at_ball = float(np.median([e.noise for e in equations.values()]))
-    out, centre = _measured(film, face, cuts, cov, places)
+    out, centre = _measured(film, face, cuts, cov, places, widest)
     return Adjusted(out, centre, at_ball / max(FROM_MAD * float(np.median(apart)), 1e-9))
+
+
+def _odd(equations: dict[int, _Equations], places: dict[int, Place], widest: Array) -> dict[int, float]:
+    """Frames whose ball is not that of the others, each with by how many times as much it is off the picture: it is
+    another thing that has been made alike by another light."""
+    off = np.array([e.off for e in equations.values()])
+    times = np.sqrt(off / max(float(np.median(off)), 1e-12))
+    light = np.array([[places[i].light, places[i].contrast] for i in equations])
+    far = np.abs(light - np.median(light, axis=0)) > ODD_LIGHT * np.sqrt(widest)
+    return {i: float(t) for i, t, f in zip(equations, times, far.any(axis=1), strict=True) if f or t > ODD}
 
 
 def _stepped(
@@ -309,7 +328,7 @@ def _placed(p: Place, step: Array, e: _Equations) -> tuple[Place, float]:
 
 
 def _measured(
-    film: _Film, face: _Face, cuts: dict[int, _Frame], cov: Array, places: list[Place]
+    film: _Film, face: _Face, cuts: dict[int, _Frame], cov: Array, places: list[Place], widest: Array
 ) -> tuple[list[Place], float]:
     """Every good frame fitted with the shared unknowns as they are; sigma: its own, and what theirs cost it beyond what
     they cost all alike. And the standard uncertainty of the centre in the ball's picture [px]."""
@@ -321,16 +340,16 @@ def _measured(
             if far < REST:
                 break
     costs = {i: np.linalg.solve(e.h, e.c.T)[:2] for i, e in last.items()}
-    usual = np.mean(list(costs.values()), axis=0)
+    usual, odd = np.mean(list(costs.values()), axis=0), _odd(last, film.places, widest)
     out = list(places)
     for i, e in last.items():
         off = costs[i] - usual
         var = np.linalg.inv(e.h)[:2, :2] * e.power / e.noise**2 / max(e.count - 5.0, 1.0) + off @ cov @ off.T
         sigma, p = math.sqrt(max(var[0, 0], var[1, 1])), film.places[i]
         away = math.hypot(p.x - places[i].x, p.y - places[i].y) > STRAYED * s.radius
-        found = (
-            Found("lost: the fit did not converge") if away else Found("", p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
-        )
+        found = Found("", p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
+        if away or i in odd:
+            found = Found("lost: the fit did not converge" if away else LIKE.format(odd[i]))
         out[i] = replace(p, found=found)
     turned = [_turned(film.places[i].turn) @ c for i, c in costs.items()]
     centre = np.mean(turned, axis=0)
