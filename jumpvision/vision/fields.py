@@ -93,12 +93,12 @@ def order_of(frames: Sequence[Image] | Film) -> str:
     if inside < max(COMBED * across, STANDS * still):
         return ""
     fast = [near > COMBED * far for near, far, _ in combs]
-    meets, ways = np.array(meets)[fast], np.array(ways)[fast]
-    if abs(clear := float(np.median(meets))) > CLEAR:
+    if abs(clear := float(np.median(np.array(meets)[fast]))) > CLEAR:
         return "top" if clear < 0.0 else "bottom"
-    if not np.isfinite(ways).all(axis=1).any():
+    way = np.array(ways)[fast]
+    if not np.isfinite(way).all(axis=1).any():
         return ""
-    top, bottom = np.nanmedian(ways, axis=0)
+    top, bottom = np.nanmedian(way, axis=0)
     return "" if top == bottom else "top" if top < bottom else "bottom"
 
 

@@ -53,7 +53,7 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     on_path = [places[s.i].found.flag == "" for s in path]
     if np.mean(on_path) < SURE:
         return None
-    better = adjusted(frames, scene, places, layer)
+    better = adjusted(frames, scene, places, layer, outlined)
     if not outlined and (better is None or better.misfit > HOLDS or better.centre > PLAIN):
         return None
     if better is None:

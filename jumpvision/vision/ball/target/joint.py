@@ -36,6 +36,7 @@ LARGEST, SMALL = 0.3, 0.05  # step of radius, blur [px] and exposure; first expo
 OFF, STRAYED = 0.4, 0.5  # of the learned diameter, by which the fitted may differ; of the radius, by which a place may
 ODD, ODD_LIGHT = 2.8, 3.0  # times what a ball leaves in most frames; of the widest light or contrast: not the ball
 LIKE = "doubt: not like the ball of the other frames (off it by {:.1f} times as much)"
+RIM = 0.1, 0.5  # px: standard uncertainty of an outline's radius, and of one that is only given
 WEAK = 1e-6  # 1 / rad^2: of the turn's prior
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
 BARE = 0.03  # share of a pixel, below which it shows the scene
@@ -211,8 +212,9 @@ class _Equations:
 @dataclass
 class _Film:
     """What is sought: the shared unknowns, every good frame's place; variance of a wave of number 0 [grey^2], and of
-    light and contrast from frame to frame."""
+    light and contrast from frame to frame. rim: the radius as the outline has it, and its variance [px^2]."""
 
+    rim: tuple[float, float]
     shared: _Shared
     places: dict[int, Place]
     variance: float
@@ -233,8 +235,9 @@ class Adjusted(NamedTuple):
     misfit: float
 
 
-def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer) -> Adjusted | None:
-    """The places [one a frame] of a learned layer, all fitted at once; None where the fit does not come to rest."""
+def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, outlined: bool) -> Adjusted | None:
+    """The places [one a frame] of a learned layer, all fitted at once; None where the fit does not come to rest.
+    outlined: the layer's diameter is that of an outline, and not only about right."""
     good = [i for i, p in enumerate(places) if not p.found.flag]
     cuts = {i: _cut(np.asarray(frames[i], np.float32), scene, places, i, layer.d) for i in good}
     teach = good[:: max(1, math.ceil(len(good) / TEACHERS))]
@@ -243,7 +246,7 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer) 
     height = float(np.std(shown)) + abs(float(np.median(shown)))
     widest = np.array([(FREE * height) ** 2, FREE**2])
     shared = _Shared(np.zeros(face.falls.size), 0.5 * layer.d, BLUR[0], 0.0)
-    film = _Film(shared, {i: places[i] for i in good}, height**2, widest)
+    film = _Film((0.5 * layer.d, RIM[not outlined] ** 2), shared, {i: places[i] for i in good}, height**2, widest)
     for turn in range(TURNS):
         pictures = _Pictures(face, film.shared)
         equations = {i: _Equations(cuts[i], film.places[i], film.shared, pictures, film.prior) for i in teach}
@@ -292,6 +295,8 @@ def _stepped(
         right -= np.sum([equations[i].c @ b[:, -1] for i, b in back.items()], axis=0)
     normal[np.arange(w), np.arange(w)] += number
     right[:w] -= number * s.waves
+    normal[w, w] += 1.0 / film.rim[1]
+    right[w] -= (s.radius - film.rim[0]) / film.rim[1]
     free = np.arange(w + 3) < (w, w + 2, w + 3)[min(turn, 2)]
     cov = np.zeros_like(normal)
     cov[np.ix_(free, free)] = np.linalg.inv(normal[np.ix_(free, free)] + 1e-9 * np.eye(free.sum()))
