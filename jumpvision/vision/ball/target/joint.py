@@ -23,7 +23,7 @@ from jumpvision.base.arrays import FROM_MAD, Array, Float32
 
 from ..measure import Found
 from ..moving import Frames
-from .layer import Layer, Place
+from .layer import Layer, Place, shifted
 
 FINE, OVER = 3, 2  # points of the picture to a pixel; of the disc that it is blurred from, to one of these
 FINEST = 1.25  # px: shortest half wave of a face
@@ -31,7 +31,7 @@ ROOM = 2.5  # px beyond the rim, that are fitted
 BLUR = 0.76, 0.35  # px: of a rim, first and least
 TEACHERS, FEWEST = 40, 4  # frames that teach at most, and at least
 TURNS, REST, FIRST = 15, 0.2, 4  # of the fit; standard deviations of a place: the last; before which none is the last
-OWN_TURNS = 4  # of a frame, with the shared unknowns as they are
+OWN_TURNS = 12  # of a frame, with the shared unknowns as they are
 LARGEST, SMALL = 0.3, 0.05  # step of radius, blur [px] and exposure; first exposure
 OFF, STRAYED = 0.4, 0.5  # of the learned diameter, by which the fitted may differ; of the radius, by which a place may
 ODD, ODD_LIGHT = 2.8, 3.0  # times what a ball leaves in most frames; of the widest light or contrast: not the ball
@@ -264,9 +264,12 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
     else:
         if moved > 1.0:
             return None
+    expected = _centred(places, film.places, teach)
+    film.places |= {i: p for i, p in expected.items() if i not in teach}
     apart = [float(np.median(np.abs(np.asarray(frames[i], np.float32) - scene))) for i in teach]
     at_ball = float(np.median([e.noise for e in equations.values()]))
-    out, centre = _measured(film, face, cuts, cov, places, widest)
+    found, centre = _measured(film, face, cuts, cov, expected, widest)
+    out = [found.get(i, p) for i, p in enumerate(places)]
     return Adjusted(out, centre, at_ball / max(FROM_MAD * float(np.median(apart)), 1e-9))
 
 
@@ -333,8 +336,8 @@ def _placed(p: Place, step: Array, e: _Equations) -> tuple[Place, float]:
 
 
 def _measured(
-    film: _Film, face: _Face, cuts: dict[int, _Frame], cov: Array, places: list[Place], widest: Array
-) -> tuple[list[Place], float]:
+    film: _Film, face: _Face, cuts: dict[int, _Frame], cov: Array, expected: dict[int, Place], widest: Array
+) -> tuple[dict[int, Place], float]:
     """Every good frame fitted with the shared unknowns as they are; sigma: its own, and what theirs cost it beyond what
     they cost all alike. And the standard uncertainty of the centre in the ball's picture [px]."""
     s, pictures, last = film.shared, _Pictures(face, film.shared), dict[int, _Equations]()
@@ -346,12 +349,12 @@ def _measured(
                 break
     costs = {i: np.linalg.solve(e.h, e.c.T)[:2] for i, e in last.items()}
     usual, odd = np.mean(list(costs.values()), axis=0), _odd(last, film.places, widest)
-    out = list(places)
+    out = dict[int, Place]()
     for i, e in last.items():
         off = costs[i] - usual
         var = np.linalg.inv(e.h)[:2, :2] * e.power / e.noise**2 / max(e.count - 5.0, 1.0) + off @ cov @ off.T
         sigma, p = math.sqrt(max(var[0, 0], var[1, 1])), film.places[i]
-        away = math.hypot(p.x - places[i].x, p.y - places[i].y) > STRAYED * s.radius
+        away = math.hypot(p.x - expected[i].x, p.y - expected[i].y) > STRAYED * s.radius
         found = Found("", p.x, p.y, sigma, 2.0 * s.radius, e.unlike)
         if away or i in odd:
             found = Found("lost: the fit did not converge" if away else LIKE.format(odd[i]))
@@ -359,6 +362,15 @@ def _measured(
     turned = [_turned(film.places[i].turn) @ c for i, c in costs.items()]
     centre = np.mean(turned, axis=0)
     return out, math.sqrt(float(np.max(np.diag(centre @ cov @ centre.T))))
+
+
+def _centred(before: list[Place], after: dict[int, Place], teach: list[int]) -> dict[int, Place]:
+    """Places before the fit, moved by as much in the ball's picture, and turned, as it moved those that taught."""
+    moves = [_turned(before[i].turn) @ [after[i].x - before[i].x, after[i].y - before[i].y] for i in teach]
+    u, v = np.median(moves, axis=0)
+    turn = float(np.median([after[i].turn - before[i].turn for i in teach]))
+    moved = {i: shifted(before[i], float(u), float(v)) for i in after}
+    return {i: replace(p, turn=p.turn + turn, light=0.0, contrast=1.0) for i, p in moved.items()}
 
 
 def _turned(turn: float) -> Array:

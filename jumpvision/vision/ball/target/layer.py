@@ -85,7 +85,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
         where = now
         outline = _outline(frames, scene, where, layer)
         x, y, size = outline or (0.0, 0.0, d)
-        where = {i: _shifted(p, x, y) for i, p in where.items()}
+        where = {i: shifted(p, x, y) for i, p in where.items()}
         layer = _taught(frames, scene, where, _round(d, size))
     return layer, where, outline is not None
 
@@ -97,7 +97,7 @@ def _round(d: float, size: float) -> Float32:
     return np.clip((0.5 * size - np.hypot(u, v)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
 
 
-def _shifted(place: Place, u: float, v: float) -> Place:
+def shifted(place: Place, u: float, v: float) -> Place:
     """The place whose centre is (u, v) of the layer's window away from the middle."""
     c, s = math.cos(place.turn), math.sin(place.turn)
     return replace(place, x=place.x + c * u - s * v, y=place.y + s * u + c * v)
