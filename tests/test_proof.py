@@ -110,18 +110,25 @@ def test_a_ball_at_rest_is_no_doubt():
         assert (t.flag == "").all()
 
 
-def test_frames_on_a_smudge_are_flagged():
-    """A track that goes on at a smudge after its ball has left the picture: the same is there in the frames before."""
+@pytest.mark.parametrize("there", [False, True])
+def test_frames_on_a_smudge_are_flagged(there):
+    """A track that goes on at a smudge after its ball has left the picture: the same is there in the frames before.
+    Where the ball is there after all, it is found."""
     rng = np.random.default_rng(4)
     behind = scene(ruler=False) + 150.0 * cover(200.0, 60.0, D)[0]
     truth = np.stack([40.0 + 6.0 * np.arange(20), np.full(20, 150.0)], axis=1)
     frames = film(truth, rng, behind=behind)
+    wrong = np.arange(20) >= 14
+    if not there:
+        frames[wrong] = np.clip(np.rint(behind + rng.normal(0, 1.0, (6, H, W))), 0, 255)
     settings = BallSettings(D, "bright", "disc", 1.5, tuple(truth[0]), False, 0.0)
     t = track_ball(frames, **vars(settings))
-    wrong = np.arange(20) >= 14
-    x, y = np.where(wrong, 200.0, t.x), np.where(wrong, 60.0, t.y)
-    false = type(t)(x, y, t.sigma, t.diameter, t.chi2, t.flag)
-    out = proved(false, list(frames), settings)
+    x, y = np.where(wrong, 200.0, truth[:, 0]), np.where(wrong, 60.0, truth[:, 1])
+    sigma, size, chi2 = (np.where(wrong, v[0], v) for v in (t.sigma, t.diameter, t.chi2))
+    out = proved(type(t)(x, y, sigma, size, chi2, np.full(20, "")), list(frames), settings)
+    if there:
+        assert (out.flag == "").all() and np.hypot(out.x - truth[:, 0], out.y - truth[:, 1]).max() < 0.1
+        return
     assert all("the same stands here in frame" in f for f in out.flag[wrong])
     assert (out.flag[~wrong] == "").all() and np.isnan(out.x[wrong]).all()
 

@@ -34,9 +34,10 @@ STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f}); give tra
 def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
     """The track where nothing speaks against it; the one of what moves through the film where that is the better one;
     with doubtful frames flagged and what a user should know as `notes`."""
-    good = track.flag == ""
     if len(frames) < STAYS or settings.streak:
         return track
+    track = standing(track, frames, settings)
+    good = track.flag == ""
     d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or MIN_DIAMETER
     still = stands(track)
     if still or np.mean(~good) > MANY:
@@ -59,7 +60,7 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
                     return replace(track, notes=(*track.notes, said.partition(";")[0]))
                 flag = np.where(good, said, track.flag)
                 return _without(replace(track, notes=(*track.notes, said)), flag)
-    return standing(track, frames, settings)
+    return track
 
 
 def stands(track: BallTrack) -> bool:
