@@ -84,6 +84,22 @@ def test_a_click_is_followed_at_four_diameters_a_frame():
     assert np.nanmax(np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])) < 0.1
 
 
+def test_a_click_on_a_dark_ball_follows_it_and_not_its_shadow():
+    """1.5 to 3 diameters a frame before a bright wall, the shadow 1.1 diameters beside it and longer in the picture: the
+    ball, to 0.1 px."""
+    truth, frames = toss(12, -25.0, x0=272.0, y0=170.0), []
+    for x, y in truth:
+        picture = np.full((H, W), 190.0) * (1 - 0.25 * cover(x + 0.8 * D, y + 0.8 * D, D)[0])
+        picture += (40.0 - picture) * cover(x, y, D)[0]
+        frames.append(picture + np.random.default_rng(len(frames)).normal(0, 1.0, (H, W)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        t = of_arrays(np.array(frames), diameter=D, polarity="dark", seed=tuple(truth[0] + [2.0, -2.0]))
+    off = np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])
+    assert (t.flag == "").sum() >= 10
+    assert np.nanmax(off) < 0.1
+
+
 def test_what_stands_still_while_something_else_moves_is_doubted():
     """A sticker is the only round thing; a bar moves. Nothing is tracked, and why is in every flag."""
     still = scene(ruler=False) + 150.0 * cover(46.5, 120.0, D)[0]
