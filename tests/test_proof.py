@@ -85,8 +85,7 @@ def test_a_click_is_followed_at_four_diameters_a_frame():
 
 
 def test_a_click_on_a_dark_ball_follows_it_and_not_its_shadow():
-    """1.5 to 3 diameters a frame before a bright wall, the shadow 1.1 diameters beside it and longer in the picture: the
-    ball, to 0.1 px."""
+    """2 to 4 diameters a frame before a bright wall, the shadow 1.1 diameters beside it and longer in the picture."""
     truth, frames = toss(12, -25.0, x0=272.0, y0=170.0), []
     for x, y in truth:
         picture = np.full((H, W), 190.0) * (1 - 0.25 * cover(x + 0.8 * D, y + 0.8 * D, D)[0])
