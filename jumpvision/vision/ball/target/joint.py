@@ -26,7 +26,7 @@ from ..moving import Frames
 from .layer import Layer, Place, shifted
 
 FINE, OVER = 3, 2  # points of the picture to a pixel; of the disc that it is blurred from, to one of these
-FINEST = 1.25  # px: shortest half wave of a face
+FINEST, WIDEST = 1.25, 40.0  # px: shortest half wave of a face; largest ball, whose waves are some hundred
 ROOM = 2.5  # px beyond the rim, that are fitted
 BLUR = 0.76, 0.35  # px: of a rim, first and least
 TEACHERS, FEWEST = 40, 4  # frames that teach at most, and at least
@@ -169,9 +169,9 @@ def _keys(t: NDArray[np.float64]) -> NDArray[np.float64]:
 
 class _Equations:
     """Normal equations of one frame, weighted: h (5, 5) of its own unknowns, c (shared, 5), n (shared, shared) of the
-    shared ones (waves, radius, blur, exposure), g and b their right sides; noise [grey]."""
+    shared ones (waves, radius, blur, exposure), g and b their right sides; noise [grey]. alone: no shared ones."""
 
-    def __init__(self, f: _Frame, p: Place, s: _Shared, pictures: _Pictures, prior: Array):
+    def __init__(self, f: _Frame, p: Place, s: _Shared, pictures: _Pictures, prior: Array, alone: bool = False):
         lay, along = _laying(f, p, s.exposure, pictures.k)
         laid = (pictures.value, pictures.by_u, pictures.by_v, pictures.by_turn, pictures.by_radius, pictures.by_blur)
         (a, m), (a_u, m_u), (a_v, m_v), (a_t, m_t), (a_r, m_r), (a_b, m_b) = (np.asarray(lay @ v.T).T for v in laid)
@@ -187,8 +187,10 @@ class _Equations:
         vx, vy = f.velocity
         exposure = -vx * (cos * e_u - sin * e_v) - vy * (sin * e_u + cos * e_v)
         own = np.stack([x, y, change(a_t, m_t), a, m], axis=1)
-        waves = p.contrast * np.asarray(lay.astype(np.float32) @ pictures.stack, np.float64)
-        shared = np.column_stack([waves, change(a_r, m_r), change(a_b, m_b), exposure])
+        shared = np.zeros((f.u.size, 0))
+        if not alone:
+            waves = p.contrast * np.asarray(lay.astype(np.float32) @ pictures.stack, np.float64)
+            shared = np.column_stack([waves, change(a_r, m_r), change(a_b, m_b), exposure])
         left = f.grey - f.behind - change(a, m)
         self.noise = max(FROM_MAD * float(np.median(np.abs(left))), 1e-6 * float(np.ptp(f.grey)) + 1e-9)
         weight = np.minimum(1.0, OUTLIER * self.noise / np.maximum(np.abs(left), 1e-12))
@@ -238,6 +240,8 @@ class Adjusted(NamedTuple):
 def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, outlined: bool) -> Adjusted | None:
     """The places [one a frame] of a learned layer, all fitted at once; None where the fit does not come to rest.
     outlined: the layer's diameter is that of an outline, and not only about right."""
+    if layer.d > WIDEST:
+        return None
     good = [i for i, p in enumerate(places) if not p.found.flag]
     cuts = {i: _cut(np.asarray(frames[i], np.float32), scene, places, i, layer.d) for i in good}
     teach = good[:: max(1, math.ceil(len(good) / TEACHERS))]
@@ -343,10 +347,11 @@ def _measured(
     s, pictures, last = film.shared, _Pictures(face, film.shared), dict[int, _Equations]()
     for i, cut in cuts.items():
         for _ in range(OWN_TURNS):
-            e = last[i] = _Equations(cut, film.places[i], s, pictures, film.prior)
+            e = _Equations(cut, film.places[i], s, pictures, film.prior, alone=True)
             film.places[i], far = _placed(film.places[i], np.linalg.solve(e.h, e.g), e)
             if far < REST:
                 break
+        last[i] = _Equations(cut, film.places[i], s, pictures, film.prior)
     costs = {i: np.linalg.solve(e.h, e.c.T)[:2] for i, e in last.items()}
     usual, odd = np.mean(list(costs.values()), axis=0), _odd(last, film.places, widest)
     out = dict[int, Place]()
