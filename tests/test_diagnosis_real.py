@@ -15,7 +15,7 @@ from benchmarks import diagnosis_real as real
 from benchmarks.ball_drops import Ball, questioned, together
 from jumpvision.diagnosis.diagnose import diagnose
 from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.diagnosis.study.particle import LAW, path
+from jumpvision.diagnosis.study.particle import LAW, UNDRIVEN, path
 
 STEP = 2 * np.pi / 40000  # rad, of the encoder
 
@@ -27,7 +27,7 @@ def law(**values: float) -> np.ndarray:
 def test_a_fall_with_quadratic_drag_is_the_closed_form():
     """y = -ln(cosh(t sqrt(g q))) / q from rest; Runge-Kutta of fourth order with steps of 17 ms: h^5 n ~ 1e-7 m."""
     t, g, q = np.arange(0.0, 3.0, 1 / 15), 9.81, 0.03
-    y = path(0.0, 0.0, t, law(gravity=g, quadratic=q), np.inf)
+    y = path(0.0, 0.0, t, law(gravity=g, quadratic=q), np.inf, UNDRIVEN)
     assert y == pytest.approx(-np.log(np.cosh(t * np.sqrt(g * q))) / q, abs=1e-6)
 
 
@@ -35,7 +35,7 @@ def test_dry_friction_takes_the_same_from_every_swing_and_holds():
     """x'' = -W x - f sign(v): each half swing loses 2 f / W, and the body rests once within f / W."""
     w, f = 65.0, 0.16
     t = np.linspace(0.0, 6.0, 6001)
-    x = path(0.0066, 0.0, t, law(stiffness=w, coulomb=f), 1e-3)  # sin x = x to 5e-8
+    x = path(0.0066, 0.0, t, law(stiffness=w, coulomb=f), 1e-3, UNDRIVEN)  # sin x = x to 5e-8
     turns = np.abs(x[1:-1])[(np.diff(x[:-1]) * np.diff(x[1:])) < 0]
     assert turns == pytest.approx(0.0066 - 2 * f / w * np.arange(1, turns.size + 1), abs=2e-6)
     assert np.ptp(x[-1000:]) == 0.0 and abs(x[-1]) <= f / w
@@ -50,7 +50,7 @@ def test_presliding_follows_dahl():
 
     t = np.arange(0.0, 2.0, 0.01)
     true = solve_ivp(rate, (0.0, 2.0), [0.03, -0.1, -1.0], t_eval=t, rtol=1e-10, atol=1e-12, max_step=1e-3).y[0]
-    x = path(0.03, -0.1, t, law(stiffness=w, coulomb=f, presliding=delta), 5e-4)
+    x = path(0.03, -0.1, t, law(stiffness=w, coulomb=f, presliding=delta), 5e-4, UNDRIVEN)
     assert x == pytest.approx(true, abs=2e-6)
 
 

@@ -84,6 +84,21 @@ def test_a_click_is_followed_at_four_diameters_a_frame():
     assert np.nanmax(np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])) < 0.1
 
 
+def test_a_click_on_a_dark_ball_follows_it_and_not_its_shadow():
+    """2 to 4 diameters a frame before a bright wall, the shadow 1.1 diameters beside it and longer in the picture."""
+    truth, frames = toss(12, -25.0, x0=272.0, y0=170.0), []
+    for x, y in truth:
+        picture = np.full((H, W), 190.0) * (1 - 0.25 * cover(x + 0.8 * D, y + 0.8 * D, D)[0])
+        picture += (40.0 - picture) * cover(x, y, D)[0]
+        frames.append(picture + np.random.default_rng(len(frames)).normal(0, 1.0, (H, W)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        t = of_arrays(np.array(frames), diameter=D, polarity="dark", seed=tuple(truth[0] + [2.0, -2.0]))
+    off = np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])
+    assert (t.flag == "").sum() >= 10
+    assert np.nanmax(off) < 0.1
+
+
 def test_what_stands_still_while_something_else_moves_is_doubted():
     """A sticker is the only round thing; a bar moves. Nothing is tracked, and why is in every flag."""
     still = scene(ruler=False) + 150.0 * cover(46.5, 120.0, D)[0]
@@ -110,18 +125,25 @@ def test_a_ball_at_rest_is_no_doubt():
         assert (t.flag == "").all()
 
 
-def test_frames_on_a_smudge_are_flagged():
-    """A track that goes on at a smudge after its ball has left the picture: the same is there in the frames before."""
+@pytest.mark.parametrize("there", [False, True])
+def test_frames_on_a_smudge_are_flagged(there):
+    """A track that goes on at a smudge after its ball has left the picture: the same is there in the frames before.
+    Where the ball is there after all, it is found."""
     rng = np.random.default_rng(4)
     behind = scene(ruler=False) + 150.0 * cover(200.0, 60.0, D)[0]
     truth = np.stack([40.0 + 6.0 * np.arange(20), np.full(20, 150.0)], axis=1)
     frames = film(truth, rng, behind=behind)
+    wrong = np.arange(20) >= 14
+    if not there:
+        frames[wrong] = np.clip(np.rint(behind + rng.normal(0, 1.0, (6, H, W))), 0, 255)
     settings = BallSettings(D, "bright", "disc", 1.5, tuple(truth[0]), False, 0.0)
     t = track_ball(frames, **vars(settings))
-    wrong = np.arange(20) >= 14
-    x, y = np.where(wrong, 200.0, t.x), np.where(wrong, 60.0, t.y)
-    false = type(t)(x, y, t.sigma, t.diameter, t.chi2, t.flag)
-    out = proved(false, list(frames), settings)
+    x, y = np.where(wrong, 200.0, truth[:, 0]), np.where(wrong, 60.0, truth[:, 1])
+    sigma, size, chi2 = (np.where(wrong, v[0], v) for v in (t.sigma, t.diameter, t.chi2))
+    out = proved(type(t)(x, y, sigma, size, chi2, np.full(20, "")), list(frames), settings)
+    if there:
+        assert (out.flag == "").all() and np.hypot(out.x - truth[:, 0], out.y - truth[:, 1]).max() < 0.1
+        return
     assert all("the same stands here in frame" in f for f in out.flag[wrong])
     assert (out.flag[~wrong] == "").all() and np.isnan(out.x[wrong]).all()
 
@@ -144,29 +166,80 @@ def test_a_ball_of_two_tones_that_turns_is_followed_as_a_picture(click):
     assert 0.001 < np.median(t.sigma_px[good]) < 0.1
 
 
-def test_sigma_of_a_ball_of_two_tones_covers():
-    """20 films of 14 frames, noise 3, rims of 0.8 px: 68 % less what the learned picture's own noise takes (1/14 of the
-    variance: 66 %), within three standard deviations of 560 values (2 % each): 60 to 72 %. Measured 63."""
-    errors, sigmas = [], []
-    for seed in range(20):
-        rng, frames = np.random.default_rng([9, seed]), []
+BLUR, MANY = 0.7, 10  # px: of a lens; sub-pixels of a pixel, each way
+
+
+def lens(x, y, turn, tone=0.4, hand=None):
+    """The scene with a ball of two tones, both sharp, through a lens that blurs what is in front of it; a hand (x, y)
+    before it."""
+    n, x0, y0 = 20, round(x), round(y)
+    sub = (np.arange(MANY) + 0.5) / MANY - 0.5
+    at = (np.arange(-n, n + 1)[:, None] + sub).ravel()
+    u, v = np.meshgrid(at + x0 - x, at + y0 - y)
+    inside = np.clip((D / 2 - np.hypot(u, v)) * MANY + 0.5, 0.0, 1.0)
+    side = np.clip((v * math.cos(turn) - u * math.sin(turn)) * MANY + 0.5, 0.0, 1.0)
+    fine = 60.0 * (1 - inside) + 210.0 * inside * (tone + (1 - tone) * side)
+    fine = cv2.GaussianBlur(fine, (0, 0), BLUR * MANY, borderType=cv2.BORDER_REPLICATE)
+    out = np.full((H + 2 * n, W + 2 * n), 60.0)
+    out[y0 : y0 + 2 * n + 1, x0 : x0 + 2 * n + 1] = fine.reshape(2 * n + 1, MANY, 2 * n + 1, MANY).mean(axis=(1, 3))
+    out = out[n:-n, n:-n].copy()
+    if hand is not None:
+        cv2.ellipse(out, tuple(int(c) for c in hand), (22, 11), 20.0, 0.0, 360.0, 135.0, -1)
+    return out
+
+
+def known(picture, x, y, noise):
+    """Cramer-Rao bounds (x, y) [px] where the scene, the ball's picture and light are known, its turn is not."""
+    gy, gx = np.gradient(picture)
+    v, u = np.indices(picture.shape)
+    turned = ((u - x) * gy - (v - y) * gx) * (np.hypot(u - x, v - y) < D / 2 - 1)
+    j = np.stack([gx.ravel(), gy.ravel(), turned.ravel()])
+    return np.sqrt(np.diag(np.linalg.inv(j @ j.T / noise**2))[:2])
+
+
+def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers():
+    """12 films of 14 frames, noise 3, 0.05 rad a frame, blurred as a lens does. RMS within 1.2 of the bound of a known
+    picture (14 frames that teach it cost 1/14, 1.04; light and contrast the rest; 336 values are known to 4 %).
+    sigma is the larger of two axes that differ by 1.27: it covers 68 % along one, 80 % along the other, 74 % in all,
+    within 7 % (three standard deviations of 336 values). The centre, shared: within 3.5 of what the note says."""
+    errors, sigmas, bounds, offsets = [], [], [], []
+    for seed in range(12):
+        rng = np.random.default_rng([9, seed])
         truth = toss(14, 15.0) + rng.uniform(-0.5, 0.5, (14, 2))
-        for k, (x, y) in enumerate(truth):
-            _, _, u, v = cover(x, y, D)
-            side = ndtr((v * math.cos(0.05 * k) - u * math.sin(0.05 * k)) / 0.8)
-            inside = ndtr((D / 2 - np.hypot(u, v)) / 0.8)
-            picture = 60.0 * (1 - mean(inside)) + 210.0 * mean(inside * (0.4 + 0.6 * side))
-            frames.append(np.clip(np.rint(picture + rng.normal(0, 3.0, (H, W))), 0, 255).astype(np.uint8))
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        clean = [lens(x, y, 0.05 * k) for k, (x, y) in enumerate(truth)]
+        frames = [np.clip(np.rint(p + rng.normal(0, 3.0, p.shape)), 0, 255).astype(np.uint8) for p in clean]
+        with pytest.warns(UserWarning, match="known in its picture to") as said:
             t = of_arrays(np.array(frames), diameter=D, method="template", seed=tuple(truth[0]))
         good = (t.flag == "").to_numpy()
         e = np.stack([t.x_px - truth[:, 0], t.y_px - truth[:, 1]], axis=1)[good]
+        offsets.append(np.hypot(*np.median(e, axis=0)) / float(str(said[0].message).split("to ")[1].split(" px")[0]))
         errors.append(e - np.median(e, axis=0))
         sigmas.append(np.repeat(t.sigma_px[good].to_numpy()[:, None], 2, axis=1))
-    covered = np.abs(np.concatenate(errors)) < np.concatenate(sigmas)
-    assert covered.size >= 500
-    assert 0.60 < covered.mean() < 0.72
+        bounds.append(np.array([known(p, x, y, 3.0) for p, (x, y) in zip(clean, truth, strict=True)])[good])
+    error, sigma, least = (np.concatenate(v) for v in (errors, sigmas, bounds))
+    assert error.size >= 320
+    assert np.sqrt(np.mean((error / least) ** 2)) < 1.2
+    assert 0.67 < np.mean(np.abs(error) < sigma) < 0.81
+    assert max(offsets) < 3.5
+
+
+def test_a_hand_that_the_ball_has_left_is_no_ball():
+    """A ball of two tones is held for three frames and flies; the hand stays. Frames with the hand before the ball are
+    flagged, the flight is at the ball to 0.1 px."""
+    rng = np.random.default_rng(12)
+    truth = np.concatenate([np.repeat(toss(12, 15.0)[:1], 3, axis=0), toss(12, 15.0)])
+    hand = truth[0] + [4.0, 12.0]
+    frames = [
+        lens(x, y, 0.05 * k, hand=(hand[0], hand[1] + 1.5 * max(0, k - 3))) + rng.normal(0, 1.0, (H, W))
+        for k, (x, y) in enumerate(truth)
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        t = of_arrays(np.array(frames), diameter=D, method="template", seed=tuple(truth[0]))
+    good = (t.flag == "").to_numpy()
+    assert good[5:].all() and not good[:3].any()
+    off = np.hypot(t.x_px - truth[:, 0], t.y_px - truth[:, 1])[good]
+    assert off.max() < 0.1
 
 
 @pytest.mark.parametrize("tone", [1.0, 0.4])

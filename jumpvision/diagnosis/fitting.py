@@ -9,8 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
-from jumpvision.base.arrays import Array
-from jumpvision.base.normal import log_box
+from jumpvision.base.arrays import Array, log_box
 from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
 from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.diagnosis.noise.whitening import Whitening, axes, joined

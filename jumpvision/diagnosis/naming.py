@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.base.arrays import Z90, Array
-from jumpvision.base.normal import log_interval
+from jumpvision.base.arrays import Z90, Array, log_interval
 
 from .detect import Detection, Span
 from .fitting import Fit, Problem

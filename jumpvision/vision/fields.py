@@ -89,14 +89,16 @@ def order_of(frames: Sequence[Image] | Film) -> str:
         ways.append((np.hypot(*(places[1] - places[2])), np.hypot(*(places[0] - places[3]))))
     if not combs:
         return ""
-    inside, across, still = np.median(combs, axis=0)
+    inside, across, still = np.mean(combs, axis=0)  # what goes slowly combs little, and weighs little here
     if inside < max(COMBED * across, STANDS * still):
         return ""
-    if abs(clear := float(np.median(meets))) > CLEAR:
+    fast = [near > COMBED * far for near, far, _ in combs]
+    if abs(clear := float(np.median(np.array(meets)[fast]))) > CLEAR:
         return "top" if clear < 0.0 else "bottom"
-    if not np.isfinite(ways).all(axis=1).any():
+    way = np.array(ways)[fast]
+    if not np.isfinite(way).all(axis=1).any():
         return ""
-    top, bottom = np.nanmedian(np.array(ways), axis=0)
+    top, bottom = np.nanmedian(way, axis=0)
     return "" if top == bottom else "top" if top < bottom else "bottom"
 
 

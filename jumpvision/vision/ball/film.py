@@ -16,7 +16,7 @@ from .background import LEAST, Background, SceneSum, View, Window
 from .disc import WX, WY, A
 from .measure import Found, window_half
 from .moving import MOST_FRAMES
-from .proof import proved, stands
+from .proof import proved, standing, stands
 from .refine import refined
 from .target.flight import in_flight, is_shadow
 from .target.template import track_template
@@ -114,7 +114,7 @@ class FilmTracker:
             if unsure and (stands(sure) or (dark and is_shadow(sure, frames))):
                 flying = in_flight(frames, self.settings.diameter, None)
                 if flying is not None:
-                    return [replace(as_track(flying), notes=(FLYING,))]
+                    return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
                 return self._refined([sure])
         if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
@@ -123,6 +123,8 @@ class FilmTracker:
         if behind is None:
             return self._refined(first)
         again = [as_track(list(f)) for f in zip(*self._without(behind, frames), strict=True)]
+        if len(again) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
+            again = [standing(again[0], frames, self.settings)]
         return self._refined([b if _better(a, b) else a for a, b in zip(first, again, strict=True)])
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:

@@ -22,6 +22,7 @@ from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
 MOVES = 1.0  # diameters: a track that reaches less far stands still
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
 NEARBY, ANYHOW = 0.5, 1.5  # speeds: how far a path may have come unseen from the seed; the only one of the film
+SHORTER = 0.7  # of the longest path: shorter ones are not preferred for lying nearer to the seed
 ENOUGH = 12  # frames from which their median is a scene to take out
 MANY = 0.15  # share of frames lost from which the film is searched for what moves
 GAINS = 1.1  # the search must find the ball moving in so many times as many frames
@@ -34,9 +35,10 @@ STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f}); give tra
 def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrack:
     """The track where nothing speaks against it; the one of what moves through the film where that is the better one;
     with doubtful frames flagged and what a user should know as `notes`."""
-    good = track.flag == ""
     if len(frames) < STAYS or settings.streak:
         return track
+    track = standing(track, frames, settings)
+    good = track.flag == ""
     d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or MIN_DIAMETER
     still = stands(track)
     if still or np.mean(~good) > MANY:
@@ -44,6 +46,8 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
         paths = moving_paths(frames, scene, settings.diameter, settings.polarity, MIN_DIAMETER)
         came = NEARBY if len(paths) > 1 else ANYHOW
         ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed, came)]
+        if seed := settings.seed:  # of those about as long as the longest: a shadow flies beside its ball
+            ours = sorted(ours, key=lambda p: (len(p) < SHORTER * len(ours[0]), _apart(p, seed)))
         if ours:
             moving = follow(ours[0], frames, settings, scene if len(frames) >= ENOUGH else None)
             if (still and settings.seed is None) or _movers(moving, d) > GAINS * _movers(track, d):
@@ -59,7 +63,7 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
                     return replace(track, notes=(*track.notes, said.partition(";")[0]))
                 flag = np.where(good, said, track.flag)
                 return _without(replace(track, notes=(*track.notes, said)), flag)
-    return standing(track, frames, settings)
+    return track
 
 
 def stands(track: BallTrack) -> bool:
@@ -149,9 +153,14 @@ def _begins(path: Path, seed: tuple[float, float], came: float) -> bool:
     """Whether a path may have begun at the seed in the first frame, so many times its speed away by then."""
     first, second = path[0], path[1]
     speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
+    return _apart(path, seed) < 1.5 * first.d + came * speed * max(first.i, 0)
+
+
+def _apart(path: Path, seed: tuple[float, float]) -> float:
+    """From the seed to where a path begins, or would have in the first frame, whichever is nearer [px]."""
+    first = path[0]
     x, y = at(path, 0) if first.i <= STAYS else (first.x, first.y)
-    near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
-    return min(near) < 1.5 * first.d + came * speed * max(first.i, 0)
+    return min(math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1]))
 
 
 def _ball_at(image: NDArray[Any], x: float, y: float, d: float, polarity: str) -> Found | None:

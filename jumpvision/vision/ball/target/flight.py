@@ -13,7 +13,8 @@ from jumpvision.base.arrays import MAD, Float32
 
 from ..measure import Found
 from ..moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, still_scene
-from ..track import BallTrack
+from ..track import BallTrack, as_track
+from .joint import adjusted
 from .layer import Layer, Place, fit, learned
 
 THINGS = 8  # that are looked at in a frame
@@ -22,12 +23,16 @@ CLEAR = 4.0  # standard deviations of the noise, the least mean change of a thin
 SIZE = 0.3  # relative difference from the diameter given
 FLIGHT, SURE = 6, 0.7  # frames of a path that nobody clicked, and share of them that must fit
 BESIDE, DARKER = (0.6, 2.5), 1.4  # diameters between a ball and its shadow; of a shadow's change, the ball's
+BEGINS = 3  # spots of a path, of which one may be its first
 GUESS = 12.0  # px: first diameter where none is known
+HOLDS, PLAIN = 1.5, 0.1  # of a ball whose rim is not seen all round: largest misfit; px: of its centre
+CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
+KNOWN = ", known in its picture to {:.2g} px, an offset that turns with the ball"
 
 
-def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] | None) -> list[Found] | None:
+def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] | None) -> BallTrack | None:
     """The ball that flies from the seed, or the farthest where none is given, in every frame; None where nothing flies,
-    it is not round, of another diameter [px], or its picture does not hold."""
+    it is not round, of another diameter [px], or its picture does not hold. notes: of what its positions are."""
     if len(frames) < FLIGHT:
         return None
     scene = still_scene(frames)
@@ -41,12 +46,19 @@ def in_flight(frames: Frames, diameter: float | None, seed: tuple[float, float] 
     known_layer = learned(frames, scene, path, d)
     if known_layer is None or (diameter and abs(known_layer[0].d / diameter - 1.0) > SIZE):
         return None
-    layer, known = known_layer
+    layer, known, outlined = known_layer
+    if not outlined and diameter is None:
+        return None
     places = _everywhere(frames, scene, path, layer, known)
     on_path = [places[s.i].found.flag == "" for s in path]
     if np.mean(on_path) < SURE:
         return None
-    return [p.found for p in places]
+    better = adjusted(frames, scene, places, layer, outlined)
+    if not outlined and (better is None or better.misfit > HOLDS or better.centre > PLAIN):
+        return None
+    if better is None:
+        return replace(as_track([p.found for p in places]), notes=(CENTRE,))
+    return replace(as_track([p.found for p in better.places]), notes=(CENTRE + KNOWN.format(better.centre),))
 
 
 def is_shadow(track: BallTrack, frames: Frames) -> bool:
@@ -75,12 +87,14 @@ def _path(frames: Frames, scene: Float32, d: float, seed: tuple[float, float] | 
 
 
 def _from(path: Path, seed: tuple[float, float]) -> bool:
-    """Whether a path may have begun at the seed in the first frame."""
-    first, second = path[0], path[1]
-    speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
-    x, y = at(path, 0)
-    near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
-    return min(near) < 1.5 * first.d + speed * min(first.i, HOLE)
+    """Whether a path may have begun at the seed in the first frame; its own first may be of the hand beside."""
+    for first, second in itertools.pairwise(path[: 1 + BEGINS]):
+        speed = math.hypot(second.x - first.x, second.y - first.y) / (second.i - first.i)
+        x, y = at([s for s in path if s.i >= first.i], 0)
+        near = math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1])
+        if min(near) < 1.5 * first.d + speed * min(first.i, HOLE):
+            return True
+    return False
 
 
 def _things(i: int, image: Float32, scene: Float32, d: float) -> list[Spot]:

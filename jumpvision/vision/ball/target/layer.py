@@ -55,8 +55,8 @@ class Place:
     found: Found
 
 
-def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer, dict[int, Place]] | None:
-    """The layer that a path's frames show, and their fits; None where they show no round thing."""
+def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer, dict[int, Place], bool] | None:
+    """The layer that a path's frames show, their fits, and whether a round rim is seen; None where nothing holds."""
     h, w = scene.shape
     inside = [s for s in path if 0.6 * d < s.x < w - 0.6 * d and 0.6 * d < s.y < h - 0.6 * d]
     inside = inside[:: max(1, len(inside) // TEACHERS)]
@@ -84,12 +84,10 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
             return None
         where = now
         outline = _outline(frames, scene, where, layer)
-        if outline is None:
-            return None
-        x, y, size = outline
-        where = {i: _shifted(p, x, y) for i, p in where.items()}
+        x, y, size = outline or (0.0, 0.0, d)
+        where = {i: shifted(p, x, y) for i, p in where.items()}
         layer = _taught(frames, scene, where, _round(d, size))
-    return layer, where
+    return layer, where, outline is not None
 
 
 def _round(d: float, size: float) -> Float32:
@@ -99,7 +97,7 @@ def _round(d: float, size: float) -> Float32:
     return np.clip((0.5 * size - np.hypot(u, v)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
 
 
-def _shifted(place: Place, u: float, v: float) -> Place:
+def shifted(place: Place, u: float, v: float) -> Place:
     """The place whose centre is (u, v) of the layer's window away from the middle."""
     c, s = math.cos(place.turn), math.sin(place.turn)
     return replace(place, x=place.x + c * u - s * v, y=place.y + s * u + c * v)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -23,7 +23,6 @@ from ..track import BallSettings, BallTrack, as_track
 from .flight import in_flight, left
 from .layer import sampled
 
-CENTRE = "the target is a ball in flight: positions are of its centre, not of the place that was clicked"
 DIAMETER = 21.0  # px, of a target whose size is not given
 LIKE, SURE = 0.7, 0.85  # least correlation with the target: where it is expected, and anywhere in the picture
 TURNS = np.deg2rad([0.0, -20.0, 20.0])  # from the last turn, that are tried
@@ -56,7 +55,7 @@ def track_template(frames: Frames, settings: BallSettings) -> BallTrack:
     assert settings.seed is not None
     flying = in_flight(frames, settings.diameter, settings.seed)
     if flying is not None:
-        return replace(as_track(flying), notes=(CENTRE,))
+        return flying
     target = _cut(np.asarray(frames[0], np.float32), *settings.seed, settings.diameter or DIAMETER)
     if not target.contrast > 0:
         return as_track([Found("lost: nothing but one grey at track.seed")] * len(frames))
