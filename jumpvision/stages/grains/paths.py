@@ -24,6 +24,7 @@ from jumpvision.workflow.stage import StageWarning, stage
 
 from .masks import half_width
 
+FEWEST = 4  # vectors along an axis
 TOUCH = 0.02  # of the time between the frames of a pair, by which the next may begin beside the end of this one
 
 
@@ -52,7 +53,7 @@ def paths(
         with frames:
             times = frames.time
     half = half_width(film, robot) if film is not None else None
-    return Paths(through(piv.field, piv.geometry, times, half, p))
+    return Paths(through(piv.as_matched, piv.geometry, times, half, p))
 
 
 def of_arrays(field: xr.Dataset, *, spacing: float = 16.0, **parameters: Any) -> pd.DataFrame:
@@ -63,7 +64,7 @@ def of_arrays(field: xr.Dataset, *, spacing: float = 16.0, **parameters: Any) ->
     p = of_keywords(PathsParams, {"spacing": spacing, **parameters}, spacing=spacing)
     if "t" not in field.dims:
         raise ValueError("paths: one field; give the fields of three frames and more, jv.piv(frames)")
-    return through(field, attributes_of(VectorGrid, field), None, None, p)
+    return through(Piv(field).as_matched, attributes_of(VectorGrid, field), None, None, p)
 
 
 class Span(NamedTuple):
@@ -80,8 +81,12 @@ def through(
     """The table of paths. times: of the film's frames [s]; None: evenly timed."""
     spans = chain(spans_of(data.t.values, grid, times), p.start)
     data = data.sortby("y").sortby("x").transpose("t", "y", "x", ...)
-    places = Grid(data.x.values, data.y.values)
     length = grid.scale_m_per_px if grid.metric else 1.0
+    places = Grid(data.x.values, data.y.values, grid.window_px * length)
+    if min(data.sizes["x"], data.sizes["y"]) < FEWEST:
+        raise NotApplicable(
+            [f"paths: {data.sizes['x']} x {data.sizes['y']} vectors; a cubic spline needs {FEWEST} each way"]
+        )
     wide = half_width_px * length if half_width_px else math.inf
     x, y = starts(data.isel(t=spans[0].field), places, p.spacing * length)
     found = carried(places, steps_of(data, spans, wide), x, y)
@@ -92,7 +97,9 @@ def spans_of(middle: Array, grid: VectorGrid, times: Array | None) -> list[Span]
     """Of every pair, in order. middle: mid-time of every field [s]; times: of the frames, None: even."""
     gap, each, dt = int(grid.gap_frames), int(grid.ensemble_pairs), grid.delta_t
     if grid.stride_frames > 1:
-        raise NotApplicable(["paths: double exposures: nothing is seen from one pair to the next, so no grain is followed"])
+        raise NotApplicable(
+            ["paths: double exposures: nothing is seen from one pair to the next, so no grain is followed"]
+        )
     if times is not None:
         return [Span(j // each, times[j], times[j + gap]) for j in range(len(times) - gap)]
     if each == 1:
@@ -123,13 +130,14 @@ def chain(spans: Sequence[Span], start: int) -> list[Span]:
 
 def starts(field: xr.Dataset, places: Grid, apart: float) -> tuple[Array, Array]:
     """x, y (n,) of a square grid in the middle of the vectors, where the nearest of the field is measured."""
-    x, y = (0.5 * (g[0] + g[-1] - apart * (m := int(np.ptp(g) / apart))) + apart * np.arange(m + 1) for g in places)
-    at = (a.ravel() for a in np.meshgrid(x, y))
-    x, y = at
-    near = [np.abs(g[:, None] - a).argmin(axis=0) for g, a in zip(places, (x, y))]
+    x, y = (0.5 * (g[0] + g[-1] - apart * (m := int(np.ptp(g) / apart))) + apart * np.arange(m + 1) for g in places[:2])
+    x, y = (a.ravel() for a in np.meshgrid(x, y))
+    near = [np.abs(g[:, None] - a).argmin(axis=0) for g, a in zip(places[:2], (x, y))]
     good = field.chc.values[near[1], near[0]] > 0
     if not good.any():
-        raise NotApplicable(["paths: nothing is measured where they would start: change [params.paths] spacing or start"])
+        raise NotApplicable(
+            ["paths: nothing is measured where they would start: change [params.paths] spacing or start"]
+        )
     return x[good], y[good]
 
 
