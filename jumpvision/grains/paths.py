@@ -131,8 +131,8 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
         total = np.sqrt(np.diagonal(first + own + end, axis1=1, axis2=2) + off_by**2).T
         places.append(place)
         sigmas.append(np.where(stopped, np.nan, total))
-    xs, ys = np.stack(places, 1)
-    return Carried(xs, ys, *np.stack(sigmas, 1), why)
+    (xs, ys), (x_sigma, y_sigma) = np.stack(places, 1), np.stack(sigmas, 1)
+    return Carried(xs, ys, x_sigma, y_sigma, why)
 
 
 def ended(

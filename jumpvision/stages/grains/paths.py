@@ -80,15 +80,14 @@ def through(
 ) -> pd.DataFrame:
     """The table of paths. times: of the film's frames [s]; None: evenly timed."""
     spans = chain(spans_of(data.t.values, grid, times), p.start)
-    data = data.sortby("y").sortby("x").transpose("t", "y", "x", ...)
     length = grid.scale_m_per_px if grid.metric else 1.0
-    places = Grid(data.x.values, data.y.values, grid.window_px * length)
+    places = Grid(np.sort(data.x.values), np.sort(data.y.values), grid.window_px * length)
     if min(data.sizes["x"], data.sizes["y"]) < FEWEST:
         raise NotApplicable(
             [f"paths: {data.sizes['x']} x {data.sizes['y']} vectors; a cubic spline needs {FEWEST} each way"]
         )
     wide = half_width_px * length if half_width_px else math.inf
-    x, y = starts(data.isel(t=spans[0].field), places, p.spacing * length)
+    x, y = starts(plane(data, spans[0].field), places, p.spacing * length)
     found = carried(places, steps_of(data, spans, wide), x, y)
     return table(found, np.array([spans[0].begin, *(s.end for s in spans)]))
 
@@ -106,8 +105,9 @@ def spans_of(middle: Array, grid: VectorGrid, times: Array | None) -> list[Span]
         return [Span(k, t - 0.5 * dt, t + 0.5 * dt) for k, t in enumerate(middle)]
     frame = dt / gap
     first = middle[0] - 0.5 * (dt + (each - 1) * frame) if len(middle) > 1 else 0.0
-    last = round((2.0 * (middle[-1] - first) - dt) / frame) + 1 - (len(middle) - 1) * each  # pairs of the last field
-    pairs = (len(middle) - 1) * each + last
+    before = (len(middle) - 1) * each  # pairs of all fields but the last, which may hold fewer
+    last = round((2.0 * (middle[-1] - first) - dt) / frame) + 1 - 2 * before
+    pairs = before + last
     return [Span(j // each, first + j * frame, first + j * frame + dt) for j in range(pairs)]
 
 
@@ -141,10 +141,16 @@ def starts(field: xr.Dataset, places: Grid, apart: float) -> tuple[Array, Array]
     return x[good], y[good]
 
 
+def plane(data: xr.Dataset, k: int) -> xr.Dataset:
+    """The field at time k, x and y rising."""
+    needed = [n for n in ("u", "v", "u_sigma", "v_sigma", "chc", "foot_y", "foot_v") if n in data]
+    return data[needed].isel(t=k).load().transpose("y", "x").sortby("y").sortby("x")
+
+
 def steps_of(data: xr.Dataset, spans: Sequence[Span], wide: float) -> Iterator[Step]:
     """The fields, read one at a time, and how far each carries; wide: half width of the foot."""
     for s in spans:
-        f = data.isel(t=s.field)
+        f = plane(data, s.field)
         seen = Velocities(f.u.values, f.v.values, f.u_sigma.values, f.v_sigma.values, f.chc.values > 0)
         foot = (-wide, wide, float(f.foot_y) + 0.5 * (s.end - s.begin) * float(f.foot_v)) if "foot_y" in f else NO_FOOT
         yield Step(seen, s.end - s.begin, foot)
