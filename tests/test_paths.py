@@ -155,7 +155,7 @@ def test_paths_end_with_a_reason():
     gone = before[last.reason == "left the vectors"]
     assert ((gone.x > 164 - 0.4) | (gone.y > -12 - 0.82)).all()
     hole = before[last.reason == "came to where nothing is measured"]
-    assert (hole.x < 108).all() and (-hole.y > 44).all() and (-hole.y < 84).all()
+    assert (hole.x > 84 - 0.4).all() and (hole.x < 108).all() and (-hole.y > 44).all() and (-hole.y < 84).all()
     # who goes on is there at the end, where the flow took it
     whole = table[~table.id.isin(last.index)]
     assert (whole.groupby("id").t.max() == 40.0).all() and whole.reason.eq("").all()

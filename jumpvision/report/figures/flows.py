@@ -213,6 +213,8 @@ def paths_picture(found: Paths, piv: Piv) -> PathsPicture:
         axis.plot(*ends.T, "x", ms=4, color=MODEL, mew=0.9)
         left, right, bottom, top = (v * factor for v in grid.edges)
         axis.set(aspect="equal", xlim=(left, right), ylim=(bottom, top), xlabel=f"x [{shown}]")
-        axis.set(ylabel=f"y [{shown}] (up)", title=f"paths to t = {found.table.t.max():.4g} s")
+        said = f"to t = {found.table.t.max():.4g} s; ring: starts, cross: ends before, grey: not measured then"
+        axis.set(ylabel=f"y [{shown}] (up)")
+        axis.set_title(said, fontsize=8)
         figure.colorbar(drawn_lines, ax=axis, label=f"mean speed along the path [{shown}/s]", shrink=0.85)
         return PathsPicture(png(figure))

@@ -130,7 +130,8 @@ def chain(spans: Sequence[Span], start: int) -> list[Span]:
 
 def starts(field: xr.Dataset, places: Grid, apart: float) -> tuple[Array, Array]:
     """x, y (n,) of a square grid in the middle of the vectors, where the nearest of the field is measured."""
-    x, y = (0.5 * (g[0] + g[-1] - apart * (m := int(np.ptp(g) / apart))) + apart * np.arange(m + 1) for g in places[:2])
+    many = [max(1, math.ceil(np.ptp(g) / apart)) for g in places[:2]]  # none on the outermost vectors
+    x, y = (0.5 * (g[0] + g[-1]) + apart * (np.arange(m) - 0.5 * (m - 1)) for g, m in zip(places[:2], many))
     x, y = (a.ravel() for a in np.meshgrid(x, y))
     near = [np.abs(g[:, None] - a).argmin(axis=0) for g, a in zip(places[:2], (x, y))]
     good = field.chc.values[near[1], near[0]] > 0
