@@ -1,6 +1,7 @@
 """Paths of grains against flows whose paths are known: of exact fields, and of films of drawn grains carried by them.
 
-Grains are drawn as in test_piv.py, each pixel carried back to the material of the film's middle frame. About 60 s.
+Grains are drawn as in test_piv.py, each pixel carried back to the material of the film's middle frame. About 20 s, the
+long tests 80 s.
 """
 
 from __future__ import annotations
@@ -20,7 +21,25 @@ from jumpvision.stages.grains.paths import through
 SHAPE = (136, 184)  # rows, columns
 TURN = 0.04  # rad a frame
 
-# velocity [px a frame], y down, at places [px] and a time [frames]; none of them set a number of the formula
+
+def waves(seed):
+    """Three shear waves of 100 to 260 px in directions at random, each at its own pace: divergence-free, unsteady."""
+    rng = np.random.default_rng(seed)
+    low, high = (2 * np.pi / 260, 0, 0, 0.3, -0.3), (2 * np.pi / 100, 2 * np.pi, 2 * np.pi, 0.9, 0.3)
+    drawn = [rng.uniform(low, high) for _ in range(3)]
+
+    def flow(x, y, t):
+        u = v = 0 * x
+        for k, angle, phase, speed, pace in drawn:
+            c = speed * np.cos(k * (np.cos(angle) * x + np.sin(angle) * y) + phase + pace * t)
+            u, v = u - np.sin(angle) * c, v + np.cos(angle) * c
+        return u, v
+
+    return flow
+
+
+# velocity [px a frame], y down, at places [px] and a time [frames]. Layer and vortex raised LEFT by a fifth; the
+# others set no number
 FLOWS = {
     "uniform": lambda x, y, t: (0.37 + 0 * x, 0.81 + 0 * y),
     "swaying": lambda x, y, t: (1.6 * np.cos(0.7 * t) + 0 * x, 0.5 * np.sin(0.45 * t) + 0 * y),
@@ -28,6 +47,7 @@ FLOWS = {
     "stagnation": lambda x, y, t: (0.02 * np.sin(0.4 * t) * (x - 92), -0.02 * np.sin(0.4 * t) * (y - 68)),
     "layer": lambda x, y, t: (1.5 * np.tanh((y - 75) / 25) + 0 * x, 0 * y),
     "vortex": lambda x, y, t: whirl(x - 100, y - 80),
+    **{f"waves {seed}": waves(seed) for seed in (411, 412, 413)},
 }
 
 
@@ -190,7 +210,7 @@ def carried():
     drawn together."""
     found = {}
     for name, flow in FLOWS.items():
-        images = film(flow, 21, np.random.default_rng(70 + len(name)))
+        images = film(flow, 21, np.random.default_rng([70, *name.encode()]))
         for noise in (2, 6):
             for seed in range(2):
                 rng = np.random.default_rng(1000 + 10 * seed + noise)
@@ -205,26 +225,25 @@ def rms(a):
     return float(np.sqrt(np.nanmean(a * a)))
 
 
+@pytest.mark.long
 def test_sigma_of_a_path_is_true(carried):
-    """All flows and noises after 1, 5, 10 and 20 frames: errors of 24 films, alike over 17 px, and of the start alike
-    for all of a path, are some 1200 independent values: 0.683 +- 3 x 0.014; one flow after one time some 50: 3 x 0.07,
-    but where curvature sets the error it has no spread, and only its size is asked for."""
+    """All flows and noises after 1, 5, 10 and 20 frames: errors of 36 films, alike over 17 px, and that of the start
+    alike for all of a path, are some 1800 independent values, of which
+    the waves have 600: 0.683 +- 3 x 0.011 and 3 x 0.019. Of
+    one film and time only the size is asked for: where curvature sets the error it is one bias, not a spread."""
     inside = {}
     for (name, noise, kind), (off, sigma) in carried.items():
         if kind == "matched":
             for k in (1, 5, 10, 20):
                 known = np.isfinite(off[:, k])
                 inside[name, noise, k] = np.abs(off[:, k][known]) < sigma[:, k][known]
-                assert 0.65 < rms(off[:, k]) / rms(sigma[:, k]) < 1.5, (name, noise, k)
-    share = np.concatenate(list(inside.values())).mean()
-    for (name, noise, k), v in inside.items():
-        off, sigma = carried[name, noise, "matched"]
-        sm = carried[name, noise, "smooth"][0][:, k]
-        print(name, noise, k, round(v.mean(), 2), *(round(rms(a), 4) for a in (off[:, k], sigma[:, k], sm)), v.size)
-    print({k: np.concatenate([v for q, v in inside.items() if q[2] == k]).mean() for k in (1, 5, 10, 20)}, share)
-    assert 0.64 < share < 0.72, share
+                assert 0.7 < rms(off[:, k]) / rms(sigma[:, k]) < 1.4, (name, noise, k)
+    for of, low, high in (("", 0.64, 0.72), ("waves", 0.62, 0.74)):
+        share = np.concatenate([v for q, v in inside.items() if q[0].startswith(of)]).mean()
+        assert low < share < high, (of, share)
 
 
+@pytest.mark.long
 def test_frame_noise_does_not_add_up(carried):
     """Where nothing else errs: after 20 frames as after one, not sqrt(20) = 4.5 times."""
     for noise in (2, 6):
@@ -232,9 +251,10 @@ def test_frame_noise_does_not_add_up(carried):
         assert rms(off[:, 20]) < 1.3 * rms(off[:, 1])
 
 
+@pytest.mark.long
 def test_vectors_as_matched_make_better_paths_of_curved_motion(carried):
     """What smoothing rounds off adds up, what it takes of the noise does not."""
-    for name in ("layer", "vortex"):
+    for name in ("layer", "vortex", *(n for n in FLOWS if n.startswith("waves"))):
         assert rms(carried[name, 6, "matched"][0][:, 20]) < rms(carried[name, 6, "smooth"][0][:, 20])
 
 
