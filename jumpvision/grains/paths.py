@@ -23,6 +23,7 @@ REASONS = {
     LOST: "the field turns too fast for its step",
 }
 OWN = 0.01  # share of a displacement's variance that belongs to its pair alone and not to one of its two frames
+SUDDEN = 2.0  # times the variance before: what exceeds it is the pair's own, a bad match and not its frames' noise
 # what the matching of curved motion rounds off, over window^2 (d_xx + d_yy): at 0, 1, 2, 3 and more vectors from the
 # border or from where nothing is measured. From drawn vortices of 126 and 157 px, window 24, step 8, alike at noise 2
 # and 6; at the border it is 0.012-0.014 for windows of 16, 24, 32 px, steps of 6-16 px and all presets
@@ -99,7 +100,7 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
     place, n = np.stack([x, y]).astype(float), x.size
     why = np.zeros(n, np.int8)
     first, own, end = (np.zeros((n, 2, 2)) for _ in range(3))  # covariances
-    off_by = np.zeros((n, 2))
+    off_by, plain = np.zeros((n, 2)), np.full((n, 2), np.inf)
     places, sigmas = [place], [np.zeros((2, n))]
     near = CLOSE * abs(float(grid.x[1] - grid.x[0]))
     for k, (f, lasts, foot) in enumerate(steps):
@@ -116,7 +117,8 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
         now = ended(grid, f.measured, np.isfinite(f.u), middle, place[:, go], foot)
         why[go] = np.where((off > near) & (now == UNDER_WAY), LOST, now)
         variance = lasts**2 * np.stack([between(grid, known(s), *middle) ** 2 for s in f[2:4]], -1)
-        noise = np.eye(2) * (0.5 * (1.0 - OWN) * variance[:, None])
+        plain[go] = np.minimum(variance, SUDDEN * plain[go])
+        noise = np.eye(2) * (0.5 * (1.0 - OWN) * plain[go][:, None])
         half = 0.5 * lasts * surface.gradient(*middle)
         turned = np.linalg.solve(np.eye(2) - half, np.eye(2) + half)
         bias = np.linalg.solve(np.eye(2) - half, lasts * surface.rounded_off(*middle)[..., None])[..., 0]
@@ -124,7 +126,7 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
         if k == 0:
             first[go] = noise
         first[go], own[go] = (turned @ a[go] @ turned.swapaxes(1, 2) for a in (first, own))
-        own[go] += np.eye(2) * (OWN * variance[:, None])
+        own[go] += np.eye(2) * ((variance - (1.0 - OWN) * plain[go])[:, None])
         end[go] = noise
         stopped = why != UNDER_WAY
         place[:, stopped] = np.nan
