@@ -278,7 +278,7 @@ def test_what_cannot_be_followed_is_said(tmp_path):
 
 
 def test_a_film_has_paths_only_when_asked(tmp_path):
-    """With its own uneven clock the film's frames, not the pairs' mid-times, are the times of a path."""
+    """The times of a path are those of the frames, not the mid-times of the pairs, on the common clock."""
     import cv2
 
     folder = tmp_path / "f"
