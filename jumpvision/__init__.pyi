@@ -22,6 +22,7 @@ from jumpvision.results.values import Intrusion
 from jumpvision.results.fields import Piv
 from jumpvision.results.fields import Flow
 from jumpvision.results.fields import Column
+from jumpvision.results.tables import Paths
 from jumpvision.results.fields import Statistics
 from jumpvision.results.tables import Profiles
 from jumpvision.results.values import SpringTest
@@ -61,6 +62,10 @@ def intrusion(depth_m: Any, force_N: Any, *, time_s: Any = None, foot_radius: fl
 def piv(experiment: Folder, *, results: PathLike | None = ...) -> Piv: ...
 @overload
 def piv(a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any) -> xr.Dataset: ...
+@overload
+def paths(experiment: Folder, *, results: PathLike | None = ...) -> Paths: ...
+@overload
+def paths(field: xr.Dataset, *, spacing: float = 16.0, **parameters: Any) -> pd.DataFrame: ...
 @overload
 def track(experiment: Folder, *, results: PathLike | None = ...) -> Track: ...
 @overload

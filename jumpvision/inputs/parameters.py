@@ -221,6 +221,16 @@ class ProfilesParams(Params):
 
 
 @dataclass(frozen=True)
+class PathsParams(Params):
+    """Paths of grains through the velocity field."""
+
+    stage: ClassVar[str] = "paths"
+
+    spacing: float = param(0.0, "px", "between the points where paths start; 0: no paths", lo=0, hi=1e4)
+    start: int = param(0, "fields", "the field that they start with", lo=0, hi=10**9)
+
+
+@dataclass(frozen=True)
 class ColumnParams(Params):
     """The central column under the foot and its exponential decay."""
 

@@ -57,6 +57,7 @@ PICTURES = {  # file: (heading, what it shows)
     "validation.png": ("Validation", "vectors as matched, by what became of them, at the worst moment and over time"),
     "statistics.png": ("Statistics", "mean flow, its vorticity, fluctuations and Reynolds stress"),
     "profiles.png": ("Profiles", "mean velocity and fluctuations along the lines of [params.profiles]"),
+    "paths.png": ("Paths", "where the grains of [params.paths] went, coloured by their mean speed"),
     "motor.png": ("Motor", "encoder against command, their difference, and the work of the motor's force"),
     "spring.png": ("Spring", "force against displacement of the spring with its line, and what the line leaves over"),
     "fits.png": ("Fits", "fits beside the data they were made on"),
