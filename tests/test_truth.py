@@ -65,7 +65,7 @@ def test_the_truth_stands_beside_each_parameter_and_is_marked_outside_95_per_cen
         "b": "inside 95 %", "C": "inside 95 %", "mu": "outside 95 % (2.0 sigma)", "theta": "outside 95 % (3.0 sigma)",
     }  # fmt: skip
     shown = [row["true"] for row in causes_shown(d, Truth.of(campaign))]
-    assert shown[1:] == [""] and shown[0].endswith("; mu outside 95 % (2.0 sigma), theta outside 95 % (3.0 sigma)")
+    assert shown[1:] == [""] and shown[0].endswith("; μ outside 95 % (2.0 σ), θ outside 95 % (3.0 σ)")
 
 
 def test_as_many_digits_as_the_uncertainty_is_worth():

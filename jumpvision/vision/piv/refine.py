@@ -22,7 +22,6 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-import cv2
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
@@ -124,7 +123,7 @@ def refine(
     p = smooth + change[ALONG]
     sigma, clumping = None, np.nan
     if errors:
-        sigma, texture_of = np.empty((ny * nx, 6)), np.zeros(2)
+        sigma, textures = np.empty((ny * nx, 6)), []
         # rounding is there where equal frames leave no residual; the frames of an ensemble share all but two of it
         least = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs) * float((g**2).sum() / g.sum()) ** 2
         for band in bands:
@@ -138,11 +137,12 @@ def refine(
             moments_of(count, ss, *halves, of_two, OF_PLANES, noise)
             scatter *= ratio[:, :, None] * APART
             noise *= APART
-            texture_of += energy
+            textures.append(energy)
             own = slice(band.first * nx, band.end * nx)
             of_windows = (sums[own], noise.reshape(-1, 18), scatter.reshape(-1, 18))
             covariances(count * nx, *of_windows, least, sigma[own])
-        mean, clumped = texture_of / (shape[0] * shape[1])
+        # every other row; in one sum, so that bands do not change its last bit
+        mean, clumped = 2 * np.concatenate(textures, axis=1).sum(1) / (shape[0] * shape[1])
         clumping = float(clumped / max(mean**2, 1e-12))
         sigma = sigma[:, ALONG].T.reshape(6, ny, nx)
     state = state.reshape(ny, nx)
@@ -171,7 +171,7 @@ def bands_of(y: NDArray[np.intp], half: int, shape: tuple[int, ...]) -> list[Ban
 
     y: centres of the windows, half: of their side.
     """
-    reach = max(half, AROUND // 2 + LAG // 2) + STENCIL
+    reach = max(half, AROUND // 2 + LAG // 2 + 2) + STENCIL  # 2: sums of the noise are over pixels two and two
     count = min(len(y), -(-shape[0] * shape[1] // BAND))
     ends = np.linspace(0, len(y), count + 1).astype(int)
     own = [0, *((y[k - 1] + y[k]) // 2 for k in ends[1:-1]), shape[0]]
@@ -180,7 +180,7 @@ def bands_of(y: NDArray[np.intp], half: int, shape: tuple[int, ...]) -> list[Ban
         Band(
             int(first),
             int(end),
-            int(max(0, min(y[first] - reach, top - least) if first else 0)),
+            int(max(0, min(y[first] - reach, top - least) if first else 0)) // 2 * 2,  # as in the whole frame
             int(min(shape[0], max(y[end - 1] + reach + 1, bottom + least) if end < len(y) else shape[0])),
             int(top),
             int(bottom),
@@ -204,8 +204,8 @@ def _scatter(
     """Variance that each pixel alone brings to sum w J r (xx, xy, yy), and what noise adds to grad m grad m.
 
     Both (3, H / 2, W / 2): sums about every second pixel, weights 1/2, 1, 1/2 along either axis. Also the ratio of the
-    variance with a pixel's neighbours to that without, at the rows and columns `at`, and two sums over the band's own
-    rows: of the squared gradient of the texture, and of its product with the mean of its neighbours'.
+    variance with a pixel's neighbours to that without, at the rows and columns `at`, and of every other of the band's
+    own rows the sums of the squared gradient of the texture, and of its product with the mean of its neighbours'.
     z = grad m r of a pixel, summed over the pairs (m, r, keep), as consecutive ones share a frame's noise; the ratio is
     that of sum z (sum of z over the box) to sum z^2 around. change: offset and gain of the grey and the step in x and
     y, everywhere.
@@ -217,12 +217,32 @@ def _scatter(
         _forces(half[0], *together, change, z, ss, energy)
     zz, texture = np.zeros((5, *half), np.float32), np.zeros((2, half[0]))
     _products(half[0], z, energy, zz, texture)
-    around = (AROUND // 2 + 1,) * 2
     rows, columns = (q // 2 for q in at)
-    around_all, around_alone = (cv2.boxFilter(q, -1, around)[np.ix_(rows, columns)] for q in (zz[4], zz[3]))
+    sums = np.empty((2, len(rows), len(columns)))
+    _around(len(rows), zz[3:], rows, columns, sums)
+    around_alone, around_all = sums
     ratio = np.maximum(around_all, LEAST_RATIO * around_alone) / np.maximum(around_alone, 1e-9)
     own = slice((band.own_top - band.top + 1) // 2, (band.own_bottom - band.top + 1) // 2)
-    return zz[:3], ss, ratio, 2 * texture[:, own].sum(1)
+    return zz[:3], ss, ratio, texture[:, own]
+
+
+@shared(fastmath={"contract"})
+def _around(first, last, planes, rows, columns, out):  # type: ignore[no-untyped-def]
+    """Sums of two planes of every second pixel over AROUND pixels about the places, the same in whatever band."""
+    half = AROUND // 4
+    down = np.empty((2, planes.shape[2]), np.float32)
+    for j in range(first, last):
+        down[:] = 0
+        for q in range(max(0, rows[j] - half), min(planes.shape[1], rows[j] + half + 1)):
+            _add(down[0], planes[0, q])
+            _add(down[1], planes[1, q])
+        for i in range(len(columns)):
+            left, right = max(0, columns[i] - half), min(planes.shape[2], columns[i] + half + 1)
+            alone, boxed = 0.0, 0.0
+            for x in range(left, right):
+                alone += down[0, x]
+                boxed += down[1, x]
+            out[0, j, i], out[1, j, i] = alone, boxed
 
 
 @shared(fastmath={"contract"})
