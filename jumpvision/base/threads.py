@@ -66,6 +66,23 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
     return made
 
 
+def at_once(calls: list[Callable[[], object]]) -> None:
+    """Calls that free the interpreter's lock, shared between the threads."""
+    waiting = iter(calls)
+
+    def work() -> None:
+        for call in waiting:  # each goes to the thread that asks for it first
+            call()
+
+    others = [_workers().submit(work) for _ in range(min(threads(), len(calls)) - 1)]
+    try:
+        work()
+    finally:
+        concurrent.futures.wait(others)
+    for other in others:
+        other.result()
+
+
 def _workers() -> concurrent.futures.ThreadPoolExecutor:
     global _pool
     if _pool is None:

@@ -38,7 +38,7 @@ SPLINE = {
 }  # px, error of a cubic spline between whole pixels on grains of 3-4 px
 # times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
 FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
-NEAR = 3  # vectors, side of the neighbourhood over which the last change is averaged
+NEAR, SHARED = 3, 9  # vectors, sides of the neighbourhoods over which the square of the last change is averaged, and it
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -231,10 +231,12 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     best = matched
     if s.smooth == "adaptive":
         of_pictures = np.mean([a.noise + b.noise for a, b in pairs]) / np.maximum(m.rest, 1e-12)
-        if m.jump is not None:
+        if m.jump is not None and s.preset != "fast":
             whole = _beside_jumps(pairs, grid, m, measured, whole, s)
         drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
-        best = np.concatenate([np.where(measured, drawn.of(whole), filled), stated(drawn.of(moved), drawn.sigma)])
+        # of the last change what neighbours share, as drawing them together left it
+        moved = drawn.own * moved + (1 - drawn.own) * np.stack([cv2.blur(q, (SHARED, SHARED)) for q in moved])
+        best = np.concatenate([np.where(measured, drawn.p, filled), stated(moved, drawn.sigma)])
     shape = reason.shape
     return VectorField(
         x,

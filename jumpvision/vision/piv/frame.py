@@ -79,7 +79,7 @@ def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray
     rows, columns = (n // CELL for n in grey.shape)
     if min(rows, columns) < 8:
         return out
-    cells = grey[: rows * CELL, : columns * CELL]
+    cells = np.ascontiguousarray(grey[: rows * CELL : 2, : columns * CELL : 2])
     mean = cv2.resize(cells, (columns, rows), interpolation=cv2.INTER_AREA)
     square = cv2.resize(cells * cells, (columns, rows), interpolation=cv2.INTER_AREA)
     light = cv2.blur(mean, (3, 3), borderType=cv2.BORDER_REFLECT)
@@ -88,7 +88,7 @@ def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray
     there = usable[CELL // 2 :: CELL, CELL // 2 :: CELL][:rows, :columns]
     if not there.any():
         return out
-    usual = [float(np.median(q[there])) for q in (light, contrast, of_light)]
+    usual = [float(np.median(q[there][::4])) for q in (light, contrast, of_light)]
     body = (light < DARK * usual[0]) & (contrast < SMOOTH**2 * usual[1]) & (of_light < EVEN**2 * usual[2]) & there
     if usual[2] > SPARSE or not body.any() or body.sum() > LARGEST * there.sum():
         return out
@@ -182,7 +182,7 @@ IN_CORNER = np.minimum(WAVES, WAVES[:, None]) > CORNER
 RINGS = (FAR >= 0.3) & (FAR < 0.38), (FAR >= 0.44) & (FAR < 0.5), FAR >= 0.6
 SOLVED, LEAST_WHITE = 20, 0.02  # turns of the fixed point; of the corner
 HANN = (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(BLOCK) + 0.5) / BLOCK)) ** 2
-FEW = 64  # blocks: the corner has 50 waves in each
+FEW = 40  # blocks: the corner has 50 waves in each
 
 
 def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough: int) -> Array | None:

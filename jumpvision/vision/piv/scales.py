@@ -49,14 +49,9 @@ class Noise(NamedTuple):
 class Drawing(NamedTuple):
     """Vectors drawn together."""
 
-    shares: list[Array]  # (ny, nx) of the vectors, then of the surfaces
-    surfaces: list[tuple[Array, Array]]  # smoothers along y and x
+    p: Array  # (2, ny, nx) [px]
     sigma: Array  # (2, ny, nx) [px]
-
-    def of(self, f: Array) -> Array:
-        """A field (n, ny, nx) drawn likewise."""
-        each = [f, *(_drawn(s, f) for s in self.surfaces)]
-        return np.asarray(sum(a * q for a, q in zip(self.shares, each)))
+    own: Array  # (ny, nx) share that each vector has of itself
 
 
 def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Drawing:
@@ -90,9 +85,12 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
         doubt = DOUBT * math.sqrt(_spread(noise, SHORTEST)) * side / far
         lost += np.maximum(_around((1 - w) ** 2 * (power - 1), far) - doubt, 0) * chance * of_noise
     shares.append(1 - kept)
-    both = range(levels + 1)
-    total = sum(shares[k] * shares[m] * cov[k, m] * np.sqrt(variance[k] * variance[m]) for k in both for m in both)
-    return Drawing(shares, surfaces, np.sqrt(np.maximum(total, 0) + lost))
+    of_each = [a * np.sqrt(v) for a, v in zip(shares, variance)]
+    total = np.zeros_like(p)
+    for k, b in enumerate(of_each):
+        total += b * (cov[k, k] * b + 2 * sum(cov[k, m] * of_each[m] for m in range(k)))
+    drawn = np.asarray(sum(a * f for a, f in zip(shares, fields)))
+    return Drawing(drawn, np.sqrt(np.maximum(total, 0) + lost), shares[0])
 
 
 def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
