@@ -230,7 +230,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     matched = np.concatenate([filled, stated(moved, sigma[:2])])
     best = matched
     if s.smooth == "adaptive":
-        of_pictures = np.mean([a.noise + b.noise for a, b in pairs]) / np.maximum(m.rest, 1e-12)
+        of_pictures = np.mean([2 * min(a.noise, b.noise) for a, b in pairs]) / np.maximum(m.rest, 1e-12)
         if m.jump is not None and s.preset != "fast":
             whole = _beside_jumps(pairs, grid, m, measured, whole, s)
         drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)

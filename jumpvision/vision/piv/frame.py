@@ -157,8 +157,9 @@ def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
     """Variance [grey^2] of the white noise of an image, by the corner of its spectrum; NaN without a block as above.
 
     Sharp particles reach into the corner: what they hold there is continued from two rings further in, as the spectrum
-    of a Gaussian falls, and taken off. Noise 1 and 2 on particles of 2 to 4 px: within a half of it, mostly a fifth
-    (the corner alone: up to forty times too much).
+    of a Gaussian falls, and taken off. Noise 1 and 2 on particles of 2.5 to 4 px: within a half of it, mostly a fifth.
+    Where the rings hardly fall, particles of 2 px and less are folded into the corner, and next to nothing is said to
+    be noise: then less is taken for chance than is.
     """
     power = _spectrum(image, mask, FEW)
     if power is None:
@@ -166,6 +167,8 @@ def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
     (inner, of_inner), (outer, of_outer), (corner, of_corner) = (
         (float(power[r].mean()), float((FAR[r] ** 2).mean())) for r in RINGS
     )
+    if corner < outer and inner - corner < FOLDED * (outer - corner):
+        return LEAST_WHITE * corner / float(HANN.sum()) ** 2
     ahead = (of_corner - of_outer) / (of_outer - of_inner)
     noise = corner
     for _ in range(SOLVED):
@@ -181,6 +184,7 @@ FAR = np.hypot(WAVES, WAVES[:, None])
 IN_CORNER = np.minimum(WAVES, WAVES[:, None]) > CORNER
 RINGS = (FAR >= 0.3) & (FAR < 0.38), (FAR >= 0.44) & (FAR < 0.5), FAR >= 0.6
 SOLVED, LEAST_WHITE = 20, 0.02  # turns of the fixed point; of the corner
+FOLDED = 4.0  # times what the outer ring holds the inner one must, of 2.5 px particles 4.5, of the grains 5 and more
 HANN = (0.5 - 0.5 * np.cos(2 * np.pi * (np.arange(BLOCK) + 0.5) / BLOCK)) ** 2
 FEW = 40  # blocks: the corner has 50 waves in each
 
