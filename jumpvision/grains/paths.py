@@ -27,7 +27,7 @@ SUDDEN = 2.0  # times the variance before: what exceeds it is the pair's own, a 
 # what the matching of curved motion rounds off, over window^2 (d_xx + d_yy): at 0, 1, 2, 3 and more vectors from the
 # border or from where nothing is measured. From drawn vortices of 126 and 157 px, window 24, step 8, alike at noise 2
 # and 6; at the border it is 0.012-0.014 for windows of 16, 24, 32 px, steps of 6-16 px and all presets
-LEFT = (0.0146, 0.0102, 0.0048, 0.0026)
+LEFT = (0.0136, 0.0095, 0.0045, 0.0024)
 TURNS, CLOSE = 60, 1e-4  # of the fixed point, and how near [vectors] it comes
 
 
