@@ -59,8 +59,7 @@ def resolution(period: Array, ratio: Array) -> float:
 def measured(star: Star, smooth: str) -> tuple[float, float]:
     """Noise [px] and resolution [px]."""
     settings = SETTINGS | FIXED | {"smooth": smooth}
-    half, step = WINDOW // 2, STEP
-    cut = (CENTRE - half) % step  # rows less at the top, and a row of vectors is on the centre
+    cut = (CENTRE - WINDOW // 2) % STEP  # rows less at the top, and a row of vectors is on the centre
     moved, still = (piv_pair(a[cut:], b[cut:], **settings) for a, b in (star[:2], star[2:]))
     row = np.flatnonzero(moved.y + cut == CENTRE)[0]
     return float(still.v.std()), resolution(periods(moved.x), moved.v[row] / AMPLITUDE)

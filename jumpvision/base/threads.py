@@ -47,19 +47,8 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
         @functools.wraps(f)
         def call(rows: int, *arguments: Any) -> None:
             size = max(1, -(-rows // (PIECES * threads())))
-            pieces = iter(range(0, rows, size))
-
-            def work() -> None:
-                for first in pieces:  # each piece goes to the thread that asks for it first
-                    compiled(first, min(first + size, rows), *arguments)
-
-            others = [_workers().submit(work) for _ in range(min(threads(), -(-rows // size)) - 1)]
-            try:
-                work()
-            finally:
-                concurrent.futures.wait(others)
-            for other in others:
-                other.result()
+            starts = range(0, rows, size)
+            at_once([functools.partial(compiled, k, min(k + size, rows), *arguments) for k in starts])
 
         return call
 

@@ -26,16 +26,10 @@ from .validate import error_length, factors, local_median, normalised_median
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
-UNRESOLVED = {
-    "default": 8.0,
-    "fast": 1.0,
-    "sharp": 8.0,
-}  # squared error of what is not resolved over the squared last change
-SPLINE = {
-    "default": 0.0,
-    "fast": 0.003,
-    "sharp": 0.0,
-}  # px, error of a cubic spline between whole pixels on grains of 3-4 px
+# by preset: squared error of what is not resolved over the squared last change; error [px] of a cubic spline between
+# whole pixels on grains of 3-4 px
+UNRESOLVED = {"default": 8.0, "fast": 1.0, "sharp": 8.0}
+SPLINE = {"default": 0.0, "fast": 0.003, "sharp": 0.0}
 # times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
 FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
 NEAR, SHARED = 3, 9  # vectors, sides of the neighbourhoods over which the square of the last change is averaged, and it

@@ -157,7 +157,7 @@ def white(image: NDArray[np.generic], mask: NDArray[np.bool_] | None) -> float:
     """Variance [grey^2] of the white noise of an image, by the corner of its spectrum; NaN without a block as above.
 
     Sharp particles reach into the corner: what they hold there is continued from two rings further in, as the spectrum
-    of a Gaussian falls, and taken off. Noise 1 and 2 on particles of 2.5 to 4 px: within a half of it, mostly a fifth.
+    of a Gaussian falls, and taken off: grains and particles of 3 px and more leave up to 0.5 grey^2 there.
     Where the rings hardly fall, particles of 2 px and less are folded into the corner, and next to nothing is said to
     be noise: then less is taken for chance than is.
     """
