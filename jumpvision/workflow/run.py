@@ -309,18 +309,21 @@ def _in_processes(
     """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
     prepare(next(iter(jobs.values()))[1])
     queue = list(jobs.items())[::-1]
-    under_way: dict[Future[Outcome], str] = {}
+    under_way: dict[Future[Outcome], tuple[str, Job]] = {}
     with ProcessPoolExecutor(workers, mp_context=processes(), initializer=one_thread) as pool:
         try:
             while queue or under_way:
-                while queue and len(under_way) <= workers:  # one more than there are workers, so that none waits
+                # one more than there are workers, so that none waits, except where a film is to come next
+                films = any(job[1].stages == BEFORE_FILM for _, job in under_way.values())
+                while queue and len(under_way) < workers + (not films):
                     name, job = queue.pop()
-                    under_way[pool.submit(_run, *job)] = name
+                    under_way[pool.submit(_run, *job)] = name, job
+                    films |= job[1].stages == BEFORE_FILM
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                     outcome = future.result()
-                    queue += (ended(under_way.pop(future), outcome) or {}).items()
+                    queue += (ended(under_way.pop(future)[0], outcome) or {}).items()
         except BrokenProcessPool:
-            return list(under_way.values())
+            return [name for name, _ in under_way.values()]
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             raise
