@@ -101,6 +101,7 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     assert names == {"film", "jump-0000", "jump-0001"} and "film" not in before
     assert outcome.made(RodMotion) and not outcome.made(Piv) and not any(o.errors for o in last)
     whole = {o.name: o for o in last}["film"]
+    assert all(s.state == "computed" for s in whole.steps)
     assert whole.made(RodMotion) and whole.made(Piv) and ended.count("film") == 1
     assert RodMotion.load(whole.results).table.equals(rod)
     engine.run_campaign(opened, plan, workers=2, done=lambda o: None, jumps=known)  # all is in the cache

@@ -241,7 +241,9 @@ def _run_campaign(
             first[name] = outcome
             more = {name: left[name]}
         else:
-            outcomes[name] = replace(outcome, undrawn=bool(plan.pictures))
+            now = {s.stage: s for s in first[name].steps} if name in first else {}  # of this run, too
+            steps = [now.get(s.stage, s) for s in outcome.steps]
+            outcomes[name] = replace(outcome, steps=steps, undrawn=bool(plan.pictures))
             done(outcomes[name])
             more = {}
         if jumps and films and len(outcomes) < len(jobs) and len(outcomes | first) == len(jobs):
