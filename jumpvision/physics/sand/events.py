@@ -1,8 +1,8 @@
 """The jump as it unfolds: adaptive steps, events located in each, and the rules that follow an event.
 
-Where the jumper is linear a step is the closed form (`linear_flow`), else one of Dormand and Prince. An event is the
-root of a guard (`modes.guards`), found inside the step to 1e-14 s; the step is then taken again to end there, so the
-state at an event has the accuracy of a step. Each piece of the forcing is entered and left exactly.
+Where the jumper is linear a step is the closed form (`linear_flow`), else one of order 8 (`step`). An event is the
+root of a guard (`modes.guards`), found inside the step to 1e-14 s by its dense output, which gives the state there
+too; a step also ends on a kink of a law (`Mechanism.bend`), so that each is of a smooth motion. Each piece of the forcing is entered and left exactly.
 
 No accumulation of events (Zeno) is possible: granular contact rests under the set-valued yield rule, a massless foot
 on hard ground stays for at least half a period of the spring, and a foot with mass does not bounce. A run of more
@@ -23,6 +23,8 @@ from jumpvision.mechanisms.ground import stop_go_overshoot
 from . import scalar
 from .granular import (
     AIR,
+    ASKED,
+    BENDS,
     CONTACT,
     HARD,
     INTRUDE,
@@ -30,6 +32,7 @@ from .granular import (
     LEFT,
     N_MEMORY,
     N_MOTION,
+    N_ROW,
     NOW,
     STUCK,
     VF,
@@ -50,7 +53,7 @@ from .granular import (
 from .kernel import kernel
 from .modes import grip, guards, held_between, limit, rail_force, room, settle
 from .program import NEVER
-from .step import N_ARC, N_SLOPES, ORDER, PULL, U, Z, begin, clear_until, dense, flow, longest_step, middle, step
+from .step import END, N_ARC, N_DENSE, N_SLOPES, ORDER, PULL, U, Z, begin, between, clear_until, dense, flow, longest_step, middle, step
 from .within import dips, efforts, heights, inside, locate, peak, sample
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
@@ -59,6 +62,8 @@ MAX_EVENTS = 4000
 MAX_STEPS = 30_000  # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
 RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
 NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
+ON = 1e-9  # m, so near to a kink of a law a step begins or ends on it
+SMALL = 1e-6  # error of a step over its tolerance: the next may be five times as long
 NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
 STILL = 1e-9  # m/s, a slower carriage is at rest when the forcing changes piece
 OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
@@ -82,10 +87,30 @@ def above(half: Guards, a: Guards, b: Guards) -> bool:
 
 
 @kernel
+def share_to_bend(s: Array, s1: Array, h: float, p: Any) -> float:
+    """Share of a step from s to s1 at which the foot reaches the first kink of a law, by the cubic through both; 1.0
+    without one."""
+    z, z1, at = -s[XF], -s1[XF], np.inf
+    for i in range(BENDS):
+        if z + ON < p.bends[i] < min(z1 - ON, at):
+            at = p.bends[i]
+    if at == np.inf:
+        return 1.0
+    lo, hi, rise, a, b = 0.0, 1.0, z1 - z, -h * s[VF], -h * s1[VF]
+    for _ in range(60):
+        share = 0.5 * (lo + hi)
+        if z + share * (a + share * (3.0 * rise - 2.0 * a - b + share * (a + b - 2.0 * rise))) < at:
+            lo = share
+        else:
+            hi = share
+    return hi
+
+
+@kernel
 def first_step(s: Array, acceleration: float, p: Any) -> float:
     """Step [s] to begin an intrusion with: a share of the time in which drag stops the foot or a spring would."""
-    swing = 0.2 * np.sqrt(p.m_f / p.k_s)
-    return min(swing, 0.2 * abs(s[VF] / acceleration)) if s[VF] < 0.0 and acceleration > 0.0 else swing
+    swing = 0.6 * np.sqrt(p.m_f / p.k_s)
+    return min(swing, 2.0 * abs(s[VF] / acceleration)) if s[VF] < 0.0 and acceleration > 0.0 else swing
 
 
 @njit(error_model="numpy")
@@ -95,12 +120,13 @@ def workspace(n: int, pieces: int) -> Any:
     return (
         np.empty(n),
         np.empty(n),
-        np.empty((n, 4)),
+        np.empty((n, N_DENSE)),
         np.empty(N_ARC),
         np.empty((N_SLOPES, n)),
         np.empty((1, n)),
         np.empty(N_MEMORY),
         np.empty(4, np.bool_),
+        np.empty(N_ROW),
         np.empty((pieces, 8)),
     )
 
@@ -132,7 +158,7 @@ def run(
     peaks: (6,) greatest, then least motor force [N], power [W] and speed [m/s] until `stop`, without impulses; or (0,).
     """
     p, size = constants[0], s.size
-    s1, work, q, arc, slopes, spare, memory, armed, late = space
+    s1, work, q, arc, slopes, spare, memory, armed, row, late = space
     if p.tau > 0.0:
         lagged(kind, rows, edges, p.tau, late)
         rows = late
@@ -141,13 +167,17 @@ def run(
     if peaks.size > 0:
         peaks[:] = 0.0
         peaks[0] = peaks[3] = p.m_m * p.g
-    mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
+    mode, slip, h, n_out, n_log = STUCK, 1, np.inf, 0, 0
+    after = 0.0  # s, the step to go on with after one that ends on a kink
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
     rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
     held, force = -np.inf, (0.0, 0.0, 0.0)
     for piece in range(rows.shape[0]):
-        t, end, row = edges[piece], edges[piece + 1], rows[piece]
+        t, end = edges[piece], edges[piece + 1]
+        for i in range(rows.shape[1]):
+            row[i] = rows[piece, i]
+        row[ASKED] = np.nan
         if size > N_MOTION and p.kp == 0.0:
             v_new = motor(t, s, kind, row, p)[1]
             s[N_MOTION + 1] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
@@ -213,6 +243,11 @@ def run(
                 error = 0.0
             else:
                 error = step(t, s, trial, mode, slip, memory, kind, row, p, slopes, s1, rtol, atol)
+            if mode == INTRUDE:
+                share = share_to_bend(s, s1, trial, p)
+                if share < 1.0:
+                    h, after = share * trial, max(after, trial)
+                    continue
             if not error <= 1.0:
                 h = trial * (max(0.2, 0.9 * error ** (-1.0 / ORDER)) if error < 1e12 else 0.1)
                 if h < 1e-13:
@@ -228,9 +263,9 @@ def run(
                     middle(s, s1, slopes, trial, work)
                 half = guards(t + 0.5 * trial, work, mode, slip, memory, kind, row, p)
                 if not (exact or (positive(now) and positive(final) and above(half, now, final))):
-                    dense(slopes, trial, q)
+                    dense(t, s, trial, mode, slip, memory, kind, row, p, slopes, s1, work, q)
                     known = True
-                    inside(0.5, t, s, trial, exact, arc, q, mode, kind, row, p, work)
+                    between(s, q, 0.5, work)
                     half = guards(t + 0.5 * trial, work, mode, slip, memory, kind, row, p)
                 unresolved = False
                 for i in range(4):
@@ -246,7 +281,7 @@ def run(
                                 event, theta = i, 0.0
                         continue
                     if not known:
-                        dense(slopes, trial, q)
+                        dense(t, s, trial, mode, slip, memory, kind, row, p, slopes, s1, work, q)
                         known = True
                     if half[i] > 0.0:
                         at = locate(
@@ -257,6 +292,7 @@ def run(
                             final[i],
                             t,
                             s,
+                            trial,
                             trial,
                             exact,
                             arc,
@@ -279,6 +315,7 @@ def run(
                             t,
                             s,
                             trial,
+                            trial,
                             exact,
                             arc,
                             q,
@@ -295,14 +332,16 @@ def run(
                 if unresolved:
                     h = 0.25 * trial
                     continue
-            taken = trial
+            taken, wide = trial, trial  # wide: of the step that the dense output is of
             if event >= 0:
                 taken = theta * trial
                 if exact:
                     flow(t + taken, mode, kind, row, p, arc, s1)
+                elif known:
+                    between(s, q, theta, s1)
                 else:
                     step(t, s, taken, mode, slip, memory, kind, row, p, slopes, s1, rtol, atol)
-                    known = False
+                    known, wide = False, taken
             else:
                 now = final
                 for i in range(4):
@@ -316,10 +355,11 @@ def run(
             com_turns = a[3] > 0.0 >= b[3] and min(a[2] + a[3] * taken, b[2] - b[3] * taken) > com
             reached = end if last and event < 0 else t + taken
             effort = peaks.size > 0 and t < stop
-            if not known and (effort or rod_turns or com_turns or (n_out < t_out.size and t_out[n_out] <= reached)):
-                dense(slopes, taken, q)
+            if not known and (rod_turns or com_turns or (n_out < t_out.size and t_out[n_out] <= reached)):
+                known = True
+                dense(t, s, taken, mode, slip, memory, kind, row, p, slopes, s1, work, q)
             if rod_turns:
-                top = max(top, peak(0, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
+                top = max(top, peak(0, t, s, taken, wide, b, exact, arc, q, work, mode, kind, row, p))
             if t >= stop:
                 rod_after = max(rod_after, top)
             else:
@@ -328,22 +368,46 @@ def run(
             if com_turns and exact and mode == AIR:
                 com = max(com, arc[Z] + 0.5 * arc[U] * arc[U] / arc[PULL])
             elif com_turns:
-                com = max(com, peak(2, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
+                com = max(com, peak(2, t, s, taken, wide, b, exact, arc, q, work, mode, kind, row, p))
             if effort:
-                force = efforts(t, s, taken, s1, force, exact, arc, q, work, mode, slip, kind, row, p, peaks)
+                force = efforts(
+                    t,
+                    s,
+                    taken,
+                    wide,
+                    s1,
+                    force,
+                    exact,
+                    known,
+                    arc,
+                    q,
+                    work,
+                    mode,
+                    slip,
+                    memory,
+                    kind,
+                    row,
+                    p,
+                    slopes,
+                    peaks,
+                )
             while n_out < t_out.size and t_out[n_out] <= reached:
                 share = (t_out[n_out] - t) / taken if taken > 0.0 else 0.0
-                inside(share, t, s, taken, exact, arc, q, mode, kind, row, p, work)
+                inside(share, t, s, taken, wide, exact, arc, q, mode, kind, row, p, work)
                 sample(t_out[n_out], work, mode, slip, memory, kind, row, p, spare, out[n_out])
                 modes[n_out] = mode
                 n_out += 1
             t = reached
             for j in range(size):
                 s[j] = s1[j]
-                slopes[0, j] = slopes[N_SLOPES - 1, j]
+                slopes[0, j] = slopes[END, j]
             if event < 0:
-                h = trial * min(5.0, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)) if not last else max(h, trial)
+                if last or after > 0.0:
+                    h, after = max(trial, after), 0.0
+                else:
+                    h = trial * (min(5.0, 0.8 * error ** (-1.0 / ORDER)) if error > SMALL else 5.0)
                 continue
+            after = 0.0
             # Rules of the event.
             fresh, new_mode = True, mode
             if event == 3:

@@ -30,7 +30,7 @@ from jumpvision.mechanisms.registry import MECHANISMS, PARAMETERS, acting
 from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.forcing import segment_xv
 
-from .kernel import chosen, each, kernel, running, summed
+from .kernel import chosen, each, inlined, kernel, running, summed
 from .program import ARRAYS, BODIES, FIELDS, REST, value
 
 Guards = tuple[float, float, float, float]
@@ -40,10 +40,12 @@ HARD = 0  # of p.static; else the number of the static force, from 1
 SINE, CUBIC = 0, 1
 Y, W, XF, VF, X, V, INNER = range(7)
 N_MOTION = INNER + 1
+ASKED, N_ROW = 8, 12  # in a piece of the forcing: when the motor was last asked for [s], and where it was
 NEAR = 1e-6  # m, over which the slope of a law of the user's own is taken
 FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
 foot last came down [s]; `z_left` of the last pause."""
+BENDS = 4  # mechanisms of the ground that have a kink and act together
 OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
@@ -53,18 +55,19 @@ WORKS = ("motor", "impulse", "spring_damping", "static", *(m.name for body in LO
 OVERSHOOT, DRAG, FORCE, INERTIA, FRICTION, DRY, SPRING, LANDED = accumulate(map(len, LOSSES), initial=N_MOTION + 4)
 
 SWITCHES = tuple(m.name for m in MECHANISMS.values() if m.law and m.acts_on is not Body.STATIC)
-ROBOT = ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
+ROBOT = ("m_m", "m_r", "M", "ratio", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
 LOOP = ("kp", "kd", "max_force", "max_speed", "low", "high")
 CONSTANTS = np.dtype(
     [(n, np.int64) for n in ("static", "massless", "linear", *SWITCHES)]
     + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "rest")]
+    + [("bends", np.float64, (BENDS,))]
     + FIELDS
     + ARRAYS
 )
 """Numbers of one jumper. static: the number of its static force, from 1. SWITCHES: which other laws act in it; the
 parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, but
-for dry friction. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier footprint. rest: of the
-carriage [m], for x_m. FIELDS, ARRAYS: laws of the user's own (`program`)."""
+for dry friction. ratio: m_m / M. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier footprint. rest: of the
+carriage [m], for x_m. bends: depths of kinks in the laws [m], 0 where there is none. FIELDS, ARRAYS: laws of the user's own (`program`)."""
 
 springs = summed(Body.SPRING, "stretch, stretch_rate")
 static_law = chosen(Body.STATIC, "z")
@@ -83,7 +86,7 @@ write_dry = each(LOSSES[5], "v_m")
 write_springs = each(LOSSES[6], "stretch, stretch_rate")
 
 
-@kernel
+@inlined
 def drive(kind: int, row: Array, t: float) -> tuple[float, float, float]:
     """Command X_m, X_m', X_m'' at t on one piece: a row of `Segments`, or (t0, t1, c3, c2, c1, c0) of a `Spline`."""
     if kind == SINE:
@@ -118,7 +121,7 @@ def lagged(kind: int, rows: Array, edges: Array, tau: float, out: Array) -> None
             x = drive(kind, own, end)[0] + own[6] * math.exp(-(end - edges[i]) / tau)
 
 
-@kernel
+@inlined
 def settling(t: float, row: Array, p: Any) -> bool:
     """Whether the transient of a lag is not over."""
     return p.tau > 0.0 and row[6] != 0.0 and t - row[7] < OVER * p.tau
@@ -132,15 +135,18 @@ def is_still(t: float, kind: int, row: Array, p: Any) -> bool:
     return row[3] == 0.0 if kind == SINE else row[2] == 0.0 and row[3] == 0.0 and row[4] == 0.0
 
 
-@kernel
+@inlined
 def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
     """X_m [m], the motor relative to the rod, with its two rates, after the lag (`lagged`) or the loop."""
     if p.kp > 0.0:
         return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
+    if row[ASKED] == t:  # the end of a step is asked for again and again
+        return row[ASKED + 1], row[ASKED + 2], row[ASKED + 3]
     x, v, a = drive(kind, row, t)
     if settling(t, row, p):
         left = row[6] * math.exp(-(t - row[7]) / p.tau)
-        return x + left, v - left / p.tau, a + left / (p.tau * p.tau)
+        x, v, a = x + left, v - left / p.tau, a + left / (p.tau * p.tau)
+    row[ASKED], row[ASKED + 1], row[ASKED + 2], row[ASKED + 3] = t, x, v, a
     return x, v, a
 
 
@@ -148,11 +154,10 @@ def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, flo
 def rod(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float, float, float]:
     """x_r [m], v_r [m/s], v_m = v_r + X_m' [m/s], X_m [m], X_m'' [m/s^2]."""
     x, v, a = motor(t, s, kind, row, p)
-    ratio = p.m_m / p.M
-    return s[Y] - ratio * x, s[W] - ratio * v, s[W] + (1.0 - ratio) * v, x, a
+    return s[Y] - p.ratio * x, s[W] - p.ratio * v, s[W] + (1.0 - p.ratio) * v, x, a
 
 
-@kernel
+@inlined
 def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     """F_s [N], positive upwards on the rod."""
     if p.massless == 1 and mode == AIR:
@@ -164,14 +169,14 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     return force
 
 
-@kernel
+@inlined
 def static_force(z: float, z_g: float, z_stop: float, z_left: float, p: Any) -> float:
     """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off; z_stop, z_left: last pause."""
     factor = p.stiffer if z_g > 0.0 else 1.0
     return overshoots(static_law(p.static, factor, z, p), z, z_g, z_stop, z_left, p)
 
 
-@kernel
+@inlined
 def foot_inertia(z: float, p: Any) -> float:
     """m_f + m_a(z) [kg]."""
     mass = inertias(p.m_f, z, p)

@@ -12,7 +12,7 @@ from jumpvision.base.arrays import Array
 from .granular import AIR, NOW, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from .kernel import kernel
 from .modes import guards
-from .step import between, flow
+from .step import between, dense, flow
 
 Triple = tuple[float, float, float]
 
@@ -32,6 +32,7 @@ def inside(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     exact: bool,
     arc: Array,
     q: Array,
@@ -41,11 +42,11 @@ def inside(
     p: Any,
     out: Array,
 ) -> None:
-    """Writes the state at the share theta of the step that began at s."""
+    """Writes the state at the share theta of the h [s] that began at s; wide [s]: of the step that q is of."""
     if exact:
         flow(t + theta * h, mode, kind, row, p, arc, out)
     else:
-        between(s, q, theta, out)
+        between(s, q, theta * h / wide, out)
 
 
 @kernel
@@ -67,6 +68,7 @@ def locate(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     exact: bool,
     arc: Array,
     q: Array,
@@ -88,7 +90,7 @@ def locate(
         theta = 0.5 * (lo + hi)
         if n % 8 != 7 and g_hi < 0.0:  # not nearer to an end than the width asked for, so that the bracket closes
             theta = min(max((lo * g_hi - hi * g_lo) / (g_hi - g_lo), lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
-        inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+        inside(theta, t, s, h, wide, exact, arc, q, mode, kind, row, p, work)
         g = guards(t + theta * h, work, mode, slip, memory, kind, row, p)[i]
         if g > 0.0:
             lo, g_lo = theta, g
@@ -117,6 +119,7 @@ def peak(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     end: tuple[float, float, float, float],
     exact: bool,
     arc: Array,
@@ -134,7 +137,7 @@ def peak(
     best = -np.inf
     for _ in range(25):  # Illinois method on the rate; height is of second order in what remains
         theta = (lo * down - hi * up) / (down - up)
-        inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+        inside(theta, t, s, h, wide, exact, arc, q, mode, kind, row, p, work)
         now = heights(t + theta * h, work, kind, row, p)
         best, rate = max(best, now[which]), now[which + 1]
         if abs(rate) <= TURN * max(up, -down) or hi - lo <= TURN:
@@ -172,22 +175,26 @@ def efforts(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     s1: Array,
     f0: Triple,
     exact: bool,
+    known: bool,
     arc: Array,
     q: Array,
     work: Array,
     mode: int,
     slip: int,
+    memory: Array,
     kind: int,
     row: Array,
     p: Any,
+    k: Array,
     peaks: Array,
 ) -> Triple:
     """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
-    peaks: (6,), behind them the least seen. f0: `motor_force` at the begin of the step; returns it at the end. A step
+    known: whether q is; k: slopes of the step, to find it. peaks: (6,), behind them the least seen. f0: `motor_force` at the begin of the step; returns it at the end. A step
     is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid rises
     above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by the
     parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
@@ -204,7 +211,10 @@ def efforts(
     rise = RISE * 0.125 * x * x
     for i in range(pieces):
         if i + 1 < pieces:
-            inside((i + 1) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
+            if not known:
+                dense(t, s, h, mode, slip, memory, kind, row, p, k, s1, work, q)
+                known = True
+            inside((i + 1) / pieces, t, s, h, wide, exact, arc, q, mode, kind, row, p, work)
             f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, kind, row, p)
         else:
             f2 = motor_force(t + h, s1, mode, slip, kind, row, p)
@@ -215,7 +225,10 @@ def efforts(
             peaks[3 + which] = min(peaks[3 + which], min(f0[which], f2[which]))
             near = near or top + rise * (peaks[which] - peaks[3 + which]) > peaks[which]
         if near:
-            inside((i + 0.5) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
+            if not known:
+                dense(t, s, h, mode, slip, memory, kind, row, p, k, s1, work, q)
+                known = True
+            inside((i + 0.5) / pieces, t, s, h, wide, exact, arc, q, mode, kind, row, p, work)
             f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, kind, row, p)
             for which in range(3):
                 a, b, c = f0[which], f1[which], f2[which]
@@ -227,7 +240,7 @@ def efforts(
                 before, now = -np.inf, a
                 for j in range(1, n + 1):
                     theta = (i + j / n) / pieces
-                    inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
+                    inside(theta, t, s, h, wide, exact, arc, q, mode, kind, row, p, work)
                     after = motor_force(t + theta * h, work, mode, slip, kind, row, p)[which]
                     top = after
                     if now > before and now >= after:  # a turn
