@@ -14,7 +14,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import sincos
 
-from .granular import AIR, INTRUDE, SINE, VF, XF, W, Y, dry_frictions, is_still, rhs, settling
+from .granular import AIR, INTRUDE, N_ARC, SINE, VF, XF, W, Y, dry_frictions, is_still, rhs, settling
 from .kernel import kernel
 
 ORDER = 8
@@ -24,8 +24,7 @@ N_DENSE = 7
 # Dormand and Prince's order 5 at the same tolerance, measured on 60 jumps against scipy.
 TRUST = 1 / 3
 # row by row: the stages, the weights, the errors of third and fifth order, the stages and weights of the dense output
-TABLEAU = np.array(
-    """
+NUMBERS = """
 0.05260015195876773 0.0197250569845379 0.0591751709536137 0.02958758547680685 0 0.08876275643042054 0.2413651341592667
 0 -0.8845494793282861 0.924834003261792 0.037037037037037035 0 0 0.17082860872947386 0.12546768756682242 0.037109375 0
 0 0.17025221101954405 0.06021653898045596 -0.017578125 0.03709200011850479 0 0 0.17038392571223998 0.10726203044637328
@@ -55,9 +54,8 @@ TABLEAU = np.array(
 -60.19669523126412 84.32040550667716 11.99229113618279 -25.69393346270375 0 0 0 0 -154.18974869023643
 -231.5293791760455 357.6391179106141 93.40532418362432 -37.45832313645163 104.0996495089623 29.8402934266605
 -43.53345659001114 96.32455395918828 -39.17726167561544 -149.72683625798564
-""".split(),
-    float,
-)
+"""
+TABLEAU = np.array(NUMBERS.split(), float)
 A = np.zeros((N_SLOPES, N_SLOPES))
 _at = 0
 for _i in [*range(1, 12), 12]:
@@ -76,9 +74,6 @@ def step(
     h: float,
     mode: int,
     slip: int,
-    memory: Array,
-    kind: int,
-    row: Array,
     p: Any,
     k: Array,
     s1: Array,
@@ -96,7 +91,7 @@ def step(
             for m in range(i):
                 slope += A[i, m] * k[m, j]
             s1[j] = s[j] + h * slope
-        rhs(t + NODES[i] * h, s1, mode, slip, memory, kind, row, p, k, i)
+        rhs(t + NODES[i] * h, s1, mode, slip, p, k, i)
     fifth, third = 0.0, 0.0
     for j in range(n):
         five, three, most = 0.0, 0.0, atol[j] + rtol * max(abs(s[j]), abs(s1[j]))
@@ -116,9 +111,6 @@ def dense(
     h: float,
     mode: int,
     slip: int,
-    memory: Array,
-    kind: int,
-    row: Array,
     p: Any,
     k: Array,
     s1: Array,
@@ -132,7 +124,7 @@ def dense(
             for m in range(i):
                 slope += A[i, m] * k[m, j]
             work[j] = s[j] + h * slope
-        rhs(t + NODES[i] * h, work, mode, slip, memory, kind, row, p, k, i)
+        rhs(t + NODES[i] * h, work, mode, slip, p, k, i)
     for j in range(s.size):
         rise, begin, end = s1[j] - s[j], h * k[0, j], h * k[END, j]
         q[j, 0], q[j, 1], q[j, 2] = rise, begin - rise, 2.0 * rise - begin - end
@@ -165,7 +157,6 @@ STEPS_PER_PERIOD = 8  # of the oscillation in q: events are looked for twice a s
 # An arc: start, cosine and sine part of the oscillation, its decay and frequency, four numbers of the particular
 # solution (level, sine, cosine; or a cubic) and what follows a lag's transient in it, height and rate of the mass
 # centre, its acceleration downwards, share of the foot in the mass
-N_ARC = 15
 T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, LATE, Z, U, PULL, SHARE, FOOT = range(N_ARC)
 
 
@@ -177,117 +168,119 @@ def oscillator(mode: int, p: Any) -> tuple[float, float]:
 
 
 @kernel
-def longest_step(mode: int, slip: int, kind: int, row: Array, p: Any) -> float:
+def longest_step(mode: int, slip: int, p: Any) -> float:
     """Step [s] to look for events with, or 0 where the closed form does not hold."""
     if mode == INTRUDE or p.linear == 0 or slip == 0:
         return 0.0
     stiff, damp = oscillator(mode, p)
     if damp * damp >= 3.9 * stiff:
         return 0.0
-    if kind == SINE:
-        share = row[4] * row[4] / stiff
-        if row[3] != 0.0 and abs(1.0 - share) + damp * math.sqrt(share / stiff) < RESONANT:
+    if p.kind == SINE:
+        share = p.row[4] * p.row[4] / stiff
+        if p.row[3] != 0.0 and abs(1.0 - share) + damp * math.sqrt(share / stiff) < RESONANT:
             return 0.0
     return 2.0 * math.pi / math.sqrt(stiff) / STEPS_PER_PERIOD
 
 
 @kernel
-def particular(t: float, kind: int, row: Array, p: Any, arc: Array) -> tuple[float, float]:
+def particular(t: float, p: Any) -> tuple[float, float]:
     """The solution q(t), q'(t) that moves as the motor does."""
     left, fall = 0.0, 0.0
-    if settling(t, row, p):
-        left = arc[LATE] * math.exp(-(t - row[7]) / p.tau)
+    if settling(t, p):
+        left = p.arc[LATE] * math.exp(-(t - p.row[7]) / p.tau)
         fall = left / p.tau
-    if kind == SINE:
-        if row[3] == 0.0:
-            return arc[P0] + left, -fall
-        sin, cos = sincos(row[4] * (t - row[0]) + row[5])
-        return arc[P0] + arc[P1] * sin + arc[P2] * cos + left, row[4] * (arc[P1] * cos - arc[P2] * sin) - fall
-    h = t - row[0]
-    value = ((arc[P3] * h + arc[P2]) * h + arc[P1]) * h + arc[P0]
-    return value + left, (3.0 * arc[P3] * h + 2.0 * arc[P2]) * h + arc[P1] - fall
+    if p.kind == SINE:
+        if p.row[3] == 0.0:
+            return p.arc[P0] + left, -fall
+        sin, cos = sincos(p.row[4] * (t - p.row[0]) + p.row[5])
+        return p.arc[P0] + p.arc[P1] * sin + p.arc[P2] * cos + left, p.row[4] * (
+            p.arc[P1] * cos - p.arc[P2] * sin
+        ) - fall
+    h = t - p.row[0]
+    value = ((p.arc[P3] * h + p.arc[P2]) * h + p.arc[P1]) * h + p.arc[P0]
+    return value + left, (3.0 * p.arc[P3] * h + 2.0 * p.arc[P2]) * h + p.arc[P1] - fall
 
 
 @kernel
-def begin(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any, arc: Array) -> None:
-    """Writes the arc (N_ARC,) that starts from the state s at t; dry friction of the rail is a constant force on it."""
-    arc[T0], arc[FOOT] = t, s[XF]
+def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
+    """Writes the arc p.arc that starts from the state s at t; dry friction of the rail is a constant force on it."""
+    p.arc[T0], p.arc[FOOT] = t, s[XF]
     rail = dry_frictions(0.0, float(slip), p) / p.M
     if p.massless == 1 and mode == AIR:
-        arc[Z], arc[U], arc[PULL] = s[Y], s[W], p.g - rail
+        p.arc[Z], p.arc[U], p.arc[PULL] = s[Y], s[W], p.g - rail
         return
     stiff, damp = oscillator(mode, p)
     ratio = p.m_m / p.M
     fall = (p.g if mode != AIR else 0.0) - rail
-    if kind == SINE:
-        arc[P0], arc[P1], arc[P2] = ratio * row[2] - fall / stiff, 0.0, 0.0
-        if row[3] != 0.0:
-            rate, gap, loss = row[4], stiff - row[4] * row[4], damp * row[4]
-            scale = ratio * row[3] / (gap * gap + loss * loss)
-            arc[P1], arc[P2] = scale * (stiff * gap + loss * loss), -scale * loss * rate * rate
+    if p.kind == SINE:
+        p.arc[P0], p.arc[P1], p.arc[P2] = ratio * p.row[2] - fall / stiff, 0.0, 0.0
+        if p.row[3] != 0.0:
+            rate, gap, loss = p.row[4], stiff - p.row[4] * p.row[4], damp * p.row[4]
+            scale = ratio * p.row[3] / (gap * gap + loss * loss)
+            p.arc[P1], p.arc[P2] = scale * (stiff * gap + loss * loss), -scale * loss * rate * rate
     else:
-        arc[P3], arc[P2] = ratio * row[2], ratio * row[3]
-        arc[P1] = ratio * row[4] - 6.0 * arc[P3] / stiff
-        arc[P0] = ratio * row[5] + (ratio * damp * row[4] - damp * arc[P1] - 2.0 * arc[P2] - fall) / stiff
+        p.arc[P3], p.arc[P2] = ratio * p.row[2], ratio * p.row[3]
+        p.arc[P1] = ratio * p.row[4] - 6.0 * p.arc[P3] / stiff
+        p.arc[P0] = ratio * p.row[5] + (ratio * damp * p.row[4] - damp * p.arc[P1] - 2.0 * p.arc[P2] - fall) / stiff
     if p.tau > 0.0:
         fast = 1.0 / p.tau
-        arc[LATE] = ratio * row[6] * (stiff - damp * fast) / (fast * (fast - damp) + stiff)
-    q, v = particular(t, kind, row, p, arc)
-    arc[HALF] = 0.5 * damp
-    arc[OMEGA] = math.sqrt(stiff - 0.25 * damp * damp)
-    arc[COS] = s[Y] - s[XF] - q
-    arc[SIN] = (s[W] - s[VF] - v + arc[HALF] * arc[COS]) / arc[OMEGA]
-    arc[SHARE] = share = p.m_f / (p.M + p.m_f)
-    arc[PULL] = p.g - (1.0 - share) * rail
-    arc[Z], arc[U] = (1.0 - share) * s[Y] + share * s[XF], (1.0 - share) * s[W] + share * s[VF]
+        p.arc[LATE] = ratio * p.row[6] * (stiff - damp * fast) / (fast * (fast - damp) + stiff)
+    q, v = particular(t, p)
+    p.arc[HALF] = 0.5 * damp
+    p.arc[OMEGA] = math.sqrt(stiff - 0.25 * damp * damp)
+    p.arc[COS] = s[Y] - s[XF] - q
+    p.arc[SIN] = (s[W] - s[VF] - v + p.arc[HALF] * p.arc[COS]) / p.arc[OMEGA]
+    p.arc[SHARE] = share = p.m_f / (p.M + p.m_f)
+    p.arc[PULL] = p.g - (1.0 - share) * rail
+    p.arc[Z], p.arc[U] = (1.0 - share) * s[Y] + share * s[XF], (1.0 - share) * s[W] + share * s[VF]
 
 
 @kernel
-def flow(t: float, mode: int, kind: int, row: Array, p: Any, arc: Array, out: Array) -> None:
+def flow(t: float, mode: int, p: Any, out: Array) -> None:
     """Writes the state at t on the arc, exact to rounding."""
-    h = t - arc[T0]
+    h = t - p.arc[T0]
     if p.massless == 1 and mode == AIR:
-        out[Y], out[W] = arc[Z] + (arc[U] - 0.5 * arc[PULL] * h) * h, arc[U] - arc[PULL] * h
-        out[XF], out[VF] = arc[FOOT], 0.0
+        out[Y], out[W] = p.arc[Z] + (p.arc[U] - 0.5 * p.arc[PULL] * h) * h, p.arc[U] - p.arc[PULL] * h
+        out[XF], out[VF] = p.arc[FOOT], 0.0
         return
-    q, v = particular(t, kind, row, p, arc)
-    half, omega = arc[HALF], arc[OMEGA]
+    q, v = particular(t, p)
+    half, omega = p.arc[HALF], p.arc[OMEGA]
     fade = math.exp(-half * h)
     sin, cos = sincos(omega * h)
     sin, cos = fade * sin, fade * cos
-    q += arc[COS] * cos + arc[SIN] * sin
-    v += (omega * arc[SIN] - half * arc[COS]) * cos - (omega * arc[COS] + half * arc[SIN]) * sin
+    q += p.arc[COS] * cos + p.arc[SIN] * sin
+    v += (omega * p.arc[SIN] - half * p.arc[COS]) * cos - (omega * p.arc[COS] + half * p.arc[SIN]) * sin
     if mode == AIR:
-        share = arc[SHARE]
-        z, u = arc[Z] + (arc[U] - 0.5 * arc[PULL] * h) * h, arc[U] - arc[PULL] * h
+        share = p.arc[SHARE]
+        z, u = p.arc[Z] + (p.arc[U] - 0.5 * p.arc[PULL] * h) * h, p.arc[U] - p.arc[PULL] * h
         out[Y], out[W] = z + share * q, u + share * v
         out[XF], out[VF] = z - (1.0 - share) * q, u - (1.0 - share) * v
     else:
-        out[XF], out[VF] = arc[FOOT], 0.0
-        out[Y], out[W] = arc[FOOT] + q, v
+        out[XF], out[VF] = p.arc[FOOT], 0.0
+        out[Y], out[W] = p.arc[FOOT] + q, v
 
 
 @kernel
-def clear_until(t: float, mode: int, kind: int, row: Array, p: Any, arc: Array, floor: float, best: float) -> float:
+def clear_until(t: float, mode: int, p: Any, floor: float, best: float) -> float:
     """Time until which the foot surely stays above the hole and the rod below its peak or below `best` (t: unknown).
 
     In flight with the motor still, q stays within a fading amplitude of its level, so that the free fall of the mass
     centre bounds foot and rod: the steps of a long flight need not be looked at one by one; with dry friction, which
     turns with the carriage, they are.
     """
-    if mode != AIR or p.massless == 1 or p.hold > 0.0 or not is_still(t, kind, row, p):
+    if mode != AIR or p.massless == 1 or p.hold > 0.0 or not is_still(t, p):
         return t
-    h, share, g = t - arc[T0], arc[SHARE], p.g
-    swing = math.hypot(arc[COS], arc[SIN]) * math.exp(-arc[HALF] * h)
-    least = (1.0 - share) * (arc[P0] + swing) - floor  # of the mass centre, while the foot is in the air for sure
-    z = arc[Z] + (arc[U] - 0.5 * g * h) * h
+    h, share, g = t - p.arc[T0], p.arc[SHARE], p.g
+    swing = math.hypot(p.arc[COS], p.arc[SIN]) * math.exp(-p.arc[HALF] * h)
+    least = (1.0 - share) * (p.arc[P0] + swing) - floor  # of the mass centre, while the foot is in the air for sure
+    z = p.arc[Z] + (p.arc[U] - 0.5 * g * h) * h
     if z <= least:
         return t
-    landing = (arc[U] + math.sqrt(arc[U] * arc[U] + 2.0 * g * (arc[Z] - least))) / g
-    apex = arc[U] / g
-    crest = z if h > apex else arc[Z] + 0.5 * arc[U] * apex
-    position = row[2] if kind == SINE else row[5]
-    if crest + share * (arc[P0] + swing) - p.m_m / p.M * position <= best:
-        return arc[T0] + landing
+    landing = (p.arc[U] + math.sqrt(p.arc[U] * p.arc[U] + 2.0 * g * (p.arc[Z] - least))) / g
+    apex = p.arc[U] / g
+    crest = z if h > apex else p.arc[Z] + 0.5 * p.arc[U] * apex
+    position = p.row[2] if p.kind == SINE else p.row[5]
+    if crest + share * (p.arc[P0] + swing) - p.m_m / p.M * position <= best:
+        return p.arc[T0] + landing
     window = apex - math.sqrt(4.0 * share * swing / g)  # where the rod may be at its highest
-    return arc[T0] + window if h < window < landing else t
+    return p.arc[T0] + window if h < window < landing else t
