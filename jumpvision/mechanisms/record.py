@@ -118,8 +118,9 @@ class Mechanism:
     meaning: what it adds; lacks: the same in plain words, after "because the model lacks ..."; equation: how its term
     reads in a printed model; source: where it comes from. slope: of an INERTIA dm/dz [kg/m], of a SPRING -dF/dstretch
     [N/m]; bend: depth [m] of its kink, on which the solver ends a step; energy: what a SPRING has stored [J] (None: its
-    work is lost). goes_with: mechanisms of one cause with it. assumed: parameters that jumps cannot tell, with their value where the model gives none. possible: whether a
-    diagnosis may ask for it, of the model and whether the command drives it.
+    work is lost). goes_with: mechanisms of one cause with it. assumed: parameters that jumps cannot tell, with their
+    value where the model gives none. possible: whether a diagnosis may ask for it, of the model and whether the command
+    drives it.
     """
 
     name: str

@@ -80,6 +80,7 @@ NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is look
 ON = 1e-9  # m, so near to a kink of a law a step begins or ends on it
 SMALL = 1e-6  # error of a step over its tolerance: the next may be five times as long
 NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
+STABLE = 5.0  # decays along the real axis in which a step does not grow: 6.1
 STILL = 1e-9  # m/s, a slower carriage is at rest when the forcing changes piece
 OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
 
@@ -223,6 +224,9 @@ def run(
                     begin(t, s, mode, slip, p)
                 else:
                     longest = max_step
+                    if p.kp > 0.0:  # longer, and rounding grows until the error shows it
+                        mass = p.m_m * p.m_r / p.M
+                        longest = min(longest, STABLE / max(np.sqrt(p.kp / mass), p.kd / mass))
                     rhs(t, s, mode, slip, p, slopes, NOW[0])
                     if mode == INTRUDE:
                         h = min(h, first_step(s, slopes[0, VF], p))

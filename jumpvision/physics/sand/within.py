@@ -179,9 +179,11 @@ def efforts(
     """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
     known: whether q is; k: slopes of the step, to find it. peaks: (6,), behind them the least seen. f0: `motor_force`
-    at the begin of the step; returns it at the end. A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid rises
-    above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by the
-    parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
+    at the begin of the step; returns it at the end.
+
+    A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid
+    rises above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by
+    the parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
     SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
     """
     light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
