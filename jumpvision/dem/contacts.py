@@ -152,11 +152,11 @@ def picked(p, size, reach, low, high, begin, end, partner, box, plate, close, fo
 def kick(vx, vy, ax, ay, damp, gain, slip):  # type: ignore[no-untyped-def]
     """Velocity after half a step of constant acceleration against the ground's drag, exact for either drag alone.
 
-    damp = exp(-c h/2), gain = (1 - damp)/c for the rate c of viscous drag; slip = Coulomb deceleration * h/2: a disc
-    that the friction can stop within the half step stands still, so one pushed by less than it does not creep.
+    damp = exp(-c h/2), gain = (1 - damp)/c for the rate c of viscous drag; slip = Coulomb deceleration * h/2, or None: a
+    disc that the friction can stop within the half step stands still, so one pushed by less than it does not creep.
     """
     vx, vy = damp * vx + gain * ax, damp * vy + gain * ay
-    if slip > 0.0:
+    if slip is not None:
         square = vx * vx + vy * vy
         left = 1.0 - slip / math.sqrt(square) if square > slip * slip else 0.0
         vx, vy = left * vx, left * vy
@@ -278,7 +278,7 @@ def faces(p, size, f, walls, count, law, box, plate, rough, held, past, push):  
         push[4] += rubbed
 
 
-@nb.njit(**{**FAST, "fastmath": {"contract", "nsz", "arcp", "nnan"}})
+@nb.njit(**FAST)
 def moved(old, new, size, f, low, high, law, h, begun, move, turns):  # type: ignore[no-untyped-def]
     """The state `new` of the discs low to high - 1 by the forces and moments f (3, n), which it sets to 0.
 
@@ -288,29 +288,10 @@ def moved(old, new, size, f, low, high, law, h, begun, move, turns):  # type: ig
     viscous, coulomb, gravity = law[2], law[3], law[4]
     damp = math.exp(-0.5 * viscous * h)
     gain = (1.0 - damp) / viscous if viscous > 0.0 else 0.5 * h
-    slip = 0.5 * h * coulomb
-    px, py, pu, pv, light = old[X], old[Y], old[UX], old[UY], size[LIGHT]
-    nx, ny, nvx, nvy, nu, nv, fx, fy = new[X], new[Y], new[VX], new[VY], new[UX], new[UY], f[0], f[1]
-    fastest = 0.0
-    for i in range(np.uintp(low), np.uintp(high)):
-        x, y, vx, vy = px[i], py[i], pu[i], pv[i]
-        ax, ay = fx[i] * light[i], fy[i] * light[i] - gravity
-        fx[i], fy[i] = 0.0, 0.0
-        wx, wy = old[VX, i], old[VY, i]
-        if begun:
-            vx, vy = kick(vx, vy, ax, ay, damp, gain, slip)
-            wx, wy = vx, vy
-        if move:
-            ux, uy = kick(vx, vy, ax, ay, damp, gain, slip)
-            x, y = x + h * ux, y + h * uy
-            wx, wy = 2.0 * ux - vx, 2.0 * uy - vy  # foreseen for the end of the step
-            vx, vy = ux, uy
-            fastest = max(fastest, ux * ux + uy * uy)
-        nx[i], ny[i], nvx[i], nvy[i], nu[i], nv[i] = x, y, wx, wy, vx, vy
     if turns:
         for i in range(np.uintp(low), np.uintp(high)):
             spin, half, r = old[SPIN, i], old[HALF, i], size[RADIUS, i]
-            turn = h * f[2, i] * light[i] / (r * r)  # half a step of the moment over m r^2/2
+            turn = h * f[2, i] * size[LIGHT, i] / (r * r)  # half a step of the moment over m r^2/2
             f[2, i] = 0.0
             if begun:
                 half += turn
@@ -319,7 +300,33 @@ def moved(old, new, size, f, low, high, law, h, begun, move, turns):  # type: ig
                 spin = half + 2.0 * turn
                 half += turn
             new[SPIN, i], new[HALF, i] = spin, half
-    return fastest
+    if coulomb > 0.0:
+        return glided(old, new, size, f, low, high, gravity, damp, gain, 0.5 * h * coulomb, h, begun, move)
+    return glided(old, new, size, f, low, high, gravity, damp, gain, None, h, begun, move)
+
+
+@nb.njit(**FAST)
+def glided(old, new, size, f, low, high, gravity, damp, gain, slip, h, begun, move):  # type: ignore[no-untyped-def]
+    """Places and velocities of `moved`; damp, gain, slip: of `kick`. It has no branch without slip, and is done for
+    several discs at a time; numbers >= 0 stand in the order of their bits, whose greatest is found so too."""
+    fastest = np.int64(0)
+    for i in range(np.uintp(low), np.uintp(high)):
+        x, y, vx, vy, wx, wy = old[X, i], old[Y, i], old[UX, i], old[UY, i], old[VX, i], old[VY, i]
+        ax, ay = f[0, i] * size[LIGHT, i], f[1, i] * size[LIGHT, i] - gravity
+        f[0, i], f[1, i] = 0.0, 0.0
+        if begun:
+            vx, vy = kick(vx, vy, ax, ay, damp, gain, slip)
+            wx, wy = vx, vy
+        if move:
+            ux, uy = kick(vx, vy, ax, ay, damp, gain, slip)
+            x, y = x + h * ux, y + h * uy
+            wx, wy = 2.0 * ux - vx, 2.0 * uy - vy  # foreseen for the end of the step
+            vx, vy = ux, uy
+            square = np.float64(ux * ux + uy * uy)
+            fastest = max(fastest, square.view(np.int64))
+        new[X, i], new[Y, i], new[VX, i], new[VY, i], new[UX, i], new[UY, i] = x, y, wx, wy, vx, vy
+    found = np.int64(fastest)
+    return found.view(np.float64)
 
 
 @nb.njit(**FAST)
@@ -419,7 +426,7 @@ two lists holds, whether `close` is to be written, whether a list was too short,
 on the phase that each band is next to be taken for."""
 SORT, LIST, MARCH = range(3)
 TRAVEL, SINCE = range(2)  # m, of the fastest since lists and since `close` were made
-CLOSE = 0.2  # of the skin: pairs nearer are looked at in every step
+CLOSE = 0.1  # of the skin: pairs nearer are looked at in every step
 NEVER = -2  # a phase
 
 
