@@ -19,6 +19,7 @@ FAST = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"cont
 X, Y, VX, VY, UX, UY, SPIN, HALF, STATE = range(9)
 """Rows of a state: place [m]; velocity foreseen for now, and half a step before [m/s]; spin likewise [rad/s]."""
 RADIUS, LIGHT = 0, 1  # rows of the sizes: m, 1/kg
+CLOSE, NEXT = 0.3, 0.1  # close is what is nearer than that share of the skin, soon what is within that of it
 OWN, LOWER = 0, 1  # lists: partners of a higher number; those in lower bands
 
 
@@ -119,11 +120,12 @@ def listed(p, size, reach, low, high, cell, first, inside, nx, ny, new, old, clo
 def picked(p, size, reach, low, high, begin, end, partner, box, plate, close, found, held):  # type: ignore[no-untyped-def]
     """Writes what of a band is nearer than `reach` besides touching.
 
-    close: first and second disc, place in the list and square of r_i + r_j of pairs (2, pairs), discs near walls or
-    plate (high - low,), (2, pairs) for `touching`. found (3,): how many pairs of OWN and LOWER, and discs near walls.
+    close: first and second disc, place in the list and square of r_i + r_j (plus NEXT of the reach) of pairs (2,
+    pairs), discs near walls or plate (high - low,), twice (2, pairs) for `within`. found (5,): how many pairs of OWN
+    and LOWER, discs near walls, and pairs of both for `within`.
     held (3, n): springs at walls and plate, or (3, 0); those of the others are slack.
     """
-    one, other, where, square, walls, _ = close
+    one, other, where, square, wide, walls, _, _ = close
     for side in range(2):
         count = np.uintp(0)
         for i in range(np.uintp(low), np.uintp(high)):
@@ -131,7 +133,8 @@ def picked(p, size, reach, low, high, begin, end, partner, box, plate, close, fo
                 j = np.uintp(partner[side, q])
                 s = size[RADIUS, i] + size[RADIUS, j]
                 if (p[X, i] - p[X, j]) ** 2 + (p[Y, i] - p[Y, j]) ** 2 < (s + reach) ** 2:
-                    one[side, count], other[side, count], where[side, count], square[side, count] = i, j, q, s * s
+                    one[side, count], other[side, count], where[side, count] = i, j, q
+                    square[side, count], wide[side, count] = s * s, (s + NEXT * reach) ** 2
                     count += np.uintp(1)
         found[side] = count
     count = np.uintp(0)
@@ -164,10 +167,12 @@ def kick(vx, vy, ax, ay, damp, gain, slip):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(**FAST)
-def touching(p, one, other, square, count, hits):  # type: ignore[no-untyped-def]
-    """Writes the numbers of the pairs that touch, to hits; how many."""
+def within(p, one, other, square, among, count, hits):  # type: ignore[no-untyped-def]
+    """Writes the numbers of the pairs (among those numbers, or all: None) nearer than the root of `square` to hits; how
+    many."""
     x, y, n = p[X], p[Y], np.uintp(0)
-    for c in range(np.uintp(count)):
+    for a in range(np.uintp(count)):
+        c = np.uintp(among[a]) if among is not None else a
         i, j = np.uintp(one[c]), np.uintp(other[c])
         dx, dy = x[i] - x[j], y[i] - y[j]
         hits[n] = c
@@ -331,21 +336,24 @@ def glided(old, new, size, f, low, high, gravity, damp, gain, slip, h, begun, mo
 
 @nb.njit(**FAST)
 def step(  # type: ignore[no-untyped-def]
-    old, new, size, f, low, high, n_free, lists, close, found, law, box, plate, h, begun, move, push, rough, held, clock
+    old, new, size, f, low, high, n_free, lists, close, found, fresh, law, box, plate, h, begun, move, push, rough, held, clock
 ):
     """Forces on the discs low to high - 1 in the state `old` (STATE, n), and the state `new` of these, as `moved` says.
 
-    size (2, n): radius and inverse mass. f (3, n): zeros. lists of `listed`, close and found of `picked`. law: k, gamma,
+    size (2, n): radius and inverse mass. f (3, n): zeros. lists of `listed`, close and found of `picked`, fresh: whether
+    the pairs that may touch soon are to be found anew. law: k, gamma,
     viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top; plate: half width, height, height of its
     face, its velocity up now and over the step before. push (5,) receives the force on the discs from the foot (x, y)
     and from the walls (x, y), and the power of friction. rough: mu, k_t, gamma_t; held (3, n): stretch of the springs
     at walls and plate. clock: number of the step, for the springs. Returns the greatest speed^2.
     """
-    one, other, where, square, walls, hits = close
+    one, other, where, square, wide, walls, soon, hits = close
     past = h if begun else 0.0  # s that went by since the springs' stretch was last brought up to date
     push[:] = 0.0
     for side in (LOWER, OWN):  # in the order of the partners
-        count = touching(old, one[side], other[side], square[side], found[side], hits[side])
+        if fresh:
+            found[3 + side] = within(old, one[side], other[side], wide[side], None, found[side], soon[side])
+        count = within(old, one[side], other[side], square[side], soon[side], found[3 + side], hits[side])
         contacts(
             old,
             size,
@@ -422,11 +430,10 @@ def skid(mu, kt, gt, p, i, stretch, nx, ny, lever, rising, rose, mass, load, pas
 
 PHASE, DONE, TASKS, KIND, STEP, BUFFER, FRESH, FULL, CLOCK, CLAIM = range(10)
 """What the threads of a march share: number of the phase (< 0: over), tasks done of it and to do, kind, step, which of
-two lists holds, whether `close` is to be written, whether a list was too short, number of the steps so far; from CLAIM
+two lists holds, whether `close` (2) or what may touch soon (1) is to be found anew, whether a list was too short, number of the steps so far; from CLAIM
 on the phase that each band is next to be taken for."""
 SORT, LIST, MARCH = range(3)
-TRAVEL, SINCE = range(2)  # m, of the fastest since lists and since `close` were made
-CLOSE = 0.1  # of the skin: pairs nearer are looked at in every step
+TRAVEL, SINCE, SOON = range(3)  # m, of the fastest since lists, `close` and what may touch soon were made
 NEVER = -2  # a phase
 
 
@@ -456,7 +463,7 @@ def march(  # type: ignore[no-untyped-def]
 ):
     """Advance by len(path) - 1 steps in place, together with all threads that call this with the same arrays.
 
-    me: number of the thread. sync: int64 as above; about (2,): TRAVEL, SINCE. state (2, STATE, n): of even and of odd
+    me: number of the thread. sync: int64 as above; about (3,): TRAVEL, SINCE, SOON. state (2, STATE, n): of even and of odd
     steps. edges (bands + 1,): of the bands. path, speed (steps + 1,): height and velocity up of the foot at each step;
     plate: half width and height of the plate (a width < 0 is no plate); the driven discs move by the same path.
     binned: arrays of `cells` and the numbers of its columns and rows; lists: twice those of `listed`, by band (bands,
@@ -489,9 +496,9 @@ def march(  # type: ignore[no-untyped-def]
             else:
                 rose = (path[s] - path[s - 1]) / h if s > 0 else 0.0
                 foot = plate[0], plate[1], path[s], speed[s], rose
-                one, other, where, square, walls, hits, found = close
-                shorter = one[b], other[b], where[b], square[b], walls[b], hits[b]
-                if sync[FRESH]:
+                one, other, where, square, wide, walls, soon, hits, found = close
+                shorter = one[b], other[b], where[b], square[b], wide[b], walls[b], soon[b], hits[b]
+                if sync[FRESH] == 2:
                     picked(old, size, reach, low, high, begin, end, mine[2], box, foot, shorter, found[b], held)
                 results[b, 0] = step(
                     old,
@@ -504,6 +511,7 @@ def march(  # type: ignore[no-untyped-def]
                     mine,
                     shorter,
                     found[b],
+                    sync[FRESH] > 0,
                     law,
                     box,
                     foot,
@@ -539,8 +547,8 @@ def following(phase, sync, about, state, n_free, bands, h, path, speed, skin, re
     elif sync[KIND] == LIST:
         if sync[FULL]:
             return -1
-        sync[KIND], sync[FRESH], sync[BUFFER] = MARCH, 1, 1 - sync[BUFFER]
-        about[TRAVEL], about[SINCE] = 0.0, 0.0
+        sync[KIND], sync[FRESH], sync[BUFFER] = MARCH, 2, 1 - sync[BUFFER]
+        about[:] = 0.0
     else:
         sync[STEP], sync[FRESH] = s + 1, 0
         sync[CLOCK] += 1
@@ -554,12 +562,13 @@ def following(phase, sync, about, state, n_free, bands, h, path, speed, skin, re
         for b in range(bands):
             fastest = max(fastest, results[b, 0])
         way = h * max(math.sqrt(fastest), abs(speed[s]), abs(speed[s + 1]), abs(up) / h)
-        about[TRAVEL] += way
-        about[SINCE] += way
+        about += way
         if 2.0 * about[TRAVEL] > skin:
             sync[KIND], sync[TASKS] = SORT, 1
         elif 2.0 * about[SINCE] > CLOSE * skin:
-            sync[FRESH], about[SINCE] = 1, 0.0
+            sync[FRESH], about[SINCE], about[SOON] = 2, 0.0, 0.0
+        elif 2.0 * about[SOON] > NEXT * CLOSE * skin:
+            sync[FRESH], about[SOON] = 1, 0.0
     for b in range(bands):
         sync[CLAIM + b] = phase + 1 if b < sync[TASKS] else NEVER
     return phase + 1

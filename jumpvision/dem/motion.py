@@ -136,9 +136,10 @@ class Bands:
             for short, long in zip(before[2:], after[2:]):
                 long[:, :, : short.shape[2]] = short
         bands, shape = len(self.edges) - 1, self.lists[0][2].shape
-        one, other, where, hits = (np.empty(shape, np.uint32) for _ in range(4))
+        one, other, where, soon, hits = (np.empty(shape, np.uint32) for _ in range(5))
         walls = np.empty((bands, self.n // bands + 1), np.uint32)
-        self.close = one, other, where, np.empty(shape), walls, hits, np.empty((bands, 3), np.int64)
+        square, wide, found = np.empty(shape), np.empty(shape), np.empty((bands, 5), np.int64)
+        self.close = one, other, where, square, wide, walls, soon, hits, found
 
     def march(
         self,
@@ -151,7 +152,7 @@ class Bands:
     ) -> Array:
         """`contacts.march` on all threads; the impulses (4,) [N s] and the work of friction [J], as one array."""
         bands, sync = len(self.edges) - 1, self.sync
-        about, results = np.zeros(2), np.zeros((bands, 11))
+        about, results = np.zeros(3), np.zeros((bands, 11))
         sync[contacts.STEP] = 0
         while True:
             sync[contacts.PHASE], sync[contacts.DONE], sync[contacts.TASKS] = 0, 0, 1
@@ -193,6 +194,7 @@ def forces(discs: Discs, law: Law, box: Box) -> Array:
             (begin, end, partner[b], slide[b], seen[b]),
             tuple(a[b] for a in close),
             found[b],
+            False,
             rules,
             walls,
             (*none, 0.0, 0.0, 0.0),
