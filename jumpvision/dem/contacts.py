@@ -336,7 +336,27 @@ def glided(old, new, size, f, low, high, gravity, damp, gain, slip, h, begun, mo
 
 @nb.njit(**FAST)
 def step(  # type: ignore[no-untyped-def]
-    old, new, size, f, low, high, n_free, lists, close, found, fresh, law, box, plate, h, begun, move, push, rough, held, clock
+    old,
+    new,
+    size,
+    f,
+    low,
+    high,
+    n_free,
+    lists,
+    close,
+    found,
+    fresh,
+    law,
+    box,
+    plate,
+    h,
+    begun,
+    move,
+    push,
+    rough,
+    held,
+    clock,
 ):
     """Forces on the discs low to high - 1 in the state `old` (STATE, n), and the state `new` of these, as `moved` says.
 
