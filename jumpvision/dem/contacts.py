@@ -155,7 +155,7 @@ def picked(p, size, reach, low, high, begin, end, partner, box, plate, close, fo
 def kick(vx, vy, ax, ay, damp, gain, slip):  # type: ignore[no-untyped-def]
     """Velocity after half a step of constant acceleration against the ground's drag, exact for either drag alone.
 
-    damp = exp(-c h/2), gain = (1 - damp)/c for the rate c of viscous drag; slip = Coulomb deceleration * h/2, or None: a
+    damp = exp(-c h/2), gain = (1 - damp)/c for the rate c of viscous drag; slip = Coulomb deceleration * h/2 or None: a
     disc that the friction can stop within the half step stands still, so one pushed by less than it does not creep.
     """
     vx, vy = damp * vx + gain * ax, damp * vy + gain * ay
@@ -360,8 +360,8 @@ def step(  # type: ignore[no-untyped-def]
 ):
     """Forces on the discs low to high - 1 in the state `old` (STATE, n), and the state `new` of these, as `moved` says.
 
-    size (2, n): radius and inverse mass. f (3, n): zeros. lists of `listed`, close and found of `picked`, fresh: whether
-    the pairs that may touch soon are to be found anew. law: k, gamma,
+    size (2, n): radius and inverse mass. f (3, n): zeros. lists of `listed`, close and found of `picked`; fresh:
+    whether the pairs that may touch soon are to be found anew. law: k, gamma,
     viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top; plate: half width, height, height of its
     face, its velocity up now and over the step before. push (5,) receives the force on the discs from the foot (x, y)
     and from the walls (x, y), and the power of friction. rough: mu, k_t, gamma_t; held (3, n): stretch of the springs
@@ -450,7 +450,8 @@ def skid(mu, kt, gt, p, i, stretch, nx, ny, lever, rising, rose, mass, load, pas
 
 PHASE, DONE, TASKS, KIND, STEP, BUFFER, FRESH, FULL, CLOCK, CLAIM = range(10)
 """What the threads of a march share: number of the phase (< 0: over), tasks done of it and to do, kind, step, which of
-two lists holds, whether `close` (2) or what may touch soon (1) is to be found anew, whether a list was too short, number of the steps so far; from CLAIM
+two lists holds, whether `close` (2) or what may touch soon (1) is to be found anew, whether a list was too
+short, number of the steps so far; from CLAIM
 on the phase that each band is next to be taken for."""
 SORT, LIST, MARCH = range(3)
 TRAVEL, SINCE, SOON = range(3)  # m, of the fastest since lists, `close` and what may touch soon were made
@@ -483,8 +484,8 @@ def march(  # type: ignore[no-untyped-def]
 ):
     """Advance by len(path) - 1 steps in place, together with all threads that call this with the same arrays.
 
-    me: number of the thread. sync: int64 as above; about (3,): TRAVEL, SINCE, SOON. state (2, STATE, n): of even and of odd
-    steps. edges (bands + 1,): of the bands. path, speed (steps + 1,): height and velocity up of the foot at each step;
+    me: number of the thread. sync: int64 as above; about (3,): TRAVEL, SINCE, SOON. state (2, STATE, n): of even and of
+    odd steps. edges (bands + 1,): of the bands. path, speed (steps + 1,): height and velocity up of the foot at each step;
     plate: half width and height of the plate (a width < 0 is no plate); the driven discs move by the same path.
     binned: arrays of `cells` and the numbers of its columns and rows; lists: twice those of `listed`, by band (bands,
     2, pairs), close: those of `picked` by band. results (bands, 11): greatest speed^2, push and impulse of the foot (x,
