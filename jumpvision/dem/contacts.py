@@ -448,11 +448,12 @@ def skid(mu, kt, gt, p, i, stretch, nx, ny, lever, rising, rose, mass, load, pas
     return -force * ny, force * nx, lever * force, force * slip, stretch
 
 
-PHASE, DONE, TASKS, KIND, STEP, BUFFER, FRESH, FULL, CLOCK, CLAIM = range(10)
-"""What the threads of a march share: number of the phase (< 0: over), tasks done of it and to do, kind, step, which of
-two lists holds, whether `close` (2) or what may touch soon (1) is to be found anew, whether a list was too
-short, number of the steps so far; from CLAIM
-on the phase that each band is next to be taken for."""
+PHASE, KIND, TASKS, STEP, BUFFER, FRESH, FULL, CLOCK = range(8)
+DONE, CLAIM = 16, 32
+"""What the threads of a march share: number of the phase (< 0: over), its kind and tasks, step, which of two lists
+holds, whether `close` (2) or what may touch soon (1) is to be found anew, whether a list was too short, number of the
+steps so far; apart from these, for each change takes the line of the cache from all others, tasks done of the phase and
+from CLAIM on the phase that each band is next to be taken for."""
 SORT, LIST, MARCH = range(3)
 TRAVEL, SINCE, SOON = range(3)  # m, of the fastest since lists, `close` and what may touch soon were made
 NEVER = -2  # a phase
@@ -484,12 +485,12 @@ def march(  # type: ignore[no-untyped-def]
 ):
     """Advance by len(path) - 1 steps in place, together with all threads that call this with the same arrays.
 
-    me: number of the thread. sync: int64 as above; about (3,): TRAVEL, SINCE, SOON. state (2, STATE, n): of even and of
-    odd steps. edges (bands + 1,): of the bands. path, speed (steps + 1,): height and velocity up of the foot at each step;
-    plate: half width and height of the plate (a width < 0 is no plate); the driven discs move by the same path.
-    binned: arrays of `cells` and the numbers of its columns and rows; lists: twice those of `listed`, by band (bands,
-    2, pairs), close: those of `picked` by band. results (bands, 11): greatest speed^2, push and impulse of the foot (x,
-    y) and of the walls (x, y) on the free discs and work of friction, by the trapezoidal rule.
+    me: band that the thread begins with. sync: int64 as above; about (3,): TRAVEL, SINCE, SOON. state (2, STATE, n): of
+    even and of odd steps. edges (bands + 1,): of the bands. path, speed (steps + 1,): height and velocity up of the
+    foot at each step; plate: half width and height of the plate (a width < 0 is no plate); the driven discs move by the
+    same path. binned: arrays of `cells` and the numbers of its columns and rows; lists: twice those of `listed`, by
+    band (bands, 2, pairs), close: those of `picked` by band. results (bands, 16): greatest speed^2, push and impulse of
+    the foot (x, y) and of the walls (x, y) on the free discs and work of friction, by the trapezoidal rule.
     """
     cell, first, inside, counts = binned
     bands, steps, reach = len(edges) - 1, len(path) - 1, CLOSE * skin
@@ -498,7 +499,7 @@ def march(  # type: ignore[no-untyped-def]
         if phase < 0:
             return
         for turn in range(bands):
-            b = (me + turn) % bands
+            b = (me + turn) % bands  # the same ones in every step, as far as the others keep up
             if not swapped(sync, CLAIM + b, phase, phase + 1):  # another thread has it
                 continue
             s, now, clock, low, high = sync[STEP], sync[BUFFER], sync[CLOCK], edges[b], edges[b + 1]
@@ -555,7 +556,7 @@ def march(  # type: ignore[no-untyped-def]
                 idle()
 
 
-SPINS = 2000  # reads that a thread waits for the others before it offers its core
+SPINS = 200_000  # reads, tenths of a millisecond, that a thread waits for the others before it offers its core
 
 
 @nb.njit(cache=True, nogil=True)

@@ -21,7 +21,7 @@ from .discs import Block, Box, Discs, Law, Plate
 from .packing import pack
 
 SKIN = 0.3  # of the mean diameter: neighbours are listed so much farther than they touch
-BAND, MOST_BANDS = 1000, 16  # discs of a band at least, bands at most
+BAND, MOST_BANDS = 2500, 16  # discs of a band at least, bands at most
 STEPS_PER_CONTACT = 30.0  # time step = the shortest contact time over this: energy of an elastic contact within 0.1 %
 
 
@@ -152,7 +152,7 @@ class Bands:
     ) -> Array:
         """`contacts.march` on all threads; the impulses (4,) [N s] and the work of friction [J], as one array."""
         bands, sync = len(self.edges) - 1, self.sync
-        about, results = np.zeros(3), np.zeros((bands, 11))
+        about, results = np.zeros(3), np.zeros((bands, 16))
         sync[contacts.STEP] = 0
         while True:
             sync[contacts.PHASE], sync[contacts.DONE], sync[contacts.TASKS] = 0, 0, 1
@@ -160,14 +160,15 @@ class Bands:
             sync[contacts.CLAIM :] = [0] + [contacts.NEVER] * (bands - 1)
             shared = (sync, about, self.state, self.size, self.f, self.edges, self.n, rules, walls, plate, h, path)
             lists = (speed, self.skin, self.binned, self.lists, self.close, results, self.rough, self.held)
-            at_once([functools.partial(contacts.march, me, *shared, *lists) for me in range(min(threads(), bands))])
+            crew = min(threads(), bands)
+            at_once([functools.partial(contacts.march, me * bands // crew, *shared, *lists) for me in range(crew)])
             if not sync[contacts.FULL]:
                 break
             self.room(2 * self.lists[0][2].shape[2])
         steps = len(path) - 1
         self.state[0, :, : self.n] = self.state[(steps + 1) % 2, :, : self.n]
         self.state[0, :, self.n :] = self.state[steps % 2, :, self.n :]
-        return results[:, 6:].sum(axis=0)
+        return results[:, 6:11].sum(axis=0)
 
 
 def forces(discs: Discs, law: Law, box: Box) -> Array:
