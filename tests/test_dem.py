@@ -262,7 +262,7 @@ def test_forces_are_those_of_lammps(lammps_peer):
 
 def test_discs_lie_in_memory_by_rows_and_come_back_in_the_callers_order():
     d = bed()
-    order, state, size, n = packed(d, None, 0.0, 0.0)
+    order, state, _, n = packed(d, None, 0.0, 0.0)
     assert n == len(d.x) and np.array_equal(np.sort(order), np.arange(n)) and np.array_equal(state[0], d.x[order])
     m = integrate(d, law_for(d), BOX, times=[0.0, 1e-9], dt=1e-9)
     assert m.x[-1] == pytest.approx(d.x, abs=1e-9)
