@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.threads import shared
-from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.forcing import KERNEL, Forcing, Segments
 from jumpvision.physics.oscillator import natural_frequency
 
-from .arc import AIR, ARC_SIZE, KERNEL, KIND, evaluate
+from .arc import AIR, ARC_SIZE, KIND, evaluate
 from .flow import follow_jump, motor, row
 
 # name: unit, lowest, whether the lowest itself is allowed

@@ -33,6 +33,11 @@ def kernel(f: Callable[..., Any]) -> Any:
     return njit(**OPTIONS)(f)
 
 
+def inlined(f: Callable[..., Any]) -> Any:
+    """The same in the place of every call: handing over arrays (7 numbers each) costs more than a small function."""
+    return njit(**OPTIONS, forceinline=True)(f)
+
+
 for _law in COMPILED:
     register_jitable(_law)
 
