@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy is imported, as the command line does:
+    os.environ.setdefault(_threads, "1")  # matrices here are small, and threads of two workers wait for one another
+
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "data_samples"
 
