@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shutil
 from pathlib import Path
@@ -13,6 +14,16 @@ for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy is 
 
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "data_samples"
+
+
+def pytest_collection_finish():
+    """What 3,000 tests import stays, and need not be looked through for garbage time and again."""
+    gc.freeze()
+
+
+def later(*cases: object) -> list:
+    """Cases of a parameter that are left to the second run, `-m long`; the first has others of the same test."""
+    return [pytest.param(*(c if isinstance(c, tuple) else (c,)), marks=pytest.mark.long) for c in cases]
 
 
 @pytest.fixture(scope="session")

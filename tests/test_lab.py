@@ -463,9 +463,8 @@ def digest(folder: Path) -> dict[str, str]:
 
 
 def test_hard_ground_sample_is_valid_and_repeatable(tmp_path):
-    for name in "ab":
-        samples.hard_ground(tmp_path / name)
-    assert digest(tmp_path / "a") == digest(tmp_path / "b")
+    """As it was drawn when it was shipped."""
+    samples.hard_ground(tmp_path / "a")
     assert open_experiment(tmp_path / "a").ground == "hard"
     same_as_shipped(tmp_path / "a", SHIPPED / "hard_ground")
 
@@ -480,6 +479,7 @@ def same_as_shipped(made: Path, shipped: Path) -> None:
                 np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.long
 def test_the_filmed_jump_is_the_shipped_one(tmp_path):
     """Number 23 of the campaign: films of the ball and the grains, the bed's picture and the logs."""
     law, rng = Law(7.0, 0.01875, samples.PHASE["stutter"], samples.START), np.random.default_rng([samples.SEED, 23])

@@ -88,7 +88,7 @@ def test_every_effect_shows_in_the_tracks(ground):
             continue  # the static force itself: nothing is left without it
         moved = []
         for strength in (0.0, 1.0):
-            s = shorter(blind.draw(rng(6), ground=ground, hidden=(name,), strength=strength, nuisance=QUIET), 11)
+            s = shorter(blind.draw(rng(6), ground=ground, hidden=(name,), strength=strength, nuisance=QUIET), 12)
             p = s.protocol
             plain = replace(p, terms=tuple(t for t in p.terms if t != name))
             if name in AT_THE_CAMERA:

@@ -8,6 +8,7 @@ import warnings
 import cv2
 import numpy as np
 import pytest
+from conftest import later
 from scipy.special import ndtr
 
 from jumpvision.init.recognise import by_picture
@@ -28,9 +29,7 @@ def mean(a):
 def near(x, y, reach):
     """The part of the picture (rows, columns) within `reach` [px] of (x, y), and its sub-pixels' places (u, v) from
     there: what is drawn has ended there, and the rest of the picture is not computed."""
-    rows, columns = (
-        range(*np.clip([round(at) - reach, round(at) + reach + 1], 0, n)) for at, n in ((y, H), (x, W))
-    )
+    rows, columns = (range(*np.clip([round(at) - reach, round(at) + reach + 1], 0, n)) for at, n in ((y, H), (x, W)))
     sub = (np.arange(FINE) + 0.5) / FINE - 0.5
     v, u = np.meshgrid(*((np.array(a)[:, None] + sub).ravel() for a in (rows, columns)), indexing="ij")
     return (slice(rows.start, rows.stop), slice(columns.start, columns.stop)), u - x, v - y
@@ -210,13 +209,15 @@ def known(picture, x, y, noise):
     return np.sqrt(np.diag(np.linalg.inv(j @ j.T / noise**2))[:2])
 
 
-def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers():
-    """12 films of 14 frames, noise 3, 0.05 rad a frame, blurred as a lens does. RMS within 1.2 of the bound of a known
-    picture (14 frames that teach it cost 1/14, 1.04; light and contrast the rest; 336 values are known to 4 %).
-    sigma is the larger of two axes that differ by 1.27: it covers 68 % along one, 80 % along the other, 74 % in all,
-    within 7 % (three standard deviations of 336 values). The centre, shared: within 3.5 of what the note says."""
+@pytest.mark.parametrize("films", [4, *later(12)])
+def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers(films):
+    """Films of 14 frames, noise 3, 0.05 rad a frame, blurred as a lens does. RMS within 1.2 of the bound of a known
+    picture (14 frames that teach it cost 1/14, 1.04; light and contrast the rest; the 336 values of 12 films are known
+    to 4 %, the 112 of 4 to 7 %). sigma is the larger of two axes that differ by 1.27: it covers 68 % along one, 80 %
+    along the other, 74 % in all, within three standard deviations (7 % of 336 values, 12 % of 112). The centre, shared:
+    within 3.5 of what the note says."""
     errors, sigmas, bounds, offsets = [], [], [], []
-    for seed in range(12):
+    for seed in range(films):
         rng = np.random.default_rng([9, seed])
         truth = toss(14, 15.0) + rng.uniform(-0.5, 0.5, (14, 2))
         clean = [lens(x, y, 0.05 * k) for k, (x, y) in enumerate(truth)]
@@ -230,9 +231,9 @@ def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers():
         sigmas.append(np.repeat(t.sigma_px[good].to_numpy()[:, None], 2, axis=1))
         bounds.append(np.array([known(p, x, y, 3.0) for p, (x, y) in zip(clean, truth, strict=True)])[good])
     error, sigma, least = (np.concatenate(v) for v in (errors, sigmas, bounds))
-    assert error.size >= 320
+    assert error.size >= 320 / 12 * films
     assert np.sqrt(np.mean((error / least) ** 2)) < 1.2
-    assert 0.67 < np.mean(np.abs(error) < sigma) < 0.81
+    assert abs(np.mean(np.abs(error) < sigma) - 0.74) < 3 * math.sqrt(0.74 * 0.26 / (28 * films))
     assert max(offsets) < 3.5
 
 
