@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -24,6 +26,16 @@ def pytest_collection_finish():
 def later(*cases: object) -> list:
     """Cases of a parameter that are left to the second run, `-m long`; the first has others of the same test."""
     return [pytest.param(*(c if isinstance(c, tuple) else (c,)), marks=pytest.mark.long) for c in cases]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def a_core_each():
+    """The workers of pytest share the cores; a command of a test that is not told how many processes starts none."""
+    if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")) > 1:
+        importlib.import_module("jumpvision.cli")
+        for name, module in list(sys.modules.items()):
+            if name.startswith("jumpvision.cli.") and hasattr(module, "cores"):
+                module.cores = lambda: 1
 
 
 @pytest.fixture(scope="session")

@@ -370,7 +370,7 @@ def test_a_grain_moves_by_the_integral_of_the_flow(flow):
     """Against solve_ivp in the foot's depth. Where a grain meets the cone the speed has a kink or a step of < 0.3,
     which costs the midpoint rule one step of 50 um x 0.3."""
     rng = np.random.default_rng(5)
-    r, y = rng.uniform(-0.055, 0.055, 60), rng.uniform(-0.08, -0.008, 60)
+    r, y = rng.uniform(-0.055, 0.055, 24), rng.uniform(-0.08, -0.008, 24)
     y = np.where(np.abs(r) < 0.0381, np.minimum(y, -0.0062), y)
     start, z0, z1 = y.copy(), 0.0062, 0.0185
     flow.advect(r, y, z0, z1)
