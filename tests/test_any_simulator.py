@@ -371,6 +371,7 @@ def test_wrong_calls_say_what_is_allowed():
         jv.diagnose([short], study())
 
 
+@pytest.mark.long
 def test_discs_under_a_foot_are_questioned():
     """Truth: Runge-Kutta of the benchmark; the study's simulator is jumpvision.dem's velocity Verlet."""
     asked, whole = any_simulator.trembles({"tilt": 0.5}, np.random.default_rng(1))[:2], any_simulator.discs()
