@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import later
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.diagnosis.detect import Span, detect, directions
@@ -105,7 +106,9 @@ def test_the_wanders_shapes_have_its_covariance():
 
 
 @pytest.mark.parametrize("ground", ["hard", "granular"])
-@pytest.mark.parametrize("world", [{}, {"rho": 0.7}, {"family": "outliers"}, {"drift": 5e-5}, {"step": 1e-4}], ids=str)
+@pytest.mark.parametrize(
+    "world", [{}, {"rho": 0.7}, *later({"family": "outliers"}, {"drift": 5e-5}, {"step": 1e-4})], ids=str
+)
 def test_four_single_jumps_show_their_noise(ground, world):
     """Learned s of some 400 samples at rest and in flight: 4 % (white), 9 % (correlated 0.7), three of them allowed."""
     learned = learned_of(few(ground, **world))

@@ -226,7 +226,7 @@ def hard_sweep(
     robots = np.stack([v.ravel() for v in each])
     rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
     out = np.empty((len(RESULTS), rows.shape[0]))
-    _sweep(len(rows), np.ascontiguousarray(rows), robots, out)
+    _sweep(len(rows), np.require(rows, requirements=["C", "W"]), robots, out)
     result: dict[str, NDArray[Any]] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result
