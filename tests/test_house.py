@@ -59,7 +59,7 @@ def test_only_what_shows_reads_a_truth():
     """The reader of truth.json is named by the two files that show it, and where it stands."""
     ours = [f for f in FILES if f.relative_to(ROOT).parts[0] != "lab"]
     readers = {str(f.relative_to(ROOT)) for f in ours if "truth_of" in f.read_text()}
-    assert readers == {"campaign/truth.py", "report/pages/page.py"}
+    assert readers == {"campaign/truth.py", "report/pages/made.py"}
 
 
 @pytest.mark.parametrize("file", [f for f in FILES if f.relative_to(ROOT).parts[0] in CORE], ids=lambda f: f.stem)

@@ -130,7 +130,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
             list(dict.fromkeys(f"{done.campaign.path}: {why}" for o in done.outcomes for why in o.not_run))
         )
     if page and any(o.steps for o in done.outcomes):
-        from jumpvision.report.pages.page import write_report
+        from jumpvision.report.pages.made import write_report
 
         done.files.append(
             write_report(
