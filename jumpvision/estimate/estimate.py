@@ -114,7 +114,9 @@ def least_squares_fit(
     start = np.asarray(start, dtype=float)
     half = np.broadcast_to(scale, start.shape)
     try:
-        found = (_solved if jacobian else _solved_by_differences)(residual, start, half, jacobian)
+        found = (
+            _solved(residual, start, half, jacobian) if jacobian else _solved_by_differences(residual, start, half)
+        )
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
     if found is None:
@@ -156,7 +158,7 @@ def _solved(
 
 
 def _solved_by_differences(
-    residual: Callable[[Array], Array], start: Array, scale: Array, _: object
+    residual: Callable[[Array], Array], start: Array, scale: Array
 ) -> tuple[Array, Array, float] | None:
     fit = scipy.optimize.least_squares(residual, start, method="trf", x_scale=scale)
     return (fit.x, fit.jac, 2.0 * float(fit.cost)) if fit.success else None
