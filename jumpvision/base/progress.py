@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextvars import ContextVar
+from multiprocessing.context import BaseContext
 from typing import Protocol, TypeVar
 
 T = TypeVar("T")
@@ -36,7 +37,30 @@ Part = TypeVar("Part")
 Result = TypeVar("Result")
 
 WORKERS: ContextVar[int] = ContextVar("workers", default=1)  # processes that one experiment may use
-SPAWN = "spawn"  # fork is unsafe under OpenMP and OpenCV threads
+ALONE = dict.fromkeys(("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+FORKS = "forkserver" in multiprocessing.get_all_start_methods()
+
+
+def processes() -> BaseContext:
+    """How a worker begins: forked from a process that has no threads (to fork others is unsafe under OpenMP and OpenCV)
+    and has imported what `ready` was told; from nothing where there are no forks."""
+    return multiprocessing.get_context("forkserver" if FORKS else "spawn")
+
+
+def ready(modules: Sequence[str]) -> None:
+    """Begins to import these for workers that come, in a process of its own; the first call of a process counts."""
+    if not FORKS:
+        return
+    from multiprocessing.forkserver import ensure_running
+
+    kept = {n: os.environ.get(n) for n in ALONE}
+    os.environ |= ALONE  # read where numpy and numba are imported
+    try:
+        multiprocessing.set_forkserver_preload(list(modules))
+        ensure_running()
+    finally:
+        for n, v in kept.items():
+            os.environ.pop(n) if v is None else os.environ.__setitem__(n, v)
 
 
 def in_parts(function: Callable[..., Result], parts: Sequence[Part], *arguments: object) -> Iterator[Result]:
@@ -48,7 +72,7 @@ def in_parts(function: Callable[..., Result], parts: Sequence[Part], *arguments:
     if n <= 1:
         yield from (function(part, *arguments) for part in parts)
         return
-    with ProcessPoolExecutor(n, mp_context=multiprocessing.get_context(SPAWN), initializer=one_thread) as pool:
+    with ProcessPoolExecutor(n, mp_context=processes(), initializer=one_thread) as pool:
         waiting: deque[Future[Result]] = deque()
         try:
             for part in parts:
@@ -93,7 +117,7 @@ def one_thread() -> None:
     """Begin a worker: the processes are the parallel work. It ends when the process that started it is killed."""
     import threading
 
-    os.environ |= dict.fromkeys(("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    os.environ |= ALONE
     import cv2
 
     cv2.setNumThreads(1)

@@ -6,15 +6,19 @@ import concurrent.futures
 import contextlib
 import functools
 import os
-from collections.abc import Callable, Iterator
-from typing import Any
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import numba as nb
+
+T = TypeVar("T")
 
 PIECES = 8  # a thread: rows differ in work
 
 _limit: int | None = None  # of `at_most`
 _pool: concurrent.futures.ThreadPoolExecutor | None = None
+_within = threading.local()
 
 
 def threads() -> int:
@@ -55,21 +59,32 @@ def shared(**options: Any) -> Callable[[Callable[..., None]], Callable[..., None
     return made
 
 
-def at_once(calls: list[Callable[[], object]]) -> None:
-    """Calls that free the interpreter's lock, shared between the threads."""
-    waiting = iter(calls)
+def at_once(calls: Sequence[Callable[[], T]], most: int | None = None) -> list[T]:
+    """Results of calls that mostly work without the interpreter's lock, shared between the threads, or `most` of them.
+
+    A call may share calls of its own: they stay in its thread.
+    """
+    several = 1 if getattr(_within, "a_call", False) else min(most or threads(), threads(), len(calls))
+    if several == 1:
+        return [call() for call in calls]
+    waiting, out = iter(range(len(calls))), {}
 
     def work() -> None:
-        for call in waiting:  # each goes to the thread that asks for it first
-            call()
+        _within.a_call = True
+        try:
+            for k in waiting:  # each goes to the thread that asks for it first
+                out[k] = calls[k]()
+        finally:
+            _within.a_call = False
 
-    others = [_workers().submit(work) for _ in range(min(threads(), len(calls)) - 1)]
+    others = [_workers().submit(work) for _ in range(several - 1)]
     try:
         work()
     finally:
         concurrent.futures.wait(others)
     for other in others:
         other.result()
+    return [out[k] for k in range(len(calls))]
 
 
 def _workers() -> concurrent.futures.ThreadPoolExecutor:

@@ -53,9 +53,9 @@ def work(
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
     from jumpvision.campaign.folder import as_campaign, results_of, run_folder
-    from jumpvision.inputs.experiment import Experiment, folder_of
+    from jumpvision.inputs.experiment import Campaign, Experiment, folder_of
     from jumpvision.report.figures import PICTURES, drawn_diagnosis
-    from jumpvision.workflow.run import Pipeline, Plan, read_pipeline
+    from jumpvision.workflow.run import Pipeline, Plan, prepare, read_pipeline
 
     from . import terminal
 
@@ -76,6 +76,8 @@ def work(
         debug=options.debug,
         command="jumpvision " + shlex.join(sys.argv[1:]),
     )
+    if isinstance(opened, Campaign) and (options.workers or cores()) > 1 and not profile and not plan.cache.exists():
+        prepare(plan)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
     on_sand = [e for e in as_campaign(opened).experiments if e.ground == "granular" and "model" in e.sections]
     if on_sand and (plan.stages is None or "simulate" in plan.stages) and _uncompiled():

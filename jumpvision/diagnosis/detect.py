@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -84,10 +85,9 @@ class Span:
 def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -> list[Direction]:
     """Directions of every mechanism not yet in the model (those that replace a term have none)."""
     span = Span(fit)
-    out = []
-    for name, candidate in problem.system.candidates.items():
-        if name in fit.mechanisms or candidate.replaces or (among is not None and name not in among):
-            continue
+
+    def of_one(name: str, candidate: Candidate) -> list[Direction]:
+        out = []
         amount = 0.02 * candidate.parameters[0].scale
         for shape in candidate.shapes:
             if (effect := _effect(problem, fit, name, candidate, shape, amount)) is None:
@@ -100,7 +100,14 @@ def directions(problem: Problem, fit: Fit, among: Sequence[str] | None = None) -
             left = float(np.linalg.norm(rest))
             if length > 0 and left > DEPENDENT * length:
                 out.append(Direction(name, shape, rest / left, strength / left, left / length, column / left))
-    return out
+        return out
+
+    asked = {
+        n: c
+        for n, c in problem.system.candidates.items()
+        if n not in fit.mechanisms and not c.replaces and (among is None or n in among)
+    }
+    return [d for found in problem.each(partial(of_one, n, c) for n, c in asked.items()) for d in found]
 
 
 def _effect(

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 import scipy
 
 from jumpvision.base.arrays import Array, log_box
+from jumpvision.base.threads import at_once
 from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
 from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.diagnosis.noise.whitening import Whitening, axes, joined
 
-from .system import Costly, CostlyPart, Parameter, Part, System, parameters
+from .system import Costly, CostlyPart, Parameter, Part, System, at_a_time, parameters
+
+T = TypeVar("T")
 
 STEP = 1e-3  # of a parameter's scale, for derivatives
 ITERATIONS = 30
 DAMPED, DAMPED_COSTLY = 12, 5  # steps tried in an iteration, ever shorter
 ENOUGH = 1e-3  # a smaller expected fall of chi^2 is not worth a step
 ROUGH = 1e-3  # share of chi^2 that is not worth a step where runs are dear: a model that misses so much is refused
+FAR = 1.0  # trials scatter about a point less than a standard deviation away as they do about this one
 VALLEY = 0.02  # nor is a damped one, unless the free step promised more than this: then it creeps along a valley
 
 
@@ -102,6 +107,10 @@ class Problem:
     def n(self) -> int:
         """Independent residuals: each unknown zero level takes one."""
         return sum(o.independent for o in self.system.observations)
+
+    def each(self, calls: Iterable[Callable[[], T]]) -> list[T]:
+        """The results of calls that ask the system, as many at a time as it answers."""
+        return at_once(list(calls), at_a_time(self.system))
 
     def scouts(self, which: Sequence[int]) -> Sequence[int]:
         """Of these observations those over which first values are compared: fewer where runs are dear."""
@@ -189,12 +198,17 @@ class Problem:
         start: Mapping[str, float] | None = None,
         which: Sequence[int] | None = None,
         iterations: int = ITERATIONS,
+        onward: Fit | None = None,
     ) -> Fit | None:
-        """Best values from `start` (default: the parameters' own); None when the model cannot be followed there."""
+        """Best values from `start` (default: the parameters' own); None when the model cannot be followed there.
+
+        onward: a fit of these mechanisms to these observations that goes on where it ended.
+        """
         free = parameters(self.system, mechanisms)
         names = [p.name for p in free]
         axes = Axes(free)
-        x = axes.inward(np.array([(start or {}).get(p.name, p.start) for p in free], float))
+        start = onward.named if onward else start or {}
+        x = axes.inward(np.array([start.get(p.name, p.start) for p in free], float))
         before = known(free, self.measured)
 
         def residuals(x: Array, frame: Frame) -> list[Array] | None:
@@ -207,12 +221,13 @@ class Problem:
             pull = before.pull(axes.values(x))
             return float(sum(a @ a for a in r) + pull @ pull)
 
-        frame = framed(x)
-        if (r := residuals(x, frame)) is None:
+        frame = onward.frame if onward else framed(x)
+        r = onward.residuals if onward else residuals(x, frame)
+        if r is None:
             return None
         first = best = cost(r, x)
         damping, converged, costly = 1e-3, True, isinstance(self.system, Costly)
-        jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
+        jac = onward.jacobian if onward else self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
         for _ in range(iterations if free else 0):
             rate = axes.rate(x)
             scales = np.array([p.scale for p in free]) / rate
@@ -233,12 +248,12 @@ class Problem:
                 damping = max(damping * 6.0, 1e-4)
             if gain == 0.0:
                 break
-            if self.scattered and (again := residuals(x, moved := framed(x))) is not None:
-                frame, r, best = moved, again, cost(again, x)
-            jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
             free_step = _bounded(hessian, slope, 1e-9, scales, x, axes.low, axes.high)
             if gain < enough and float(slope @ free_step) < max(VALLEY, enough):
-                break
+                break  # so near that the derivatives are those of here
+            if self.scattered and gain > FAR and (again := residuals(x, moved := framed(x))) is not None:
+                frame, r, best = moved, again, cost(again, x)
+            jac = self.jacobian(mechanisms, free, axes.values(x), r, which, frame)
         else:
             converged = not free
         fit = self._finish(mechanisms, free, axes.values(x), r, jac, best, before)

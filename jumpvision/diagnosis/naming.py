@@ -290,7 +290,7 @@ def shared(problem: Problem, best: Explanation, mechanism: str) -> list[str]:
 
 def likely(naming: Naming, at_least: float = 1e-4) -> list[str]:
     """Mechanisms by their probability, those of the models that were fitted."""
-    fitted = {m for e in naming.tried for m in e.mechanisms}
+    fitted = dict.fromkeys(m for e in naming.tried for m in e.mechanisms)  # in one order where two are as likely
     chance = {m: naming.probabilities.get(m, (0.0,) * len(PRIORS))[PRIORS.index(1.0)] for m in fitted}
     return [m for m, p in sorted(chance.items(), key=lambda x: -x[1]) if p >= at_least or m in naming.named]
 

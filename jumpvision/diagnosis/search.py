@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -69,7 +70,8 @@ class Search:
         if self.quick:
             top = sorted(zip(map(abs, found.score), (d.mechanism for d in found.directions)), reverse=True)
             asked = list(dict.fromkeys(m for _, m in top))[:QUICK]
-        self.race([s for m in asked for s in starts(self.problem, self.base, found, m)])
+        begun = self.problem.each(partial(starts, self.problem, self.base, found, m) for m in asked)
+        self.race([s for some in begun for s in some])
         for size in range(1, MOST + 1):
             if size > 1:
                 self.race([*self.forward(size)])
@@ -136,11 +138,10 @@ class Search:
     def without(self, key: Key) -> list[Key]:
         """The set with each of its mechanisms taken away, fitted from its values; what hardly loses is tested."""
         whole, out = self.fits[key], []
-        for m in whole.mechanisms:
-            rest = tuple(x for x in whole.mechanisms if x != m)
-            if not rest:
-                continue
-            self.keep(self.problem.fit(rest, whole.named))
+        rests = [tuple(x for x in whole.mechanisms if x != m) for m in whole.mechanisms if len(key) > 1]
+        fits = self.problem.each(partial(self.problem.fit, rest, whole.named) for rest in rests)
+        for rest, fit in zip(rests, fits):
+            self.keep(fit)
             if (smaller := frozenset(rest)) in self.fits:
                 out.append(smaller)
                 if self.fits[smaller].chi2 < whole.chi2 + NEAR:
@@ -245,25 +246,30 @@ def race(problem: Problem, starts: Sequence[Start], leading: int = LEADING) -> l
     The first lap goes over a few conditions only; who leads there goes on.
     """
     few = some(problem, FEW)
-    first = sorted((f for m, s in starts if (f := problem.fit(m, s, few, LAP)) is not None), key=lambda f: f.chi2)
+    tried = problem.each(partial(problem.fit, m, s, few, LAP) for m, s in starts)
+    first = sorted((f for f in tried if f is not None), key=lambda f: f.chi2)
     lap: dict[Key, Fit] = {}
     for fit in first:
         lap.setdefault(frozenset(fit.mechanisms), fit)
     ahead = list(lap.values())[:leading]
     ahead += [f for f in lap.values() if f.chi2 < ahead[0].chi2 + CLOSE and f not in ahead]
-    running = [f for g in ahead if (f := problem.fit(g.mechanisms, g.named, iterations=LAP)) is not None]
+    begun = problem.each(partial(problem.fit, g.mechanisms, g.named, iterations=LAP) for g in ahead)
+    running = [f for f in begun if f is not None]
     for _ in range(LAPS):
         best = min((f.chi2 for f in running), default=0.0)
-        slow = []
-        for i, fit in enumerate(running):
-            if fit.converged or fit.chi2 - best > max(BEHIND * (fit.chi2_first - fit.chi2), CLOSE):
-                continue
-            more = problem.fit(fit.mechanisms, fit.named, iterations=LAP)
-            assert more is not None
-            running[i] = more
-            slow.append(i)
+        slow = [
+            i
+            for i, f in enumerate(running)
+            if not f.converged and f.chi2 - best <= max(BEHIND * (f.chi2_first - f.chi2), CLOSE)
+        ]
         if not slow:
             break
+        more = problem.each(
+            partial(problem.fit, f.mechanisms, iterations=LAP, onward=f) for f in map(running.__getitem__, slow)
+        )
+        for i, further in zip(slow, more):
+            assert further is not None
+            running[i] = further
     out: dict[Key, Fit] = {}
     for fit in sorted(running, key=lambda f: -f.log_evidence):
         out.setdefault(frozenset(fit.mechanisms), fit)

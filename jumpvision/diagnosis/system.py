@@ -149,12 +149,21 @@ def parameters(system: System, mechanisms: Sequence[str]) -> tuple[Parameter, ..
     return tuple(out.values())
 
 
+def at_a_time(system: System) -> int:
+    """Questions that a system answers at a time: its `workers`, or one."""
+    return getattr(system, "workers", 1)
+
+
 @dataclass(frozen=True)
 class Part:
     """Some observations of a system, as a system."""
 
     whole: System
     kept: tuple[int, ...]
+
+    @property
+    def workers(self) -> int:
+        return at_a_time(self.whole)
 
     @property
     def observations(self) -> Sequence[Observation]:

@@ -54,8 +54,24 @@ class Timeline:
     lost: int
 
 
+MOST_KEPT = 20_000  # packets of the scans of a process that are kept: the stages of a film open it one after another
+_kept: dict[tuple[Path, int, int, int, str], Scan] = {}  # by path, size, time of change, inode and threads
+
+
 def scan_film(path: Path, threads: str, seen: Callable[[Image], None] | None = None) -> Scan:
     """seen: is given every frame that decodes, in the order of display, as long as they are of one kind."""
+    found = path.stat()
+    key = path.absolute(), found.st_size, found.st_mtime_ns, found.st_ino, threads
+    if seen is None and key in _kept:
+        return _kept[key]
+    scan = _scanned(path, threads, seen)
+    _kept[key] = scan
+    while sum(len(s.pts) for s in _kept.values()) > MOST_KEPT:
+        del _kept[next(iter(_kept))]
+    return scan
+
+
+def _scanned(path: Path, threads: str, seen: Callable[[Image], None] | None) -> Scan:
     container, stream = open_video(path, threads)
     with container:
         alone = len(container.streams) == 1 and container.duration

@@ -158,6 +158,13 @@ class Model:
         return [m.rate for m in self.acting(*Body) if m.rate]
 
     @property
+    def beds(self) -> set[str]:
+        """What of BED the laws of its terms ask for."""
+        acting = [self.mechanism(t) for t in self.terms]
+        asked = {n for m in acting for n in (*m.symbols, *(m.rate.symbols if m.rate else ()))}
+        return {n for symbol, n in OF_BED.items() if symbol in asked and n in BED}
+
+    @property
     def hold(self) -> float:
         """Dry friction of the rail [N], what it can hold the carriage by."""
         return sum((abs(self.force(m, v_m=1.0)) for m in self.acting(Body.RAIL)), 0.0)

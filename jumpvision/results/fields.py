@@ -10,10 +10,10 @@ import math
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from jumpvision.grains.grid import VectorGrid
 
@@ -141,6 +141,28 @@ ORDER = {  # of the attributes in the file of a field that our piv matched, and 
 }
 AXES = "y", "x", "t"
 TOGETHER = 16  # times that are compressed and written at once
+
+
+class Planes(Sequence["xr.Dataset"]):
+    """The times of a field over (y, x, t), a data set (y, x) each: read as they lie in its file, TOGETHER of them at
+    once, so that each is unpacked once where they are asked for in turn.
+
+    names: of the variables that are read; default: all.
+    """
+
+    def __init__(self, field: xr.Dataset, names: Sequence[str] = ()) -> None:
+        self.field, self._first = field[list(names)] if names else field, -1
+        self._block = self.field
+
+    def __len__(self) -> int:
+        return int(self.field.sizes["t"])
+
+    def __getitem__(self, i: Any) -> Any:
+        k = range(len(self))[i]
+        first = k // TOGETHER * TOGETHER
+        if first != self._first:
+            self._block, self._first = self.field.isel(t=slice(first, first + TOGETHER)).load(), first
+        return self._block.isel(t=k - first)
 
 
 def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import multiprocessing
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -17,7 +16,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from jumpvision.base.progress import HOOK, SHARE, SPAWN, WORKERS, Hook, Shared, one_thread
+from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, one_thread, processes, ready
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.inputs.experiment import Campaign, Experiment
@@ -28,7 +27,7 @@ from jumpvision.results.values import Summary
 from . import unchanged
 from .entries import versions
 from .provenance import settle
-from .stage import STAGES, declared, results_stages, stage_named
+from .stage import STAGES, declared, modules, results_stages, stage_named
 from .workspace import NotCached, Step, Workspace
 
 Report = Callable[["Outcome"], None]
@@ -301,12 +300,18 @@ def _run(experiment: Experiment, plan: Plan, results: Path, before: Outcome | No
     return run_experiment(experiment, plan, results, before=before)
 
 
+def prepare(plan: Plan) -> None:
+    """Begins to import, beside this process, what workers need."""
+    drawn = [*plan.pictures, "matplotlib.figure", "matplotlib.backends.backend_agg"] if plan.pictures else []
+    ready([__name__, *modules(), *drawn])
+
+
 def _in_processes(jobs: Mapping[str, Job], workers: int, report: Callable[[str, Outcome], None]) -> list[str]:
     """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
-    context = multiprocessing.get_context(SPAWN)
+    prepare(next(iter(jobs.values()))[1])
     queue = list(jobs.items())[::-1]
     under_way: dict[Future[Outcome], str] = {}
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=one_thread) as pool:
+    with ProcessPoolExecutor(workers, mp_context=processes(), initializer=one_thread) as pool:
         try:
             while queue or under_way:
                 while queue and len(under_way) <= workers:  # one more than there are workers, so that none waits

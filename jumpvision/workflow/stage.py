@@ -123,6 +123,12 @@ def results_stages() -> list[Stage]:
     return in_order(sorted(ours, key=lambda s: s.function.__module__))
 
 
+def modules() -> list[str]:
+    """Those that hold stages and what they call, by name."""
+    inside = (f.relative_to(FOLDER).with_suffix("").parts for f in sorted(FOLDER.rglob("*.py")))
+    return [".".join((PACKAGE, *parts)).removesuffix(".__init__") for parts in inside]
+
+
 @functools.cache
 def import_all(package: str) -> None:
     """Import every module below a package, for what they register."""

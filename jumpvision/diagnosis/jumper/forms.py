@@ -245,7 +245,7 @@ class Shaped:
             self.jumper.baseline,
             self.jumper.observations,
         )
-        self.predict, self.scatter = self.jumper.predict, self.jumper.scatter
+        self.predict, self.scatter, self.workers = self.jumper.predict, self.jumper.scatter, self.jumper.workers
 
     def reach(self, shape: str, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> str:
         """Where in depth and speed the shape acted: the range that holds nine tenths of the samples, in words."""

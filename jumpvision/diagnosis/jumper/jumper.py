@@ -5,15 +5,17 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
+from jumpvision.base.threads import at_once
 from jumpvision.diagnosis.system import Candidate, Observation, Parameter
 from jumpvision.mechanisms.own import parameters_with
 from jumpvision.mechanisms.record import Body, Mechanism
@@ -30,6 +32,16 @@ SCATTER = ("start", "bed")  # what may differ from trial to trial
 BEDS = 6  # values of one parameter that are fitted apart
 BY_AREA = tuple(p.name for p in PARAMETERS.values() if p.by_area)
 STIFFNESS = tuple(p.name for p in PARAMETERS.values() if p.stiffness)
+
+
+Alike = tuple[list[int], list[int]]  # of every jump, the first with its motion and model; with its model
+
+
+class Latest(threading.local):
+    """What a thread asked for last, and what was predicted: derivatives begin there."""
+
+    asked: Any = None
+    said: list[Array]
 
 
 class Jumper:
@@ -55,8 +67,8 @@ class Jumper:
         self.bases = {g: knowing(next(j.model for j in self.jumps if j.model.ground == g), own) for g in grounds}
         _agree(self.bases)
         self.scattering: tuple[str, ...] = SCATTER
-        self.workers, self.pool = workers, ThreadPoolExecutor(workers)
-        self.latest: tuple[Any, list[Array]] = (None, [])  # what was predicted last: derivatives begin there
+        self.workers = workers
+        self.latest = Latest()
         self.apart = self._declared_apart({*fit, *sigma})
         free: list[Parameter] = []
         for n in dict.fromkeys([*fit, *sigma]):
@@ -73,15 +85,16 @@ class Jumper:
             used = tuple(p for p in c.parameters if p.name not in self.apart)  # the others are those of the beds
             self.candidates[name] = replace(c, parameters=used, drops=tuple(drops))
         self.observations: list[Observation] = []
-        motions = [self._motion(j, j.model, j.t) for j in self.jumps]
+        simulated = [self._motion(j, j.model, j.t) for j in self.jumps]
         coarse = coarseness(self.jumps)
-        for jump, motion in zip(self.jumps, motions):
+        for jump, motion in zip(self.jumps, simulated):
             self.observations.append(observation(jump, motion, coarse))
-        # trials made alike are simulated once
-        keys = [(_key(j, o.t), k) for j, o, k in zip(self.jumps, self.observations, self.apparatus)]
-        self.like = [keys.index(k) for k in keys]
-        robots = [_own(j) for j in self.jumps]
-        self.same_model = [robots.index(o) for o in robots]
+        motions = [
+            (content(j.forcing), j.stop, o.t.tobytes(), k)
+            for j, o, k in zip(self.jumps, self.observations, self.apparatus)
+        ]
+        self.same_motion = [motions.index(m) for m in motions]
+        self.alike: dict[frozenset[str], Alike] = {}
         self.tracks = Tracks(
             [j.forcing for j in self.jumps], [j.stop for j in self.jumps], [o.t for o in self.observations]
         )
@@ -106,7 +119,7 @@ class Jumper:
     def considering(self, own: Sequence[Mechanism]) -> Jumper:
         """The same jumps with these laws beside the vocabulary."""
         out = copy.copy(self)
-        out.latest = (None, [])
+        out.latest = Latest()
         out.bases = {g: knowing(m, own) for g, m in self.bases.items()}
         out.candidates = {**self.candidates, **{m.name: candidate(m, out.model, {}) for m in own}}
         return out
@@ -205,17 +218,18 @@ class Jumper:
     def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         """Heights above rest as the camera reports them [m]; NaN for a model that cannot be."""
         asked = (mechanisms, dict(values), tuple(which))
-        if self.latest[0] != asked:
-            self.latest = (asked, self._simulated(mechanisms, values, which))
-        return self.latest[1]
+        if self.latest.asked != asked:
+            self.latest.asked, self.latest.said = asked, self._simulated(mechanisms, values, which)
+        return self.latest.said
 
     def _simulated(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
         try:
             models = {g: self.build(mechanisms, values, g) for g in self.bases}
         except InputError:
             return [np.full(self.observations[i].t.size, np.nan) for i in which]
-        runs = sorted({self.like[i] for i in which})
-        own = {k: self.jumps[k] for k in {self.same_model[i] for i in runs}}
+        like, same_model = self._alike(models.values())
+        runs = sorted({like[i] for i in which})
+        own = {k: self.jumps[k] for k in {same_model[i] for i in runs}}
         used = {k: self._own(models[j.model.ground], j, values) for k, j in own.items()}
         model = models[self.model.ground]  # of the film, which is told alike on both
         out = np.full(self.tracks.t.size, np.nan)
@@ -225,15 +239,28 @@ class Jumper:
             times[here] += value(values, "offset", k) + value(values, "rate", k) * self.tracks.t[here]
 
         def follow(some: Sequence[int]) -> None:
-            models = [used[self.same_model[i]] for i in some]
+            models = [used[same_model[i]] for i in some]
             self.tracks.heights(some, models, times, out, rtol=RTOL, atol=ATOL)
 
+        shares = [part for k in range(self.workers) if (part := runs[k :: self.workers])]
         try:
-            list(self.pool.map(follow, [part for k in range(self.workers) if (part := runs[k :: self.workers])]))
+            at_once([partial(follow, part) for part in shares], self.workers)
         except ValueError:
             out[:] = np.nan
         out = model.filmed(out, self.tracks.t)
-        return [self._seen(i, out[self.tracks.places[self.like[i]]], values) for i in which]
+        return [self._seen(i, out[self.tracks.places[like[i]]], values) for i in which]
+
+    def _alike(self, models: Iterable[Model]) -> Alike:
+        """What of the jumps is one: trials made alike are simulated once, whatever of their beds no law asks for."""
+        beds = frozenset(n for m in models for n in m.beds)
+        if beds not in self.alike:
+            names = [n for n in (*ROBOT, *BED) if n not in BED or n in beds]
+            own = [
+                (j.model.ground, *(getattr(j.model, n) for n in names), j.model.parameters, j.law) for j in self.jumps
+            ]
+            both = list(zip(self.same_motion, own))
+            self.alike[beds] = [both.index(b) for b in both], [own.index(o) for o in own]
+        return self.alike[beds]
 
     def _seen(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
         """True heights of an observation as its apparatus reports them [m]."""
@@ -297,15 +324,6 @@ def content(forcing: Forcing | Loop) -> bytes:
     if isinstance(forcing, Spline):
         return forcing.knots.tobytes() + forcing.c.tobytes()
     return forcing.rows.tobytes() if isinstance(forcing, Segments) else repr(forcing).encode()
-
-
-def _key(jump: Jump, t: Array) -> tuple[Any, ...]:
-    return (content(jump.forcing), jump.stop, _own(jump), t.tobytes())
-
-
-def _own(jump: Jump) -> tuple[Any, ...]:
-    """What of a jump's model may be its own."""
-    return (jump.model.ground, *(getattr(jump.model, n) for n in (*ROBOT, *BED)), jump.model.parameters, jump.law)
 
 
 def of_jump(model: Model, own: Model, values: Mapping[str, float]) -> Model:

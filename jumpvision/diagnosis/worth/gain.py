@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -82,9 +83,8 @@ def gain(
     if len(conditions) < 2:
         return None
     folds = [list(f) for f in np.array_split(np.array(conditions, dtype=object), min(FOLDS, len(conditions)))]
-    rows: dict[int, Row] = {}
-    chosen: Counter[tuple[str, ...]] = Counter()
-    for fold in folds:
+
+    def without(fold: list[str], rng: np.random.Generator) -> tuple[tuple[str, ...], dict[int, Row]] | None:
         held = [i for i, o in enumerate(observations) if o.condition in fold]
         part = problem.over([i for i in problem.all if i not in held])
         try:
@@ -92,8 +92,16 @@ def gain(
         except ValueError:
             return None
         best = (choose or searched)(part, base, rng)
-        chosen[best.mechanisms] += 1
-        rows |= _errors(problem, base, best, held, stops)
+        return best.mechanisms, _errors(problem, base, best, held, stops)
+
+    found = problem.each(partial(without, fold, own) for fold, own in zip(folds, rng.spawn(len(folds))))
+    if None in found:
+        return None
+    rows: dict[int, Row] = {}
+    chosen: Counter[tuple[str, ...]] = Counter()
+    for mechanisms, errors in filter(None, found):
+        chosen[mechanisms] += 1
+        rows |= errors
     return _summed(problem, rows, tuple(chosen.most_common()))
 
 

@@ -15,7 +15,7 @@ from jumpvision.mechanisms.expression import Expression
 from jumpvision.mechanisms.record import STATE, Body
 from jumpvision.mechanisms.registry import STATIC
 from jumpvision.physics.forcing import Forcing, Loop, Segments
-from jumpvision.physics.model import Model
+from jumpvision.physics.model import ROBOT, Model
 
 from . import compiled, events, granular, program, within
 
@@ -225,6 +225,23 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
     return out
 
 
+def pack_each(models: Sequence[Model]) -> NDArray[Any]:
+    """The models as records of `granular.CONSTANTS`, shape (n,): on the beds of one campaign they often differ in those
+    alone, and are then packed once."""
+    out = np.empty(len(models), granular.CONSTANTS)
+    first: dict[tuple[Any, ...], int] = {}
+    for k, m in enumerate(models):
+        same = () if m.own else (m.ground, m.terms, id(m.parameters), *(getattr(m, n) for n in ROBOT))
+        at = first.setdefault(same or (id(m),), k)
+        if at == k:
+            out[k] = pack(m)[0]
+            continue
+        out[k] = out[at]
+        for symbol in ("phi", "rho"):
+            out[symbol][k] = m.symbol(symbol) or 0.0
+    return out
+
+
 def _pack_own(model: Model, out: NDArray[Any]) -> None:
     """Writes the laws of the user's own into packed constants, and what the solver must know of them."""
 
@@ -317,10 +334,7 @@ class Tracks:
         t, out: as long as all times together, `places` says whose is what; NaN where a motion cannot be followed. rtol,
         atol as in `jump.simulate`. Lets other threads run.
         """
-        packed = {key: pack(m) for key, m in {id(m): m for m in models}.items()}
-        constants = np.empty(len(models), granular.CONSTANTS)  # np.concatenate compares all fields of all
-        for k, m in enumerate(models):
-            constants[k] = packed[id(m)][0]
+        constants = pack_each(models)
         for k, i in enumerate(which):
             forcing = self.forcings[i]
             if isinstance(forcing, Loop):

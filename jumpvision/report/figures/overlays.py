@@ -17,7 +17,7 @@ from jumpvision.base.progress import watch
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.parameters import OverlayParams
 from jumpvision.inputs.sections import Calibration, GrainVideo, NotApplicable, RodVideo
-from jumpvision.results.fields import Column, Flow, Piv
+from jumpvision.results.fields import Column, Flow, Piv, Planes
 from jumpvision.results.tables import Track
 from jumpvision.stages.recordings import open_film, open_grains
 from jumpvision.workflow.stage import stage
@@ -31,6 +31,7 @@ RATE = 25.0  # frames a second, fewer for short films, so that they last SHORTES
 SHORTEST = 4.0  # s
 WIDTH = 720  # px; smaller films are enlarged by a whole number, larger ones shrunk
 ARROWS = 32  # along a row at most
+SHOWN = ("u", "v", "chc", "foot_y")  # of a field
 STRIP = 22  # px below the picture, for time and scale
 SHIFT = 4  # bits of sub-pixel drawing
 
@@ -172,7 +173,8 @@ class View:
     """Film and field brought to one scale of pixels and one of greys, the same in all frames."""
 
     def __init__(self, field: xr.Dataset, grid: VectorGrid, image: NDArray[Any], scale: float):
-        self.field, self.low, self.high = field, *(float(q) for q in np.nanpercentile(shrunk(image), (0.5, 99.5)))
+        self.planes = Planes(field, [n for n in SHOWN if n in field])
+        self.low, self.high = (float(q) for q in np.nanpercentile(shrunk(image), (0.5, 99.5)))
         rows, columns = image.shape
         self.zoom = WIDTH // columns or WIDTH / columns
         self.size = tuple(int(n * self.zoom) // 2 * 2 for n in (columns, rows))  # even, as the codec asks
@@ -211,20 +213,20 @@ class Drawing(View):
         every = max(1, -(-field.sizes["x"] // ARROWS))
         self.part = {"x": slice(every // 2, None, every), "y": slice(every // 2, None, every)}
         self.column, self.row = self.column_of(field.x.values), self.row_of(field.y.values)
-        tops = [np.nanmax(s) for s in map(self.speed, range(field.sizes["t"])) if np.isfinite(s).any()]
+        tops = [np.nanmax(s) for s in map(self.speed, self.planes) if np.isfinite(s).any()]
         self.top = float(np.quantile(tops, 0.95)) if tops and max(tops) > 0 else 1.0
         apart = abs(self.column[every] - self.column[0]) if field.sizes["x"] > every else 16 * self.zoom
         self.length = 2.0 * apart / self.top  # px per unit of speed
 
-    def speed(self, i: int) -> NDArray[np.float64]:
-        """99 % of the measured speeds of time i lie below its largest value."""
-        f = self.field.isel(t=i)
+    @staticmethod
+    def speed(f: xr.Dataset) -> NDArray[np.float64]:
+        """99 % of the measured speeds of a time lie below its largest value."""
         s = np.hypot(f.u.values, f.v.values)[f.chc.values > 0]
         return np.asarray(s[s <= np.quantile(s, 0.99)] if s.size else np.array([np.nan]))
 
     def __call__(self, image: NDArray[Any], i: int) -> Bgr:
         picture = self.grains(image, 200.0)
-        f = self.field.isel({"t": i, **self.part})
+        f = self.planes[i].isel(self.part)
         u, v, measured = f.u.values, f.v.values, f.chc.values > 0
         speed = np.clip(255 * np.nan_to_num(np.hypot(u, v)) / self.top, 0, 255).astype(np.uint8)
         colours = cv2.applyColorMap(speed, cv2.COLORMAP_TURBO)
@@ -306,8 +308,9 @@ class ConeDrawing(View):
         scale: float,
     ):
         super().__init__(field, grid, image, scale)
-        self.shear, self.sides = shear, sides
-        tops = [np.nanquantile(s, 0.99) for s in shear.transpose("t", "y", "x").values if np.isfinite(s).any()]
+        self.shear, self.sides = Planes(shear.to_dataset(name="shear_rate")), sides
+        each = (f.shear_rate.values for f in self.shear)
+        tops = [np.nanquantile(s, 0.99) for s in each if np.isfinite(s).any()]
         self.top = float(np.quantile(tops, 0.9)) if tops and max(tops) > 0 else 1.0
         x, y = self.column_of(shear.x.values), self.row_of(shear.y.values)
         # from a pixel of the picture to the grid, of equal steps
@@ -319,7 +322,7 @@ class ConeDrawing(View):
 
     def __call__(self, image: NDArray[Any], i: int) -> Bgr:
         picture = self.grains(image, 170.0)
-        grid = self.shear.isel(t=i).transpose("y", "x").values
+        grid = self.shear[i].shear_rate.transpose("y", "x").values
         share = cv2.remap(
             np.nan_to_num(grid / self.top).astype(np.float32), *self.at, cv2.INTER_LINEAR, borderValue=0.0
         )
@@ -332,7 +335,7 @@ class ConeDrawing(View):
         self.draw_face(picture, i)
         if self.sides is not None:
             self.draw_sides(picture, self.sides.isel(t=i))
-        t = float(self.field.t[i])
+        t = float(self.planes[i].t)
         return np.asarray(captioned(picture, f"t = {t:.4f} s     bright: {self.top:.2g} 1/s and more"), np.uint8)
 
     def draw_sides(self, picture: Any, c: Any) -> None:

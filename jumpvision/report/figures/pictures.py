@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,16 @@ def png(figure: Any) -> bytes:
     """A figure as PNG bytes without a date, so that the same data give the same file."""
     import io
 
-    out = io.BytesIO()
-    figure.savefig(out, format="png", metadata={"Software": None})
+    from matplotlib import rcParams
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.image import imsave
+
+    figure.dpi = rcParams["savefig.dpi"]
+    canvas: Any = FigureCanvasAgg(figure)
+    out, plain = io.BytesIO(), cast(Any, {"Software": None})
+    canvas.draw()  # once: savefig draws a second time, unseen, to lay out
+    kept = {"compress_level": 3}  # half the time for a twentieth more bytes
+    imsave(out, canvas.buffer_rgba(), format="png", dpi=figure.dpi, metadata=plain, pil_kwargs=kept)
     return out.getvalue()
 
 

@@ -14,7 +14,7 @@ from jumpvision.grains.grid import Plane, VectorGrid
 from jumpvision.grains.sides import SHORTEST, ConeSide, Layer, Sides, cone_outline, cone_side, shear_bands
 from jumpvision.inputs.parameters import ColumnParams
 from jumpvision.inputs.sections import NotApplicable, Robot
-from jumpvision.results.fields import Column, ColumnGeometry, Flow, Piv
+from jumpvision.results.fields import Column, ColumnGeometry, Flow, Piv, Planes
 from jumpvision.workflow.stage import stage
 
 
@@ -36,7 +36,8 @@ def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams)
     rows = [fit_frame(depth[:, i], speed[:, i], sigma[:, i], p) for i in range(field.sizes["t"])]
     radius = robot.foot_radius if robot and robot.foot_radius else None
     sides = [
-        cone_sides(field.isel(t=i), flow.field.isel(t=i), grid, rows[i], radius, p) for i in range(field.sizes["t"])
+        cone_sides(f, strain, grid, row, radius, p)
+        for f, strain, row in zip(Planes(field), Planes(flow.field, ("shear_rate", "shear_rate_sigma")), rows)
     ]
     for row, (band, outline, side) in zip(rows, sides):
         for name, (angle, sigma_of) in {
@@ -132,7 +133,7 @@ def middle_of(field: xr.Dataset, depth: Array, axis: float, shared: float, p: Co
     """(speed, sigma) [m/s] over (y, t) around the axis, moved by `axis` [m] to the right; NaN close below the face."""
     profiles = [
         central_column(f.v, f.v_sigma, f.chc.values > 0, f.x - axis, half_width=p.half_width, correlation_length=shared)
-        for f in (field.isel(t=i) for i in range(field.sizes["t"]))
+        for f in Planes(field, ("v", "v_sigma", "chc"))
     ]
     speed, sigma = (np.where(depth > p.clear, np.stack(a, axis=-1), np.nan) for a in zip(*profiles, strict=True))
     # windows overlap down the column too: a fit to its rows is worth fewer vectors than it has

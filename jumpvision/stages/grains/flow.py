@@ -16,7 +16,7 @@ from jumpvision.grains.grid import Plane, VectorGrid
 from jumpvision.grains.momentum import Domain, Foot, Momentum, added_mass, grain_momentum, peak_momentum
 from jumpvision.inputs.parameters import FlowParams
 from jumpvision.inputs.sections import Bed, Clock, GrainVideo, PivField, Robot
-from jumpvision.results.fields import Flow, FlowGeometry, Piv
+from jumpvision.results.fields import Flow, FlowGeometry, Piv, Planes
 from jumpvision.results.values import BedHeight
 from jumpvision.stages.bed.height import packing, packing_common
 from jumpvision.workflow.stage import StageWarning, stage
@@ -46,8 +46,7 @@ def flow(
     field, grid, source = piv.as_matched, piv.geometry, given or film
     assert source is not None  # the field comes from one of them
     maps: dict[str, list[Array]] = {}
-    for i in range(field.sizes["t"]):
-        f = field.isel(t=i)
+    for f in Planes(field, MATCHED):
         g = gradients(
             f.u,
             f.v,
@@ -88,6 +87,7 @@ def flow(
     )
 
 
+MATCHED = ("u", "v", "u_sigma", "v_sigma", "chc")
 MEANING = {
     "shear_rate": {"long_name": "sqrt((u_x - v_y)^2/2 + (u_y + v_x)^2/2): gamma/sqrt(2) in simple shear"},
     "swirl": {"long_name": "imaginary part of the eigenvalues of the velocity gradient"},
@@ -99,6 +99,7 @@ def under_the_foot(
 ) -> dict[str, tuple[Array, str]]:
     """Momentum, added mass and the foot's motion over t."""
     field, n = piv.as_matched, piv.field.sizes["t"]
+    planes = Planes(field)
     out = {k: (np.full(n, np.nan), u) for k, u in zip(OVER_T, ("kg m/s", "kg m/s", "kg", "kg", "m", "m/s"))}
     needed = {"foot_row and axis_column": "foot_y" in field, "scale": piv.geometry.metric}
     lacking = [f"[{source.name}] {k}" for k, there in needed.items() if not there]
@@ -118,8 +119,7 @@ def under_the_foot(
     radius = robot.foot_radius if robot else None
 
     def integral(lifted: Array) -> Array:
-        frames = (field.isel(t=i) for i in range(n))
-        return np.array([sums.of(f, radius=radius, lifted=float(d)) for f, d in zip(frames, lifted)]).T
+        return np.array([sums.of(f, radius=radius, lifted=float(d)) for f, d in zip(planes, lifted)]).T
 
     face = np.hypot(field.foot_y_sigma.values, piv.face_sigma)
     momentum, sigma, covered = integral(np.zeros(n))
@@ -200,9 +200,9 @@ class Sums:
     def jammed_share(self, field: xr.Dataset, speed: Array, momentum: Array, min_speed: float) -> Array:
         """Share of the momentum (t,) carried by grains at JAMMED of the foot's speed (t,) or more, where the foot is
         as fast as min_speed."""
-        out = np.full(momentum.size, np.nan)
+        out, planes = np.full(momentum.size, np.nan), Planes(field)
         for i in np.flatnonzero((speed >= min_speed) & (momentum > 0.0)):
-            f = field.isel(t=i)
+            f = planes[i]
             with_foot = f.assign(v=f.v.where(~(-f.v < JAMMED * speed[i]), 0.0))
             out[i] = self.of(with_foot).value / momentum[i]
         return out

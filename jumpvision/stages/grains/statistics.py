@@ -14,7 +14,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.grains.steady import Memory, Velocities, independent, steady
 from jumpvision.inputs.parameters import ProfilesParams, StatisticsParams
 from jumpvision.inputs.sections import NotApplicable
-from jumpvision.results.fields import Flow, Piv, Statistics, unit_of
+from jumpvision.results.fields import Flow, Piv, Planes, Statistics, unit_of
 from jumpvision.results.tables import Profiles
 from jumpvision.workflow.stage import stage
 
@@ -57,8 +57,8 @@ def statistics(piv: Piv, flow: Flow, *, p: StatisticsParams) -> Statistics:
 
 def of_times(field: xr.Dataset) -> Iterator[Velocities]:
     """The fields of a film, read one at a time."""
-    for i in range(field.sizes["t"]):
-        f = field.isel(t=i).transpose("y", "x")
+    for f in Planes(field, ("u", "v", "u_sigma", "v_sigma", "chc")):
+        f = f.transpose("y", "x")
         yield Velocities(f.u.values, f.v.values, f.u_sigma.values, f.v_sigma.values, f.chc.values > 0)
 
 

@@ -165,14 +165,27 @@ def fit_disc(image: Array, start: Array, *, streak: bool, noise: Array, mean: Ar
 @njit(cache=True, error_model="numpy")
 def _fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-untyped-def]
     """The fields of DiscFit."""
-    p, weight = start.copy(), 1.0 / var
+    p, weight, centre = start.copy(), 1.0 / var, mean.copy()
     if not streak:
         p[WX] = p[WY] = 0.0
-    centre = np.where(weight > 0.0, mean, 0.0)
+    for m in range(len(p)):
+        if weight[m] == 0.0:
+            centre[m] = 0.0
     cov, classes, sectors, chi2, good = _fit(image, p, 12 if streak else 10, noise, centre, weight)
     found, contrast, shifts, shift_sigmas = _summary(classes, sectors, p[A] - p[B], streak)
     dropped = classes[2, 5] / max(classes[2, 4], 1.0)
     return p, cov, found, chi2, contrast, shifts, shift_sigmas, dropped, good
+
+
+@njit(cache=True)
+def _median(values):  # type: ignore[no-untyped-def]
+    """Of a few values; numpy's takes a second to compile."""
+    n, x = len(values), values.copy()
+    for i in range(1, n):
+        for k in range(i, 0, -1):
+            if x[k] < x[k - 1]:
+                x[k], x[k - 1] = x[k - 1], x[k]
+    return 0.5 * (x[(n - 1) // 2] + x[n // 2])
 
 
 @njit(cache=True, error_model="numpy")
@@ -188,7 +201,7 @@ def _summary(classes, sectors, contrast, streak):  # type: ignore[no-untyped-def
     noise[2] = (square[2] - noise[0] * classes[2, 1] - noise[1] * classes[2, 2]) / classes[2, 3]
     shares = 1.0 + sectors[0] / sectors[1] / contrast
     shifts, sigmas = sectors[2] / sectors[3], 1.0 / np.sqrt(sectors[3])
-    least = 0.3 * np.median(sectors[1])
+    least = 0.3 * _median(sectors[1])
     for q in range(SECTORS):
         if sectors[1, q] < least:  # outside the image, or no data
             shares[q] = shifts[q] = sigmas[q] = np.nan
@@ -243,5 +256,6 @@ def learn(frames, n, p, cov, shifts, sigmas, rim, factor, last, light_var, drift
             ratio = (p[m] - last[m]) ** 2 / max(light_var[k] - var, 1e-30)
             drift[k] = max(drift[k] * math.exp(0.5 * DRIFT_GAIN * (min(ratio, 9.0) - 1.0)), LEAST_DRIFT)
         light_var[k] = var + (drift[k] * contrast) ** 2
-    last[:] = p
+    for m in range(len(p)):  # an array put into another as a whole takes seconds to compile
+        last[m] = p[m]
     return factor

@@ -259,7 +259,7 @@ def _forces(first, last, m, r, keep, change, z, ss, energy):  # type: ignore[no-
         if pair == first:
             _noise(r, keep, 2 * pair - 1, gx, gy, three[0])
         else:
-            three[0] = three[2]
+            _copy(three[2], three[0])
         for k in range(2):
             j = 2 * pair + k
             _noise(r, keep, j, gx, gy, three[1 + k])
@@ -270,6 +270,14 @@ def _forces(first, last, m, r, keep, change, z, ss, energy):  # type: ignore[no-
                 _add_forces((m[j], r[j], keep[j]), (of[0], of[1], of[2], of[3]), gx, gy, z[0, j], z[1, j], energy[j])
         for c in range(3):
             _halved(three[0, c], three[1, c], three[2, c], sums, ss[c, pair])
+
+
+@nb.njit(cache=True)
+def _copy(planes, out):  # type: ignore[no-untyped-def]
+    """As out[:] = planes, which takes seconds to compile."""
+    for c in range(planes.shape[0]):
+        for i in range(planes.shape[1]):
+            out[c, i] = planes[c, i]
 
 
 @nb.njit(cache=True, fastmath={"contract"})
