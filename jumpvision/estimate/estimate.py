@@ -114,9 +114,7 @@ def least_squares_fit(
     start = np.asarray(start, dtype=float)
     half = np.broadcast_to(scale, start.shape)
     try:
-        found = (
-            _solved(residual, start, half, jacobian) if jacobian else _solved_by_differences(residual, start, half)
-        )
+        found = _solved(residual, start, half, jacobian) if jacobian else _solved_by_differences(residual, start, half)
     except (ValueError, np.linalg.LinAlgError):  # residuals became non-finite
         return None
     if found is None:
