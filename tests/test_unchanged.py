@@ -90,7 +90,8 @@ CHANGES = {  # what is done in the folder above the experiment, whether somethin
 
 def edit_toml(at: Path, old: str, new: str) -> None:
     toml = at / "jump" / "experiment.toml"
-    assert old in (text := toml.read_text())
+    text = toml.read_text()
+    assert old in text
     toml.write_text(text.replace(old, new))
 
 
@@ -173,10 +174,10 @@ def test_a_new_frame_of_a_folder_is_seen(tmp_path):
     folder.mkdir()
     (folder / "a.png").write_text("a")
     files = {str(folder / "a.png"): [*storage.stamp(folder / "a.png"), ""]}
-    noted = {"foreign": [], "recordings": {str(folder): list(files)}, "files": files, "at": time.time() + 1e6}
-    assert unchanged._same(noted, tmp_path)
+    noted = {"foreign": [], "recordings": {str(folder): list(files)}, "files": files}
+    assert unchanged._same(noted, tmp_path, time.time())
     (folder / "b.png").write_text("b")
-    assert not unchanged._same(noted, tmp_path)
+    assert not unchanged._same(noted, tmp_path, time.time())
 
 
 def test_entries_of_a_run_that_looked_into_nothing_count_as_used(place, monkeypatch):

@@ -66,46 +66,44 @@ def _seal(text: str) -> str:
 
 def note(workspace: Workspace, key: str, told: Mapping[str, Any]) -> None:
     """Note what became of an experiment whose results lie there whole."""
-    results, at = workspace.results, time.time()
+    results, at = workspace.results, time.time()  # before the first look at a file
     files = {**workspace.counted(), results / NAME: (stamp(results / NAME), sha256(results / NAME))}
     foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()  # type: ignore[attr-defined]
     content = {
         "key": key,
         "results": str(results.absolute()),
-        "at": at,
         "recordings": {str(path): [str(f) for f in files] for path, files in workspace.recordings.items()},
-        "files": {str(f.absolute()): [*at, digest] for f, (at, digest) in files.items()},
+        "files": {str(f.absolute()): [*seen, digest] for f, (seen, digest) in files.items()},
         "foreign": sorted(foreign.difference(os.listdir(results))),
         "told": told,
     }
-    _write(_place(workspace.cache, results), content)
+    _write(place := _place(workspace.cache, results), content)
+    os.utime(place, (at, at))
 
 
 def told(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
     """What became of an experiment, if all is as it was noted; else None."""
     place, now = _place(cache, results), time.time()
     try:
-        found = _read(place)
-        if found["key"] != key or found["results"] != str(results.absolute()) or not _same(found, results):
+        found, at = _read(place), place.stat().st_mtime
+        if found["key"] != key or found["results"] != str(results.absolute()) or not _same(found, results, at):
             return None
-        if any(_fresh(f, found["at"]) for f in found["files"].values()):  # looked into this once: by dates from now on
-            _write(place, {**found, "at": now})
-        else:
-            os.utime(place)  # when its entries were last used
+        os.utime(place, (now, now))  # when all was last looked at, and used
         return dict(found["told"])
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
 
-def _same(found: Mapping[str, Any], results: Path) -> bool:
-    """Whether no file came, went or changed."""
+def _same(found: Mapping[str, Any], results: Path, at: float) -> bool:
+    """Whether no file came, went or changed since a time [s since 1970]: by dates, and what was new then by content;
+    entries of the cache by dates alone, as they are checked whenever they are read."""
     if not set(found["foreign"]).isdisjoint(os.listdir(results)):
         return False
     for path, files in found["recordings"].items():
         if [str(f) for f in recording_files(Path(path))] != files:
             return False
-    for name, (*at, digest) in found["files"].items():
-        if list(stamp(name)) != at or (_fresh(at, found["at"]) and sha256(Path(name)) != digest):
+    for name, (*noted, digest) in found["files"].items():
+        if list(stamp(name)) != noted or (digest and _fresh(noted, at) and sha256(Path(name)) != digest):
             return False
     return True
 

@@ -349,16 +349,14 @@ class Workspace:
         return self._read
 
     def counted(self) -> dict[Path, tuple[Stamp, str]]:
-        """Stamp and SHA-256 of what the results were made of, of themselves and of their entries in the cache."""
+        """Stamp and SHA-256 of what the results were made of and of themselves; of entries in the cache "" for it."""
         files = {f: (at, self.inputs[self._relative(f)]) for read in self._read.values() for f, at in read.items()}
         found = [(entries.place(self.cache, s.stage, s.key), s.files) for s in self.steps]
         nothing = [o for o, e in self._failed.items() if isinstance(e, NotApplicable)]
         found += [(entries.place(self.cache, STAGES[o].name, self.key(o)), {}) for o in nothing]
         for entry, outputs in found:
             files |= {self.results / n: (self._published[self.results / n], digest) for n, digest in outputs.items()}
-            files |= {entry / n: (stamp(entry / n), digest) for n, digest in outputs.items()}
-            receipt = entry / entries.RECEIPT
-            files[receipt] = stamp(receipt), sha256(receipt)
+            files |= {f: (stamp(f), "") for f in (entry / entries.RECEIPT, *(entry / n for n in outputs))}
         return files
 
     def _relative(self, file: Path) -> str:
