@@ -145,11 +145,11 @@ def test_other_questions_have_other_answers(place, monkeypatch):
     assert not asked(place, monkeypatch)[1]
     assert asked(place, monkeypatch)[1]
     assert not asked(place, monkeypatch, verify=True)[1]
-    assert not asked(place, monkeypatch, command="jumpvision run --workers 1")[1]
-    told = json.loads((place.parent / "results" / "provenance.json").read_text())
-    assert told["command"] == "jumpvision run --workers 1"
+    assert asked(place, monkeypatch, command="jumpvision run --json")[1]
     monkeypatch.setattr(unchanged, "_code", lambda: "another version")
-    assert not asked(place, monkeypatch, command="jumpvision run --workers 1")[1]
+    assert not asked(place, monkeypatch, command="jumpvision report")[1]
+    told = json.loads((place.parent / "results" / "provenance.json").read_text())
+    assert told["command"] == "jumpvision run"  # who made the results, not who found them whole
 
 
 def test_a_result_of_a_stage_that_comes_from_elsewhere_is_looked_at(place, monkeypatch):

@@ -118,7 +118,7 @@ def run_experiment(
     pictures are then computed, and what failed is not tried again.
     """
     began = time.perf_counter()
-    key = unchanged.key_of(experiment, plan.stages, plan.pictures, plan.fresh, plan.command)
+    key = unchanged.key_of(experiment, plan.stages, plan.pictures, plan.fresh)
     if before is None and not plan.verify and (known := _as_noted(experiment, plan, results, key)):
         return replace(known, seconds=time.perf_counter() - began)
     for module in plan.pictures:
