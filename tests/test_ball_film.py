@@ -15,6 +15,7 @@ from jumpvision.inputs.experiment import open_experiment
 from jumpvision.inputs.sections import NotApplicable
 from jumpvision.report.figures.overlays import TrackFilm
 from jumpvision.results.tables import Track
+from jumpvision.vision.ball import film
 from jumpvision.vision.ball.film import FilmTracker, track_film
 from jumpvision.vision.ball.track import BallSettings
 from jumpvision.workflow.stage import results_stages
@@ -59,6 +60,38 @@ def test_two_balls_keep_their_names(crossing):
         assert good[-5:].all() and good.mean() > (0.6 if crossing else 0.9)
         # noise 2 at D = 14: sigma 0.005 px; balls that nearly touch may pull each other by a few hundredths
         assert np.hypot(track.x - x, track.y - y)[good].max() < 0.1
+
+
+class Asked(list):
+    """Frames that remember which of them were asked for."""
+
+    def __init__(self, frames):
+        super().__init__(frames)
+        self.numbers = []
+
+    def __getitem__(self, i):
+        self.numbers.append(i)
+        return super().__getitem__(i)
+
+
+def test_a_followed_film_is_not_read_again(monkeypatch):
+    """What the track is asked for at its end comes from frames and windows that were kept: of a film, each costs the
+    decoding of all from its last key frame on. With none kept the answers are the same."""
+    rng, k = np.random.default_rng(4), np.arange(60)
+    rest = np.maximum(0, np.minimum(k - 12, 50 - k))  # rests, moves, rests where it was: places with many frames
+    images = [camera(ball_image((130, 84), 40.0, 28.0 + 2.0 * y, D, ss=4)[0] * CONTRAST + BACK, 2.0, rng) for y in rest]
+    found = []
+    for samples in (film.SAMPLES, 0):
+        monkeypatch.setattr(film, "SAMPLES", samples)
+        follower, frames = FilmTracker(settings(), scene=True), Asked(images)
+        for image in images:
+            follower.see(image)
+        found.append((follower.finish(frames)[0], frames.numbers))
+    (kept, none), (read, some) = found
+    assert none == [] and len(some) > 3
+    assert (kept.flag == "").all()
+    np.testing.assert_array_equal(kept.x, read.x)
+    np.testing.assert_array_equal(kept.flag, read.flag)
 
 
 def film_file(path: Path, frames) -> Path:

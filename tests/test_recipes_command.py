@@ -1,4 +1,4 @@
-"""The recipe "Add a command" of CONTRIBUTING.md in a copy of the package: two files, and all else follows."""
+"""The recipe "Add a command" of CONTRIBUTING.md in a copy of the package: one file, and all else follows."""
 
 from __future__ import annotations
 
@@ -42,10 +42,8 @@ print(json.dumps(out))
 """
 
 
-def test_a_command_is_its_own_file_and_a_name_in_the_list_of_them(tmp_path):
-    package_with(
-        tmp_path, {"cli/count.py": COMMAND}, {"cli/__init__.py": "\n\nfrom . import count  # noqa: E402, F401\n"}
-    )
+def test_a_command_is_its_own_file(tmp_path):
+    package_with(tmp_path, {"cli/count.py": COMMAND})
     out = run_there(tmp_path, SCRIPT, str(ROOT.parent / "data_samples" / "loose_sand"))
     assert "How many experiments a folder holds" in " ".join(out["help"].replace("│", " ").split())
     assert out["count"] == {"experiments": 25}

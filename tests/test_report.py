@@ -28,11 +28,10 @@ from jumpvision.inputs.experiment import open_campaign
 from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
 from jumpvision.report.pages.charts import heights_chart, marked
-from jumpvision.report.pages.drawings import INK as PEN
-from jumpvision.report.pages.drawings import drawing
-from jumpvision.report.pages.page import NAME, write_report
+from jumpvision.report.pages.made import NAME, write_report
 from jumpvision.report.pages.quantities import fit_rows, small, typeset
-from jumpvision.report.pages.words import experiment_words
+from jumpvision.report.pages.words import INK as PEN
+from jumpvision.report.pages.words import drawing, experiment_words
 from jumpvision.report.style import MEASURED
 from jumpvision.results.fields import Column, ColumnGeometry
 from jumpvision.results.findings import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter

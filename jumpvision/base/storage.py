@@ -69,6 +69,15 @@ def companions(path: Path) -> list[Path]:
     return [path, *(f for f in beside if f != path and f.is_file())]
 
 
+def recording_files(path: Path) -> list[Path]:
+    """The files of a recording: itself with its headers, all of a folder, or all that a pattern fits."""
+    if path.is_file():
+        return companions(path)
+    if path.is_dir():
+        return sorted(f for f in path.iterdir() if f.is_file())
+    return sorted(path.parent.glob(path.name))
+
+
 def sha256(path: Path) -> str:
     """SHA-256 of a file's content, in hex."""
     with path.open("rb") as f:
@@ -78,13 +87,13 @@ def sha256(path: Path) -> str:
 Stamp = tuple[int, ...]
 
 
-def stamp(path: Path) -> Stamp:
+def stamp(path: Path | str) -> Stamp:
     """What changes with a file's content: size, dates and number.
 
     The time of the last change of any kind (on Windows: of creation) tells also an edit that keeps size and date, or a
     clock set back.
     """
-    s = path.stat()
+    s = os.stat(path)
     return s.st_size, s.st_mtime_ns, s.st_ctime_ns, s.st_ino
 
 
@@ -193,12 +202,16 @@ def remove_aside(folder: Path, cache: Path) -> None:
         shutil.rmtree(aside, ignore_errors=True)
 
 
+HASHES, NOTES = "hashes", "notes"  # folders of a cache beside its entries: what is remembered of files, and of runs
+
+
 def sweep_leftovers(results: Path, cache: Path) -> None:
     """Remove what killed runs left: asides of processes of this machine that are gone, and of others' long untouched.
 
     Names that `aside_folder` and `write_aside` do not give are left alone.
     """
-    files = [f for folder in (results, cache / "hashes") for p in (".*.tmp", "*/.*.tmp") for f in folder.glob(p)]
+    noted = (results, cache / HASHES, cache / NOTES)
+    files = [f for folder in noted for p in (".*.tmp", "*/.*.tmp") for f in folder.glob(p)]
     for pattern, found in ((ASIDE_FOLDER, cache.glob("writing-*")), (ASIDE_FILE, files)):
         for f in found:
             signed = pattern.fullmatch(f.name)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import csv
 import functools
 import hashlib
+import io
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -14,7 +16,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 from jumpvision.base.schema import FileSection, InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
-from jumpvision.inputs.sections import GrainVideo
+from jumpvision.inputs.model import ModelSpec
+from jumpvision.inputs.sections import GrainVideo, MotorLog
+from jumpvision.results import plain
+from jumpvision.results.values import CraterShape, Intrusion
 from jumpvision.workflow.provenance import digest_of_results, settle_tables
 from jumpvision.workflow.run import Outcome, Plan, run_campaign, run_single
 from jumpvision.workflow.run import draw as draw_experiments
@@ -188,6 +193,8 @@ class _Early:
 
 
 def _worth_asking(campaign: Campaign) -> bool:
+    if not any(e.section(ModelSpec) for e in campaign.experiments):  # the imports would take longer
+        return False
     from .jumps import worth_asking
 
     return worth_asking(campaign)
@@ -195,18 +202,23 @@ def _worth_asking(campaign: Campaign) -> bool:
 
 def _tables(run: Run) -> list[Path]:
     """What the experiments show together, for programs: jumps, intrusions, the actuator."""
-    from .measured.actuator import write_actuator
-    from .measured.intrusions import write_intrusions
-
     results = run.plan.results
     written = [write_jumps(run.rows, results)] if run.plan.whole else []
-    written += write_intrusions(run.campaign, run.outcomes, results)
-    return written + write_actuator(run.campaign, run.outcomes, results)
+    if any(o.made(Intrusion) for o in run.outcomes):
+        from .measured.intrusions import write_intrusions
+
+        written += write_intrusions(run.campaign, run.outcomes, results)
+    if any(e.section(MotorLog) for e in run.campaign.experiments):
+        from .measured.actuator import write_actuator
+
+        written += write_actuator(run.campaign, run.outcomes, results)
+    return written
 
 
 def _craters(run: Run) -> list[Path]:
     """The critical packing, for people."""
-    if not run.plan.whole and "crater" not in (run.plan.stages or ()):
+    asked = run.plan.whole or "crater" in (run.plan.stages or ())
+    if not asked or not any(o.made(CraterShape) for o in run.outcomes):
         return []
     from .measured.craters import measured_in, write_craters, zero_crossing
 
@@ -264,12 +276,10 @@ def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, A
 
 def write_jumps(rows: list[dict[str, Any]], results: Path) -> Path:
     """jumps.csv; the file."""
-    import io
-
-    import pandas as pd
-
     text = io.StringIO()
-    pd.DataFrame(rows).to_csv(text, index=False, lineterminator="\n")
+    table = csv.DictWriter(text, list(dict.fromkeys(c for row in rows for c in row)), lineterminator="\n")
+    table.writeheader()
+    table.writerows(plain(rows))
     write_aside(results / JUMPS, text.getvalue())
     return results / JUMPS
 

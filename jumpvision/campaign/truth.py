@@ -7,19 +7,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from jumpvision.base.arrays import Z95, measured, plain_number, with_digits_of
-from jumpvision.grains.momentum import peak_momentum
 from jumpvision.inputs.experiment import Campaign
 from jumpvision.inputs.sections import Bed, Robot
 from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.fields import Flow
-from jumpvision.results.findings import Cause, Confirmation, Parameter
 from jumpvision.workflow.run import Outcome
+
+if TYPE_CHECKING:
+    from jumpvision.results.diagnosis import Diagnosis
+    from jumpvision.results.fields import Flow
+    from jumpvision.results.findings import Cause, Confirmation, Parameter
 
 INSIDE, OUTSIDE, ABSENT = "inside 95 %", "outside 95 %", "does not act"
 
@@ -58,7 +57,9 @@ DETAILS = (
 def true_summaries(campaign: Campaign, outcomes: Sequence[Outcome]) -> dict[str, dict[str, float | None]]:
     """The summaries that synthetic folders state, by experiment; the added mass at the time it was measured at."""
     out = {e.name: truth_of(e.path) for e in campaign.experiments}
-    for o in outcomes:
+    for o in outcomes if any("grain_film" in t for t in out.values()) else ():
+        from jumpvision.results.fields import Flow
+
         if "grain_film" in out[o.name] and o.made(Flow):
             at = true_added_mass(out[o.name]["grain_film"]["pairs"], Flow.load(o.results))
             out[o.name] = {**out[o.name], "summary": {**out[o.name]["summary"], "added_mass_kg": at}}
@@ -70,6 +71,10 @@ def true_added_mass(pairs: Mapping[str, Sequence[float]], flow: Flow) -> float |
 
     The momentum is flat at its peak where the foot slows down: a frame beside it can have another mass by 10 %.
     """
+    import numpy as np
+
+    from jumpvision.grains.momentum import peak_momentum
+
     peak = peak_momentum(flow.field.momentum, flow.field.added_mass)
     if peak is None:
         return None
@@ -187,6 +192,8 @@ def unit_words(unit: str) -> str:
 
 def true_mass(row: Confirmation, campaign: Campaign, truth: Truth) -> float | None:
     """Mass that truly moves with the whole foot [kg] at the depth of a row, in view of the film or not."""
+    import numpy as np
+
     from jumpvision.mechanisms.cone import cone_mass
 
     assert row.experiment is not None
@@ -222,14 +229,15 @@ def coverage_words(campaign: Campaign, outcomes: Sequence[Outcome]) -> str:
 def overview(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, str]]:
     """One row an experiment: jump height, model and bed, with the truth beside them where the folder is synthetic."""
     truth = true_summaries(campaign, outcomes)
+    shown = [q for q in OVERVIEW if any(o.summary.get(q.key) is not None for o in outcomes)]
+    stated = {q for q in shown if any(q.key in t for t in truth.values())}
     rows = []
     for o in outcomes:
         row = {"experiment": o.name}
-        for q in OVERVIEW:
-            if any(x.summary.get(q.key) is not None for x in outcomes):
-                row[q.heading] = measured(*q.of(o.summary), q.factor)
-                if any(q.key in t for t in truth.values()):
-                    row[f"true {q.word}"] = plain_number(truth[o.name].get(q.key), q.factor)
+        for q in shown:
+            row[q.heading] = measured(*q.of(o.summary), q.factor)
+            if q in stated:
+                row[f"true {q.word}"] = plain_number(truth[o.name].get(q.key), q.factor)
         rows.append(row)
     return rows
 
@@ -237,11 +245,12 @@ def overview(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, 
 def details(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, str]]:
     """One row a quantity that only some experiments have: the cone from grain films, the ring-down."""
     truth = true_summaries(campaign, outcomes)
+    stated = any(truth.values())
     rows = []
     for o in outcomes:
         for q in (q for q in DETAILS if o.summary.get(q.key) is not None):
             row = {"experiment": o.name, "quantity": q.heading, "measured": measured(*q.of(o.summary), q.factor)}
-            if any(truth.values()):
+            if stated:
                 row["true"] = plain_number(truth[o.name].get(q.key), q.factor)
             rows.append(row)
     return rows

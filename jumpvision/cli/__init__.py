@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import sys
+from typing import TYPE_CHECKING
 
-from cyclopts import CycloptsError
+from jumpvision import __version__
 
-from . import (  # noqa: F401  (each adds its commands to --help)
-    explore,
-    export,
-    folders,
-    init,
-    machine,
-    matter,
-    sweep,
-    workbench,
-)
-from .app import BAD_CALL, DONE, FAILED, app
+from .listing import listed, page
+
+if TYPE_CHECKING:
+    from cyclopts import App
+
+DONE, FAILED, BAD_CALL = 0, 1, 2  # exit codes
 
 # before NumPy is imported: the matrices are small, threads of BLAS wait for each other and round by their number
 for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -27,13 +24,27 @@ for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 def main(argv: list[str] | None = None) -> int:
     """Entry point: 0 done, 1 something failed, 2 wrong call or bad input."""
-    from jumpvision.base.schema import InputError, harmless
-
+    asked = sys.argv[1:] if argv is None else argv
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a terminal, or LANG=C, without a letter is no reason to fail
             stream.reconfigure(errors="backslashreplace")
+    if asked == ["--version"]:
+        print(__version__)
+        return DONE
+    if asked in ([], ["-h"], ["--help"]) and (text := page()):
+        print(text)
+        return DONE
+    return _carry_out(asked)
+
+
+def _carry_out(asked: list[str]) -> int:
+    from cyclopts import CycloptsError
+
+    from jumpvision.base.schema import InputError, harmless
+
     try:
-        return int(app(argv, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
+        app = with_commands(asked[:1])
+        return int(app(asked, exit_on_error=False, print_error=False, result_action="return_value") or DONE)
     except InputError as e:
         print("\n".join(f"jumpvision: {harmless(p)}" for p in e.problems), file=sys.stderr)
         return BAD_CALL
@@ -51,3 +62,13 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("jumpvision: interrupted; run the same command again to resume", file=sys.stderr)
         return 130
+
+
+def with_commands(names: list[str] | None = None) -> App:
+    """The application with the commands of these names and those of their files; all where one is unknown, or none."""
+    from .app import app
+
+    known = listed()
+    for module in {known[n].module for n in (names if names and known.keys() >= {*names} else known)}:
+        importlib.import_module(f"{__name__}.{module}")
+    return app

@@ -11,14 +11,12 @@ from cyclopts import App, Parameter
 
 from jumpvision import __version__
 
-DONE, FAILED, BAD_CALL = 0, 1, 2
+from . import BAD_CALL as BAD_CALL
+from . import DONE as DONE
+from . import FAILED as FAILED
+from .listing import ABOUT
 
-app = App(
-    name="jumpvision",
-    help="From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.\n\n"
-    "Start with: jumpvision run data_samples/loose_sand",
-    version=__version__,
-)
+app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__)
 
 
 @Parameter(name="*", show_default=False)

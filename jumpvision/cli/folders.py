@@ -18,6 +18,7 @@ from cyclopts import Group, Parameter
 from jumpvision.workflow.stage import Declared, declared
 
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
+from .listing import STAGES
 
 if TYPE_CHECKING:
     from jumpvision.campaign.folder import Run
@@ -131,7 +132,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
             list(dict.fromkeys(f"{done.campaign.path}: {why}" for o in done.outcomes for why in o.not_run))
         )
     if page and any(o.steps for o in done.outcomes):
-        from jumpvision.report.pages.page import write_report
+        from jumpvision.report.pages.made import write_report
 
         done.files.append(
             write_report(
@@ -285,10 +286,10 @@ def _add(stage: Declared) -> None:
         return show(work(path, options, stages=(stage.name,)), options)
 
     command.__doc__ = f"{stage.help}\n\nExample: jumpvision {stage.name} data_samples/hard_ground"
-    app.command(command, name=stage.name, group=STAGES)
+    app.command(command, name=stage.name, group=ONE)
 
 
-STAGES = Group("One stage, with what it needs")
+ONE = Group(STAGES)
 for _stage in declared().values():
     _add(_stage)
 

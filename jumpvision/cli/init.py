@@ -1,4 +1,4 @@
-"""First folders: an experiment.toml (`init`), or a campaign of the virtual laboratory (`synth`)."""
+"""First folders: an experiment.toml (`init`, or by eye: `open`), or a campaign of the virtual laboratory (`synth`)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from .app import DONE, app, cores
-from .workbench import open_path
 
 if TYPE_CHECKING:
     from jumpvision.init.measure import Picks
@@ -188,4 +187,33 @@ def synth(
 
     folders = samples.write_samples(kind, out, seed=seed)
     show.line(f"wrote {', '.join(str(f) for f in folders)}")
+    return DONE
+
+
+@app.command(name="open")
+def open_path(path: Path, /, *, port: int = 0, browser: bool = True) -> int:
+    """The workbench: a page in the browser to look at films, set scale and marks, track, correct and run.
+
+    Everything stays on this machine; files are written only when the page's button says so. Ctrl-C stops it.
+
+    Example: jumpvision open my_jump
+
+    Parameters
+    ----------
+    path
+        A film, the folder of one experiment, or a folder of such folders.
+    port
+        Of http://127.0.0.1; default: a free one.
+    browser
+        Open the page in the browser.
+    """
+    from jumpvision.browser.workbench.server import Server
+
+    from . import terminal as show
+
+    with Server(path, port) as server:
+        try:
+            show.served(server, browser=browser)
+        finally:
+            server.close_benches()
     return DONE

@@ -147,12 +147,14 @@ def completion(shell: Literal["bash", "zsh", "fish", "powershell"] | None = None
     from jumpvision.base.schema import InputError
 
     from . import terminal as show
+    from . import with_commands
 
+    every = with_commands()
     try:
         if not install:
-            print(app.generate_completion(shell=shell))
+            print(every.generate_completion(shell=shell))
             return DONE
-        written = app.install_completion(shell=shell)
+        written = every.install_completion(shell=shell)
     except ShellDetectionError:
         raise InputError(["completion: the shell is not known; name it: bash, zsh, fish or powershell"]) from None
     show.line(f"written: {written}; open a new terminal to use it")

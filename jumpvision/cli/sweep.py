@@ -9,8 +9,6 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from jumpvision.campaign.folder import results_of
-
 from .app import DONE, FAILED, app, cores
 
 
@@ -97,6 +95,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
     from dataclasses import asdict
 
     from jumpvision.base.progress import HOOK
+    from jumpvision.campaign.folder import results_of
     from jumpvision.inputs.experiment import folder_of
     from jumpvision.inputs.overrides import overrides_of
     from jumpvision.studies.compute import keep_other, write
@@ -178,6 +177,7 @@ def figures(
         Machine-readable result on stdout.
     """
     from jumpvision.base.schema import InputError
+    from jumpvision.campaign.folder import results_of
     from jumpvision.inputs.experiment import is_campaign
     from jumpvision.report.catalogue import available, draw
 

@@ -11,19 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from jumpvision.base.schema import harmless
-from jumpvision.campaign.folder import Run
-from jumpvision.campaign.truth import confirmation_rows, coverage_words, details, overview, parameter_rows
-from jumpvision.inputs.experiment import Campaign
 from jumpvision.results import plain
-from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.values import GeometryValues
-from jumpvision.workflow.run import Outcome
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from jumpvision.base.local_page import LocalServer
     from jumpvision.campaign.explore.history import Round
+    from jumpvision.campaign.folder import Run
+    from jumpvision.inputs.experiment import Campaign
+    from jumpvision.results.diagnosis import Diagnosis
+    from jumpvision.results.values import GeometryValues
+    from jumpvision.workflow.run import Outcome
 
 
 def line(text: str) -> None:
@@ -126,6 +125,8 @@ def verdict(diagnosis: Diagnosis) -> list[str]:
 
 def beside_truth(diagnosis: Diagnosis, campaign: Campaign) -> None:
     """The parameters of the named mechanisms, and what films or tests measure of them, each beside the truth."""
+    from jumpvision.campaign.truth import confirmation_rows, parameter_rows
+
     for title, rows in (
         ("parameters of the named mechanisms", parameter_rows(diagnosis, campaign)),
         ("measured by films or tests, and by the jumps alone", confirmation_rows(diagnosis, campaign)),
@@ -262,6 +263,8 @@ def outcome(
 
 def tables(campaign: Campaign, outcomes: list[Outcome], diagnosis: Diagnosis | None) -> None:
     """Heights and details beside their truth, then what the diagnosis says, on stdout."""
+    from jumpvision.campaign.truth import coverage_words, details, overview
+
     if any(o.summary for o in outcomes):
         rows_of_heights = overview(campaign, [o for o in outcomes if o.summary or o.errors])
         if len(rows_of_heights[0]) > 1:

@@ -234,8 +234,20 @@ def _edge(t: Array, h: Array, sigma: Array, i: int, j: int, gravity: float) -> t
         a, rest = design(q[2], q[3])
         return np.asarray((y - rest - a @ q[:2]) / sigma)
 
+    def jacobian(q: Array) -> Array:
+        _, speed, edge, w = q
+        tau = np.maximum(d - edge, 0.0)
+        sine, fallen = np.sin(w * tau), 1.0 - np.cos(w * tau)
+        softer = (sine / w - tau * (1.0 - fallen)) / w  # d lost/dw; d lost/d edge is -fallen
+        out = np.ones((d.size, 4))
+        out[:, 1] = d - tau + sine / w
+        out[:, 2] = (speed - gravity * edge) * fallen
+        out[:, 3] = (gravity * edge - speed) * softer + gravity * (2.0 * fallen / w - tau * sine) / w**2
+        return np.asarray(out / -sigma[:, None])
+
     noise = float(np.median(sigma))
-    fit = least_squares_fit(residual, [*best[3], best[1], best[2]], scale=[noise, noise / last, dt, best[2]])
+    scale = [noise, noise / last, dt, best[2]]
+    fit = least_squares_fit(residual, [*best[3], best[1], best[2]], scale=scale, jacobian=jacobian)
     if fit is None or not (fit[0][3] > 0.0 and 0.0 < fit[0][2] < d[-1]):
         return crude
     p, cov, chi2 = fit

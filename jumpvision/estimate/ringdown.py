@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -80,11 +81,16 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
     flat = _linear(t, x, sigma, 0.0, 0.0)[1]
     span = float(t[-1])
 
+    @functools.lru_cache(maxsize=1)  # slopes are asked for where the model was
+    def swing(w: float, decay: float) -> tuple[Array, Array, Array]:
+        return np.exp(-decay * t), np.cos(w * t), np.sin(w * t)
+
     def residual(q: Array) -> Array:
-        return np.asarray((x - _model(t, q)) / sigma)
+        e, c, s = swing(q[3], q[4])
+        return np.asarray((x - (q[2] + e * (q[0] * c + q[1] * s))) / sigma)
 
     def jacobian(q: Array) -> Array:
-        return -_slopes(t, q) / sigma[:, None]
+        return -_slopes(t, q, *swing(q[3], q[4])) / sigma[:, None]
 
     # the periodogram peak has no decay of its own
     w = 2.0 * math.pi * frequency
@@ -138,16 +144,13 @@ def ring_down(t: ArrayLike, x: ArrayLike, sigma: ArrayLike) -> RingDown:
     )
 
 
-def _model(t: Array, p: Array) -> Array:
-    return np.asarray(p[2] + np.exp(-p[4] * t) * (p[0] * np.cos(p[3] * t) + p[1] * np.sin(p[3] * t)))
-
-
-def _slopes(t: Array, p: Array) -> Array:
-    """d(model)/dp, shape (n, 5)."""
-    e = np.exp(-p[4] * t)
-    c, s = e * np.cos(p[3] * t), e * np.sin(p[3] * t)
-    swing = p[0] * c + p[1] * s
-    return np.stack([c, s, np.ones_like(t), t * (p[1] * c - p[0] * s), -t * swing], axis=1)
+def _slopes(t: Array, p: Array, e: Array, cos: Array, sin: Array) -> Array:
+    """d(model)/dp, shape (n, 5), of offset + e (p0 cos + p1 sin)."""
+    out = np.ones((t.size, 5))
+    out[:, 0], out[:, 1] = c, s = e * cos, e * sin
+    out[:, 3] = t * (p[1] * c - p[0] * s)
+    out[:, 4] = -t * (p[0] * c + p[1] * s)
+    return out
 
 
 def _linear(t: Array, x: Array, sigma: Array, w: float, decay: float) -> tuple[Array, float]:

@@ -17,6 +17,8 @@ from .recordings import LogSection
 if TYPE_CHECKING:
     import pandas as pd
 
+    from jumpvision.base.arrays import Array
+
 PACKED = {".gz", ".bz2", ".xz", ".zip", ".zst", ".tar"}
 LARGEST = 200e6  # bytes of a log, as text some 2 GB in memory
 UNIT = re.compile(r"(.*\S)\s*\[\s*([^\[\]]+?)\s*\]")  # Position [mm]
@@ -164,3 +166,40 @@ def _table(path: Path, asked: Collection[str], columns: tuple[str, ...]) -> Held
         raise InputError([f"{path}: column {n} is there {header.count(n)} times; rename or remove one" for n in twice])
     rows = raw[1:].reset_index(drop=True)
     return Held(header, {n: Channel(n, rows[header.index(n)].to_numpy()) for n in asked if n in header})
+
+
+# Tables that a person writes: columns carry their units, as `length [mm]`.
+Units = Mapping[str, float]  # factor to SI by unit
+LENGTH: Units = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+
+
+def read_columns(path: Path, wanted: Mapping[str, Units]) -> tuple[dict[str, Array], pd.DataFrame]:
+    """The wanted columns in SI units, (n,) finite numbers each, and the whole table; lines after # are comments.
+
+    InputError that names the file, the column and what is allowed.
+    """
+    import numpy as np
+    import pandas as pd
+
+    try:
+        data = pd.read_csv(path, comment="#", skipinitialspace=True)
+    except (OSError, ValueError) as e:
+        raise InputError([f"{path}: {e}"]) from None
+    found: dict[str, Array] = {}
+    problems = []
+    for name, units in wanted.items():
+        column = next((c for c in data.columns if str(c).split("[")[0].strip() == name), None)
+        if column is None:
+            problems.append(f"{path}: column {name} is missing; write it with its unit: {name} [{next(iter(units))}]")
+            continue
+        unit = str(column).partition("[")[2].strip().rstrip("]").strip()
+        if unit not in units:
+            problems.append(f"{path}: column {name}: unit {unit!r} must be one of {', '.join(units)}, as {name} [UNIT]")
+            continue
+        values = pd.to_numeric(data[column], errors="coerce").to_numpy(dtype=float)
+        if bad := np.flatnonzero(~np.isfinite(values)).tolist():
+            problems.append(f"{path}: column {name}, row {bad[0] + 1}: must be a finite number")
+        found[name] = values * units[unit]
+    if problems:
+        raise InputError(problems)
+    return found, data

@@ -10,7 +10,7 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.columns import LENGTH, read_columns
+from jumpvision.inputs.logs import LENGTH, read_columns
 from jumpvision.physics.hard.analysis import SINGLE, STUTTER, animal_alpha, best_by_alpha
 from jumpvision.physics.hard.jump import HardRobot
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jumpvision.base.schema import InputError
-from jumpvision.base.storage import remove_aside, sweep_leftovers, unsealed
+from jumpvision.base.storage import HASHES, remove_aside, sweep_leftovers, unsealed
 
 from .entries import RECEIPT, CorruptEntry, marked, receipt_of
+from .unchanged import last_used, notes
 
 SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 7 * 86400.0}
 BYTES = {"": 1, "B": 1, "kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
@@ -52,7 +53,7 @@ def entries_of(cache: Path) -> list[Entry]:
 
     One that vanishes meanwhile is left out, and so is whatever else lies in the folder.
     """
-    found = []
+    found, noted = [], last_used(cache)
     for folder in cache.glob("*/*"):
         if folder.is_symlink() or folder.parent.is_symlink() or not folder.is_dir():
             continue
@@ -64,7 +65,7 @@ def entries_of(cache: Path) -> list[Entry]:
             stats = [f.stat() for f in files]
         except (CorruptEntry, FileNotFoundError, NotADirectoryError):
             continue
-        used = max(s.st_mtime for s in stats)
+        used = max(*(s.st_mtime for s in stats), noted.get(folder.absolute(), 0.0))
         found.append(Entry(cache, folder, folder.parent.name, sum(s.st_size for s in stats), used))
     return found
 
@@ -100,7 +101,10 @@ def prune(entries: Iterable[Entry]) -> int:
 def tidy(cache: Path) -> None:
     """Remove what killed runs left, and what was remembered of files that are gone or changed since."""
     sweep_leftovers(cache.parent, cache)
-    for memo in (cache / "hashes").glob("*.json"):
+    for place, noted in notes(cache):
+        if not Path(noted["results"]).is_dir():
+            place.unlink(missing_ok=True)
+    for memo in (cache / HASHES).glob("*.json"):
         try:
             unsealed(memo.read_text(encoding="utf-8"))
         except (OSError, ValueError):

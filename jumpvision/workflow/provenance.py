@@ -57,7 +57,8 @@ def settle(workspace: Workspace, command: str) -> list[str]:
     notes = _withdraw(workspace, before, {f for made in still.values() for f in made["files"]})
     if workspace.steps or still:
         told = plain(_told(workspace, before, still, command))
-        write_aside(workspace.results / NAME, json.dumps(told, indent=1) + "\n")
+        if told != {**before, "command": command}:  # of a run that changed nothing: it stays that of who made them
+            write_aside(workspace.results / NAME, json.dumps(told, indent=1) + "\n")
     elif before:
         (workspace.results / NAME).unlink(missing_ok=True)
     return notes

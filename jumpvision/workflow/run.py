@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,10 @@ from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.sections import GrainVideo, NotApplicable
-from jumpvision.results import Record
+from jumpvision.results import Record, plain
 from jumpvision.results.values import Summary
 
+from . import unchanged
 from .entries import versions
 from .provenance import settle
 from .stage import STAGES, declared, modules, results_stages, stage_named
@@ -118,9 +119,12 @@ def run_experiment(
     only_cached: raises NotCached when something would have to be computed. before: what became of its stages; only the
     pictures are then computed, and what failed is not tried again.
     """
+    began = time.perf_counter()
+    key = unchanged.key_of(experiment, plan.stages, plan.pictures, plan.fresh)
+    if before is None and not plan.verify and (known := _as_noted(experiment, plan, results, key)):
+        return replace(known, seconds=time.perf_counter() - began)
     for module in plan.pictures:
         importlib.import_module(module)
-    began = time.perf_counter()
     computes = "nothing" if only_cached else "pictures" if before else "all"
     workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, computes=computes, fresh=plan.fresh)
     outcome = Outcome(experiment.name, results, errors=list(before.errors) if before else [])
@@ -156,7 +160,35 @@ def run_experiment(
         said = explain(e, "provenance", experiment.path)
         outcome.errors += [text for text in said if text not in outcome.errors]
     outcome.seconds = time.perf_counter() - began + (before.seconds if before else 0.0)
+    if not outcome.errors and not outcome.notes:
+        _note(workspace, outcome, key)
     return outcome
+
+
+def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Outcome | None:
+    """What became of an experiment, where all is as an earlier run noted it."""
+    told = unchanged.told(plan.cache, results, key)
+    if told is None:
+        return None
+    as_now = {"state": "cached", "seconds": 0.0}
+    steps = [Step(**{**s, **as_now, "versions": _shared(s["versions"])}) for s in told["steps"]]
+    known = Outcome(experiment.name, results, steps, not_run=told["not_run"], summary=told["summary"])
+    return None if plan.fresh and known.older else known
+
+
+def _shared(versions: Mapping[str, str]) -> Mapping[str, str]:
+    """One object for all that are the same: a campaign may have 10,000 experiments."""
+    return VERSIONS.setdefault(tuple(versions.items()), versions)
+
+
+VERSIONS: dict[tuple[tuple[str, str], ...], Mapping[str, str]] = {}
+
+
+def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
+    """For `_as_noted`. A note that cannot be written is none: the run has done its work."""
+    told = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": outcome.summary})
+    with contextlib.suppress(OSError, InputError):
+        unchanged.note(workspace, key, told)
 
 
 def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:

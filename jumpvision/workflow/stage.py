@@ -10,7 +10,9 @@ import ast
 import functools
 import importlib
 import inspect
+import itertools
 import pkgutil
+import re
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -153,28 +155,30 @@ def stage_named(name: str) -> Stage:
 
 
 class Declared(NamedTuple):
-    """A stage as its source declares it."""
+    """A stage, or a command, as its source declares it. called: the name that the decorator gives, else ""."""
 
     name: str
     help: str
+    called: str = ""
 
 
 @functools.cache
 def declared() -> dict[str, Declared]:
     """The stages by name, read from their source: importing them takes seconds, `jumpvision --help` must not."""
+    texts = (file.read_text(encoding="utf-8") for file in sorted(FOLDER.rglob("*.py")))
+    return {f.name: f for text in texts for f in functions_under(text, "@stage")}
+
+
+def functions_under(text: str, decorator: str) -> list[Declared]:
+    """The functions of a source that have this decorator. No more of it is parsed: that would take long."""
     found = []
-    for file in sorted(FOLDER.rglob("*.py")):
-        text = file.read_text(encoding="utf-8")
-        if "@stage(" not in text:
-            continue
-        for node in ast.parse(text).body:
-            if isinstance(node, ast.FunctionDef) and any(_is_stage(d) for d in node.decorator_list):
-                found.append(Declared(node.name, first_paragraph(ast.get_docstring(node))))
-    return {d.name: d for d in found}
-
-
-def _is_stage(decorator: ast.expr) -> bool:
-    return isinstance(decorator, ast.Call) and isinstance(decorator.func, ast.Name) and decorator.func.id == "stage"
+    for at in re.finditer(rf"^{re.escape(decorator)}\b.*\n", text, flags=re.M):
+        quotes = list(itertools.islice(re.finditer('"""', text[at.end() :]), 2))
+        called = re.search(r'\bname="(\w+)"', at[0])
+        head = ast.parse(text[at.end() : at.end() + quotes[1].end()] if len(quotes) == 2 else text[at.end() :]).body[0]
+        assert isinstance(head, ast.FunctionDef)
+        found.append(Declared(head.name, first_paragraph(ast.get_docstring(head)), called[1] if called else ""))
+    return found
 
 
 def first_paragraph(text: str | None) -> str:

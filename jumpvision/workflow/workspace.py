@@ -22,10 +22,11 @@ from typing import Any
 from jumpvision.base.progress import KEEPER, Shared
 from jumpvision.base.schema import InputError, read
 from jumpvision.base.storage import (
+    HASHES,
     ChangedFile,
     Stamp,
-    companions,
     copy_aside,
+    recording_files,
     sealed,
     settled,
     sha256,
@@ -336,17 +337,27 @@ class Workspace:
 
     def _hash(self, path: Path) -> str:
         """SHA-256 of a recording: of a file, or of all files of a folder or pattern with their names."""
-        if path.is_file():
-            files = companions(path)
-        elif path.is_dir():
-            files = sorted(f for f in path.iterdir() if f.is_file())
-        else:
-            files = sorted(path.parent.glob(path.name))
         digests, self._read[path] = {}, {}
-        for f in files:
+        for f in recording_files(path):
             digests[f.name], self._read[path][f] = self._hash_file(f)
             self.inputs[self._relative(f)] = digests[f.name]
         return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def recordings(self) -> Mapping[Path, Mapping[Path, Stamp]]:
+        """The recordings that were read, as sections name them: their files."""
+        return self._read
+
+    def counted(self) -> dict[Path, tuple[Stamp, str]]:
+        """Stamp and SHA-256 of what the results were made of and of themselves; of entries in the cache "" for it."""
+        files = {f: (at, self.inputs[self._relative(f)]) for read in self._read.values() for f, at in read.items()}
+        found = [(entries.place(self.cache, s.stage, s.key), s.files) for s in self.steps]
+        nothing = [o for o, e in self._failed.items() if isinstance(e, NotApplicable)]
+        found += [(entries.place(self.cache, STAGES[o].name, self.key(o)), {}) for o in nothing]
+        for entry, outputs in found:
+            files |= {self.results / n: (self._published[self.results / n], digest) for n, digest in outputs.items()}
+            files |= {f: (stamp(f), "") for f in (entry / entries.RECEIPT, *(entry / n for n in outputs))}
+        return files
 
     def _relative(self, file: Path) -> str:
         """A recording's name in provenance.json; whole where it lies on another drive."""
@@ -378,7 +389,7 @@ class Workspace:
 
     def _hash_file(self, path: Path) -> tuple[str, Stamp]:
         """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
-        memo = self.cache / "hashes" / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
+        memo = self.cache / HASHES / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
         at = stamp(path)
         if path in self._hashes and self._hashes[path][1] == at:
             return self._hashes[path]

@@ -14,6 +14,7 @@ import numpy as np
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.robot import Bandwidth, bandwidth
 from jumpvision.inputs.experiment import Campaign
+from jumpvision.inputs.sections import MotorLog
 from jumpvision.results import plain
 from jumpvision.results.values import Fits
 from jumpvision.workflow.run import Outcome
@@ -58,7 +59,7 @@ def driven(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[Driven]:
     rows = []
     results = {o.name: o.results for o in outcomes if o.made(Fits)}
     for e in campaign.experiments:
-        if e.name not in results:
+        if e.name not in results or e.section(MotorLog) is None:
             continue
         fits = Fits.load(results[e.name])
         if fits.get("actuator_ratio") is None:

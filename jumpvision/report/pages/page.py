@@ -1,12 +1,11 @@
 """report.html: self-contained pages without network, one for each experiment and one for the campaign.
 
-The campaign's page holds what only the campaign shows and links to the experiments' pages; these are written one after
-the other, and only where something changed, so neither memory nor the campaign's page grow with films and pictures.
+The campaign's page holds what only the campaign shows and links to the experiments' pages. `made` says when they are
+written.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from functools import cache
@@ -16,9 +15,6 @@ from typing import Any
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
-from jumpvision.campaign.measured.actuator import actuator_bandwidth, driven
-from jumpvision.campaign.measured.craters import measured_in, zero_crossing
-from jumpvision.campaign.measured.intrusions import intrusion_laws, slow_intrusions
 from jumpvision.campaign.truth import (
     Truth,
     confirmation_rows,
@@ -26,27 +22,20 @@ from jumpvision.campaign.truth import (
     details,
     overview,
     true_parameters,
-    truth_of,
 )
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.inputs.experiment import Campaign
-from jumpvision.inputs.sections import Actuation
 from jumpvision.mechanisms.registry import PARAMETERS
-from jumpvision.report.figures.bed import critical
-from jumpvision.report.figures.diagnosis import discovered_law
-from jumpvision.report.figures.logs import actuator, resistances
-from jumpvision.results import plain
 from jumpvision.results.diagnosis import Diagnosis, strength
 from jumpvision.results.values import Fits, Intrusion
 from jumpvision.workflow.run import Outcome
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
-from .drawings import drawing
 from .experiment_charts import experiment_charts, whole_disc
+from .made import KEY, NAME
 from .quantities import HALF, WHOLE, fit_rows, mechanism_words, small, typeset
-from .words import campaign_words, experiment_words, film, inline, noise_words, poster, preview
+from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
 
-NAME = "report.html"
 PICTURES = {  # file: (heading, what it shows)
     "track.png": ("Tracking", "a frame of the film with the path of the ball, and height against time"),
     "bed.png": ("Bed", "side view of the bed with the surface found"),
@@ -69,35 +58,6 @@ FILMS = {
     "cone.webm": ("The growing cone", "film of the grains with the shear bands and the sides of the jammed cone"),
 }
 PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png", "intrusion.png")  # of one experiment at most
-KEY = '<meta name="made-from" content="{}">'
-
-
-def write_report(
-    campaign: Campaign,
-    outcomes: list[Outcome],
-    rows: list[dict[str, Any]],
-    results: Path,
-    *,
-    single: bool,
-    diagnosis: Diagnosis | None = None,
-) -> Path:
-    """Write the pages and return the path of the one to open: of the campaign, or of the only experiment."""
-    laws = {e.name: e.section(Actuation) for e in campaign.experiments}
-    keys = []
-    for o in outcomes:
-        if not o.results.is_dir():
-            continue
-        try:
-            keys.append(write_experiment(o, laws.get(o.name), back="" if single else f"../{NAME}"))
-        except OSError as e:
-            o.errors.append(f"{o.results / NAME}: {e.strerror or e}; free or change it and run again")
-    if single:
-        return outcomes[0].results / NAME
-    true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
-    key = digest_of([*keys, json.dumps(plain([rows, diagnosis and diagnosis.values, dict(campaign.excluded), true]))])
-    if not made_from(results / NAME, key):
-        write_campaign(campaign, outcomes, rows, results, diagnosis, key)
-    return results / NAME
 
 
 def write_campaign(
@@ -109,6 +69,13 @@ def write_campaign(
     key: str,
 ) -> None:
     """The page of a campaign."""
+    from jumpvision.campaign.measured.actuator import actuator_bandwidth, driven
+    from jumpvision.campaign.measured.craters import measured_in, zero_crossing
+    from jumpvision.campaign.measured.intrusions import intrusion_laws, slow_intrusions
+    from jumpvision.report.figures.bed import critical
+    from jumpvision.report.figures.diagnosis import discovered_law
+    from jumpvision.report.figures.logs import actuator, resistances
+
     craters = measured_in(outcomes)
     crossing = zero_crossing(craters) if craters else None
     packed = crossing is not None and any(c.volume_fraction is not None for c in craters)
@@ -207,14 +174,8 @@ def causes_shown(diagnosis: Diagnosis, truth: Truth | None) -> list[dict[str, st
     ]
 
 
-def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
-    """The page of one experiment, unless the one there was made from the same results; the digest of these."""
-    page = outcome.results / NAME
-    provenance = outcome.results / "provenance.json"
-    receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
-    key = digest_of([back, *outcome.errors, *outcome.warnings, *outcome.not_run, receipt])
-    if made_from(page, key):
-        return key
+def write_experiment(outcome: Outcome, law: Any, back: str, receipt: str, key: str) -> None:
+    """The page of one experiment. back: address of the campaign's; receipt: its provenance.json."""
     folder = outcome.results
     fits = dict(fits_of(folder).estimates)
     if (folder / Intrusion.file).exists():
@@ -252,29 +213,7 @@ def write_experiment(outcome: Outcome, law: Any, *, back: str) -> str:
             k: made[k] for k in ("citation", "license", "command", "versions", "inputs", "parameters") if k in made
         },
     )
-    write_aside(page, text)
-    return key
-
-
-def digest_of(texts: list[str]) -> str:
-    """Digest of what a page is made from, with the code that makes it."""
-    return hashlib.sha256("\0".join([_code(), *texts]).encode()).hexdigest()[:24]
-
-
-@cache
-def _code() -> str:
-    """Digest of the pages' own files."""
-    here = files(__package__)
-    own = [f for folder in ("", "static", "templates") for f in here.joinpath(folder).iterdir() if f.is_file()]
-    return hashlib.sha256(__version__.encode() + b"".join(f.read_bytes() for f in sorted(own, key=str))).hexdigest()
-
-
-def made_from(page: Path, key: str) -> bool:
-    """Whether the page that is there says so at its head."""
-    if not page.exists():
-        return False
-    with page.open(encoding="utf-8", errors="replace") as f:
-        return KEY.format(key) in f.read(400)
+    write_aside(folder / NAME, text)
 
 
 def richest(outcomes: list[Outcome]) -> Outcome | None:

@@ -17,8 +17,8 @@ from jumpvision.studies.compute import setting
 from jumpvision.studies.motions import grid
 
 from .charts import Axis, AxisLook, Chart, Panel, Series, axis, chart, numbers, panel, series
-from .drawings import drawing
 from .page import static, template
+from .words import drawing
 
 FINEST = 120  # points of an axis in a map of the page
 

@@ -1,9 +1,10 @@
-"""The first screen of a page in words, and pictures and films inside it as data."""
+"""The first screen of a page in words, and pictures, films and drawings inside it as data."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from jumpvision.base.arrays import measured
 from jumpvision.estimate.crater import ZeroCrossing
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 from jumpvision.results.diagnosis import Diagnosis
 from jumpvision.results.findings import Noise
 from jumpvision.results.values import Fits
@@ -174,3 +176,35 @@ def small(picture: Any) -> str:
     height = round(picture.shape[0] * PREVIEW / picture.shape[1])
     made = cv2.resize(picture, (PREVIEW, height), interpolation=cv2.INTER_AREA)
     return inline(cv2.imencode(".webp", made, [cv2.IMWRITE_WEBP_QUALITY, 82])[1].tobytes(), "image/webp")
+
+
+# Drawings: their ink and house colours are the page's own, light or dark as the reader has it.
+INK = "#010203"  # no figure draws in it
+OWN = {
+    INK: "currentColor",
+    "#000000": "currentColor",
+    MEASURED: "var(--measured)",
+    MODEL: "var(--model)",
+    GREEN: "var(--green)",
+    ACCENT: "var(--accent)",
+    QUIET: "var(--soft)",
+}
+RC: dict[Any, Any] = {
+    **dict.fromkeys(("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"), INK),
+    "axes.facecolor": "none",
+    "svg.hashsalt": "jumpvision",
+}
+
+
+def drawing(draw: Callable[..., Any], *data: Any) -> str:
+    """The <svg> of a drawing function's figure in the house style, without a date or a background."""
+    import matplotlib
+
+    out = io.StringIO()
+    with styled() as Figure, matplotlib.rc_context(RC):
+        draw(*data, Figure).savefig(out, format="svg", transparent=True, metadata={"Date": None})
+    text = out.getvalue()
+    text = text[text.index("<svg") :]
+    for fixed, own in OWN.items():
+        text = text.replace(fixed.lower(), own)
+    return text

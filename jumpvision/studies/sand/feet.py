@@ -15,7 +15,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError, param, read
 from jumpvision.base.storage import sha256, write_aside
-from jumpvision.inputs.columns import read_columns
+from jumpvision.inputs.logs import read_columns
 from jumpvision.physics import shapes
 from jumpvision.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push
 from jumpvision.results import plain

@@ -15,7 +15,7 @@ from jumpvision.base.progress import watch
 from .background import LEAST, Background, SceneSum, View, Window
 from .disc import WX, WY, A
 from .measure import Found, window_half
-from .moving import MOST_FRAMES
+from .moving import MOST_FRAMES, AtHand
 from .proof import proved, standing, stands
 from .refine import refined
 from .target.flight import in_flight, is_shadow
@@ -23,7 +23,8 @@ from .target.template import track_template
 from .track import BallSettings, BallTrack, BallTracker, as_track
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
-KEPT = 2**25  # bytes of a short film, kept whole for its last fit
+KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
+SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
@@ -52,6 +53,33 @@ def track_film(
     return follower.finish(frames)
 
 
+class Samples:
+    """Some frames of a film: evenly spread ones, and one of each place that the ball comes to."""
+
+    def __init__(self) -> None:
+        self.even: dict[int, NDArray[Any]] = {}
+        self.places: dict[int, tuple[Found, NDArray[Any]]] = {}
+        self._step = 1
+
+    def see(self, i: int, image: NDArray[Any], found: Found) -> None:
+        """Frame i, where the ball was found."""
+        most = min(SAMPLES, KEPT // max(1, image.nbytes))
+        if i % self._step == 0:
+            self.even[i] = image
+            if len(self.even) > most:
+                self._step *= 2
+                self.even = {k: a for k, a in self.even.items() if k % self._step == 0}
+        if not found.flag and len(self.places) < most:
+            far = (math.hypot(f.x - found.x, f.y - found.y) > found.diameter for f, _ in self.places.values())
+            if all(far):
+                self.places[i] = found, image
+
+    @property
+    def all(self) -> dict[int, NDArray[Any]]:
+        """The frames by number."""
+        return self.even | {i: image for i, (_, image) in self.places.items()}
+
+
 class FilmTracker:
     """`track_film` for a film that is handed over frame by frame (`see`, in order), while it is decoded."""
 
@@ -67,6 +95,7 @@ class FilmTracker:
         self._kept: list[NDArray[Any]] | None = None
         if self._scene is not None and not markers and not settings.streak:
             self._kept = []
+        self._samples = Samples()
         self.shape = (0, 0)
 
     def see(self, image: NDArray[Any]) -> None:
@@ -91,6 +120,7 @@ class FilmTracker:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
         found = together(self._trackers, [View.of(image)] * len(self._trackers), [None] * len(self._trackers))
         self._found.append(found)
+        self._samples.see(i, image, found[0])
         if self._kept is not None:
             self._kept.append(image.copy())
             if image.nbytes * len(self._kept) > KEPT:
@@ -106,6 +136,7 @@ class FilmTracker:
         if self.settings.method == "template":
             return [track_template(frames, s) for s in self._settings]
         self._catch_up()
+        frames = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
             sure = proved(first[0], frames, self.settings)

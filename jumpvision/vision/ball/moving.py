@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import MAD, Float32
 
-from .background import View
+from .background import View, Window
 from .disc import A, B
 from .measure import DiscMeasure, Found, Start
 from .search import find_blobs
@@ -43,6 +43,33 @@ class Frames(Protocol):
 
     def __len__(self) -> int: ...
     def __getitem__(self, i: int, /) -> NDArray[Any]: ...
+
+
+class AtHand:
+    """A film of which some frames are kept, and of most the window about the ball: to decode them again takes long.
+
+    whole: kept frames by number. windows: of each frame, None where none is kept.
+    """
+
+    def __init__(self, frames: Frames, whole: Mapping[int, NDArray[Any]], windows: Sequence[Window | None]):
+        self._frames, self.whole, self._windows = frames, whole, windows
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def __getitem__(self, i: int, /) -> NDArray[Any]:
+        return self.whole[i] if i in self.whole else np.asarray(self._frames[i])
+
+    def view(self, i: int) -> View:
+        """Frame i; read only where no more than the window is looked at."""
+        window = self._windows[i] if i < len(self._windows) and i not in self.whole else None
+        if window is None:
+            return View.of(self[i])
+        return View(self._shape(), whole=lambda: self[i], window=window)
+
+    def _shape(self) -> tuple[int, int]:
+        height, width = next(iter(self.whole.values())).shape
+        return height, width
 
 
 @dataclass(frozen=True)

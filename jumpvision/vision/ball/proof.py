@@ -16,7 +16,7 @@ from jumpvision.base.arrays import Float32
 from .background import Background, View
 from .disc import A, B
 from .measure import DiscMeasure, Found, Start
-from .moving import MOST_FRAMES, Frames, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .moving import MOST_FRAMES, AtHand, Frames, Path, Spot, at, elsewhere, moving_paths, still_scene
 from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
 
 MOVES = 1.0  # diameters: a track that reaches less far stands still
@@ -54,7 +54,7 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
                 return _told(standing(moving, frames, settings), ours, still and bool(good.any()), track)
         if still and good.sum() >= STAYS and len(frames) > STAYS:
             place = float(np.median(track.x[good])), float(np.median(track.y[good]))
-            fit = _ball_at(np.asarray(frames[int(np.flatnonzero(good)[0])]), *place, d, settings.polarity)
+            fit = _ball_at(View.of(np.asarray(frames[int(np.flatnonzero(good)[0])])), *place, d, settings.polarity)
             contrast = abs(float(fit.fit.p[A] - fit.fit.p[B])) if fit is not None and fit.fit else 50.0
             other = elsewhere(frames, scene, *place, d, contrast)
             if other is not None:
@@ -118,6 +118,8 @@ def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTr
     good = np.flatnonzero(track.flag == "")
     if good.size < 2 * STAYS:
         return track
+    kept = frames if isinstance(frames, AtHand) else AtHand(frames, {}, ())
+    at_hand = good[np.isin(good, list(kept.whole))]
     d = float(np.median(track.diameter[good]))
     left, places = good, []
     while left.size:
@@ -128,12 +130,14 @@ def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTr
     flag = track.flag.astype(object)
     for members in sorted(places, key=len, reverse=True)[:PLACES]:
         x, y = float(np.median(track.x[members])), float(np.median(track.y[members]))
-        away = good[np.hypot(track.x[good] - x, track.y[good] - y) > AWAY * d]
+        away, near_by = (g[np.hypot(track.x[g] - x, track.y[g] - y) > AWAY * d] for g in (good, at_hand))
         if not away.size:
             continue
-        here = _ball_at(np.asarray(frames[int(members[len(members) // 2])]), x, y, d, settings.polarity)
+        away = near_by if near_by.size >= ASKED else away
+        nearest = int(members[np.argmin(np.hypot(track.x[members] - x, track.y[members] - y))])
+        here = _ball_at(kept.view(nearest), x, y, d, settings.polarity)
         asked = away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]
-        there = [_ball_at(np.asarray(frames[int(g)]), x, y, d, settings.polarity) for g in asked]
+        there = [_ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked]
         if here is not None and all(t is not None and _alike(here, t) for t in there):
             g = int(asked[0])
             flag[members] = STANDS.format(g, track.x[g], track.y[g])
@@ -163,9 +167,9 @@ def _apart(path: Path, seed: tuple[float, float]) -> float:
     return min(math.hypot(first.x - seed[0], first.y - seed[1]), math.hypot(x - seed[0], y - seed[1]))
 
 
-def _ball_at(image: NDArray[Any], x: float, y: float, d: float, polarity: str) -> Found | None:
+def _ball_at(view: View, x: float, y: float, d: float, polarity: str) -> Found | None:
     """What is fitted there as a ball, None where nothing is."""
-    found = DiscMeasure(d, polarity, False).measure(View.of(image), Start(x, y, d, 0.0, 0.0, True), fresh=True)
+    found = DiscMeasure(d, polarity, False).measure(view, Start(x, y, d, 0.0, 0.0, True), fresh=True)
     return found if not found.flag and math.hypot(found.x - x, found.y - y) < 0.4 * d else None
 
 
