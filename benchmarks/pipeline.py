@@ -20,11 +20,10 @@ VERDICT = re.compile(r"^The simulation (over|under)-predicts")
 
 
 class Waited(NamedTuple):
-    """Wall times [s] to the printed verdict and to the end, and processor time of all processes [s]."""
+    """Wall times [s] to the printed verdict and to the end."""
 
     verdict: float
     whole: float
-    cpu: float
 
 
 def waited(*command: str | Path) -> Waited:
@@ -35,10 +34,9 @@ def waited(*command: str | Path) -> Waited:
     for line in process.stdout:
         if VERDICT.match(line):
             verdict = time.perf_counter() - began
-    _, status, used = os.wait4(process.pid, 0)
-    if status:
+    if process.wait():
         raise SystemExit(f"{' '.join(map(str, command))} failed")
-    return Waited(verdict, time.perf_counter() - began, used.ru_utime + used.ru_stime)
+    return Waited(verdict, time.perf_counter() - began)
 
 
 def fresh(folder: Path) -> tuple[Path, float]:
@@ -67,11 +65,11 @@ def main(runs: int = 3) -> None:
             again.append(waited(*run, Path(folder) / "warm"))
             starts.append(statistics.median(waited(ours, "--help").whole for _ in range(7)))
             print(f"run {k + 1} of {runs}: load {os.getloadavg()[0]:.1f}", file=sys.stderr)
-    print("| loose-sand campaign, 25 experiments with one filmed | verdict [s] | all [s] | processor time [s] |")
-    print("|---|---|---|---|")
+    print("| loose-sand campaign, 25 experiments with one filmed | verdict [s] | all [s] |")
+    print("|---|---|---|")
     for name, of in (("first run in a fresh environment", cold), ("second, compiled", warm), ("nothing new", again)):
         m = median(of)
-        print(f"| {name} | {m.verdict:.1f} | {m.whole:.1f} | {m.cpu:.0f} |")
+        print(f"| {name} | {m.verdict:.1f} | {m.whole:.1f} |")
     print(
         f"\nInstallation {statistics.median(installed):.0f} s, `jumpvision --help` {statistics.median(starts):.2f} s."
     )
