@@ -109,12 +109,16 @@ if hasattr(os, "register_at_fork"):
 # One number of an int64 array that several threads read and write: what was written before is seen after.
 
 
+def _compiled(f: Callable[..., Any]) -> Any:
+    return intrinsic(f)
+
+
 def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     array = context.make_array(signature.args[0])(context, builder, args[0])
     return cgutils.gep_inbounds(builder, array.data, args[1])
 
 
-@intrinsic
+@_compiled
 def read(typing: Any, array: Any, i: Any) -> Any:
     """array[i]."""
 
@@ -124,7 +128,7 @@ def read(typing: Any, array: Any, i: Any) -> Any:
     return types.int64(array, types.intp), code
 
 
-@intrinsic
+@_compiled
 def written(typing: Any, array: Any, i: Any, value: Any) -> Any:
     """array[i] = value."""
 
@@ -135,7 +139,7 @@ def written(typing: Any, array: Any, i: Any, value: Any) -> Any:
     return types.void(array, types.intp, types.int64), code
 
 
-@intrinsic
+@_compiled
 def added(typing: Any, array: Any, i: Any, value: Any) -> Any:
     """array[i] += value; what it was."""
 
@@ -145,7 +149,7 @@ def added(typing: Any, array: Any, i: Any, value: Any) -> Any:
     return types.int64(array, types.intp, types.int64), code
 
 
-@intrinsic
+@_compiled
 def swapped(typing: Any, array: Any, i: Any, before: Any, after: Any) -> Any:
     """Whether array[i] was `before`, and is `after` now."""
 

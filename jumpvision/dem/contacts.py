@@ -9,13 +9,20 @@ threads.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numba as nb
 import numpy as np
 
 from jumpvision.base.threads import added, idle, read, swapped, written
 
-FAST = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz", "arcp"}}
+FAST: Mapping[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "nsz", "arcp"},
+}
 X, Y, VX, VY, UX, UY, SPIN, HALF, STATE = range(9)
 """Rows of a state: place [m]; velocity foreseen for now, and half a step before [m/s]; spin likewise [rad/s]."""
 RADIUS, LIGHT = 0, 1  # rows of the sizes: m, 1/kg

@@ -121,7 +121,7 @@ class Bands:
         self.lists = tuple(self.listed(0) for _ in range(2))
         self.room(4 * n // bands + 16)
 
-    def listed(self, pairs: int) -> tuple[Array, ...]:
+    def listed(self, pairs: int) -> tuple[NDArray[Any], ...]:
         """Empty lists of `contacts.listed`, by band, without springs where nothing rubs."""
         shape = (len(self.edges) - 1, 2, pairs)
         sprung = shape if self.held.size else (*shape[:2], 0)
@@ -139,7 +139,7 @@ class Bands:
         one, other, where, soon, hits = (np.empty(shape, np.uint32) for _ in range(5))
         walls = np.empty((bands, self.n // bands + 1), np.uint32)
         square, wide, found = np.empty(shape), np.empty(shape), np.empty((bands, 5), np.int64)
-        self.close = one, other, where, square, wide, walls, soon, hits, found
+        self.close: tuple[NDArray[Any], ...] = one, other, where, square, wide, walls, soon, hits, found
 
     def march(
         self,

@@ -32,7 +32,6 @@ from .granular import (
     LANDED,
     LEFT,
     N_MOTION,
-    NOW,
     STUCK,
     VF,
     XF,
@@ -49,7 +48,7 @@ from .granular import (
     rod,
     settling,
 )
-from .kernel import kernel
+from .kernel import kernel, number
 from .modes import grip, guards, held_between, limit, rail_force, room, settle
 from .program import NEVER
 from .step import (
@@ -181,7 +180,7 @@ def run(
     if peaks.size > 0:
         peaks[:] = 0.0
         peaks[0] = peaks[3] = p.m_m * p.g
-    mode, slip, h, n_out, n_log = STUCK, 1, np.inf, 0, 0
+    mode, slip, h, n_out, n_log = number(STUCK), number(1), np.inf, 0, 0
     after = 0.0  # s, the step to go on with after one that ends on a kink
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
@@ -227,7 +226,7 @@ def run(
                     if p.kp > 0.0:  # longer, and rounding grows until the error shows it
                         mass = p.m_m * p.m_r / p.M
                         longest = min(longest, STABLE / max(np.sqrt(p.kp / mass), p.kd / mass))
-                    rhs(t, s, mode, slip, p, slopes, NOW[0])
+                    rhs(t, s, mode, slip, p, slopes, number(0))
                     if mode == INTRUDE:
                         h = min(h, first_step(s, slopes[0, VF], p))
                 here = heights(t, s, p)
@@ -368,7 +367,7 @@ def run(
                 known = True
                 dense(t, s, taken, mode, slip, p, slopes, s1, work, q)
             if rod_turns:
-                top = max(top, peak(0, t, s, taken, wide, b, exact, q, work, mode, p))
+                top = max(top, peak(number(0), t, s, taken, wide, b, exact, q, work, mode, p))
             if t >= stop:
                 rod_after = max(rod_after, top)
             else:
@@ -377,7 +376,7 @@ def run(
             if com_turns and exact and mode == AIR:
                 com = max(com, p.arc[Z] + 0.5 * p.arc[U] * p.arc[U] / p.arc[PULL])
             elif com_turns:
-                com = max(com, peak(2, t, s, taken, wide, b, exact, q, work, mode, p))
+                com = max(com, peak(number(2), t, s, taken, wide, b, exact, q, work, mode, p))
             if effort:
                 force = efforts(
                     t,

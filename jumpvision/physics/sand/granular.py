@@ -239,9 +239,6 @@ def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: in
     return rail
 
 
-NOW = np.zeros(1, np.int64)  # NOW[0], the first row of slopes: for a literal 0 `rhs` would be compiled once more
-
-
 @kernel
 def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> float:
     """Writes ds/dt into row i of k; returns F_s [N]."""

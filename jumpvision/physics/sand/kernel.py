@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
@@ -26,6 +27,10 @@ OPTIONS: dict[str, Any] = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
+
+
+number: Any = np.int64
+"""Of a literal: kernels that are handed 0 and 1 as such are compiled once for each."""
 
 
 def kernel(f: Callable[..., Any]) -> Any:

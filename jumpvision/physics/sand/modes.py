@@ -31,7 +31,7 @@ from .granular import (
     static_force,
     yield_force,
 )
-from .kernel import kernel, summed
+from .kernel import kernel, number, summed
 from .program import REST, value
 
 DEEPEST = 1e3  # m
@@ -76,7 +76,7 @@ def rail_force(t: float, s: Array, mode: int, p: Any) -> float:
     x_r, v_r, v_m, _, acceleration = rod(t, s, p)
     force = spring_force(x_r, v_r, s, mode, p)
     if p.kp > 0.0:
-        acceleration = 0.0 if p.memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, 0, p)
+        acceleration = 0.0 if p.memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, number(0), p)
     return p.M * p.g - force - p.m_r * acceleration
 
 
@@ -129,7 +129,7 @@ def settle(t: float, s: Array, p: Any) -> int:
     if p.massless == 1:
         return STUCK
     x_r, v_r, _, _, _ = rod(t, s, p)
-    push = spring_force(x_r, v_r, s, STUCK, p) + p.m_f * p.g
+    push = spring_force(x_r, v_r, s, number(STUCK), p) + p.m_f * p.g
     if push < -p.slack:
         return AIR
     if p.static != HARD and push > yield_force(t, s, p) + p.slack:

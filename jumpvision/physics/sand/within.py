@@ -9,8 +9,8 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .granular import AIR, NOW, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
-from .kernel import kernel
+from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
+from .kernel import kernel, number
 from .modes import guards
 from .step import between, dense, flow
 
@@ -146,7 +146,7 @@ def sample(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, out: Arra
     if out.size == 1:
         out[ROD] = x_r
         return
-    force = rhs(t, s, mode, slip, p, k, NOW[0])
+    force = rhs(t, s, mode, slip, p, k, number(0))
     out[ROD], out[MOTOR], out[ROD_VELOCITY], out[SPRING_FORCE] = x_r, x_r + x, v_r, force
     if p.massless == 1 and mode == AIR:
         out[FOOT], out[FOOT_VELOCITY] = x_r, v_r
