@@ -173,3 +173,20 @@ def test_the_true_added_mass_is_that_of_the_time_it_was_measured_at():
         field = xr.Dataset(values, coords={"t": np.array(pairs["time_s"]) + 1e-4})
         assert true_added_mass(pairs, Flow(field)) == true
     assert true_added_mass(pairs, Flow(field.assign(added_mass=field.added_mass * np.nan))) is None
+
+
+def test_a_table_in_a_file_is_laid_out_as_in_a_terminal(capsys, monkeypatch):
+    """By a few lines of ours, as rich takes 0.3 ms a row; it draws what is folded, or has letters of other widths."""
+    rows = [
+        {"experiment": f"jump-{i}", "height [mm]": f"{0.1 * i:.2f} ± 0.01", "n": i, "problem": None} for i in range(9)
+    ]
+    ascii_only = [r | {"height [mm]": f"{r['n']}.5"} for r in rows]
+    drawn = []
+    for table in (ascii_only, rows, [r | {"problem": "far " * 60} for r in ascii_only]):
+        for plain in (show._plain, lambda *_: None):
+            with monkeypatch.context() as patch:
+                patch.setattr(show, "_plain", plain)
+                show.table(table)
+            drawn.append(capsys.readouterr().out)
+    assert drawn[::2] == drawn[1::2]
+    assert show._plain(["a"], [["±"]], set()) is None and show._plain(["a"], [["1"]], {"a"}) == "a\n1"

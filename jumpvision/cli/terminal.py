@@ -86,24 +86,46 @@ def result(data: Any, rows: Sequence[Mapping[str, object]], *, as_json: bool) ->
         table(rows)
 
 
+WIDE = 200  # columns of a page that is no terminal
+
+
 def table(rows: Sequence[Mapping[str, object]], title: str | None = None) -> None:
     """Rows with the same keys as a table that fits a terminal and a log file."""
+    numeric = {k for k in rows[0] if all(_is_number(r[k]) for r in rows if r[k] not in (None, ""))}
+    cells = [["" if v is None else harmless(str(v)) for v in row.values()] for row in rows]
+    if title is None and not sys.stdout.isatty() and (text := _plain(list(rows[0]), cells, numeric)):
+        print(text)
+        return
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    numeric = {k for k in rows[0] if all(_is_number(r[k]) for r in rows if r[k] not in (None, ""))}
     out = Table(title=title, title_justify="left", header_style="bold", box=None, pad_edge=False)
     for key in rows[0]:
         out.add_column(
             Text(key), justify="right" if key in numeric else "left", no_wrap=key in numeric, overflow="fold"
         )
-    for row in rows:
-        out.add_row(*(Text("" if v is None else harmless(str(v))) for v in row.values()))
+    for row in cells:
+        out.add_row(*map(Text, row))
     console = Console()
     if not console.is_terminal:
-        console = Console(width=200)
+        console = Console(width=WIDE)
     console.print(out)
+
+
+def _plain(keys: list[str], cells: list[list[str]], numeric: set[str]) -> str | None:
+    """The same without rich, which takes 0.3 ms and 5 kB a row; None where cells must be folded or measured."""
+    lines = [keys, *cells]
+    if not all(c.isascii() and c.isprintable() for line in lines for c in line):
+        return None
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    if sum(widths) + 2 * (len(widths) - 1) > WIDE:
+        return None
+    right = [k in numeric for k in keys]
+    return "\n".join(
+        "  ".join(c.rjust(w) if r else c.ljust(w) for c, w, r in zip(line, widths, right, strict=True))
+        for line in lines
+    )
 
 
 def _is_number(value: Any) -> bool:
