@@ -71,9 +71,8 @@ def main() -> None:
         return found
 
     motion.Bands.march = timed  # type: ignore[assignment,method-assign]
-    print(
-        "| discs | contacts | cores | ours, steps/s | disc-steps/s | LAMMPS, steps/s | ratio |\n|---|---|---|---|---|---|---|"
-    )
+    print("| discs | contacts | cores | ours, steps/s | disc-steps/s | LAMMPS, steps/s | ratio |")
+    print("|---|---|---|---|---|---|---|")
     for d, walls, steps in ((bed, box, 500), (*tiled(bed, box, 5, 4), 50)):
         n = len(d.x)
         hot = replace(d, vx=rng.normal(0.0, 0.2, n), vy=rng.normal(0.0, 0.2, n))
