@@ -112,6 +112,27 @@ def test_slope_and_energy_are_those_of_the_law(m):
         np.testing.assert_allclose(of("law", 0.0), -(of("energy", h) - of("energy", -h)) / (2 * h), rtol=1e-6)
 
 
+@pytest.mark.parametrize("m", [m for m in MECHANISMS.values() if "z" in m.symbols], ids=lambda m: m.name)
+def test_a_law_is_smooth_in_depth_on_each_side_of_its_bend_and_has_a_kink_there(m):
+    """A solver's step that ends on the bend is of a smooth motion: on each side a polynomial of degree 15 is the law to
+    1e-9 (a kink in the middle of a range of length L, of slope or curvature, leaves 1e-2 or 1e-3 of it), and that of
+    one side is not the law of the other."""
+    known = {"R": 0.0381, "theta": 1.05, "delta": 0.009, "lam": 0.05, "z_g": 1e-3, "k2": 2.0, "sigma_cone": 1e5}
+    values = {s: known.get(s, 1.0) for s in {*m.symbols, *(symbols(m.bend) if m.bend else ())}}
+    bend = m.bend(np, **{s: values[s] for s in symbols(m.bend)}) if m.bend else 0.1
+
+    def law(z):
+        return m.law(np, **{s: z if s == "z" else values[s] for s in m.symbols})
+
+    below, above = np.linspace(0.0, bend, 200), np.linspace(bend, 2.0 * bend, 200)
+    scale = np.max(np.abs(law(np.concatenate([below, above]))))
+    sides = [np.polynomial.Polynomial.fit(z, law(z), 15) for z in (below, above)]
+    for z, side in zip((below, above), sides):
+        np.testing.assert_allclose(side(z), law(z), atol=1e-9 * scale)
+    if m.bend:
+        assert np.max(np.abs(sides[0](above) - law(above))) > 1e-3 * scale
+
+
 def test_cone_is_the_integral_of_its_faces():
     """m_a and the RFT volumes against numerical quadrature of (23)-(25), below and beyond the complete cone."""
     mu, theta, R = 2.2, 1.05, 0.038

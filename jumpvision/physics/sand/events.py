@@ -112,7 +112,7 @@ def share_to_bend(s: Array, s1: Array, h: float, p: Any) -> float:
     if at == np.inf:
         return 1.0
     lo, hi, rise, a, b = 0.0, 1.0, z1 - z, -h * s[VF], -h * s1[VF]
-    for _ in range(60):
+    for _ in range(30):
         share = 0.5 * (lo + hi)
         if z + share * (a + share * (3.0 * rise - 2.0 * a - b + share * (a + b - 2.0 * rise))) < at:
             lo = share

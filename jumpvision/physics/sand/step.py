@@ -15,7 +15,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import sincos
 
 from .granular import AIR, INTRUDE, N_ARC, SINE, VF, XF, W, Y, dry_frictions, is_still, rhs, settling
-from .kernel import kernel
+from .kernel import inlined, kernel
 
 ORDER = 8
 N_SLOPES, END = 16, 12  # END: the slope at the end of a step; behind it what the dense output needs
@@ -182,7 +182,7 @@ def longest_step(mode: int, slip: int, p: Any) -> float:
     return 2.0 * math.pi / math.sqrt(stiff) / STEPS_PER_PERIOD
 
 
-@kernel
+@inlined
 def particular(t: float, p: Any) -> tuple[float, float]:
     """The solution q(t), q'(t) that moves as the motor does."""
     left, fall = 0.0, 0.0
