@@ -1,51 +1,79 @@
-"""Whole commands on the samples: a cold run, a second run, start-up; seconds of this machine and their ratios."""
+"""The README's commands in a fresh environment: how long a newcomer waits, cold and again; start-up, a run of nothing.
+
+`python -m benchmarks.pipeline [RUNS]`: medians of RUNS (default 3); needs a package index, and some minutes.
+"""
 
 from __future__ import annotations
 
+import os
+import re
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
-COMMAND = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.exit(main())"]
+VERDICT = re.compile(r"^The simulation (over|under)-predicts")
 
 
-def seconds(*arguments: str, repeat: int = 1) -> float:
-    """Median wall time of a command [s]."""
-    times = []
-    for _ in range(repeat):
-        began = time.perf_counter()
-        subprocess.run([*COMMAND, *arguments], check=True, capture_output=True, cwd=ROOT)
-        times.append(time.perf_counter() - began)
-    return sorted(times)[repeat // 2]
+class Waited(NamedTuple):
+    """Wall times [s] to the printed verdict and to the end."""
+
+    verdict: float
+    whole: float
 
 
-def main() -> None:
+def waited(*command: str | Path) -> Waited:
+    """A command from start to end."""
+    began, verdict = time.perf_counter(), float("nan")
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert process.stdout is not None
+    for line in process.stdout:
+        if VERDICT.match(line):
+            verdict = time.perf_counter() - began
+    if process.wait():
+        raise SystemExit(f"{' '.join(map(str, command))} failed")
+    return Waited(verdict, time.perf_counter() - began)
+
+
+def fresh(folder: Path) -> tuple[Path, float]:
+    """(the `jumpvision` of an environment installed by the README's command, seconds that took)."""
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-m", "venv", folder], check=True)
+    pip = [folder / "bin" / "pip", "install", "-q", "--no-compile", "."]
+    subprocess.run(pip, check=True, cwd=ROOT, stderr=subprocess.DEVNULL)
+    return folder / "bin" / "jumpvision", time.perf_counter() - began
+
+
+def median(runs: list[Waited]) -> Waited:
+    return Waited(*map(statistics.median, zip(*runs)))
+
+
+def main(runs: int = 3) -> None:
     """Print a markdown table."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = ["--results", str(Path(folder) / "sand")]
-        campaign = ["run", "data_samples/loose_sand", *out]
-        rows = [
-            ("`jumpvision --help`", seconds("--help", repeat=7)),
-            ("Python alone (`python -c pass`)", _bare()),
-            ("loose-sand campaign, 25 experiments with one filmed, two workers", seconds(*campaign)),
-            ("the same again: nothing recomputed", seconds(*campaign, repeat=3)),
-        ]
-    print("| command | wall time [s] |\n|---|---|")
-    for name, value in rows:
-        print(f"| {name} | {value:.2f} |")
-
-
-def _bare() -> float:
-    times = []
-    for _ in range(7):
-        began = time.perf_counter()
-        subprocess.run([sys.executable, "-c", "pass"], check=True)
-        times.append(time.perf_counter() - began)
-    return sorted(times)[3]
+    cold, warm, again, installed, starts = [], [], [], [], []
+    for k in range(runs):
+        with tempfile.TemporaryDirectory() as folder:
+            ours, seconds = fresh(Path(folder) / "env")
+            installed.append(seconds)
+            run = [ours, "run", "data_samples/loose_sand", "--results"]
+            cold.append(waited(*run, Path(folder) / "cold"))
+            warm.append(waited(*run, Path(folder) / "warm"))
+            again.append(waited(*run, Path(folder) / "warm"))
+            starts.append(statistics.median(waited(ours, "--help").whole for _ in range(7)))
+            print(f"run {k + 1} of {runs}: load {os.getloadavg()[0]:.1f}", file=sys.stderr)
+    print("| loose-sand campaign, 25 experiments with one filmed | verdict [s] | all [s] |")
+    print("|---|---|---|")
+    for name, of in (("first run in a fresh environment", cold), ("second, compiled", warm), ("nothing new", again)):
+        m = median(of)
+        print(f"| {name} | {m.verdict:.1f} | {m.whole:.1f} |")
+    print(
+        f"\nInstallation {statistics.median(installed):.0f} s, `jumpvision --help` {statistics.median(starts):.2f} s."
+    )
 
 
 if __name__ == "__main__":
-    main()
+    main(*map(int, sys.argv[1:]))

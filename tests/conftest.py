@@ -2,14 +2,40 @@
 
 from __future__ import annotations
 
+import gc
+import importlib
 import os
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
+for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):  # before numpy is imported, as the command line does:
+    os.environ.setdefault(_threads, "1")  # matrices here are small, and threads of two workers wait for one another
+
 ROOT = Path(__file__).parents[1]
 SAMPLES = ROOT / "data_samples"
+
+
+def pytest_collection_finish():
+    """What 3,000 tests import stays, and need not be looked through for garbage time and again."""
+    gc.freeze()
+
+
+def later(*cases: object) -> list:
+    """Cases of a parameter that are left to the second run, `-m long`; the first has others of the same test."""
+    return [pytest.param(*(c if isinstance(c, tuple) else (c,)), marks=pytest.mark.long) for c in cases]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def a_core_each():
+    """The workers of pytest share the cores; a command of a test that is not told how many processes starts none."""
+    if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")) > 1:
+        importlib.import_module("jumpvision.cli")
+        for name, module in list(sys.modules.items()):
+            if name.startswith("jumpvision.cli.") and hasattr(module, "cores"):
+                module.cores = lambda: 1
 
 
 @pytest.fixture(scope="session")

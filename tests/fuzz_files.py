@@ -5,11 +5,14 @@ Run as a program it is the worker: `fuzz_files.py FOLDER KIND FIRST LAST`. A cas
 
 from __future__ import annotations
 
+import functools
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import traceback
 import warnings
 import zlib
 from collections.abc import Callable
@@ -157,14 +160,9 @@ def worker(folder: Path, name: str, first: int, last: int) -> None:
     """Cases first to last - 1 of one kind; the case under way stands in the file `now`, findings on stdout."""
     import resource
 
-    import numba
-
-    import jumpvision.frames.tiff
-    import jumpvision.frames.video
     from jumpvision.base.schema import InputError
     from jumpvision.frames import FrameError
 
-    assert numba is not None and jumpvision is not None
     warnings.simplefilter("ignore")
     warnings.filterwarnings("error", category=RuntimeWarning, module="jumpvision")
     good = (folder / name).read_bytes()
@@ -197,6 +195,53 @@ def worker(folder: Path, name: str, first: int, last: int) -> None:
     print(f"refused {refused}", flush=True)
 
 
+class Mother:
+    """A process that has imported what workers need and has no threads: each worker is a fork of it."""
+
+    def __init__(self) -> None:
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self.process = subprocess.Popen([sys.executable, __file__], **pipes)
+
+    def worker(self, folder: Path, name: str, first: int, last: int) -> subprocess.CompletedProcess[str]:
+        """A worker to its end."""
+        print(json.dumps([str(folder), name, first, last]), file=self.process.stdin, flush=True)
+        code = int(self.process.stdout.readline())
+        said = ((folder / f).read_text(errors="replace") for f in ("stdout", "stderr"))
+        return subprocess.CompletedProcess([], code, *said)
+
+
+@functools.cache
+def mother() -> Mother:
+    """One for all kinds; it ends with this process, which holds the other end of its stdin."""
+    return Mother()
+
+
+def bear() -> None:
+    """What it does: takes calls from stdin, says how each ended."""
+    import numba
+
+    import jumpvision.frames.tiff
+    import jumpvision.frames.video
+
+    assert numba is not None and jumpvision is not None
+    for line in sys.stdin:
+        folder, *case = json.loads(line)
+        child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                for fd, file in ((1, "stdout"), (2, "stderr")):
+                    os.dup2(os.open(Path(folder) / file, os.O_CREAT | os.O_WRONLY | os.O_TRUNC), fd)
+                worker(Path(folder), *case)
+                code = 0
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                sys.stdout.flush()
+                os._exit(code)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+
 def fuzz(folder: Path, name: str, first: int, last: int) -> tuple[int, list[str]]:
     """(files refused, findings) of cases first to last - 1; a process that died is a finding and is started anew.
 
@@ -204,8 +249,7 @@ def fuzz(folder: Path, name: str, first: int, last: int) -> tuple[int, list[str]
     """
     refused, findings = 0, []
     while first < last and len(findings) < 20:
-        call = [sys.executable, __file__, str(folder), name, str(first), str(last)]
-        done = subprocess.run(call, capture_output=True, text=True, errors="replace")
+        done = mother().worker(folder, name, first, last)
         lines = done.stdout.splitlines()
         findings += [t for t in lines if t.startswith("finding ")]
         refused += sum(int(t.split()[1]) for t in lines if t.startswith("refused "))
@@ -219,4 +263,4 @@ def fuzz(folder: Path, name: str, first: int, last: int) -> tuple[int, list[str]
 
 
 if __name__ == "__main__":
-    worker(Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
+    bear()

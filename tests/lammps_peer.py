@@ -7,8 +7,12 @@ loader does not look, so it is loaded here first.
 from __future__ import annotations
 
 import ctypes
+import json
 import os
+import subprocess
 import sys
+import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -47,9 +51,10 @@ def start(discs, law, box, *, dt, skin):
     places = np.stack([discs.x, discs.y, np.zeros(n)], axis=1).ravel()
     speeds = np.stack([discs.vx, discs.vy, np.zeros(n)], axis=1).ravel()
     lmp.create_atoms(n, np.arange(1, n + 1), np.ones(n, int), places, v=speeds)
-    order = np.array(lmp.numpy.extract_atom("id"))[:n] - 1
-    lmp.numpy.extract_atom("radius")[:n] = discs.radius[order]
-    lmp.numpy.extract_atom("rmass")[:n] = discs.mass[order]
+    here = lmp.extract_global("nlocal")  # of n, where several processes share them
+    order = np.array(lmp.numpy.extract_atom("id"))[:here] - 1
+    lmp.numpy.extract_atom("radius")[:here] = discs.radius[order]
+    lmp.numpy.extract_atom("rmass")[:here] = discs.mass[order]
     law_of = f"{law.stiffness} 0.0 {law.damping} 0.0 0.0 0"
     style = "hooke"
     if law.friction:
@@ -79,3 +84,39 @@ def by_id(lmp, name, n):
     out = np.empty((n, 3))
     out[order] = np.array(lmp.numpy.extract_atom(name))[:n]
     return out
+
+
+def shared(discs, law, box, *, dt, skin, steps, slices, processes):
+    """Wall seconds of each of the slices of `steps` steps (slices,), shared between MPI processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        names = ("x", "y", "vx", "vy", "radius", "mass")
+        np.savez(f"{folder}/discs.npz", **{name: getattr(discs, name) for name in names})
+        rest = {"law": vars(law), "box": vars(box), "dt": dt, "skin": skin, "steps": steps, "slices": slices}
+        Path(folder, "rest.json").write_text(json.dumps(rest), encoding="utf-8")
+        launcher = Path(sys.executable).parent / "mpiexec"
+        command = [launcher, "-n", str(processes), sys.executable, __file__, folder]
+        paths = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+        subprocess.run(command, check=True, capture_output=True, env=paths)
+        return np.max([np.loadtxt(file) for file in Path(folder).glob("*.txt")], axis=0)
+
+
+def main():
+    """One process of `shared`: writes its seconds."""
+    from types import SimpleNamespace
+
+    folder = Path(sys.argv[1])
+    rest = json.loads((folder / "rest.json").read_text(encoding="utf-8"))
+    discs = SimpleNamespace(**np.load(folder / "discs.npz"))
+    law, box = SimpleNamespace(**rest["law"]), SimpleNamespace(**rest["box"])
+    lmp = start(discs, law, box, dt=rest["dt"], skin=rest["skin"])
+    lmp.command("run 0 post no")
+    times = [time.perf_counter()]
+    for _ in range(rest["slices"]):
+        lmp.command(f"run {rest['steps']} pre no post no")
+        times.append(time.perf_counter())
+    np.savetxt(folder / f"{os.getpid()}.txt", np.diff(times))
+    lmp.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -19,6 +19,7 @@ from scipy.integrate import solve_ivp
 import jumpvision as jv
 from benchmarks import any_simulator, servo_axis
 from jumpvision.base.schema import InputError
+from jumpvision.cli import main
 from jumpvision.diagnosis.study.runs import SimulatorError
 from jumpvision.diagnosis.study.walk import as_walk
 from jumpvision.results.diagnosis import Diagnosis
@@ -370,6 +371,7 @@ def test_wrong_calls_say_what_is_allowed():
         jv.diagnose([short], study())
 
 
+@pytest.mark.long
 def test_discs_under_a_foot_are_questioned():
     """Truth: Runge-Kutta of the benchmark; the study's simulator is jumpvision.dem's velocity Verlet."""
     asked, whole = any_simulator.trembles({"tilt": 0.5}, np.random.default_rng(1))[:2], any_simulator.discs()
@@ -470,10 +472,11 @@ def test_the_command_asks_a_simulator_that_is_named(campaign):
         ("rods/inside.py:study", "from which nothing is imported"),
     ],
 )
-def test_a_wrong_simulator_is_told(campaign, simulator, said):
+def test_a_wrong_simulator_is_told(campaign, simulator, said, monkeypatch, capsys):
     (campaign / "inside.py").write_text(textwrap.dedent(SIMULATOR))
-    done = command("diagnose", str(campaign), "--simulator", simulator, cwd=campaign.parent)
-    assert done.returncode == 2 and said in done.stderr
+    monkeypatch.chdir(campaign.parent)
+    assert main(["diagnose", str(campaign), "--simulator", simulator, "--workers", "1"]) == 2
+    assert said in capsys.readouterr().err
 
 
 def test_what_a_simulator_does_wrong_does_not_end_the_command(campaign):

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import tifffile
+from conftest import later
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from jumpvision.cli import main
@@ -43,7 +44,7 @@ def line_trial(seed, *, uneven, known):
     return c.volume - volume, c.sigma, c.noise_sigma
 
 
-@pytest.mark.parametrize(("uneven", "known"), [(0.0, False), (0.0, True), (0.1, True)])
+@pytest.mark.parametrize(("uneven", "known"), [(0.0, False), (0.1, True), *later((0.0, True))])
 def test_the_volume_by_a_line_and_its_sigma(uneven, known):
     error, sigma, noise = np.array([line_trial(s, uneven=uneven, known=known) for s in range(150)]).T
     # bias: a twentieth of the volume's 8.8e-7 m^3, what the rim's unseen tail may hold
@@ -55,7 +56,7 @@ def test_the_volume_by_a_line_and_its_sigma(uneven, known):
         assert abs(np.mean(np.abs(error) < noise) - 0.683) < 0.114
 
 
-@pytest.mark.parametrize(("grain", "known"), [(1.5, True), (1.5, False), (0.5, False)])
+@pytest.mark.parametrize(("grain", "known"), [(1.5, False), *later((1.5, True), (0.5, False))])
 def test_the_volume_by_a_map_and_its_sigma(grain, known):
     z = []
     for seed in range(50):
@@ -83,7 +84,7 @@ def test_a_plane_holds_no_crater_and_a_cut_crater_is_refused():
     assert line_crater(x, cut + 1e-5 * rng.normal(size=300), np.full(300, 1e-5)).reason != ""
 
 
-@pytest.mark.parametrize(("n", "understated"), [(12, 1.0), (25, 1.0), (25, 2.0)])
+@pytest.mark.parametrize(("n", "understated"), [(25, 2.0), *later((12, 1.0), (25, 1.0))])
 def test_the_critical_packing_is_covered(n, understated):
     """V = 3e-5 m^3 (phi - 0.605) with errors in both; where errors are understated the scatter widens sigma."""
     inside, inside95 = [], []

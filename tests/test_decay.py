@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import later
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
@@ -127,7 +128,7 @@ def test_a_mixture_is_not_called_a_single_law():
     assert abs(d.share["coulomb"].value - 0.5) < 3 * d.share["coulomb"].sigma
 
 
-@pytest.mark.parametrize("colour", ["white", "coloured"])
+@pytest.mark.parametrize("colour", ["coloured", *later("white")])
 def test_repeats_differ_by_what_their_sigmas_say(colour):
     """Two repeats of a viscous + Coulomb decay, 40 pairs, in white noise and in noise correlated over 2.5 samples
     (which was taken for white in part: repeats differed by two to three sigmas). The square of the differences over
@@ -183,6 +184,7 @@ def test_a_misfit_is_said_first_and_widens():
     assert 0.02 < fits["decay_quadratic_p_value"].value < 1 or fits["decay_viscous_chance"].value > 0.5
 
 
+@pytest.mark.long
 def test_a_million_samples_take_a_gigabyte_and_ten_seconds():
     """Of processor time, in a process of its own: ring-down and decay law as `jv.ringdown` gives them."""
     if not Path("/proc/self/status").exists():

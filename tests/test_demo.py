@@ -132,7 +132,8 @@ def test_an_export_goes_to_an_empty_folder_only(tmp_path):
 
 
 def test_the_command_prints_the_address_serves_and_stops_on_interrupt():
-    code = "import sys; from jumpvision.cli import main; sys.exit(main(['demo', '--port', '0', '--no-browser']))"
+    code = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"  # a shell's job ignores it
+    code += "from jumpvision.cli import main; sys.exit(main(['demo', '--port', '0', '--no-browser']))"
     with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as p:
         try:
             address = p.stdout.readline().strip()

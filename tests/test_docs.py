@@ -98,20 +98,27 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
-def test_the_tutorial_from_end_to_end(tmp_path):
+def test_the_tutorial_from_end_to_end(tmp_path, monkeypatch, capsys):
+    """Every line by bash; but for the first, commands of this program in this process, which has what they import."""
     page = (DOCS / "tutorial.md").read_text(encoding="utf-8")
     shutil.copytree(SAMPLES / "hard_ground", tmp_path / "data_samples" / "hard_ground")
-    said = ""
+    monkeypatch.chdir(tmp_path)
+    typed = 0
     for mark, kind, code, *_ in BLOCK.findall(page):
         if mark.startswith("append to "):
             with (tmp_path / mark.removeprefix("append to ")).open("a", encoding="utf-8") as f:
                 f.write("\n" + code)
         elif mark == "run":
             assert kind == "bash"
-            command = ["bash", "-e", "-c", code]
-            done = subprocess.run(command, cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True)
-            assert done.returncode == 0, code + done.stderr
-            said += done.stdout
+            for line in code.splitlines():
+                if line.startswith("jumpvision ") and typed:
+                    assert main(shlex.split(line)[1:]) == 0, line + capsys.readouterr().err
+                    continue
+                typed += line.startswith("jumpvision ")
+                command = ["bash", "-e", "-c", line]
+                done = subprocess.run(command, cwd=tmp_path, env=environment(tmp_path), capture_output=True, text=True)
+                assert done.returncode == 0, line + done.stderr
+    said = capsys.readouterr().out
     assert re.search(r"stutter-8.2Hz-1 +33\.\d\d ± 0\.33 +33\.1", said)  # as the page prints it
     truth = json.loads((SAMPLES / "hard_ground" / "truth.json").read_text())["summary"]["jump_height_m"]
     found = json.loads((tmp_path / "results" / "my_jumps" / "stutter-8.2Hz-1" / "summary.json").read_text())
@@ -358,9 +365,10 @@ def test_every_figure_of_the_thesis_stands_with_a_command_that_is_known():
     rows = re.findall(r"^\| (\d+) \| ([^|]+) \|", page, re.M)
     assert [int(n) for n, _ in rows] == list(range(18, 70))
     analyses = {name for ground in ("hard", "granular") for name in studies(ground)}
+    known = known_commands()
     for command in re.findall(r"`jumpvision ([^`]+)`", page):
         words = shlex.split(command)
-        assert words[0] in known_commands(), command
+        assert words[0] in known, command
         if "--analysis" in words:
             assert words[words.index("--analysis") + 1] in analyses, command
         if words[1:] and words[1].startswith("data_samples"):

@@ -392,6 +392,7 @@ def test_a_test_of_another_kind_waits_and_is_taken_in(lent, kind, rows, section)
         handover.prepare_test(like, kind, "next-02")
 
 
+@pytest.mark.long
 def test_a_jump_on_another_bed_of_the_campaign_is_prepared_recorded_and_taken_in(tmp_path, monkeypatch):
     """What an earlier call wrote down and did not make: a jump as on the denser bed, and one as on the first."""
     motions = {"single": (9.0, 12.0), "stutter": (6.5, 8.5)}

@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 import pytest
 import tifffile
+from conftest import later
 from fault_lab import leftovers, results_of, run_here, write_campaign
 from test_frames_raw import STAMPS_S, STAMPS_US, write_cine, write_mraw, write_seq
 
@@ -96,7 +97,7 @@ def until(what, seconds: float):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="finds processes in /proc")
-@pytest.mark.parametrize("victim", ["a worker", "the run"])
+@pytest.mark.parametrize("victim", ["the run", *later("a worker")])
 def test_a_killed_process_costs_nothing_but_time(tmp_path, victim):
     """Of two workers one is killed: all experiments are done all the same. The run is killed: no worker stays."""
     campaign, results = write_campaign(tmp_path / "campaign", 4), tmp_path / "results"

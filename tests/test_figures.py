@@ -72,6 +72,7 @@ def test_no_letter_is_drawn_that_print_fonts_lack():
     assert [f.name for f in drawing if re.search("[\u2080-\u209c]", f.read_text(encoding="utf-8"))] == []
 
 
+@pytest.mark.long
 def test_every_figure_is_as_wide_as_a_column_or_a_page(drawn):
     figures, folder = drawn
     assert sorted(f.stem for f in folder.iterdir()) == sorted(figures) and len(figures) == 8

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from test_frames import check_film, film_of
 
-from jumpvision.frames import FrameError, open_frames
+from jumpvision.frames import FrameError, open_frames, scan
 from jumpvision.frames.base import luma
 from jumpvision.frames.scan import spoiled
 
@@ -75,6 +75,25 @@ def test_grey_films_keep_every_bit(tmp_path, suffix, pixels, bits):
     with open_frames(path, start=0.5) as film:
         check_film(film, truth, 0.5 + even(20, 200))
         assert film.time_source == "file" and film.warnings == () and film.meta["bit_depth"] == bits
+
+
+def test_a_film_is_looked_through_once_until_it_changes(tmp_path, monkeypatch):
+    rng = np.random.default_rng(3)
+    truth = rng.integers(0, 256, (9, 34, 50)).astype(np.uint8)
+    path, passes = write_film(tmp_path / "film.mkv", truth[:5], "ffv1", "gray"), []
+    whole = scan._scanned
+    monkeypatch.setattr(scan, "_scanned", lambda *a: (passes.append(1), whole(*a))[1])
+    for _ in range(3):
+        with open_frames(path) as film:
+            check_film(film, truth[:5], even(5, 200))
+    assert len(passes) == 1
+    write_film(path, truth, "ffv1", "gray")
+    seen = []
+    with open_frames(path, seen=seen.append) as film:  # whoever wants the frames of the pass gets them
+        check_film(film, truth, even(9, 200))
+    with open_frames(path, seen=seen.append) as film:
+        check_film(film, truth, even(9, 200))
+    assert len(passes) == 3 and len(seen) == 18
 
 
 def test_raw_grey(tmp_path):

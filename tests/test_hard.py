@@ -13,8 +13,8 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 from scipy.interpolate import CubicSpline
 
-from jumpvision.physics.forcing import Segments, Spline, delayed, sinusoid
-from jumpvision.physics.hard.arc import GAMMA, JERK, KIND, W2, evaluate, make_arc, sincos
+from jumpvision.physics.forcing import Segments, Spline, delayed, sincos, sinusoid
+from jumpvision.physics.hard.arc import GAMMA, JERK, KIND, W2, evaluate, make_arc
 from jumpvision.physics.hard.flow import safe_step
 from jumpvision.physics.hard.jump import hard_jump, hard_map, hard_sweep
 

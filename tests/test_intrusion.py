@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import later
 
 from jumpvision.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws
 from jumpvision.cli import main
@@ -93,6 +94,7 @@ def test_stop_and_go_knows_its_pauses_and_their_effect():
     near(r.fits["s_p_per_decade"], 60.0)
 
 
+@pytest.mark.long
 def test_steps_of_a_millimetre_do_not_bias_the_overshoots():
     """Six logs: mean error 0 +- 0.41 sigma. A step holds 0.37 mm of samples: s is known to 10 %, lam to 15."""
     moves = [m for z in np.arange(0.006, 0.055, 0.001) for m in (("to", z), ("pause", 0.2))] + DOWN
@@ -136,7 +138,7 @@ def test_the_cone_is_fitted_to_the_log_itself(radius):
         assert fits["k1"].value < 0.93 * k1 and fits["k1_cone"].sigma < 0.02 * k1
 
 
-@pytest.mark.parametrize("cone", [True, False])
+@pytest.mark.parametrize("cone", [True, *later(False)])
 def test_laws_of_a_bed_take_k1_of_what_tells_the_intrusions(cone):
     """Five beds, the foot of 76 mm: k1 of the cone's own fit where the cone grows, of two slopes where it bends."""
     radius, rows, true = 0.0381, [], []

@@ -370,7 +370,7 @@ def test_a_grain_moves_by_the_integral_of_the_flow(flow):
     """Against solve_ivp in the foot's depth. Where a grain meets the cone the speed has a kink or a step of < 0.3,
     which costs the midpoint rule one step of 50 um x 0.3."""
     rng = np.random.default_rng(5)
-    r, y = rng.uniform(-0.055, 0.055, 60), rng.uniform(-0.08, -0.008, 60)
+    r, y = rng.uniform(-0.055, 0.055, 24), rng.uniform(-0.08, -0.008, 24)
     y = np.where(np.abs(r) < 0.0381, np.minimum(y, -0.0062), y)
     start, z0, z1 = y.copy(), 0.0062, 0.0185
     flow.advect(r, y, z0, z1)
@@ -463,9 +463,8 @@ def digest(folder: Path) -> dict[str, str]:
 
 
 def test_hard_ground_sample_is_valid_and_repeatable(tmp_path):
-    for name in "ab":
-        samples.hard_ground(tmp_path / name)
-    assert digest(tmp_path / "a") == digest(tmp_path / "b")
+    """As it was drawn when it was shipped."""
+    samples.hard_ground(tmp_path / "a")
     assert open_experiment(tmp_path / "a").ground == "hard"
     same_as_shipped(tmp_path / "a", SHIPPED / "hard_ground")
 
@@ -480,6 +479,7 @@ def same_as_shipped(made: Path, shipped: Path) -> None:
                 np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.long
 def test_the_filmed_jump_is_the_shipped_one(tmp_path):
     """Number 23 of the campaign: films of the ball and the grains, the bed's picture and the logs."""
     law, rng = Law(7.0, 0.01875, samples.PHASE["stutter"], samples.START), np.random.default_rng([samples.SEED, 23])

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import later
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.diagnosis.detect import Span, detect, directions
@@ -105,7 +106,9 @@ def test_the_wanders_shapes_have_its_covariance():
 
 
 @pytest.mark.parametrize("ground", ["hard", "granular"])
-@pytest.mark.parametrize("world", [{}, {"rho": 0.7}, {"family": "outliers"}, {"drift": 5e-5}, {"step": 1e-4}], ids=str)
+@pytest.mark.parametrize(
+    "world", [{}, {"rho": 0.7}, *later({"family": "outliers"}, {"drift": 5e-5}, {"step": 1e-4})], ids=str
+)
 def test_four_single_jumps_show_their_noise(ground, world):
     """Learned s of some 400 samples at rest and in flight: 4 % (white), 9 % (correlated 0.7), three of them allowed."""
     learned = learned_of(few(ground, **world))
@@ -316,3 +319,35 @@ def test_axes_of_scatter_and_wander_are_those_of_both_together():
     both = np.hstack([scatter, slow])
     assert q.T @ q == pytest.approx(np.eye(size.size), abs=1e-12)
     assert (q * size**2) @ q.T == pytest.approx(both @ both.T, abs=1e-10)
+
+
+# -- what is simulated once ----------------------------------------------------------------------------------------
+
+
+def test_beds_that_no_law_tells_apart_are_simulated_once_and_others_are_not(monkeypatch):
+    jumps, fit, priors = few("granular", trials=2)
+    loose = [replace(j.model, volume_fraction=0.58 + 1e-3 * i) for i, j in enumerate(jumps)]
+    system = Jumper([replace(j, model=m) for j, m in zip(jumps, loose)], fit, priors, workers=1)
+    runs = []
+    whole = type(system.tracks).heights
+    monkeypatch.setattr(
+        type(system.tracks), "heights", lambda s, w, *a, **k: (runs.append(len(w)), whole(s, w, *a, **k))
+    )
+    values = {p.name: p.start for p in system.baseline}
+    cone = {"C": 2.0, "mu": 1.5, "theta": 1.0}
+    for mechanisms, more in (((), {}), (("added_mass",), cone)):
+        predicted = system.predict(mechanisms, {**values, **more}, range(len(jumps)))
+        for jump, o, y in zip(system.jumps, system.observations, predicted):
+            alone = system.height(jump, o.t, mechanisms, {**values, **more})
+            assert np.array_equal(y, alone) or float(np.max(np.abs(y - alone))) < 1e-9  # their steps end elsewhere
+    assert runs[0] == len(jumps) // 2 and runs[1] == len(jumps)
+
+
+def test_a_fit_that_goes_on_is_one_begun_from_its_values(clean):
+    system = Jumper(*clean, workers=1)
+    problem = Problem(system, Noise(NOISE, 0.0, FRAME))
+    some = next(m for m, c in system.candidates.items() if not c.replaces)
+    begun = problem.fit((some,), iterations=1)
+    onward, anew = problem.fit((some,), iterations=3, onward=begun), problem.fit((some,), begun.named, iterations=3)
+    assert onward.chi2 == pytest.approx(anew.chi2, rel=1e-9) and onward.chi2 < begun.chi2_first
+    assert np.allclose(onward.values, anew.values, rtol=1e-6)

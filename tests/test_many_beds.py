@@ -107,6 +107,7 @@ def both_grounds(rng, force):
 SHARED = {"motor_mass": 1.003, "spring_stiffness": 5760.6, "spring_damping": 1.368, "gravity": 4.0}
 
 
+@pytest.mark.long
 def test_one_friction_is_found_in_jumps_on_both_grounds():
     """Of 0.2 N, on sand and on hard ground; restitution and drag are each of one ground only."""
     jumps, ranges = both_grounds(np.random.default_rng(47), 0.2)

@@ -6,26 +6,19 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from fault_lab import grain_film
+from light_work import doubled
 from scipy import ndimage
 
 from jumpvision.base.progress import WORKERS, in_parts
 from jumpvision.cli import main
 from jumpvision.stages.grains import piv as piv_module
 from jumpvision.workflow import entries
-
-
-def doubled(part: int, wait: float) -> tuple[int, int]:
-    if part < 0:
-        raise ValueError(f"part {part}")
-    time.sleep(wait if part % 2 else 0.0)
-    return 2 * part, os.getpid()
 
 
 @pytest.fixture

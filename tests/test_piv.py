@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from jumpvision.vision.piv import engine
 from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, piv_pair
 from jumpvision.vision.piv.frame import LIGHT, STRONG, sharp, white
 from jumpvision.vision.piv.pair import INTERPOLATED, MASKED, MEASURED, NO_TEXTURE, REASONS, VALID, Backend
@@ -410,17 +411,24 @@ def fine_particles(noise, d=0.3, diameter=2.3):
     return [camera(spots(SHAPE, x + s * u / 2, y - s * d / 2, grey, diameter), noise, rng) for s in (-1, 1)]
 
 
-def test_the_strong_prefilter_is_for_sharp_pictures_without_noise():
+def test_the_strong_prefilter_is_for_sharp_pictures_without_noise(monkeypatch):
     """Aliasing sets the error there and 1.1 px takes off 15 % or more; at noise 2 noise does, which it raises. Grains
     of 5-13 px are not sharp, with noise or without."""
     kinds = {(d, n): fine_particles(n, diameter=d) for d in (2.3, 4) for n in (0, 2)}
     kinds |= {
         ("grains", n): [camera(i, n, np.random.default_rng(k)) for k, i in enumerate(bed_of("shear"))] for n in (0, 6)
     }
-    chosen = {k: best_prefilter(*pair, mask=None, gap=1, **SETTINGS) for k, pair in kinds.items()}
+    chosen = {k: best_prefilter(*pair, mask=None, gap=1, **SETTINGS)[0] for k, pair in kinds.items()}
     assert chosen == {k: STRONG if k == (2.3, 0) else LIGHT for k in kinds}
     assert {k for k, (a, _) in kinds.items() if sharp(a, None)} == {(2.3, 0), (2.3, 2)}
-    assert best_prefilter(*kinds[2.3, 0], mask=None, gap=1, **(SETTINGS | {"preset": "fast"})) == LIGHT
+    assert best_prefilter(*kinds[2.3, 0], mask=None, gap=1, **(SETTINGS | {"preset": "fast"})) == (LIGHT, None)
+    # what the choice has matched is not matched again
+    pair, calls, match = kinds[2.3, 0], [], engine._match
+    monkeypatch.setattr(engine, "_match", lambda *a: (calls.append(1), match(*a))[1])
+    chosen_by_itself = next(piv_film(pair, mask=None, gap=1, **SETTINGS))
+    assert len(calls) == 2
+    told = next(piv_film(pair, mask=None, gap=1, prefilter=chosen[2.3, 0], **SETTINGS))
+    assert len(calls) == 3 and np.array_equal(told.u, chosen_by_itself.u, equal_nan=True)
 
 
 @pytest.mark.parametrize("noise", [0, 2])

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from jumpvision.results import RecordError
-from jumpvision.results.fields import TOGETHER, Piv
+from jumpvision.results.fields import TOGETHER, Piv, Planes
 
 N = 2 * TOGETHER + 3
 
@@ -47,6 +47,20 @@ def test_the_file_holds_every_pair_and_goes_with_the_record(tmp_path):
     del record, field
     gc.collect()
     assert not folder.exists()
+
+
+def test_each_time_is_unpacked_once_and_is_the_one_asked_for(tmp_path, monkeypatch):
+    Piv.write(head(N), planes(N)).save(tmp_path)
+    field, loads = Piv.load(tmp_path).field, []
+    load = xr.Dataset.load
+    monkeypatch.setattr(xr.Dataset, "load", lambda s, **k: (loads.append(1), load(s, **k))[1])
+    each = Planes(field, ("u",))
+    assert len(each) == N and set(each[0].data_vars) == {"u"}
+    assert [float(f.u[1, 1]) for f in each] == list(range(N)) and len(loads) == -(-N // TOGETHER)
+    for i in (N - 1, 0, TOGETHER, -2, TOGETHER - 1):
+        assert each[i].u.identical(field.u.isel(t=i))
+    with pytest.raises(IndexError):
+        each[N]
 
 
 @pytest.mark.long

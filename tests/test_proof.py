@@ -8,6 +8,7 @@ import warnings
 import cv2
 import numpy as np
 import pytest
+from conftest import later
 from scipy.special import ndtr
 
 from jumpvision.init.recognise import by_picture
@@ -25,21 +26,36 @@ def mean(a):
     return a.reshape(a.shape[0] // FINE, FINE, a.shape[1] // FINE, FINE).mean(axis=(1, 3))
 
 
-def cover(x, y, d, shape=(H, W)):
-    """(share (H, W) of each pixel within the disc, share of it in its lower half)."""
+def near(x, y, reach):
+    """The part of the picture (rows, columns) within `reach` [px] of (x, y), and its sub-pixels' places (u, v) from
+    there: what is drawn has ended there, and the rest of the picture is not computed."""
+    rows, columns = (range(*np.clip([round(at) - reach, round(at) + reach + 1], 0, n)) for at, n in ((y, H), (x, W)))
     sub = (np.arange(FINE) + 0.5) / FINE - 0.5
-    v, u = np.meshgrid(
-        (np.arange(shape[0])[:, None] + sub).ravel(), (np.arange(shape[1])[:, None] + sub).ravel(), indexing="ij"
-    )
-    inside = np.hypot(u - x, v - y) < d / 2
-    return mean(inside), inside, u - x, v - y
+    v, u = np.meshgrid(*((np.array(a)[:, None] + sub).ravel() for a in (rows, columns)), indexing="ij")
+    return (slice(rows.start, rows.stop), slice(columns.start, columns.stop)), u - x, v - y
+
+
+def cover(x, y, d):
+    """Share (H, W) of each pixel within the disc."""
+    out = np.zeros((H, W))
+    box, u, v = near(x, y, math.ceil(d / 2) + 2)
+    out[box] = mean(np.hypot(u, v) < d / 2)
+    return out
+
+
+def two_tones(x, y, turn, light, dark):
+    """The light (H, W) of a ball of two tones whose boundary has turned by `turn` [rad]."""
+    out = np.zeros((H, W))
+    box, u, v = near(x, y, math.ceil(D / 2) + 2)
+    out[box] = mean((np.hypot(u, v) < D / 2) * np.where(v * math.cos(turn) - u * math.sin(turn) > 0, light, dark))
+    return out
 
 
 def scene(ruler=True):
     out = np.full((H, W), 60.0)
     if ruler:  # with a round end, as bright and as wide as the ball
         out[120:, 40:54] = 210.0
-        out += 150.0 * cover(46.5, 120.0, 14.0)[0] * (out < 100)
+        out += 150.0 * cover(46.5, 120.0, 14.0) * (out < 100)
     return out
 
 
@@ -47,12 +63,8 @@ def film(track, rng, *, behind=None, tone=1.0, spin=0.0, noise=1.0):
     frames = []
     behind = scene() if behind is None else behind
     for i, (x, y) in enumerate(track):
-        share, inside, u, v = cover(x, y, D)
-        side = v * math.cos(spin * i) - u * math.sin(spin * i)
-        light = mean(inside * np.where(side > 0, 210.0, tone * 210.0))
-        frames.append(
-            np.clip(np.rint(behind * (1 - share) + light + rng.normal(0, noise, (H, W))), 0, 255).astype(np.uint8)
-        )
+        picture = behind * (1 - cover(x, y, D)) + two_tones(x, y, spin * i, 210.0, tone * 210.0)
+        frames.append(np.clip(np.rint(picture + rng.normal(0, noise, (H, W))), 0, 255).astype(np.uint8))
     return np.array(frames)
 
 
@@ -67,7 +79,7 @@ def test_a_fast_ball_is_found_beside_a_ruler_that_looks_like_one():
     """10 frames, 1.7 to 4 diameters apart, no seed, no ball in the first: the ball in each, to 0.1 px; that a still
     thing was passed over is said."""
     truth = toss(10, 24.0, x0=-6.0)
-    behind = scene() + 150.0 * cover(250.0, 60.0, D)[0]
+    behind = scene() + 150.0 * cover(250.0, 60.0, D)
     frames = film(truth, np.random.default_rng(0), behind=behind)
     with pytest.warns(UserWarning) as said:
         t = of_arrays(frames, diameter=D)
@@ -88,8 +100,8 @@ def test_a_click_on_a_dark_ball_follows_it_and_not_its_shadow():
     """2 to 4 diameters a frame before a bright wall, the shadow 1.1 diameters beside it and longer in the picture."""
     truth, frames = toss(12, -25.0, x0=272.0, y0=170.0), []
     for x, y in truth:
-        picture = np.full((H, W), 190.0) * (1 - 0.25 * cover(x + 0.8 * D, y + 0.8 * D, D)[0])
-        picture += (40.0 - picture) * cover(x, y, D)[0]
+        picture = np.full((H, W), 190.0) * (1 - 0.25 * cover(x + 0.8 * D, y + 0.8 * D, D))
+        picture += (40.0 - picture) * cover(x, y, D)
         frames.append(picture + np.random.default_rng(len(frames)).normal(0, 1.0, (H, W)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -101,7 +113,7 @@ def test_a_click_on_a_dark_ball_follows_it_and_not_its_shadow():
 
 def test_what_stands_still_while_something_else_moves_is_doubted():
     """A sticker is the only round thing; a bar moves. Nothing is tracked, and why is in every flag."""
-    still = scene(ruler=False) + 150.0 * cover(46.5, 120.0, D)[0]
+    still = scene(ruler=False) + 150.0 * cover(46.5, 120.0, D)
     frames = np.array([still for _ in range(12)])
     for i, f in enumerate(frames):
         f[30:90, 100 + 12 * i : 106 + 12 * i] = 200.0
@@ -130,7 +142,7 @@ def test_frames_on_a_smudge_are_flagged(there):
     """A track that goes on at a smudge after its ball has left the picture: the same is there in the frames before.
     Where the ball is there after all, it is found."""
     rng = np.random.default_rng(4)
-    behind = scene(ruler=False) + 150.0 * cover(200.0, 60.0, D)[0]
+    behind = scene(ruler=False) + 150.0 * cover(200.0, 60.0, D)
     truth = np.stack([40.0 + 6.0 * np.arange(20), np.full(20, 150.0)], axis=1)
     frames = film(truth, rng, behind=behind)
     wrong = np.arange(20) >= 14
@@ -197,13 +209,15 @@ def known(picture, x, y, noise):
     return np.sqrt(np.diag(np.linalg.inv(j @ j.T / noise**2))[:2])
 
 
-def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers():
-    """12 films of 14 frames, noise 3, 0.05 rad a frame, blurred as a lens does. RMS within 1.2 of the bound of a known
-    picture (14 frames that teach it cost 1/14, 1.04; light and contrast the rest; 336 values are known to 4 %).
-    sigma is the larger of two axes that differ by 1.27: it covers 68 % along one, 80 % along the other, 74 % in all,
-    within 7 % (three standard deviations of 336 values). The centre, shared: within 3.5 of what the note says."""
+@pytest.mark.parametrize("films", [4, *later(12)])
+def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers(films):
+    """Films of 14 frames, noise 3, 0.05 rad a frame, blurred as a lens does. RMS within 1.2 of the bound of a known
+    picture (14 frames that teach it cost 1/14, 1.04; light and contrast the rest; the 336 values of 12 films are known
+    to 4 %, the 112 of 4 to 7 %). sigma is the larger of two axes that differ by 1.27: it covers 68 % along one, 80 %
+    along the other, 74 % in all, within three standard deviations (7 % of 336 values, 12 % of 112). The centre, shared:
+    within 3.5 of what the note says."""
     errors, sigmas, bounds, offsets = [], [], [], []
-    for seed in range(12):
+    for seed in range(films):
         rng = np.random.default_rng([9, seed])
         truth = toss(14, 15.0) + rng.uniform(-0.5, 0.5, (14, 2))
         clean = [lens(x, y, 0.05 * k) for k, (x, y) in enumerate(truth)]
@@ -217,9 +231,9 @@ def test_a_ball_of_two_tones_is_measured_at_the_bound_and_its_sigma_covers():
         sigmas.append(np.repeat(t.sigma_px[good].to_numpy()[:, None], 2, axis=1))
         bounds.append(np.array([known(p, x, y, 3.0) for p, (x, y) in zip(clean, truth, strict=True)])[good])
     error, sigma, least = (np.concatenate(v) for v in (errors, sigmas, bounds))
-    assert error.size >= 320
+    assert error.size >= 320 / 12 * films
     assert np.sqrt(np.mean((error / least) ** 2)) < 1.2
-    assert 0.67 < np.mean(np.abs(error) < sigma) < 0.81
+    assert abs(np.mean(np.abs(error) < sigma) - 0.74) < 3 * math.sqrt(0.74 * 0.26 / (28 * films))
     assert max(offsets) < 3.5
 
 
@@ -258,10 +272,8 @@ def test_a_shadow_is_not_taken_for_a_dark_ball_of_two_tones():
     """A round shadow beside it is the better disc; the ball changes more of the scene."""
     rng, frames, truth = np.random.default_rng(3), [], toss(14, 15.0)
     for k, (x, y) in enumerate(truth):
-        picture = 180.0 - 45.0 * cover(x + 13.0, y + 13.0, D)[0]
-        share, inside, u, v = cover(x, y, D)
-        side = v * math.cos(0.05 * k) - u * math.sin(0.05 * k)
-        picture = picture * (1 - share) + mean(inside * np.where(side > 0, 40.0, 150.0))
+        picture = 180.0 - 45.0 * cover(x + 13.0, y + 13.0, D)
+        picture = picture * (1 - cover(x, y, D)) + two_tones(x, y, 0.05 * k, 40.0, 150.0)
         frames.append(np.clip(np.rint(picture + rng.normal(0, 1, (H, W))), 0, 255).astype(np.uint8))
     with pytest.warns(UserWarning, match="no plain disc that moves"):
         t = of_arrays(np.array(frames), diameter=D, polarity="dark")
@@ -290,8 +302,10 @@ def test_a_short_film_before_a_textured_wall_comes_to_the_bound():
     and more by what 12 medians take."""
 
     def soft(x, y):  # a disc seen through a lens: its rim an error function of 0.8 px, mean of the sub-pixels
-        _, _, u, v = cover(x, y, D)
-        return mean(ndtr((D / 2 - np.hypot(u, v)) / 0.8))
+        out = np.zeros((H, W))
+        box, u, v = near(x, y, 14)  # where it has fallen to 1e-17
+        out[box] = mean(ndtr((D / 2 - np.hypot(u, v)) / 0.8))
+        return out
 
     errors, sigmas, bounds = [], [], []
     for seed in range(30):
@@ -347,7 +361,7 @@ def test_init_takes_no_ball_film_for_grains():
     class Film(list):
         pass
 
-    behind = scene() + 150.0 * (cover(250.0, 50.0, D)[0] + cover(200.0, 170.0, 12.0)[0])
+    behind = scene() + 150.0 * (cover(250.0, 50.0, D) + cover(200.0, 170.0, 12.0))
     frames = Film(film(toss(12, 18.0, x0=60.0), np.random.default_rng(7), behind=behind))
     assert by_picture(frames) == "rod_video"
     grains = np.random.default_rng(8).normal(100, 30, (80, 90))

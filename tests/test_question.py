@@ -8,7 +8,7 @@ import shutil
 from dataclasses import replace
 
 import pytest
-from conftest import SAMPLES
+from conftest import SAMPLES, later
 from diagnosis_sample import diagnosis
 
 from benchmarks import delayed, stop_go
@@ -46,18 +46,22 @@ EFFECTS = [
     ("hard", h)
     for h in (
         "viscous_friction",
-        "coulomb_friction",
-        "spring_hardening",
-        "spring_damping",
-        "spring_stiffness",
         "payload",
-        "tilt",
         "landing_loss",
         "motor_lag",
-        "camera_scale",
-        "time_offset",
     )
-] + [pytest.param("granular", h, marks=pytest.mark.long) for h in ("added_mass", "compaction", "stop_go_overshoot")]
+] + later(
+    ("hard", "coulomb_friction"),
+    ("hard", "spring_hardening"),
+    ("hard", "spring_damping"),
+    ("hard", "spring_stiffness"),
+    ("hard", "tilt"),
+    ("hard", "camera_scale"),
+    ("hard", "time_offset"),
+    ("granular", "added_mass"),
+    ("granular", "compaction"),
+    ("granular", "stop_go_overshoot"),
+)
 
 
 @pytest.mark.parametrize(("ground", "hidden"), EFFECTS)

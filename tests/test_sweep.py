@@ -16,6 +16,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import later
 from scipy.integrate import solve_ivp
 
 from jumpvision.base.schema import InputError
@@ -322,7 +323,11 @@ SMALL = {  # fewer points where the defaults are for a figure
 }
 
 
-@pytest.mark.parametrize("name", [n for n, s in studies("hard").items() if not s.of_campaign])
+ALL = [n for n, s in studies("hard").items() if not s.of_campaign]
+LONG = ("lift-off-time",)
+
+
+@pytest.mark.parametrize("name", [n for n in ALL if n not in LONG] + later(*LONG))
 def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
     data, rows = study(name, **SMALL.get(name, {}))
     assert rows and all(set(r) == {"quantity", "thesis", "RK4", "ours"} and r["ours"] for r in rows)
@@ -413,6 +418,7 @@ def test_numbers_of_the_thesis_robot(name, quantity, rk4, tolerance):
     np.testing.assert_allclose(found, rk4, rtol=0, atol=tolerance)
 
 
+@pytest.mark.long
 def test_resonance_is_approached_from_above_whatever_the_damping():
     data, _ = study("lift-off-time", **SMALL["lift-off-time"])
     ratio = data.easiest_frequency_ratio
@@ -424,6 +430,7 @@ def test_resonance_is_approached_from_above_whatever_the_damping():
     assert float(abs(off).max()) < 2e-3
 
 
+@pytest.mark.long
 def test_lift_off_takes_more_cycles_at_smaller_amplitudes():
     data, _ = study("lift-off-time", **SMALL["lift-off-time"])
     cycles = data.lift_off_cycles.fillna(np.inf).values

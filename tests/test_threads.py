@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from jumpvision.base import threads
+from jumpvision.base.progress import WORKERS, in_parts
 
 
 @threads.shared()
@@ -73,3 +74,34 @@ def test_a_forked_process_does_not_wait_for_threads_that_it_has_not(monkeypatch)
     child.start()
     child.join(60)
     assert child.exitcode == 0
+
+
+def test_a_call_within_a_call_stays_in_its_thread(monkeypatch):
+    """Else all threads could wait for one another."""
+    monkeypatch.setattr(nb.config, "NUMBA_NUM_THREADS", 3)
+    monkeypatch.setattr(threads, "_pool", None)
+
+    def outer(k):
+        here = threading.get_ident()
+        inner = threads.at_once([threading.get_ident] * 5)
+        assert set(inner) == {here}
+        return k
+
+    assert threads.at_once([lambda k=k: outer(k) for k in range(40)]) == list(range(40))
+    assert set(threads.at_once([threading.get_ident] * 9, most=1)) == {threading.get_ident()}
+    with pytest.raises(ZeroDivisionError):
+        threads.at_once([int, lambda: 1 // 0, int])
+    assert threads.at_once([int] * 3) == [0, 0, 0]
+
+
+def alone(part):
+    return threads.threads(), multiprocessing.current_process().name
+
+
+def test_a_worker_works_with_one_thread():
+    token = WORKERS.set(2)
+    try:
+        found = list(in_parts(alone, range(4)))
+    finally:
+        WORKERS.reset(token)
+    assert {n for n, _ in found} == {1} and all(name != "MainProcess" for _, name in found)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
-from fault_lab import results_of, write_campaign
+from fault_lab import grain_film, results_of, write_campaign
 
 from jumpvision.campaign.folder import run_folder
 from jumpvision.inputs.experiment import open_folder
 from jumpvision.report.figures import PICTURES
+from jumpvision.results.fields import Piv
+from jumpvision.results.tables import RodMotion
 from jumpvision.workflow import run as engine
 from jumpvision.workflow.run import Plan
 
@@ -76,3 +80,29 @@ def test_a_picture_that_fails_is_told_beside_what_was_found(tmp_path, monkeypatc
     run, watcher = ran(campaign, results)
     assert watcher.told[0][2] and "No space left" in run.outcomes[0].errors[0]
     assert (results / "jump-0000" / "rod.csv").exists()
+
+
+def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
+    """Once, with every experiment, before the film is told; the track known then is the one known at last."""
+    campaign, results = write_campaign(tmp_path / "campaign", 2), tmp_path / "results"
+    film = grain_film(campaign / "film", 5)
+    table = (campaign / "jump-0000" / "experiment.toml").read_text()
+    (film / "experiment.toml").write_text(table + (film / "experiment.toml").read_text())
+    shutil.copy(campaign / "jump-0000" / "rod_track.csv", film)
+    heard, ended = [], []
+
+    def known(outcomes):
+        heard.append((set(outcomes), list(ended), outcomes["film"], RodMotion.load(outcomes["film"].results).table))
+
+    opened = open_folder(campaign)
+    plan = Plan(results, results / ".cache")
+    last = engine.run_campaign(opened, plan, workers=2, done=lambda o: ended.append(o.name), jumps=known)
+    [(names, before, outcome, rod)] = heard
+    assert names == {"film", "jump-0000", "jump-0001"} and "film" not in before
+    assert outcome.made(RodMotion) and not outcome.made(Piv) and not any(o.errors for o in last)
+    whole = {o.name: o for o in last}["film"]
+    assert all(s.state == "computed" for s in whole.steps)
+    assert whole.made(RodMotion) and whole.made(Piv) and ended.count("film") == 1
+    assert RodMotion.load(whole.results).table.equals(rod)
+    engine.run_campaign(opened, plan, workers=2, done=lambda o: None, jumps=known)  # all is in the cache
+    assert len(heard) == 1

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numba as nb
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 T = TypeVar("T")
 
@@ -102,3 +104,67 @@ def _forget() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
+
+
+# One number of an int64 array that several threads read and write: what was written before is seen after.
+
+
+def _compiled(f: Callable[..., Any]) -> Any:
+    return intrinsic(f)
+
+
+def _place(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    array = context.make_array(signature.args[0])(context, builder, args[0])
+    return cgutils.gep_inbounds(builder, array.data, args[1])
+
+
+@_compiled
+def read(typing: Any, array: Any, i: Any) -> Any:
+    """array[i]."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.load_atomic(_place(context, builder, signature, args), "acquire", 8)
+
+    return types.int64(array, types.intp), code
+
+
+@_compiled
+def written(typing: Any, array: Any, i: Any, value: Any) -> Any:
+    """array[i] = value."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.store_atomic(args[2], _place(context, builder, signature, args), "release", 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.int64), code
+
+
+@_compiled
+def added(typing: Any, array: Any, i: Any, value: Any) -> Any:
+    """array[i] += value; what it was."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.atomic_rmw("add", _place(context, builder, signature, args), args[2], "acq_rel")
+
+    return types.int64(array, types.intp, types.int64), code
+
+
+@_compiled
+def swapped(typing: Any, array: Any, i: Any, before: Any, after: Any) -> Any:
+    """Whether array[i] was `before`, and is `after` now."""
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        place = _place(context, builder, signature, args)
+        return builder.extract_value(builder.cmpxchg(place, args[2], args[3], "acq_rel", "acquire"), 1)
+
+    return types.boolean(array, types.intp, types.int64, types.int64), code
+
+
+if os.name == "posix":
+    idle = types.ExternalFunction("sched_yield", types.int32())
+    """Lets another thread have the core, if one waits for it."""
+else:
+
+    @nb.njit(inline="always")
+    def idle() -> int:
+        return 0

@@ -15,12 +15,13 @@ import numpy as np
 from jumpvision import __version__
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import ChangedFile, copy_aside
-from jumpvision.diagnosis.diagnose import Findings, explain, foretell
+from jumpvision.base.threads import at_most
+from jumpvision.diagnosis.diagnose import Findings, explain, foretell, look
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper.forms import Shaped
 from jumpvision.diagnosis.jumper.jumper import Jumper, content
 from jumpvision.diagnosis.jumper.jumps import Jump, Measured
-from jumpvision.diagnosis.noise.learning import learn_noise
+from jumpvision.diagnosis.noise.learning import Learned, learn_noise
 from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.model import Considered
@@ -87,18 +88,23 @@ def question(
     pictured: bool = True,
     say: Say,
     fresh: bool = False,
+    begun: Begun | None = None,
 ) -> tuple[Diagnosis, list[Path]]:
     """(the diagnosis, the files written into `results`); from the cache when nothing has changed.
 
-    pictured: its picture is among them; it is drawn and kept in any case, for whoever asks the same again with it.
-    fresh: not where other versions of the packages made it. Raises InputError when there is too little to question.
+    begun: by `begin`, before all was known. pictured: its picture is among them; it is drawn and kept in any case, for
+    whoever asks the same again with it. fresh: not where other versions of the packages made it. Raises InputError when
+    there is too little to question.
     """
     asked = asked_of(campaign, outcomes, say)
     digest = asked.digest()
     for attempt in range(entries.ATTEMPTS):
         held = _kept(cache, digest, fresh=fresh)
         if held is None:
-            answer = _answer(asked, campaign.path, workers, draw, say)
+            with at_most(workers):
+                if begun is None or not begun.holds(asked):
+                    begun = _begun(asked, campaign.path, workers, say)
+                answer, begun = _answer(asked, begun, draw, say), None
             held = _keep(cache, digest, answer, fresh=fresh), answer.data
         receipt, data = held
         names = [n for n in receipt["outputs"] if pictured or n != PICTURE]
@@ -187,24 +193,55 @@ def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Re
     )
 
 
-def _answer(asked: Question, path: Path, workers: int, draw: Draw, say: Say) -> Answer:
-    """Diagnose. path: of the campaign, for messages."""
+class Begun(NamedTuple):
+    """What needs no grain film: the noise, and the first look at the baseline. asked: the question as it was known;
+    rng: as far as it has been drawn from."""
+
+    asked: Question
+    learned: Learned
+    found: Findings
+    rng: np.random.Generator
+
+    def holds(self, asked: Question) -> bool:
+        """Whether nothing has become known since that tells of the jumps or of the baseline's parameters."""
+        free = {p.name for p in self.learned.system.baseline}
+        now, then = ([m for m in a.measured if free & set(m.names)] for a in (asked, self.asked))
+        jumps = [a._replace(films=[], measured=m).digest() for a, m in ((asked, now), (self.asked, then))]
+        return jumps[0] == jumps[1]
+
+
+BY = ("kind",)
+
+
+def begin(campaign: Campaign, outcomes: Mapping[str, Outcome], *, workers: int, say: Say) -> Begun:
+    """The first look at a campaign whose grain films are still being matched. Raises InputError as `question` does."""
+    with at_most(workers):
+        return _begun(asked_of(campaign, outcomes, lambda _: None), campaign.path, workers, say)
+
+
+def _begun(asked: Question, path: Path, workers: int, say: Say) -> Begun:
     try:
         learned = learn_noise(Jumper(asked.jumps, asked.ranges, asked.priors, workers, asked.own))
     except ValueError as e:
         raise InputError([f"{path}: {e}"]) from None
+    rng = np.random.default_rng(SEED)
+    problem = Problem(learned.system, learned.noise, learned.scatter, asked.measured)
+    return Begun(asked, learned, look(problem, rng, by=BY, say=say), rng)
+
+
+def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
+    learned, rng = begun.learned, begun.rng
     system = learned.system
     problem = Problem(system, learned.noise, learned.scatter, asked.measured)
-    rng, by = np.random.default_rng(SEED), ("kind",)
     laws = Laws(problem, system, say)
-    found = explain(problem, rng, by=by, say=say, enough=laws.alone)
+    found = explain(problem, begun.found, rng, say=say, enough=laws.alone)
     law = laws.law(found)
     driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
     found = foretell(
         problem,
         found,
         rng,
-        by=by,
+        by=BY,
         stops=[j.stop for j in asked.jumps],
         offered=lambda: offer(
             problem, system, [Way(law) for law in usual(driven)], asked.ranges, asked.priors, asked.own

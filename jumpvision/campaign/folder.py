@@ -8,6 +8,7 @@ import functools
 import hashlib
 import io
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -26,7 +27,7 @@ from jumpvision.workflow.run import draw as draw_experiments
 if TYPE_CHECKING:
     from jumpvision.results.diagnosis import Diagnosis
 
-    from .diagnose import Draw
+    from .diagnose import Begun, Draw
 
 DIAGNOSED = ("rod", "bed", "flow", "fit")  # stages whose results a diagnosis reads
 
@@ -103,12 +104,15 @@ def run_folder(
     """
     campaign = as_campaign(opened)
     _apart(campaign, plan.results, single=isinstance(opened, Experiment))
-    run = Run(campaign, isinstance(opened, Experiment), plan, _outcomes(opened, plan, workers, watcher, elsewhere))
+    single = isinstance(opened, Experiment)
+    asks = not single and (ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)))
+    early = _Early(campaign, workers, say) if asks else None
+    run = Run(campaign, single, plan, _outcomes(opened, plan, workers, watcher, elsewhere, early))
     if run.single:
         return run
     written = _tables(run)
     try:
-        if ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)):
+        if asks:
             from .diagnose import question
 
             run.diagnosis, run.files = question(
@@ -121,6 +125,7 @@ def run_folder(
                 pictured=pictured,
                 say=say,
                 fresh=plan.fresh,
+                begun=early.begun() if early else None,
             )
         run.files += _craters(run)
         if watcher is not None:
@@ -155,12 +160,36 @@ def _outcomes(
     workers: int,
     watcher: Watcher | None,
     elsewhere: Mapping[str, list[str]] | None,
+    early: _Early | None,
 ) -> list[Outcome]:
     if isinstance(opened, Experiment):
         runs = as_campaign(opened).experiments
         return [run_single(e, plan, workers=workers, hook=watcher.frames if watcher else None) for e in runs]
     done = watcher.experiment if watcher else lambda outcome: None
-    return run_campaign(opened, plan, workers=workers, done=done, elsewhere=elsewhere)
+    return run_campaign(opened, plan, workers=workers, done=done, elsewhere=elsewhere, jumps=early)
+
+
+class _Early:
+    """Begins to question a campaign, beside its grain films, when all of its jumps are known."""
+
+    def __init__(self, campaign: Campaign, workers: int, say: Callable[[str], None]) -> None:
+        self.campaign, self.workers, self.say = campaign, workers, say
+        self.thread = ThreadPoolExecutor(1)
+        self.look: Future[Begun] | None = None
+
+    def __call__(self, outcomes: Mapping[str, Outcome]) -> None:
+        from .diagnose import begin
+
+        self.look = self.thread.submit(begin, self.campaign, outcomes, workers=self.workers, say=self.say)
+
+    def begun(self) -> Begun | None:
+        """What came of it; None where it was not begun, or where nothing can be asked, as the question itself says."""
+        try:
+            return self.look.result() if self.look else None
+        except ValueError:  # InputError among them
+            return None
+        finally:
+            self.thread.shutdown()
 
 
 def _worth_asking(campaign: Campaign) -> bool:

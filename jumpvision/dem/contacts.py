@@ -1,150 +1,245 @@
-"""One compiled time step of discs in one pass; friction by sliding springs on demand (Cundall and Strack 1979)."""
+"""One compiled time step of discs in one pass; friction by sliding springs on demand (Cundall and Strack 1979).
+
+The discs stand in rows of cells; bands of them, as many as their number says, are worked on by the threads there are.
+A step reads one state and writes another, so bands need not wait for each other within it; a contact between two bands
+is worked out in both. A disc's forces are added up in the order of its partners: the same bits in any number of
+threads.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numba as nb
 import numpy as np
+
+from jumpvision.base.threads import added, idle, read, swapped, written
+
+FAST: Mapping[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "nsz", "arcp"},
+}
+X, Y, VX, VY, UX, UY, SPIN, HALF, STATE = range(9)
+"""Rows of a state: place [m]; velocity foreseen for now, and half a step before [m/s]; spin likewise [rad/s]."""
+RADIUS, LIGHT = 0, 1  # rows of the sizes: m, 1/kg
+CLOSE, NEXT = 0.3, 0.1  # close is what is nearer than that share of the skin, soon what is within that of it
+OWN, LOWER = 0, 1  # lists: partners of a higher number; those in lower bands
+
+
+@nb.njit(cache=True, nogil=True)
+def cells(x, y, radius, reach, cell, first, inside):  # type: ignore[no-untyped-def]
+    """Sorts discs into square cells: cell (n,), and inside[first[c]:first[c + 1]] the discs of cell c, increasing.
+
+    Returns the numbers of columns and rows, which fit `first`.
+    """
+    n = len(x)
+    r_max, left, right, low, high = 0.0, np.inf, -np.inf, np.inf, -np.inf
+    for i in range(n):
+        r_max = max(r_max, radius[i])
+        left, right = min(left, x[i]), max(right, x[i])
+        low, high = min(low, y[i]), max(high, y[i])
+    size = max(2.0 * r_max + reach, math.sqrt((right - left) * (high - low) / n), 1e-300)  # about n cells at most
+    while ((right - left) / size + 1.0) * ((high - low) / size + 1.0) > len(first) - 1:  # far apart on a line
+        size *= 1.5
+    nx, ny = int((right - left) / size) + 1, int((high - low) / size) + 1
+    first[: nx * ny + 1] = 0
+    for i in range(n):
+        cell[i] = int((y[i] - low) / size) * nx + int((x[i] - left) / size)
+        first[cell[i] + 1] += 1
+    for c in range(nx * ny):
+        first[c + 1] += first[c]
+    for i in range(n):  # first[c] runs up to the begin of the next cell
+        inside[first[cell[i]]] = i
+        first[cell[i]] += 1
+    for c in range(nx * ny, 0, -1):
+        first[c] = first[c - 1]
+    first[0] = 0
+    return nx, ny
+
+
+@nb.njit(cache=True, nogil=True)
+def near(x, y, radius, reach, i, low, high, cell, first, inside, nx, ny, out, count):  # type: ignore[no-untyped-def]
+    """Appends to out, from count on, the discs from `low` to high - 1 nearer to disc i than r_i + r_j + reach; the
+    count, which goes on where out is full."""
+    cx, cy = cell[i] % nx, cell[i] // nx
+    for row in range(max(cy - 1, 0), min(cy + 2, ny)):
+        for q in range(first[row * nx + max(cx - 1, 0)], first[row * nx + min(cx + 1, nx - 1) + 1]):
+            j = inside[q]
+            if low <= j < high:
+                s = radius[i] + radius[j] + reach
+                if (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 < s * s:
+                    if count < len(out):
+                        out[count] = j
+                    count += 1
+    return count
 
 
 @nb.njit(cache=True)
 def neighbours(p, n_free, reach, start, partner):  # type: ignore[no-untyped-def]
     """List for each free disc i the discs j > i nearer than r_i + r_j + reach in partner[start[i]:start[i + 1]].
 
-    Returns the number of pairs; above len(partner) the list did not fit and holds nothing of use. start (n_free + 1,).
+    p (n, 6): x, y and in column 4 the radius. Returns the number of pairs; above len(partner) the list did not fit and
+    holds nothing of use. start (n_free + 1,).
     """
-    n = len(p)
-    r_max, left, right, low, high = 0.0, np.inf, -np.inf, np.inf, -np.inf
-    for i in range(n):
-        r_max = max(r_max, p[i, 4])
-        left, right = min(left, p[i, 0]), max(right, p[i, 0])
-        low, high = min(low, p[i, 1]), max(high, p[i, 1])
-    size = max(2.0 * r_max + reach, math.sqrt((right - left) * (high - low) / n), 1e-300)  # about n cells at most
-    nx, ny = int((right - left) / size) + 1, int((high - low) / size) + 1
-    cell = np.empty(n, np.int64)
-    first = np.zeros(nx * ny + 1, np.int64)
-    for i in range(n):
-        cell[i] = int((p[i, 1] - low) / size) * nx + int((p[i, 0] - left) / size)
-        first[cell[i] + 1] += 1
-    for c in range(nx * ny):
-        first[c + 1] += first[c]
-    slot = first[:-1].copy()
-    inside = np.empty(n, np.int64)
-    for i in range(n):
-        inside[slot[cell[i]]] = i
-        slot[cell[i]] += 1
-    count = 0
+    x, y, radius, n, count = p[:, 0].copy(), p[:, 1].copy(), p[:, 4].copy(), len(p), 0
+    cell, first, inside = np.empty(n, np.int64), np.empty(4 * n + 16, np.int64), np.empty(n, np.int64)
+    nx, ny = cells(x, y, radius, reach, cell, first, inside)
     for i in range(n_free):
         start[i] = count
-        cx, cy = cell[i] % nx, cell[i] // nx
-        for row in range(max(cy - 1, 0), min(cy + 2, ny)):
-            a, b = first[row * nx + max(cx - 1, 0)], first[row * nx + min(cx + 1, nx - 1) + 1]
-            for q in range(a, b):
-                j = inside[q]
-                if j > i:
-                    s = p[i, 4] + p[j, 4] + reach
-                    if (p[i, 0] - p[j, 0]) ** 2 + (p[i, 1] - p[j, 1]) ** 2 < s * s:
-                        if count < len(partner):
-                            partner[count] = j
-                        count += 1
+        count = near(x, y, radius, reach, i, i + 1, n, cell, first, inside, nx, ny, partner, count)
     start[n_free] = count
     return count
 
 
-@nb.njit(cache=True, inline="always")
+@nb.njit(**FAST)
+def listed(p, size, reach, low, high, cell, first, inside, nx, ny, new, old, clock):  # type: ignore[no-untyped-def]
+    """Writes the lists of a band of discs low to high - 1, OWN and LOWER; whether they fit.
+
+    new, old: begin, end (2, n) and partners (2, pairs) of the discs, with stretch [m] and time (2, pairs) of their
+    springs: those stretched in the step `clock` live on.
+    """
+    begin, end, partner, slide, seen = new
+    for side in range(2):
+        count = 0
+        for i in range(low, high):
+            begin[side, i] = count
+            a, b = (i + 1, p.shape[1]) if side == OWN else (0, low)
+            if b > 0:
+                out = partner[side]
+                count = near(p[X], p[Y], size[RADIUS], reach, i, a, b, cell, first, inside, nx, ny, out, count)
+            if count > partner.shape[1]:
+                return False
+            end[side, i] = count
+            for a in range(begin[side, i], count if slide.size > 0 else begin[side, i]):
+                slide[side, a], seen[side, a] = 0.0, clock - 1
+                for b in range(old[0][side, i], old[1][side, i]):
+                    if old[2][side, b] == partner[side, a] and old[4][side, b] == clock:
+                        slide[side, a], seen[side, a] = old[3][side, b], clock
+                        break
+    return True
+
+
+@nb.njit(**FAST)
+def picked(p, size, reach, low, high, begin, end, partner, box, plate, close, found, held):  # type: ignore[no-untyped-def]
+    """Writes what of a band is nearer than `reach` besides touching.
+
+    close: first and second disc, place in the list and square of r_i + r_j (plus NEXT of the reach) of pairs (2,
+    pairs), discs near walls or plate (high - low,), twice (2, pairs) for `within`. found (5,): how many pairs of OWN
+    and LOWER, discs near walls, and pairs of both for `within`.
+    held (3, n): springs at walls and plate, or (3, 0); those of the others are slack.
+    """
+    one, other, where, square, wide, walls, _, _ = close
+    for side in range(2):
+        count = np.uintp(0)
+        for i in range(np.uintp(low), np.uintp(high)):
+            for q in range(np.uintp(begin[side, i]), np.uintp(end[side, i])):
+                j = np.uintp(partner[side, q])
+                s = size[RADIUS, i] + size[RADIUS, j]
+                if (p[X, i] - p[X, j]) ** 2 + (p[Y, i] - p[Y, j]) ** 2 < (s + reach) ** 2:
+                    one[side, count], other[side, count], where[side, count] = i, j, q
+                    square[side, count], wide[side, count] = s * s, (s + NEXT * reach) ** 2
+                    count += np.uintp(1)
+        found[side] = count
+    count = np.uintp(0)
+    left, right, bottom, top = box
+    half_width, thick, face = plate[0], plate[1], plate[2]
+    for i in range(np.uintp(low), np.uintp(high)):
+        x, y, r = p[X, i], p[Y, i], size[RADIUS, i] + reach
+        beside = x - r < left or x + r > right or y - r < bottom or y + r > top
+        if beside or (y + r > face and y - r < face + thick and x + r > -half_width and x - r < half_width):
+            walls[count] = i
+            count += np.uintp(1)
+        elif held.shape[1] > 0:
+            held[0, i], held[1, i], held[2, i] = 0.0, 0.0, 0.0
+    found[2] = count
+
+
+@nb.njit(**FAST, forceinline=True)
 def kick(vx, vy, ax, ay, damp, gain, slip):  # type: ignore[no-untyped-def]
     """Velocity after half a step of constant acceleration against the ground's drag, exact for either drag alone.
 
-    damp = exp(-c h/2), gain = (1 - damp)/c for the rate c of viscous drag; slip = Coulomb deceleration * h/2: a disc
-    that the friction can stop within the half step stands still, so one pushed by less than it does not creep.
+    damp = exp(-c h/2), gain = (1 - damp)/c for the rate c of viscous drag; slip = Coulomb deceleration * h/2 or None: a
+    disc that the friction can stop within the half step stands still, so one pushed by less than it does not creep.
     """
     vx, vy = damp * vx + gain * ax, damp * vy + gain * ay
-    if slip > 0.0:
+    if slip is not None:
         square = vx * vx + vy * vy
         left = 1.0 - slip / math.sqrt(square) if square > slip * slip else 0.0
         vx, vy = left * vx, left * vy
     return vx, vy
 
 
-@nb.njit(cache=True, inline="always")
-def flat(overlap, closing, mass, k, gamma):  # type: ignore[no-untyped-def]
-    """Force away from a wall or a flat face of infinite mass; closing: speed towards it [m/s]."""
-    return k * overlap + gamma * mass * closing
+@nb.njit(**FAST)
+def within(p, one, other, square, among, count, hits):  # type: ignore[no-untyped-def]
+    """Writes the numbers of the pairs (among those numbers, or all: None) nearer than the root of `square` to hits; how
+    many."""
+    x, y, n = p[X], p[Y], np.uintp(0)
+    for a in range(np.uintp(count)):
+        c = np.uintp(among[a]) if among is not None else a
+        i, j = np.uintp(one[c]), np.uintp(other[c])
+        dx, dy = x[i] - x[j], y[i] - y[j]
+        hits[n] = c
+        n += np.uintp(dx * dx + dy * dy < square[c])  # no branch: a guess would often be wrong
+    return n
 
 
-@nb.njit(cache=True, fastmath={"contract", "nsz", "arcp"})
-def step(  # type: ignore[no-untyped-def]
-    p, v, f, start, partner, n_free, law, box, plate, h, begun, move, push, slide, rough
+@nb.njit(**FAST)
+def contacts(  # type: ignore[no-untyped-def]
+    p, size, f, low, high, n_free, side, one, other, where, hits, count, slide, seen, clock, law, rough, past, push
 ):
-    """Forces at the places in p; `begun`: the half kick that ends a step, `move`: half kick and drift of the next.
+    """Adds the forces and moments of the pairs that touch of OWN or LOWER to the discs low to high - 1."""
+    k, gamma = law[0], law[1]
+    mu, kt, gt = rough
+    foot_x, foot_y, rubbed = 0.0, 0.0, 0.0
+    for h in range(np.uintp(count)):
+        c = np.uintp(hits[h])
+        i, j = (np.uintp(one[c]), np.uintp(other[c])) if side == OWN else (np.uintp(other[c]), np.uintp(one[c]))
+        dx, dy = p[X, i] - p[X, j], p[Y, i] - p[Y, j]
+        d2 = dx * dx + dy * dy
+        d, s, both = math.sqrt(d2), size[RADIUS, i] + size[RADIUS, j], size[LIGHT, i] + size[LIGHT, j]
+        approach = (p[VX, i] - p[VX, j]) * dx + (p[VY, i] - p[VY, j]) * dy
+        inverse = 1.0 / (d2 * both)  # one division for 1/d^2 and m_eff/d^2
+        force = (k * (s * d - d2) * both - gamma * approach) * inverse
+        jx, jy = force * dx, force * dy
+        on_i, on_j = 0.0, 0.0
+        if mu > 0.0:
+            q, part = np.uintp(where[c]), size[RADIUS, i] / s
+            stretch = slide[q] if seen[q] == clock - 1 else 0.0
+            tx, ty, turned, power, slide[q] = rub(
+                mu, kt, gt, p, i, j, stretch, dx, dy, d, part, d2 * inverse, force * d, past
+            )
+            seen[q] = clock
+            jx, jy, rubbed = jx + tx, jy + ty, rubbed + power
+            on_i, on_j = part * turned, (1.0 - part) * turned
+        if side == OWN:
+            f[0, i] += jx
+            f[1, i] += jy
+            f[2, i] -= on_i
+        if j < high and j >= low:
+            f[0, j] -= jx
+            f[1, j] -= jy
+            f[2, j] -= on_j
+        elif j >= n_free:
+            foot_x, foot_y = foot_x + jx, foot_y + jy
+    if side == OWN:
+        push[0], push[1], push[4] = push[0] + foot_x, push[1] + foot_y, push[4] + rubbed
 
-    v (n_free, 2): velocity half a step before (begun) or at this time, afterwards half a step on (move) or at this
-    time. f (n, 2): zeros. law: k, gamma, viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top;
-    plate: half width, height, height of its face, its velocity up now and over the step before. push (5,) receives the
-    force on the free discs from the foot (x, y) and from the walls (x, y), and the power of friction. slide (pairs,):
-    stretch of the contacts' tangential springs; rough: None or as in `friction`. Returns the greatest speed^2 (with
-    `move`).
-    """
-    k, gamma, viscous, coulomb, gravity = law
+
+@nb.njit(**FAST)
+def faces(p, size, f, walls, count, law, box, plate, rough, held, past, push):  # type: ignore[no-untyped-def]
+    """Adds the forces and moments of walls and plate to the discs near them."""
+    k, gamma = law[0], law[1]
+    mu, kt, gt = rough
     left, right, bottom, top = box
     half_width, thick, face, rising, rose = plate
-    damp = math.exp(-0.5 * viscous * h)
-    gain = (1.0 - damp) / viscous if viscous > 0.0 else 0.5 * h
-    slip = 0.5 * h * coulomb
-    foot_x, foot_y, wall_x, wall_y, fastest, rubbed = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if rough is not None:
-        mu, kt, gt, spin, torque, held = rough
-    past = h if begun else 0.0  # s that went by since the springs' stretch was last brought up to date
-    for i in range(n_free):
-        x, y, wx, wy, r, light = p[i, 0], p[i, 1], p[i, 2], p[i, 3], p[i, 4], p[i, 5]
-        fx, fy = f[i, 0], f[i, 1]
-        for q in range(start[i], start[i + 1]):
-            j = partner[q]
-            dx, dy, s = x - p[j, 0], y - p[j, 1], r + p[j, 4]
-            d2 = dx * dx + dy * dy
-            if d2 < s * s:
-                d = math.sqrt(d2)
-                both = light + p[j, 5]
-                one = 1.0 / (d2 * both)  # one division for 1/d^2 and m_eff/d^2
-                approach = (wx - p[j, 2]) * dx + (wy - p[j, 3]) * dy
-                force = (k * (s * d - d2) * both - gamma * approach) * one
-                fx += force * dx
-                fy += force * dy
-                f[j, 0] -= force * dx
-                f[j, 1] -= force * dy
-                if rough is not None:
-                    free = j < n_free
-                    tx, ty, power = rub(
-                        mu,
-                        kt,
-                        gt,
-                        spin,
-                        torque,
-                        slide,
-                        q,
-                        i,
-                        j if free else -1,
-                        dx,
-                        dy,
-                        d,
-                        r / s,
-                        wx - p[j, 2],
-                        wy - p[j, 3],
-                        v[i, 0] - (v[j, 0] if free else 0.0),
-                        v[i, 1] - (v[j, 1] if free else rose),
-                        1.0 / both,
-                        force * d,
-                        past,
-                    )
-                    fx, fy, rubbed = fx + tx, fy + ty, rubbed + power
-                    f[j, 0] -= tx
-                    f[j, 1] -= ty
-            elif rough is not None:
-                slide[q] = 0.0
-        f[i, 0], f[i, 1] = 0.0, 0.0
-        m = 1.0 / light
-        side, floor = 0.0, 0.0
+    for a in range(np.uintp(count)):
+        i = np.uintp(walls[a])
+        x, y, wx, wy, r, m = p[X, i], p[Y, i], p[VX, i], p[VY, i], size[RADIUS, i], 1.0 / size[LIGHT, i]
+        side, floor, moment, rubbed = 0.0, 0.0, 0.0, 0.0
         if x - r < left:
             side = flat(left - x + r, -wx, m, k, gamma)
         elif x + r > right:
@@ -153,25 +248,24 @@ def step(  # type: ignore[no-untyped-def]
             floor = flat(bottom - y + r, -wy, m, k, gamma)
         elif y + r > top:
             floor = -flat(y + r - top, wy, m, k, gamma)
-        if rough is not None:
-            held[i, 0] = 0.0 if side == 0.0 else held[i, 0]
-            held[i, 1] = 0.0 if floor == 0.0 else held[i, 1]
-            normal = floor
-            if side != 0.0:
+        if mu > 0.0:
+            across, along = side, floor
+            held[0, i] = held[0, i] if across != 0.0 else 0.0
+            held[1, i] = held[1, i] if along != 0.0 else 0.0
+            if across != 0.0:
                 lever, away = min(x - left, right - x), 1.0 if x - left < right - x else -1.0
-                _, ty, power = skid(
-                    mu, kt, gt, spin, torque, held, i, 0, away, 0.0, lever, wx, wy, v[i, 0], v[i, 1], m, side, past
+                _, ty, moment, rubbed, held[0, i] = skid(
+                    mu, kt, gt, p, i, held[0, i], away, 0.0, lever, 0.0, 0.0, m, across, past
                 )
-                floor, rubbed = floor + ty, rubbed + power
-            if normal != 0.0:
+                floor += ty
+            if along != 0.0:
                 lever, away = min(y - bottom, top - y), 1.0 if y - bottom < top - y else -1.0
-                tx, _, power = skid(
-                    mu, kt, gt, spin, torque, held, i, 1, 0.0, away, lever, wx, wy, v[i, 0], v[i, 1], m, normal, past
+                tx, _, turned, power, held[1, i] = skid(
+                    mu, kt, gt, p, i, held[1, i], 0.0, away, lever, 0.0, 0.0, m, along, past
                 )
-                side, rubbed = side + tx, rubbed + power
-        fx, wall_x = fx + side, wall_x + side
-        fy, wall_y = fy + floor, wall_y + floor
-        gap, nx, ny, force = 0.0, 0.0, 1.0, 0.0
+                side, moment, rubbed = side + tx, moment + turned, rubbed + power
+        push[2], push[3] = push[2] + side, push[3] + floor
+        gap = 0.0
         if y + r > face and y - r < face + thick and x + r > -half_width and x - r < half_width:
             dx = x - min(max(x, -half_width), half_width)
             dy = y - min(max(y, face), face + thick)
@@ -180,95 +274,148 @@ def step(  # type: ignore[no-untyped-def]
                 gap = math.sqrt(d2)
                 nx, ny = dx / gap, dy / gap
                 force = flat(r - gap, -(wx * nx + (wy - rising) * ny), m, k, gamma)
-                fx, foot_x = fx + force * nx, foot_x + force * nx
-                fy, foot_y = fy + force * ny, foot_y + force * ny
-        if rough is not None:
-            if gap > 0.0:
-                tx, ty, power = skid(
-                    mu,
-                    kt,
-                    gt,
-                    spin,
-                    torque,
-                    held,
-                    i,
-                    2,
-                    nx,
-                    ny,
-                    gap,
-                    wx,
-                    wy - rising,
-                    v[i, 0],
-                    v[i, 1] - rose,
-                    m,
-                    force,
-                    past,
-                )
-                fx, foot_x, fy, foot_y, rubbed = fx + tx, foot_x + tx, fy + ty, foot_y + ty, rubbed + power
-            else:
-                held[i, 2] = 0.0
-            turn(spin, torque, i, r, light, h, begun, move)
-        ax, ay = fx * light, fy * light - gravity
-        vx, vy = v[i, 0], v[i, 1]
+                jx, jy = force * nx, force * ny
+                if mu > 0.0:
+                    tx, ty, turned, power, held[2, i] = skid(
+                        mu, kt, gt, p, i, held[2, i], nx, ny, gap, rising, rose, m, force, past
+                    )
+                    jx, jy, moment, rubbed = jx + tx, jy + ty, moment + turned, rubbed + power
+                side, floor = side + jx, floor + jy
+                push[0], push[1] = push[0] + jx, push[1] + jy
+        if mu > 0.0 and gap == 0.0:
+            held[2, i] = 0.0
+        f[0, i] += side
+        f[1, i] += floor
+        f[2, i] -= moment
+        push[4] += rubbed
+
+
+@nb.njit(**FAST)
+def moved(old, new, size, f, low, high, law, h, begun, move, turns):  # type: ignore[no-untyped-def]
+    """The state `new` of the discs low to high - 1 by the forces and moments f (3, n), which it sets to 0.
+
+    `begun`: the half kick that ends a step, `move`: half kick and drift of the next, `turns`: also of the spin. Returns
+    the greatest speed^2 (with `move`).
+    """
+    viscous, coulomb, gravity = law[2], law[3], law[4]
+    damp = math.exp(-0.5 * viscous * h)
+    gain = (1.0 - damp) / viscous if viscous > 0.0 else 0.5 * h
+    if turns:
+        for i in range(np.uintp(low), np.uintp(high)):
+            spin, half, r = old[SPIN, i], old[HALF, i], size[RADIUS, i]
+            turn = h * f[2, i] * size[LIGHT, i] / (r * r)  # half a step of the moment over m r^2/2
+            f[2, i] = 0.0
+            if begun:
+                half += turn
+                spin = half
+            if move:
+                spin = half + 2.0 * turn
+                half += turn
+            new[SPIN, i], new[HALF, i] = spin, half
+    if coulomb > 0.0:
+        return glided(old, new, size, f, low, high, gravity, damp, gain, 0.5 * h * coulomb, h, begun, move)
+    return glided(old, new, size, f, low, high, gravity, damp, gain, None, h, begun, move)
+
+
+@nb.njit(**FAST)
+def glided(old, new, size, f, low, high, gravity, damp, gain, slip, h, begun, move):  # type: ignore[no-untyped-def]
+    """Places and velocities of `moved`; damp, gain, slip: of `kick`. It has no branch without slip, and is done for
+    several discs at a time; numbers >= 0 stand in the order of their bits, whose greatest is found so too."""
+    fastest = np.int64(0)
+    for i in range(np.uintp(low), np.uintp(high)):
+        x, y, vx, vy, wx, wy = old[X, i], old[Y, i], old[UX, i], old[UY, i], old[VX, i], old[VY, i]
+        ax, ay = f[0, i] * size[LIGHT, i], f[1, i] * size[LIGHT, i] - gravity
+        f[0, i], f[1, i] = 0.0, 0.0
         if begun:
             vx, vy = kick(vx, vy, ax, ay, damp, gain, slip)
-            p[i, 2], p[i, 3] = vx, vy
+            wx, wy = vx, vy
         if move:
             ux, uy = kick(vx, vy, ax, ay, damp, gain, slip)
-            p[i, 0], p[i, 1] = x + h * ux, y + h * uy
-            p[i, 2], p[i, 3] = 2.0 * ux - vx, 2.0 * uy - vy  # foreseen for the end of the step
+            x, y = x + h * ux, y + h * uy
+            wx, wy = 2.0 * ux - vx, 2.0 * uy - vy  # foreseen for the end of the step
             vx, vy = ux, uy
-            fastest = max(fastest, ux * ux + uy * uy)
-        v[i, 0], v[i, 1] = vx, vy
-    for j in range(n_free, len(p)):
-        foot_x, foot_y = foot_x - f[j, 0], foot_y - f[j, 1]
-        f[j, 0], f[j, 1] = 0.0, 0.0
-    push[0], push[1], push[2], push[3], push[4] = foot_x, foot_y, wall_x, wall_y, rubbed
-    return fastest
+            square = np.float64(ux * ux + uy * uy)
+            fastest = max(fastest, square.view(np.int64))
+        new[X, i], new[Y, i], new[VX, i], new[VY, i], new[UX, i], new[UY, i] = x, y, wx, wy, vx, vy
+    found = np.int64(fastest)
+    return found.view(np.float64)
 
 
-@nb.njit(cache=True, nogil=True)
-def march(  # type: ignore[no-untyped-def]
-    p, v, f, n_free, law, box, plate, h, path, speed, skin, start, partner, slide, impulse, rough
+@nb.njit(**FAST)
+def step(  # type: ignore[no-untyped-def]
+    old,
+    new,
+    size,
+    f,
+    low,
+    high,
+    n_free,
+    lists,
+    close,
+    found,
+    fresh,
+    law,
+    box,
+    plate,
+    h,
+    begun,
+    move,
+    push,
+    rough,
+    held,
+    clock,
 ):
-    """Advance by len(path) - 1 steps in place; velocities p[:, 2:4] are those of the last time.
+    """Forces on the discs low to high - 1 in the state `old` (STATE, n), and the state `new` of these, as `moved` says.
 
-    path, speed (steps + 1,): height and velocity up of the foot at each step; plate: half width and height of the
-    plate (a width < 0 is no plate); the driven discs move by the same path. f (n, 2) zeros. start, partner, slide: the
-    list left by the march before (start zeros: none); returns the new partner and slide. impulse (5,) receives that of
-    the foot (x, y) and of the walls (x, y) on the free discs and the work of friction, by the trapezoidal rule.
+    size (2, n): radius and inverse mass. f (3, n): zeros. lists of `listed`, close and found of `picked`; fresh:
+    whether the pairs that may touch soon are to be found anew. law: k, gamma,
+    viscous rate, Coulomb deceleration, gravity; box: left, right, bottom, top; plate: half width, height, height of its
+    face, its velocity up now and over the step before. push (5,) receives the force on the discs from the foot (x, y)
+    and from the walls (x, y), and the power of friction. rough: mu, k_t, gamma_t; held (3, n): stretch of the springs
+    at walls and plate. clock: number of the step, for the springs. Returns the greatest speed^2.
     """
-    push = np.empty(5)
-    steps, travel, fresh = len(path) - 1, 0.0, False
-    for s in range(steps + 1):
-        if not fresh or 2.0 * travel > skin:
-            old = start.copy(), partner
-            if rough is not None:
-                partner = partner.copy()
-            count = neighbours(p, n_free, skin, start, partner)
-            if count > len(partner):
-                partner = np.empty(int(1.3 * count) + 16, np.int64)
-                neighbours(p, n_free, skin, start, partner)
-            if rough is not None:
-                slide = carried(old[0], old[1], slide, start, partner)
-            travel, fresh = 0.0, True
-        rose = (path[s] - path[s - 1]) / h if s > 0 else 0.0
-        now = (plate[0], plate[1], path[s], speed[s], rose)
-        fastest = step(p, v, f, start, partner, n_free, law, box, now, h, s > 0, s < steps, push, slide, rough)
-        impulse += (0.5 if s in (0, steps) else 1.0) * h * push
-        if s < steps:
-            for j in range(n_free, len(p)):
-                p[j, 1] += path[s + 1] - path[s]
-                p[j, 3] = speed[s + 1]
-            rate = max(abs(speed[s]), abs(speed[s + 1]), abs(path[s + 1] - path[s]) / h)
-            travel += h * max(math.sqrt(fastest), rate)
-    return partner, slide
+    one, other, where, square, wide, walls, soon, hits = close
+    past = h if begun else 0.0  # s that went by since the springs' stretch was last brought up to date
+    push[:] = 0.0
+    for side in (LOWER, OWN):  # in the order of the partners
+        if fresh:
+            found[3 + side] = within(old, one[side], other[side], wide[side], None, found[side], soon[side])
+        count = within(old, one[side], other[side], square[side], soon[side], found[3 + side], hits[side])
+        contacts(
+            old,
+            size,
+            f,
+            np.uintp(low),
+            np.uintp(high),
+            np.uintp(n_free),
+            side,
+            one[side],
+            other[side],
+            where[side],
+            hits[side],
+            count,
+            lists[3][side],
+            lists[4][side],
+            clock,
+            law,
+            rough,
+            past,
+            push,
+        )
+    faces(old, size, f, walls, found[2], law, box, plate, rough, held, past, push)
+    return moved(old, new, size, f, low, high, law, h, begun, move, rough[0] > 0.0)
+
+
+@nb.njit(**FAST, forceinline=True)
+def flat(overlap, closing, mass, k, gamma):  # type: ignore[no-untyped-def]
+    """Force away from a wall or a flat face of infinite mass; closing: speed towards it [m/s]."""
+    return k * overlap + gamma * mass * closing
 
 
 STIFFNESS, DAMPING = 2.0 / 7.0, 0.5  # k_t/k, gamma_t/gamma
 
 
-@nb.njit(cache=True, inline="always")
+@nb.njit(**FAST, forceinline=True)
 def spring(stretch, slip, damping, most, kt):  # type: ignore[no-untyped-def]
     """Force F_t [N] and stretch [m] at the slip velocity [m/s]; damping [kg/s]; most: mu |F_n| [N]."""
     force = -kt * stretch - damping * slip
@@ -278,65 +425,179 @@ def spring(stretch, slip, damping, most, kt):  # type: ignore[no-untyped-def]
     return force, stretch
 
 
-@nb.njit(cache=True, inline="always")
-def rub(  # type: ignore[no-untyped-def]
-    mu, kt, gt, spin, torque, slide, q, i, j, dx, dy, d, part, wx, wy, ux, uy, mass, normal, past
-):
-    """Force on disc i along its contact q with disc j (-1: driven, does not turn), and its power; adds the torques.
+@nb.njit(**FAST, forceinline=True)
+def rub(mu, kt, gt, p, i, j, stretch, dx, dy, d, part, mass, load, past):  # type: ignore[no-untyped-def]
+    """Force on disc i at its contact with disc j, x and y, the moment d F_t, the power, and the stretch of the spring.
 
-    part: r_i/(r_i + r_j); wx, wy and ux, uy: relative velocity now and over the last step of length past [s] (0: none).
+    part: r_i/(r_i + r_j), the share of the moment on i; load: normal force [N]; past [s]: the last step (0: none).
     """
-    now, half = part * spin[i, 0], part * spin[i, 1]
-    if j >= 0:
-        now += (1.0 - part) * spin[j, 0]
-        half += (1.0 - part) * spin[j, 1]
-    middle = d - 0.5 * past * (dx * ux + dy * uy) / d
-    slip = (dx * wy - dy * wx) / d - d * now
-    stretch = slide[q] + past * ((dx * uy - dy * ux) / middle - middle * half)
-    force, slide[q] = spring(stretch, slip, gt * mass, mu * abs(normal), kt)
-    torque[i] -= part * d * force
-    if j >= 0:
-        torque[j] -= (1.0 - part) * d * force
-    return -force * dy / d, force * dx / d, force * slip
+    wx, wy = p[VX, i] - p[VX, j], p[VY, i] - p[VY, j]
+    ux, uy = p[UX, i] - p[UX, j], p[UY, i] - p[UY, j]
+    now = part * p[SPIN, i] + (1.0 - part) * p[SPIN, j]
+    half = part * p[HALF, i] + (1.0 - part) * p[HALF, j]
+    inverse = 1.0 / d
+    middle = d - 0.5 * past * (dx * ux + dy * uy) * inverse
+    slip = (dx * wy - dy * wx) * inverse - d * now
+    stretch += past * ((dx * uy - dy * ux) / middle - middle * half)
+    force, stretch = spring(stretch, slip, gt * mass, mu * abs(load), kt)
+    return -force * dy * inverse, force * dx * inverse, d * force, force * slip, stretch
 
 
-@nb.njit(cache=True, inline="always")
-def skid(  # type: ignore[no-untyped-def]
-    mu, kt, gt, spin, torque, held, i, k, nx, ny, lever, wx, wy, ux, uy, mass, normal, past
-):
-    """The same at the flat face k of infinite mass, at `lever` [m] from the disc's centre, of normal nx, ny."""
-    slip = nx * wy - ny * wx - lever * spin[i, 0]
+@nb.njit(**FAST)
+def skid(mu, kt, gt, p, i, stretch, nx, ny, lever, rising, rose, mass, load, past):  # type: ignore[no-untyped-def]
+    """The same at a flat face of infinite mass, at `lever` [m] from the disc's centre, of normal nx, ny; the face moves
+    up at `rising` now, `rose` over the last step [m/s]."""
+    wx, wy, ux, uy = p[VX, i], p[VY, i] - rising, p[UX, i], p[UY, i] - rose
+    slip = nx * wy - ny * wx - lever * p[SPIN, i]
     middle = lever - 0.5 * past * (nx * ux + ny * uy)
-    stretch = held[i, k] + past * (nx * uy - ny * ux - middle * spin[i, 1])
-    force, held[i, k] = spring(stretch, slip, gt * mass, mu * abs(normal), kt)
-    torque[i] -= lever * force
-    return -force * ny, force * nx, force * slip
+    stretch += past * (nx * uy - ny * ux - middle * p[HALF, i])
+    force, stretch = spring(stretch, slip, gt * mass, mu * abs(load), kt)
+    return -force * ny, force * nx, lever * force, force * slip, stretch
 
 
-@nb.njit(cache=True, inline="always")
-def turn(spin, torque, i, r, light, h, begun, move):  # type: ignore[no-untyped-def]
-    """Half kicks of the spin of disc i by its complete torque, as those of its velocity in `contacts.step`."""
-    gain = h * torque[i] * light / (r * r)  # half a step of torque over m r^2/2
-    torque[i] = 0.0
-    w = spin[i, 1]
-    if begun:
-        w += gain
-        spin[i, 0] = w
-    if move:
-        spin[i, 0] = w + 2.0 * gain
-        w += gain
-    spin[i, 1] = w
+PHASE, KIND, TASKS, STEP, BUFFER, FRESH, FULL, CLOCK = range(8)
+DONE, CLAIM = 16, 32
+"""What the threads of a march share: number of the phase (< 0: over), its kind and tasks, step, which of two lists
+holds, whether `close` (2) or what may touch soon (1) is to be found anew, whether a list was too short, number of the
+steps so far; apart from these, for each change takes the line of the cache from all others, tasks done of the phase and
+from CLAIM on the phase that each band is next to be taken for."""
+SORT, LIST, MARCH = range(3)
+TRAVEL, SINCE, SOON = range(3)  # m, of the fastest since lists, `close` and what may touch soon were made
+NEVER = -2  # a phase
 
 
-@nb.njit(cache=True)
-def carried(old_start, old_partner, old_slide, start, partner):  # type: ignore[no-untyped-def]
-    """Stretches (len(partner),) of the pairs of a new list, from those of the old one; 0 for pairs that are new."""
-    slide = np.zeros(len(partner))
-    for i in range(len(start) - 1):
-        for a in range(old_start[i], old_start[i + 1]):
-            if old_slide[a] != 0.0:
-                for b in range(start[i], start[i + 1]):
-                    if partner[b] == old_partner[a]:
-                        slide[b] = old_slide[a]
-                        break
-    return slide
+@nb.njit(**FAST)
+def march(  # type: ignore[no-untyped-def]
+    me,
+    sync,
+    about,
+    state,
+    size,
+    f,
+    edges,
+    n_free,
+    law,
+    box,
+    plate,
+    h,
+    path,
+    speed,
+    skin,
+    binned,
+    lists,
+    close,
+    results,
+    rough,
+    held,
+):
+    """Advance by len(path) - 1 steps in place, together with all threads that call this with the same arrays.
+
+    me: band that the thread begins with. sync: int64 as above; about (3,): TRAVEL, SINCE, SOON. state (2, STATE, n): of
+    even and of odd steps. edges (bands + 1,): of the bands. path, speed (steps + 1,): height and velocity up of the
+    foot at each step; plate: half width and height of the plate (a width < 0 is no plate); the driven discs move by the
+    same path. binned: arrays of `cells` and the numbers of its columns and rows; lists: twice those of `listed`, by
+    band (bands, 2, pairs), close: those of `picked` by band. results (bands, 16): greatest speed^2, push and impulse of
+    the foot (x, y) and of the walls (x, y) on the free discs and work of friction, by the trapezoidal rule.
+    """
+    cell, first, inside, counts = binned
+    bands, steps, reach = len(edges) - 1, len(path) - 1, CLOSE * skin
+    while True:
+        phase = read(sync, PHASE)
+        if phase < 0:
+            return
+        for turn in range(bands):
+            b = (me + turn) % bands  # the same ones in every step, as far as the others keep up
+            if not swapped(sync, CLAIM + b, phase, phase + 1):  # another thread has it
+                continue
+            s, now, clock, low, high = sync[STEP], sync[BUFFER], sync[CLOCK], edges[b], edges[b + 1]
+            old, new = state[s % 2], state[(s + 1) % 2]
+            begin, end, partner, slide, seen = lists[now]
+            mine = begin, end, partner[b], slide[b], seen[b]
+            if sync[KIND] == SORT:
+                counts[0], counts[1] = cells(old[X], old[Y], size[RADIUS], skin, cell, first, inside)
+            elif sync[KIND] == LIST:
+                begin, end, partner, slide, seen = lists[1 - now]
+                free = begin, end, partner[b], slide[b], seen[b]
+                if not listed(
+                    old, size, skin, low, high, cell, first, inside, counts[0], counts[1], free, mine, clock - 1
+                ):
+                    written(sync, FULL, 1)
+            else:
+                rose = (path[s] - path[s - 1]) / h if s > 0 else 0.0
+                foot = plate[0], plate[1], path[s], speed[s], rose
+                one, other, where, square, wide, walls, soon, hits, found = close
+                shorter = one[b], other[b], where[b], square[b], wide[b], walls[b], soon[b], hits[b]
+                if sync[FRESH] == 2:
+                    picked(old, size, reach, low, high, begin, end, mine[2], box, foot, shorter, found[b], held)
+                results[b, 0] = step(
+                    old,
+                    new,
+                    size,
+                    f,
+                    low,
+                    high,
+                    n_free,
+                    mine,
+                    shorter,
+                    found[b],
+                    sync[FRESH] > 0,
+                    law,
+                    box,
+                    foot,
+                    h,
+                    s > 0,
+                    s < steps,
+                    results[b, 1:6],
+                    rough,
+                    held,
+                    clock,
+                )
+                for c in range(5):
+                    results[b, 6 + c] += (0.5 if s == 0 or s == steps else 1.0) * h * results[b, 1 + c]
+            if added(sync, DONE, 1) + 1 == sync[TASKS]:
+                written(sync, PHASE, following(phase, sync, about, state, n_free, bands, h, path, speed, skin, results))
+        waited = 0
+        while read(sync, PHASE) == phase:
+            waited += 1
+            if waited % SPINS == 0:
+                idle()
+
+
+SPINS = 200_000  # reads, tenths of a millisecond, that a thread waits for the others before it offers its core
+
+
+@nb.njit(cache=True, nogil=True)
+def following(phase, sync, about, state, n_free, bands, h, path, speed, skin, results):  # type: ignore[no-untyped-def]
+    """Lays out the next phase, when all is done of this one; its number."""
+    s, steps = sync[STEP], len(path) - 1
+    sync[DONE] = 0
+    if sync[KIND] == SORT:
+        sync[KIND], sync[TASKS] = LIST, bands
+    elif sync[KIND] == LIST:
+        if sync[FULL]:
+            return -1
+        sync[KIND], sync[FRESH], sync[BUFFER] = MARCH, 2, 1 - sync[BUFFER]
+        about[:] = 0.0
+    else:
+        sync[STEP], sync[FRESH] = s + 1, 0
+        sync[CLOCK] += 1
+        if s == steps:
+            return -1
+        old, new, up = state[s % 2], state[(s + 1) % 2], path[s + 1] - path[s]
+        for j in range(n_free, old.shape[1]):
+            new[X, j], new[Y, j], new[VX, j], new[VY, j] = old[X, j], old[Y, j] + up, 0.0, speed[s + 1]
+            new[UX, j], new[UY, j], new[SPIN, j], new[HALF, j] = 0.0, up / h, 0.0, 0.0
+        fastest = 0.0
+        for b in range(bands):
+            fastest = max(fastest, results[b, 0])
+        way = h * max(math.sqrt(fastest), abs(speed[s]), abs(speed[s + 1]), abs(up) / h)
+        about += way
+        if 2.0 * about[TRAVEL] > skin:
+            sync[KIND], sync[TASKS] = SORT, 1
+        elif 2.0 * about[SINCE] > CLOSE * skin:
+            sync[FRESH], about[SINCE], about[SOON] = 2, 0.0, 0.0
+        elif 2.0 * about[SOON] > NEXT * CLOSE * skin:
+            sync[FRESH], about[SOON] = 1, 0.0
+    for b in range(bands):
+        sync[CLAIM + b] = phase + 1 if b < sync[TASKS] else NEVER
+    return phase + 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,12 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
+from jumpvision.base.threads import at_once, threads
 
-from .contacts import DAMPING, STIFFNESS, march, neighbours, step
+from . import contacts
 from .discs import Block, Box, Discs, Law, Plate
 from .packing import pack
 
 SKIN = 0.3  # of the mean diameter: neighbours are listed so much farther than they touch
+BAND, MOST_BANDS = 2500, 16  # discs of a band at least, bands at most
 STEPS_PER_CONTACT = 30.0  # time step = the shortest contact time over this: energy of an elastic contact within 0.1 %
 
 
@@ -68,7 +72,7 @@ def integrate(
     dt [s]: greatest time step (`time_step`); each interval is cut into equal steps no longer than it. foot moves up
     and down by the cubic spline through foot_y [m] (height of its face) at foot_t [s], whatever the discs do.
     Second order in dt while contacts last; a dashpot opens and closes with a jump of its force, which costs an order.
-    The result does not depend on threads: there is one.
+    The bits of the result do not depend on the number of threads, which share the discs in bands (`contacts.march`).
     """
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0.0):
@@ -76,30 +80,23 @@ def integrate(
     if not dt > 0.0:
         raise ValueError(f"integrate: dt = {dt!r} s must be > 0; `time_step` gives one")
     height, rising = foot_path(foot, foot_t, foot_y, times)
-    order, p, n = packed(discs, foot, float(height(times[0])), float(rising(times[0])))
+    order, state, size, n = packed(discs, foot, float(height(times[0])), float(rising(times[0])))
     plate = (foot.half_width, foot.height) if isinstance(foot, Plate) else (-math.inf, 0.0)
     rules = (law.stiffness, law.damping, law.viscous, law.coulomb, law.gravity)
     walls = (box.left, box.right, box.bottom, box.top)
-    v, f = p[:n, 2:4].copy(), np.zeros((len(p), 2))
+    bands = Bands(state, size, n, law, SKIN * 2.0 * float(discs.radius.mean()))
     out = np.empty((4, times.size, n))
     force = np.full((times.size, 5), np.nan)
-    out[:, 0, order] = p[:n, :4].T
+    out[:, 0, order] = state[:4, :n]
     spin = np.empty((times.size, n))
     spin[:] = discs.spin
-    rough = roughness(law, discs.spin[order]) if law.friction > 0.0 else None
-    skin = SKIN * 2.0 * float(discs.radius.mean())
-    start, partner, slide = np.zeros(n + 1, np.int64), np.empty(4 * n + 16, np.int64), np.empty(0)
     for k in watch(range(1, times.size), "discs, instants"):
         steps = math.ceil((times[k] - times[k - 1]) / dt * (1.0 - 1e-9))
         at = np.linspace(times[k - 1], times[k], steps + 1)
-        impulse = np.zeros(5)
         h = (times[k] - times[k - 1]) / steps
-        partner, slide = march(
-            p, v, f, n, rules, walls, plate, h, height(at), rising(at), skin, start, partner, slide, impulse, rough
-        )
-        out[:, k, order] = p[:n, :4].T
-        if rough is not None:
-            spin[k, order] = rough[3][:, 1]
+        impulse = bands.march(rules, walls, plate, h, height(at), rising(at))
+        out[:, k, order] = bands.state[0, :4, :n]
+        spin[k, order] = bands.state[0, contacts.SPIN, :n]
         force[k] = impulse / (times[k] - times[k - 1])
     seen = (height(times), rising(times)) if foot is not None else (np.full(times.size, np.nan),) * 2
     return Motion(
@@ -107,41 +104,111 @@ def integrate(
     )
 
 
-def roughness(law: Law, spin: Array) -> tuple[float, float, float, Array, Array, Array]:
-    """State of `friction` at the start, all springs relaxed; spin (n,) [rad/s]."""
-    n, both = spin.size, np.stack([spin, spin], axis=1)
-    return law.friction, STIFFNESS * law.stiffness, DAMPING * law.damping, both, np.zeros(n), np.zeros((n, 3))
+class Bands:
+    """Discs in bands that threads share, their state at even and odd steps, and the lists of who is near whom."""
+
+    def __init__(self, state: Array, size: Array, n: int, law: Law, skin: float) -> None:
+        """state (STATE, n + m), size (2, n + m) as `packed` gives them, the n free discs first; all springs relaxed."""
+        bands = max(1, min(MOST_BANDS, n // BAND))
+        self.edges = np.linspace(0, n, bands + 1).astype(np.int64)
+        self.state, self.size, self.n, self.skin = np.stack([state, state]), size, n, skin
+        self.f, self.held = np.zeros((3, n)), np.zeros((3, n if law.friction > 0.0 else 0))
+        self.rough = law.friction, contacts.STIFFNESS * law.stiffness, contacts.DAMPING * law.damping
+        whole = state.shape[1]
+        places = np.empty(whole, np.int64), np.empty(4 * whole + 16, np.int64), np.empty(whole, np.int64)
+        self.binned = *places, np.empty(2, np.int64)
+        self.sync = np.zeros(contacts.CLAIM + bands, np.int64)
+        self.lists = tuple(self.listed(0) for _ in range(2))
+        self.room(4 * n // bands + 16)
+
+    def listed(self, pairs: int) -> tuple[NDArray[Any], ...]:
+        """Empty lists of `contacts.listed`, by band, without springs where nothing rubs."""
+        shape = (len(self.edges) - 1, 2, pairs)
+        sprung = shape if self.held.size else (*shape[:2], 0)
+        of_disc = np.zeros((2, self.n), np.uint32), np.zeros((2, self.n), np.uint32)
+        return *of_disc, np.empty(shape, np.uint32), np.empty(sprung), np.empty(sprung, np.int64)
+
+    def room(self, pairs: int) -> None:
+        """Makes room for so many pairs of a band; keeps the lists."""
+        old, self.lists = self.lists, tuple(self.listed(pairs) for _ in range(2))
+        for before, after in zip(old, self.lists):
+            after[0][:], after[1][:] = before[0], before[1]
+            for short, long in zip(before[2:], after[2:]):
+                long[:, :, : short.shape[2]] = short
+        bands, shape = len(self.edges) - 1, self.lists[0][2].shape
+        one, other, where, soon, hits = (np.empty(shape, np.uint32) for _ in range(5))
+        walls = np.empty((bands, self.n // bands + 1), np.uint32)
+        square, wide, found = np.empty(shape), np.empty(shape), np.empty((bands, 5), np.int64)
+        self.close: tuple[NDArray[Any], ...] = one, other, where, square, wide, walls, soon, hits, found
+
+    def march(
+        self,
+        rules: tuple[float, ...],
+        walls: tuple[float, ...],
+        plate: tuple[float, float],
+        h: float,
+        path: Array,
+        speed: Array,
+    ) -> Array:
+        """`contacts.march` on all threads; the impulses (4,) [N s] and the work of friction [J], as one array."""
+        bands, sync = len(self.edges) - 1, self.sync
+        about, results = np.zeros(3), np.zeros((bands, 16))
+        sync[contacts.STEP] = 0
+        while True:
+            sync[contacts.PHASE], sync[contacts.DONE], sync[contacts.TASKS] = 0, 0, 1
+            sync[contacts.KIND], sync[contacts.FULL] = contacts.SORT, 0
+            sync[contacts.CLAIM :] = [0] + [contacts.NEVER] * (bands - 1)
+            shared = (sync, about, self.state, self.size, self.f, self.edges, self.n, rules, walls, plate, h, path)
+            lists = (speed, self.skin, self.binned, self.lists, self.close, results, self.rough, self.held)
+            crew = min(threads(), bands)
+            at_once([functools.partial(contacts.march, me * bands // crew, *shared, *lists) for me in range(crew)])
+            if not sync[contacts.FULL]:
+                break
+            self.room(2 * self.lists[0][2].shape[2])
+        steps = len(path) - 1
+        self.state[0, :, : self.n] = self.state[(steps + 1) % 2, :, : self.n]
+        self.state[0, :, self.n :] = self.state[steps % 2, :, self.n :]
+        return results[:, 6:11].sum(axis=0)
 
 
 def forces(discs: Discs, law: Law, box: Box) -> Array:
     """Force of contacts, walls and gravity on each disc [N], (n, 2), at the given places and velocities; no drag, no
     friction."""
-    order, p, n = packed(discs, None, 0.0, 0.0)
-    start, partner = np.empty(n + 1, np.int64), np.empty(n * 64, np.int64)
-    neighbours(p, n, 0.0, start, partner)
-    before, v = p[:n, 2:4].copy(), p[:n, 2:4].copy()
+    order, state, size, n = packed(discs, None, 0.0, 0.0)
+    bands = Bands(state, size, n, replace(law, friction=0.0), 1e-6 * float(discs.radius.mean()))
     rules = (law.stiffness, law.damping, 0.0, 0.0, law.gravity)
-    walls = (box.left, box.right, box.bottom, box.top)
-    h = 1.0  # s: the half kick of a step of 2 s is the acceleration
-    step(
-        p,
-        v,
-        np.zeros((n, 2)),
-        start,
-        partner,
-        n,
-        rules,
-        walls,
-        (-math.inf, 0.0, 0.0, 0.0, 0.0),
-        2.0 * h,
-        True,
-        False,
-        np.empty(5),
-        np.empty(0),
-        None,
-    )
+    walls, none = (box.left, box.right, box.bottom, box.top), (-math.inf, 0.0)
+    bands.march(rules, walls, none, 1.0, np.zeros(1), np.zeros(1))  # no step: the lists
+    now, new = bands.state
+    begin, end, partner, slide, seen = bands.lists[bands.sync[contacts.BUFFER]]
+    *close, found = bands.close
+    for b, (low, high) in enumerate(itertools.pairwise(bands.edges)):
+        h = 1.0  # s: the half kick of a step of 2 s is the acceleration
+        contacts.step(
+            now,
+            new,
+            size,
+            bands.f,
+            low,
+            high,
+            n,
+            (begin, end, partner[b], slide[b], seen[b]),
+            tuple(a[b] for a in close),
+            found[b],
+            False,
+            rules,
+            walls,
+            (*none, 0.0, 0.0, 0.0),
+            2.0 * h,
+            True,
+            False,
+            np.empty(5),
+            bands.rough,
+            bands.held,
+            0,
+        )
     out = np.empty((n, 2))
-    out[order] = (v - before) / p[:n, 5:6]
+    out[order] = ((new - now)[contacts.UX : contacts.UY + 1] / size[1]).T
     return out
 
 
@@ -168,17 +235,19 @@ def foot_path(
 
 def packed(
     discs: Discs, foot: Plate | Block | None, height: float, rising: float
-) -> tuple[NDArray[np.intp], Array, int]:
-    """order, state (n + m, 6) as `contacts` wants it, n: discs by rows of cells (near in memory), then the foot."""
-    size = 4.0 * float(discs.radius.mean())
-    order = np.lexsort((discs.x, np.floor(discs.y / size)))
-    columns = (discs.x, discs.y, discs.vx, discs.vy, discs.radius, 1.0 / discs.mass)
-    p = np.stack([a[order] for a in columns], axis=1)
+) -> tuple[NDArray[np.intp], Array, Array, int]:
+    """order, state (STATE, n + m) and size (2, n + m) as `contacts` wants them, n: discs by rows of cells (near in
+    memory), then the foot."""
+    cell = 4.0 * float(discs.radius.mean())
+    order = np.lexsort((discs.x, np.floor(discs.y / cell)))
+    rows = (discs.x, discs.y, discs.vx, discs.vy, discs.vx, discs.vy, discs.spin, discs.spin)
+    state, size = np.stack([a[order] for a in rows]), np.stack([discs.radius[order], 1.0 / discs.mass[order]])
     if isinstance(foot, Block):
-        m = len(foot.x)
-        rows = (foot.x, foot.y + height, np.zeros(m), np.full(m, rising), foot.radius, np.zeros(m))
-        p = np.concatenate([p, np.stack(rows, axis=1)])
-    return order, np.ascontiguousarray(p), len(order)
+        none = np.zeros(len(foot.x))
+        driven = (foot.x, foot.y + height, none, none + rising, none, none + rising, none, none)
+        state = np.concatenate([state, np.stack(driven)], axis=1)
+        size = np.concatenate([size, np.stack([foot.radius, none])], axis=1)
+    return order, np.ascontiguousarray(state), np.ascontiguousarray(size), len(order)
 
 
 ENTRY = 0.08  # m/s, mean; discs thrown ahead of the foot slide on by v^2/(2 coulomb) = 0.3 mm

@@ -62,27 +62,18 @@ def diagnose(
     say: Say = lambda text: None,
     known: Known = lambda findings: None,
 ) -> Findings:
-    """Questions a system: what is wrong and why (`explain`), then what that is worth (`foretell`).
+    """Questions a system: what is wrong (`look`) and why (`explain`), then what that is worth (`foretell`).
 
     scatter: standard deviations of what differs from trial to trial (System.scatter). measured: of parameters, by other
     means.
     """
     problem = Problem(system, noise, scatter, measured)
-    found = explain(problem, rng, by=by, say=say, known=known)
+    found = explain(problem, look(problem, rng, by=by, say=say), rng, say=say, known=known)
     return foretell(problem, found, rng, by=by, stops=stops, offered=offered, say=say)
 
 
-def explain(
-    problem: Problem,
-    rng: np.random.Generator,
-    *,
-    by: Sequence[str],
-    say: Say,
-    known: Known = lambda findings: None,
-    enough: Enough | None = None,
-) -> Findings:
-    """Whether a model is wrong, where, and which mechanisms explain it. by: labels of the observations to report by.
-    enough: see `Search.run`.
+def look(problem: Problem, rng: np.random.Generator, *, by: Sequence[str], say: Say) -> Findings:
+    """Whether a model is wrong, and where. by: labels of the observations to report by.
 
     Raises ValueError when the baseline cannot be followed on the data.
     """
@@ -90,12 +81,24 @@ def explain(
     base = fit_baseline(problem, rng)
     say("testing it")
     found = detect(problem, base, directions(problem, base), rng)
-    d = Findings(problem.noise, base, found, locate(problem, base, tuple(by), rng))
-    if not found.discrepant:
+    return Findings(problem.noise, base, found, locate(problem, base, tuple(by), rng))
+
+
+def explain(
+    problem: Problem,
+    d: Findings,
+    rng: np.random.Generator,
+    *,
+    say: Say,
+    known: Known = lambda findings: None,
+    enough: Enough | None = None,
+) -> Findings:
+    """What was looked at, with the mechanisms that explain it where the model is wrong. enough: see `Search.run`."""
+    if d.adequate:
         return d
     known(d)
-    say(f"discrepant (p = {found.p_value:.2g}): trying {len(problem.system.candidates)} mechanisms")
-    d = replace(d, naming=name(problem, base, found, rng, enough))
+    say(f"discrepant (p = {d.detection.p_value:.2g}): trying {len(problem.system.candidates)} mechanisms")
+    d = replace(d, naming=name(problem, d.baseline, d.detection, rng, enough))
     known(d)
     return d
 

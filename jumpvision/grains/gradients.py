@@ -75,8 +75,8 @@ def gradients(
     A neighbour counts only where the chain of vectors that steps from it straight to the centre is valid, so no
     difference is taken across a hole. NaN at invalid vectors, and where the rest lie on one line.
     """
-    u, v, x, y = (np.asarray(a, dtype=float) for a in (u, v, x, y))
-    su, sv = np.asarray(u_sigma, dtype=float), np.asarray(v_sigma, dtype=float)
+    # copies, contiguous and writable: each other layout would be compiled once more
+    u, v, x, y, su, sv = (np.array(a, dtype=float, order="C") for a in (u, v, x, y, u_sigma, v_sigma))
     ok = np.asarray(valid, dtype=bool)
     for name, a in (("v", v), ("u_sigma", su), ("v_sigma", sv), ("valid", ok)):
         if u.ndim != 2 or a.shape != u.shape:

@@ -100,7 +100,7 @@ def motion_of(
         law = Law(1.0, 0.0, 0.0, 0.0, 0.0)
     command: tuple[Any, ...]
     if isinstance(law, Samples):
-        command = (0.0, 0.0, 0.0, law.start, law.stop, 0.0, law.stop, 1.0, np.asarray(law.position, float), law.rate)
+        command = (0.0, 0.0, 0.0, law.start, law.stop, 0.0, law.stop, 1.0, np.array(law.position, float), law.rate)
     else:
         half = law.start + (0.5 / law.frequency if law.delay > 0 else law.cycles / law.frequency)
         command = (

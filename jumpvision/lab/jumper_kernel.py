@@ -207,7 +207,7 @@ def integrate(q, cmd, loop, dt, every, n):  # type: ignore[no-untyped-def]
     extension, z_g = _settled(q)
     x_f, v_f, X, V, w = -z_g, 0.0, 0.0, 0.0, 0.0
     y = x_f + extension
-    mode = STUCK
+    mode: int = np.int64(STUCK)  # type: ignore[assignment]  # of a literal: functions compiled twice
     over = (0.0, 0.0, 0.0, 0.0, 1.0)
     for i in range((n - 1) * every + 1):
         t = i * dt

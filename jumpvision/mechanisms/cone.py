@@ -21,6 +21,11 @@ def flat_radius(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
     return xp.maximum(R - mu * z / xp.tan(theta), 0.0)
 
 
+def complete(xp: Any, mu: float, theta: float, R: float) -> Any:
+    """Depth where the cone is complete, R tan(theta) / mu [m]."""
+    return R * xp.tan(theta) / mu
+
+
 @law
 def flat_area(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
     """A_flat = pi r^2 [m^2] (24)."""
@@ -118,6 +123,7 @@ RFT_CONE = Mechanism(
     "thesis eqs. (23)-(28)",
     "k1/(pi R^2) int A_flat dz + sigma_cone int A_cone dz",
     rft_cone,
+    bend=complete,
     grounds=SAND,
 )
 DEPTH_DRAG = Mechanism(
@@ -129,6 +135,7 @@ DEPTH_DRAG = Mechanism(
     "thesis eqs. (32), (34)",
     "b m_a'(z) v^2",
     depth_drag,
+    bend=complete,
     grounds=SAND,
     assumed={"C": 2.7},  # of the thesis: only the product b C shows without the added mass
 )
@@ -142,6 +149,7 @@ ADDED_MASS = Mechanism(
     "m_a(z)",
     added_mass,
     slope=cone_mass_slope,
+    bend=complete,
     grounds=SAND,
     goes_with=("depth_drag",),
 )

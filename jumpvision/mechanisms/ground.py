@@ -92,6 +92,11 @@ def two_resistance(xp: Any, z: Any, k1: float, k2: float, delta: float) -> Any:
     return k1 * xp.minimum(z, delta) + k2 * xp.maximum(z - delta, 0.0)
 
 
+def bend(xp: Any, delta: float) -> Any:
+    """Depth where k1 becomes k2 [m]."""
+    return delta
+
+
 @law
 def inertial_drag(xp: Any, v: Any, alpha: float) -> Any:
     """alpha v^2 (15), momentum given to displaced grains."""
@@ -133,6 +138,7 @@ TWO_RESISTANCE = Mechanism(
     "thesis chapter III, force model 2",
     "k1 min(z, delta) + k2 max(z - delta, 0)",
     two_resistance,
+    bend=bend,
     grounds=SAND,
 )
 INERTIAL_DRAG = Mechanism(

@@ -117,9 +117,10 @@ class Mechanism:
     INERTIA the mass [kg]; rate: of its internal state u [1/s]. seen: range of the law's symbols that data covered.
     meaning: what it adds; lacks: the same in plain words, after "because the model lacks ..."; equation: how its term
     reads in a printed model; source: where it comes from. slope: of an INERTIA dm/dz [kg/m], of a SPRING -dF/dstretch
-    [N/m]; energy: what a SPRING has stored [J] (None: its work is lost). goes_with: mechanisms of one cause with it.
-    assumed: parameters that jumps cannot tell, with their value where the model gives none. possible: whether a
-    diagnosis may ask for it, of the model and whether the command drives it.
+    [N/m]; bend: depth [m] of its kink, on which the solver ends a step; energy: what a SPRING has stored [J] (None: its
+    work is lost). goes_with: mechanisms of one cause with it. assumed: parameters that jumps cannot tell, with their
+    value where the model gives none. possible: whether a diagnosis may ask for it, of the model and whether the command
+    drives it.
     """
 
     name: str
@@ -131,6 +132,7 @@ class Mechanism:
     equation: str = ""
     law: Callable[..., Any] | None = None
     slope: Callable[..., Any] | None = None
+    bend: Callable[..., Any] | None = None
     energy: Callable[..., Any] | None = None
     grounds: tuple[str, ...] = ("hard", "granular")
     corrects: str = ""

@@ -69,7 +69,8 @@ def jump_batch(
     values = {name: np.asarray(x, float) for name, x in varied.items()}
     shape = np.broadcast_shapes(rows.shape[:-2], *(x.shape for x in values.values()))
     flat = {name: np.broadcast_to(x, shape).ravel() for name, x in values.items()}
-    each = np.ascontiguousarray(np.broadcast_to(rows, (*shape, *rows.shape[-2:])).reshape(-1, *rows.shape[-2:]))
+    each = np.broadcast_to(rows, (*shape, *rows.shape[-2:])).reshape(-1, *rows.shape[-2:])
+    each = np.require(each, requirements=["C", "W"])  # a layout of its own would be compiled once more
     constants = pack(_with_arrays(model, flat), each.shape[0])
     if loop is not None:
         constants["low"], constants["high"] = -np.inf, np.inf

@@ -20,7 +20,7 @@ from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, one_thr
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.inputs.experiment import Campaign, Experiment
-from jumpvision.inputs.sections import NotApplicable
+from jumpvision.inputs.sections import GrainVideo, NotApplicable
 from jumpvision.results import Record, plain
 from jumpvision.results.values import Summary
 
@@ -31,7 +31,9 @@ from .stage import STAGES, declared, modules, results_stages, stage_named
 from .workspace import NotCached, Step, Workspace
 
 Report = Callable[["Outcome"], None]
+Known = Callable[[Mapping[str, "Outcome"]], None]
 Job = tuple[Any, ...]  # experiment, plan, results and, where only pictures are left, its outcome
+BEFORE_FILM = ("rod", "bed")  # stages that tell of an experiment's jump
 
 
 @dataclass(frozen=True)
@@ -216,14 +218,17 @@ def run_campaign(
     workers: int,
     done: Report,
     elsewhere: Mapping[str, list[str]] | None = None,
+    jumps: Known | None = None,
 ) -> list[Outcome]:
     """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
+
+    jumps: is called where grain films take longer than all else, with what is known before they are matched.
 
     Pictures are drawn only where all else is in the cache; `undrawn` says of an outcome that they are left to `draw`.
     elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
     """
     with _no_leftovers(plan):
-        return _run_campaign(campaign, plan, workers, done, elsewhere)
+        return _run_campaign(campaign, plan, workers, done, elsewhere, jumps)
 
 
 @contextlib.contextmanager
@@ -237,7 +242,12 @@ def _no_leftovers(plan: Plan) -> Iterator[None]:
 
 
 def _run_campaign(
-    campaign: Campaign, plan: Plan, workers: int, done: Report, elsewhere: Mapping[str, list[str]] | None
+    campaign: Campaign,
+    plan: Plan,
+    workers: int,
+    done: Report,
+    elsewhere: Mapping[str, list[str]] | None,
+    jumps: Known | None,
 ) -> list[Outcome]:
     jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
     outcomes: dict[str, Outcome] = {}
@@ -252,13 +262,29 @@ def _run_campaign(
             outcomes[name] = Outcome(name, job[2], errors=why)
         done(outcomes[name])
 
-    def report(name: str, outcome: Outcome) -> None:
-        outcomes[name] = replace(outcome, undrawn=bool(plan.pictures))
-        done(outcomes[name])
-
     bare = replace(plan, pictures=())
     left: dict[str, Job] = {n: (e, bare, results) for n, (e, _, results) in jobs.items() if n not in outcomes}
-    _all(_longest_first(left), workers, report)
+    films = {n for n, job in left.items() if job[0].section(GrainVideo) is not None} if jumps and workers > 1 else set()
+    before = replace(bare, stages=BEFORE_FILM, whole=False)
+    first: dict[str, Outcome] = {}
+
+    def report(name: str, outcome: Outcome) -> dict[str, Job]:
+        if name in films and name not in first:
+            first[name] = outcome
+            more = {name: left[name]}
+        else:
+            now = {s.stage: s for s in first[name].steps} if name in first else {}  # of this run, too
+            steps = [now.get(s.stage, s) for s in outcome.steps]
+            outcomes[name] = replace(outcome, steps=steps, undrawn=bool(plan.pictures))
+            done(outcomes[name])
+            more = {}
+        if jumps and films and len(outcomes) < len(jobs) and len(outcomes | first) == len(jobs):
+            jumps(first | outcomes)
+            films.clear()
+        return more
+
+    begin = {n: (job[0], before, job[2]) if n in films else job for n, job in _longest_first(left).items()}
+    _all(begin, workers, report)
     return [outcomes[n] for n in jobs]
 
 
@@ -271,27 +297,32 @@ def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: in
     return list(made.values())
 
 
+Ended = Callable[[str, Outcome], Mapping[str, Job] | None]  # gives what is to be done next
+
+
 def _longest_first(jobs: Mapping[str, Job]) -> dict[str, Job]:
     """Films first: the longest jobs must not start last."""
     films = {n: sum(hasattr(s, "frame_rate") for s in job[0].sections.values()) for n, job in jobs.items()}
     return {n: jobs[n] for n in sorted(jobs, key=lambda n: -films[n])}
 
 
-def _all(jobs: Mapping[str, Job], workers: int, report: Callable[[str, Outcome], None]) -> None:
+def _all(jobs: Mapping[str, Job], workers: int, report: Ended) -> None:
     """Jobs by name, in other processes where several run at a time; one whose process dies is tried again alone."""
     left = dict(jobs)
 
-    def ended(name: str, outcome: Outcome) -> None:
+    def ended(name: str, outcome: Outcome) -> Mapping[str, Job]:
         del left[name]
-        report(name, outcome)
+        more = report(name, outcome) or {}
+        left.update(more)
+        return more
 
-    if workers <= 1 or len(jobs) <= 1:
-        for name, job in jobs.items():
-            ended(name, _run(*job))
+    while left and (workers <= 1 or len(jobs) <= 1):
+        name = next(iter(left))
+        ended(name, _run(*left[name]))
     while left:
         for name in _in_processes(left, min(workers, len(left)), ended):  # alone, so that the guilty one is known
-            if _in_processes({name: jobs[name]}, 1, ended):
-                e, _, results, *_ = jobs[name]
+            e, _, results, *_ = left[name]
+            if _in_processes({name: left[name]}, 1, ended):
                 killed = f"{e.path}: its worker process was killed (out of memory?); run again to resume"
                 ended(name, Outcome(name, results, errors=[killed]))
 
@@ -306,22 +337,27 @@ def prepare(plan: Plan) -> None:
     ready([__name__, *modules(), *drawn])
 
 
-def _in_processes(jobs: Mapping[str, Job], workers: int, report: Callable[[str, Outcome], None]) -> list[str]:
+def _in_processes(
+    jobs: Mapping[str, Job], workers: int, ended: Callable[[str, Outcome], Mapping[str, Job]]
+) -> list[str]:
     """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
     prepare(next(iter(jobs.values()))[1])
     queue = list(jobs.items())[::-1]
-    under_way: dict[Future[Outcome], str] = {}
+    under_way: dict[Future[Outcome], tuple[str, Job]] = {}
     with ProcessPoolExecutor(workers, mp_context=processes(), initializer=one_thread) as pool:
         try:
             while queue or under_way:
-                while queue and len(under_way) <= workers:  # one more than there are workers, so that none waits
+                # one more than there are workers, so that none waits, except where a film is to come next
+                films = any(job[1].stages == BEFORE_FILM for _, job in under_way.values())
+                while queue and len(under_way) < workers + (not films):
                     name, job = queue.pop()
-                    under_way[pool.submit(_run, *job)] = name
+                    under_way[pool.submit(_run, *job)] = name, job
+                    films |= job[1].stages == BEFORE_FILM
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
                     outcome = future.result()
-                    report(under_way.pop(future), outcome)
+                    queue += (ended(under_way.pop(future)[0], outcome) or {}).items()
         except BrokenProcessPool:
-            return list(under_way.values())
+            return [name for name, _ in under_way.values()]
         except KeyboardInterrupt:
             pool.shutdown(cancel_futures=True)
             raise

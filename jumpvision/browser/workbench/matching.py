@@ -48,7 +48,7 @@ def pair(film: GrainVideo, calibration: Calibration | None, p: PivParams, i: int
             usable = drawn_mask(film, None, calibration)
             light = light_of(frames, stride_of(cut, p), p)
             ends = [light(frames[k], k) for k in (0, p.gap)]
-            prefilter = best_prefilter(*ends, mask=usable, gap=p.gap, **matching(p))
+            prefilter, _ = best_prefilter(*ends, mask=usable, gap=p.gap, **matching(p))
             alone = replace(p, gap=1, baseline=1, ensemble=1)  # of two frames, one after the other
             job = Job(film, None, calibration, None, None, light, prefilter, 1, alone)
             f = next(job.fields((frames[k] for k in (i, i + p.gap)), i, usable))

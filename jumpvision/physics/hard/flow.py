@@ -19,6 +19,8 @@ from typing import Any
 import numba as nb
 from numpy.typing import NDArray
 
+from jumpvision.physics.forcing import INLINE, KERNEL, sincos
+
 from .arc import (
     AMP,
     ARC_SIZE,
@@ -29,9 +31,7 @@ from .arc import (
     GAMMA,
     HA,
     HB,
-    INLINE,
     JERK,
-    KERNEL,
     OMEGA,
     P0,
     P1,
@@ -44,7 +44,6 @@ from .arc import (
     drive,
     evaluate,
     make_arc,
-    sincos,
 )
 
 Best = tuple[float, float, float]

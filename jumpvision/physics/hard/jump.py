@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.threads import shared
-from jumpvision.physics.forcing import Forcing, Segments
+from jumpvision.physics.forcing import KERNEL, Forcing, Segments
 from jumpvision.physics.oscillator import natural_frequency
 
-from .arc import AIR, ARC_SIZE, KERNEL, KIND, evaluate
+from .arc import AIR, ARC_SIZE, KIND, evaluate
 from .flow import follow_jump, motor, row
 
 # name: unit, lowest, whether the lowest itself is allowed
@@ -226,7 +226,7 @@ def hard_sweep(
     robots = np.stack([v.ravel() for v in each])
     rows = np.broadcast_to(laws, (*shape, *laws.shape[-2:])).reshape(-1, *laws.shape[-2:])
     out = np.empty((len(RESULTS), rows.shape[0]))
-    _sweep(len(rows), np.ascontiguousarray(rows), robots, out)
+    _sweep(len(rows), np.require(rows, requirements=["C", "W"]), robots, out)
     result: dict[str, NDArray[Any]] = {name: column.reshape(shape) for name, column in zip(RESULTS, out)}
     result["n_jumps"] = result["n_jumps"].astype(np.int64)
     return result

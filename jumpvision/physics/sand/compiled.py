@@ -37,7 +37,11 @@ def pieces(rows: Array) -> tuple[Array, Array]:
     n = 0
     for row in rows:
         if row[1] > row[0]:
-            kept[n], edges[n] = row, row[0]
+            for i in range(
+                row.size
+            ):  # assigned whole, the message of its error takes longer to compile than all of this
+                kept[n, i] = row[i]
+            edges[n] = row[0]
             n += 1
     last = rows[rows.shape[0] - 1]
     x, _ = forcing.segment_xv(last, last[1])
@@ -53,11 +57,12 @@ def tolerances(p: Any, size: int, atol: float) -> tuple[float, Array]:
     out = np.full(size, atol)
     out[granular.W] *= rate
     out[granular.VF] *= rate
-    out[granular.V :] *= rate
+    for i in range(granular.V, size):
+        out[i] *= rate
     return rate, out
 
 
-@njit(error_model="numpy")
+@njit(error_model="numpy", inline="always")  # once, where it is called: else all is optimised once more
 def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out: Array) -> None:
     """Writes RESULTS of one jump (out, NaN where there is none); the tail doubles until a flight has landed."""
     p = constants[0]
@@ -218,7 +223,8 @@ def _tracks(key: str) -> Callable[..., Any]:
                 2.0 * math.pi / rate / STEPS_PER_PERIOD,
                 no_peaks,
             )[0]
-            heights[driven:] = full[:, 0] - height
+            for i in range(driven, heights.size):
+                heights[i] = full[i - driven, 0] - height
             if status != events.OK:
                 heights[:] = math.nan
 

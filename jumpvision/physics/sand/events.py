@@ -1,8 +1,9 @@
 """The jump as it unfolds: adaptive steps, events located in each, and the rules that follow an event.
 
-Where the jumper is linear a step is the closed form (`linear_flow`), else one of Dormand and Prince. An event is the
-root of a guard (`modes.guards`), found inside the step to 1e-14 s; the step is then taken again to end there, so the
-state at an event has the accuracy of a step. Each piece of the forcing is entered and left exactly.
+Where the jumper is linear a step is the closed form (`linear_flow`), else one of order 8 (`step`). An event is the
+root of a guard (`modes.guards`), found inside the step to 1e-14 s by its dense output, which gives the state there
+too; a step also ends on a kink of a law (`Mechanism.bend`), so that each is of a smooth motion. Each
+piece of the forcing is entered and left exactly.
 
 No accumulation of events (Zeno) is possible: granular contact rests under the set-valued yield rule, a massless foot
 on hard ground stays for at least half a period of the spring, and a foot with mass does not bounce. A run of more
@@ -23,14 +24,14 @@ from jumpvision.mechanisms.ground import stop_go_overshoot
 from . import scalar
 from .granular import (
     AIR,
+    ASKED,
+    BENDS,
     CONTACT,
     HARD,
     INTRUDE,
     LANDED,
     LEFT,
-    N_MEMORY,
     N_MOTION,
-    NOW,
     STUCK,
     VF,
     XF,
@@ -47,10 +48,26 @@ from .granular import (
     rod,
     settling,
 )
-from .kernel import kernel
+from .kernel import kernel, number
 from .modes import grip, guards, held_between, limit, rail_force, room, settle
 from .program import NEVER
-from .step import N_ARC, N_SLOPES, ORDER, PULL, U, Z, begin, clear_until, dense, flow, longest_step, middle, step
+from .step import (
+    END,
+    N_DENSE,
+    N_SLOPES,
+    ORDER,
+    PULL,
+    U,
+    Z,
+    begin,
+    between,
+    clear_until,
+    dense,
+    flow,
+    longest_step,
+    middle,
+    step,
+)
 from .within import dips, efforts, heights, inside, locate, peak, sample
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
@@ -59,7 +76,10 @@ MAX_EVENTS = 4000
 MAX_STEPS = 30_000  # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
 RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
 NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
+ON = 1e-9  # m, so near to a kink of a law a step begins or ends on it
+SMALL = 1e-6  # error of a step over its tolerance: the next may be five times as long
 NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
+STABLE = 5.0  # decays along the real axis in which a step does not grow: 6.1
 STILL = 1e-9  # m/s, a slower carriage is at rest when the forcing changes piece
 OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
 
@@ -82,10 +102,30 @@ def above(half: Guards, a: Guards, b: Guards) -> bool:
 
 
 @kernel
+def share_to_bend(s: Array, s1: Array, h: float, p: Any) -> float:
+    """Share of a step from s to s1 at which the foot reaches the first kink of a law, by the cubic through both; 1.0
+    without one."""
+    z, z1, at = -s[XF], -s1[XF], np.inf
+    for i in range(BENDS):
+        if z + ON < p.bends[i] < min(z1 - ON, at):
+            at = p.bends[i]
+    if at == np.inf:
+        return 1.0
+    lo, hi, rise, a, b = 0.0, 1.0, z1 - z, -h * s[VF], -h * s1[VF]
+    for _ in range(60):
+        share = 0.5 * (lo + hi)
+        if z + share * (a + share * (3.0 * rise - 2.0 * a - b + share * (a + b - 2.0 * rise))) < at:
+            lo = share
+        else:
+            hi = share
+    return hi
+
+
+@kernel
 def first_step(s: Array, acceleration: float, p: Any) -> float:
     """Step [s] to begin an intrusion with: a share of the time in which drag stops the foot or a spring would."""
-    swing = 0.2 * np.sqrt(p.m_f / p.k_s)
-    return min(swing, 0.2 * abs(s[VF] / acceleration)) if s[VF] < 0.0 and acceleration > 0.0 else swing
+    swing = 0.6 * np.sqrt(p.m_f / p.k_s)
+    return min(swing, 2.0 * abs(s[VF] / acceleration)) if s[VF] < 0.0 and acceleration > 0.0 else swing
 
 
 @njit(error_model="numpy")
@@ -95,11 +135,9 @@ def workspace(n: int, pieces: int) -> Any:
     return (
         np.empty(n),
         np.empty(n),
-        np.empty((n, 4)),
-        np.empty(N_ARC),
+        np.empty((n, N_DENSE)),
         np.empty((N_SLOPES, n)),
         np.empty((1, n)),
-        np.empty(N_MEMORY),
         np.empty(4, np.bool_),
         np.empty((pieces, 8)),
     )
@@ -132,30 +170,35 @@ def run(
     peaks: (6,) greatest, then least motor force [N], power [W] and speed [m/s] until `stop`, without impulses; or (0,).
     """
     p, size = constants[0], s.size
-    s1, work, q, arc, slopes, spare, memory, armed, late = space
+    s1, work, q, slopes, spare, armed, late = space
+    p.kind = kind
     if p.tau > 0.0:
         lagged(kind, rows, edges, p.tau, late)
         rows = late
-    memory[:] = 0.0
-    memory[0], memory[CONTACT] = floor, NEVER
+    p.memory[:] = 0.0
+    p.memory[0], p.memory[CONTACT] = floor, NEVER
     if peaks.size > 0:
         peaks[:] = 0.0
         peaks[0] = peaks[3] = p.m_m * p.g
-    mode, slip, h, n_out, n_log = STUCK, 1, 1e-4, 0, 0
+    mode, slip, h, n_out, n_log = number(STUCK), number(1), np.inf, 0, 0
+    after = 0.0  # s, the step to go on with after one that ends on a kink
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
     rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
     held, force = -np.inf, (0.0, 0.0, 0.0)
     for piece in range(rows.shape[0]):
-        t, end, row = edges[piece], edges[piece + 1], rows[piece]
+        t, end = edges[piece], edges[piece + 1]
+        for i in range(rows.shape[1]):
+            p.row[i] = rows[piece, i]
+        p.row[ASKED] = np.nan
         if size > N_MOTION and p.kp == 0.0:
-            v_new = motor(t, s, kind, row, p)[1]
+            v_new = motor(t, s, p)[1]
             s[N_MOTION + 1] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
         fresh = True  # the equations changed: a forcing piece or a mode begins
-        new_mode = settle(t, s, memory, kind, row, p) if mode == STUCK else mode
-        if p.kp > 0.0 and (memory[3] == 0.0 or not room(t, s, new_mode, slip, memory, kind, row, p) > 0.0):
-            limit(t, s, new_mode, slip, memory, kind, row, p)
-        was, slip = slip, grip(t, s, mode, memory, kind, row, p, STILL)
+        new_mode = settle(t, s, p) if mode == STUCK else mode
+        if p.kp > 0.0 and (p.memory[3] == 0.0 or not room(t, s, new_mode, slip, p) > 0.0):
+            limit(t, s, new_mode, slip, p)
+        was, slip = slip, grip(t, s, mode, p, STILL)
         if slip != was and piece > 0:
             log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
             n_log += 1
@@ -163,75 +206,83 @@ def run(
         while True:
             if fresh:
                 if n_log >= log.shape[0] - 4:
-                    return TOO_MANY_EVENTS, n_log, memory[0], rod_before, rod_after, com - low
+                    return TOO_MANY_EVENTS, n_log, p.memory[0], rod_before, rod_after, com - low
                 if new_mode != mode and mode == STUCK:  # else logged where it happened
                     log[n_log, 0], log[n_log, 1] = t, LIFT_OFF if new_mode == AIR else YIELD
                     n_log += 1
                     if new_mode == AIR:
-                        memory[1], memory[2], memory[LEFT] = memory[0], 0.0, 0.0
+                        p.memory[1], p.memory[2], p.memory[LEFT] = p.memory[0], 0.0, 0.0
                 mode = new_mode
                 if slip == 0:
-                    v_m = rod(t, s, kind, row, p)[2]
+                    v_m = rod(t, s, p)[2]
                     s[W] -= v_m
-                longest = longest_step(mode, slip, kind, row, p) if size == VF + 1 else 0.0
+                longest = longest_step(mode, slip, p) if size == VF + 1 else 0.0
                 exact = longest > 0.0
                 if exact:
                     longest = min(longest, max_step)
-                    begin(t, s, mode, slip, kind, row, p, arc)
+                    begin(t, s, mode, slip, p)
                 else:
                     longest = max_step
-                    rhs(t, s, mode, slip, memory, kind, row, p, slopes, NOW[0])
+                    if p.kp > 0.0:  # longer, and rounding grows until the error shows it
+                        mass = p.m_m * p.m_r / p.M
+                        longest = min(longest, STABLE / max(np.sqrt(p.kp / mass), p.kd / mass))
+                    rhs(t, s, mode, slip, p, slopes, number(0))
                     if mode == INTRUDE:
                         h = min(h, first_step(s, slopes[0, VF], p))
-                here = heights(t, s, kind, row, p)
+                here = heights(t, s, p)
                 if peaks.size > 0 and t < stop:
-                    force = motor_force(t, s, mode, slip, kind, row, p)
+                    force = motor_force(t, s, mode, slip, p)
                 if piece == 0 and steps == 0:
                     low = here[2]
-                now = guards(t, s, mode, slip, memory, kind, row, p)
+                now = guards(t, s, mode, slip, p)
                 for i in range(4):
                     armed[i] = now[i] > 0.0
                 fresh = False
             if t >= end:
-                v_old = motor(t, s, kind, row, p)[1]
+                v_old = motor(t, s, p)[1]
                 break
             steps += 1
             if steps > MAX_STEPS * (1.0 + end - edges[0]):
-                return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
+                return STEP_TOO_SMALL, n_log, p.memory[0], rod_before, rod_after, com - low
             h, clear = min(h, longest), False
-            if settling(t, row, p):
-                h = min(h, t - row[7] + 0.5 * p.tau)
+            if settling(t, p):
+                h = min(h, t - p.row[7] + 0.5 * p.tau)
             if exact and armed[0]:
                 best = rod_after if t >= stop else rod_before
-                free = clear_until(t, mode, kind, row, p, arc, memory[0], best) - t
+                free = clear_until(t, mode, p, p.memory[0], best) - t
                 clear = free > h
                 h = max(h, free)
             last = t + 1.000001 * h >= end
             trial = end - t if last else h
             if exact:
-                flow(t + trial, mode, kind, row, p, arc, s1)
+                flow(t + trial, mode, p, s1)
                 error = 0.0
             else:
-                error = step(t, s, trial, mode, slip, memory, kind, row, p, slopes, s1, rtol, atol)
+                error = step(t, s, trial, mode, slip, p, slopes, s1, rtol, atol)
+            if mode == INTRUDE:
+                share = share_to_bend(s, s1, trial, p)
+                if share < 1.0:
+                    h, after = share * trial, max(after, trial)
+                    continue
             if not error <= 1.0:
                 h = trial * (max(0.2, 0.9 * error ** (-1.0 / ORDER)) if error < 1e12 else 0.1)
                 if h < 1e-13:
-                    return STEP_TOO_SMALL, n_log, memory[0], rod_before, rod_after, com - low
+                    return STEP_TOO_SMALL, n_log, p.memory[0], rod_before, rod_after, com - low
                 continue
             # Which guard falls first? Looked at in the middle and at the end of the step.
-            final = guards(t + trial, s1, mode, slip, memory, kind, row, p)
+            final = guards(t + trial, s1, mode, slip, p)
             known, event, theta = exact, -1, 1.0
             if not clear:
                 if exact:
-                    flow(t + 0.5 * trial, mode, kind, row, p, arc, work)
+                    flow(t + 0.5 * trial, mode, p, work)
                 else:
                     middle(s, s1, slopes, trial, work)
-                half = guards(t + 0.5 * trial, work, mode, slip, memory, kind, row, p)
+                half = guards(t + 0.5 * trial, work, mode, slip, p)
                 if not (exact or (positive(now) and positive(final) and above(half, now, final))):
-                    dense(slopes, trial, q)
+                    dense(t, s, trial, mode, slip, p, slopes, s1, work, q)
                     known = True
-                    inside(0.5, t, s, trial, exact, arc, q, mode, kind, row, p, work)
-                    half = guards(t + 0.5 * trial, work, mode, slip, memory, kind, row, p)
+                    between(s, q, 0.5, work)
+                    half = guards(t + 0.5 * trial, work, mode, slip, p)
                 unresolved = False
                 for i in range(4):
                     if half[i] > 0.0 and final[i] > 0.0:
@@ -246,7 +297,7 @@ def run(
                                 event, theta = i, 0.0
                         continue
                     if not known:
-                        dense(slopes, trial, q)
+                        dense(t, s, trial, mode, slip, p, slopes, s1, work, q)
                         known = True
                     if half[i] > 0.0:
                         at = locate(
@@ -258,15 +309,12 @@ def run(
                             t,
                             s,
                             trial,
+                            trial,
                             exact,
-                            arc,
                             q,
                             work,
                             mode,
                             slip,
-                            memory,
-                            kind,
-                            row,
                             p,
                         )
                     else:
@@ -279,15 +327,12 @@ def run(
                             t,
                             s,
                             trial,
+                            trial,
                             exact,
-                            arc,
                             q,
                             work,
                             mode,
                             slip,
-                            memory,
-                            kind,
-                            row,
                             p,
                         )
                     if at < theta or event < 0:
@@ -295,20 +340,22 @@ def run(
                 if unresolved:
                     h = 0.25 * trial
                     continue
-            taken = trial
+            taken, wide = trial, trial  # wide: of the step that the dense output is of
             if event >= 0:
                 taken = theta * trial
                 if exact:
-                    flow(t + taken, mode, kind, row, p, arc, s1)
+                    flow(t + taken, mode, p, s1)
+                elif known:
+                    between(s, q, theta, s1)
                 else:
-                    step(t, s, taken, mode, slip, memory, kind, row, p, slopes, s1, rtol, atol)
-                    known = False
+                    step(t, s, taken, mode, slip, p, slopes, s1, rtol, atol)
+                    known, wide = False, taken
             else:
                 now = final
                 for i in range(4):
                     armed[i] = armed[i] or final[i] > 0.0
             # The step stands: heights and output along it.
-            a, b = here, heights(t + taken, s1, kind, row, p)
+            a, b = here, heights(t + taken, s1, p)
             here = b
             top = max(a[0], b[0])
             best = rod_after if t >= stop else rod_before  # an arch lies below its tangents: can it be the highest?
@@ -316,50 +363,71 @@ def run(
             com_turns = a[3] > 0.0 >= b[3] and min(a[2] + a[3] * taken, b[2] - b[3] * taken) > com
             reached = end if last and event < 0 else t + taken
             effort = peaks.size > 0 and t < stop
-            if not known and (effort or rod_turns or com_turns or (n_out < t_out.size and t_out[n_out] <= reached)):
-                dense(slopes, taken, q)
+            if not known and (rod_turns or com_turns or (n_out < t_out.size and t_out[n_out] <= reached)):
+                known = True
+                dense(t, s, taken, mode, slip, p, slopes, s1, work, q)
             if rod_turns:
-                top = max(top, peak(0, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
+                top = max(top, peak(number(0), t, s, taken, wide, b, exact, q, work, mode, p))
             if t >= stop:
                 rod_after = max(rod_after, top)
             else:
                 rod_before = max(rod_before, top)
             com = max(com, a[2], b[2])
             if com_turns and exact and mode == AIR:
-                com = max(com, arc[Z] + 0.5 * arc[U] * arc[U] / arc[PULL])
+                com = max(com, p.arc[Z] + 0.5 * p.arc[U] * p.arc[U] / p.arc[PULL])
             elif com_turns:
-                com = max(com, peak(2, t, s, taken, b, exact, arc, q, work, mode, kind, row, p))
+                com = max(com, peak(number(2), t, s, taken, wide, b, exact, q, work, mode, p))
             if effort:
-                force = efforts(t, s, taken, s1, force, exact, arc, q, work, mode, slip, kind, row, p, peaks)
+                force = efforts(
+                    t,
+                    s,
+                    taken,
+                    wide,
+                    s1,
+                    force,
+                    exact,
+                    known,
+                    q,
+                    work,
+                    mode,
+                    slip,
+                    p,
+                    slopes,
+                    peaks,
+                )
             while n_out < t_out.size and t_out[n_out] <= reached:
                 share = (t_out[n_out] - t) / taken if taken > 0.0 else 0.0
-                inside(share, t, s, taken, exact, arc, q, mode, kind, row, p, work)
-                sample(t_out[n_out], work, mode, slip, memory, kind, row, p, spare, out[n_out])
+                inside(share, t, s, taken, wide, exact, q, mode, p, work)
+                sample(t_out[n_out], work, mode, slip, p, spare, out[n_out])
                 modes[n_out] = mode
                 n_out += 1
             t = reached
             for j in range(size):
                 s[j] = s1[j]
-                slopes[0, j] = slopes[N_SLOPES - 1, j]
+                slopes[0, j] = slopes[END, j]
             if event < 0:
-                h = trial * min(5.0, 0.9 * max(error, 1e-10) ** (-1.0 / ORDER)) if not last else max(h, trial)
+                if last or after > 0.0:
+                    h, after = max(trial, after), 0.0
+                else:
+                    h = trial * (min(5.0, 0.8 * error ** (-1.0 / ORDER)) if error > SMALL else 5.0)
                 continue
+            after = 0.0
             # Rules of the event.
             fresh, new_mode = True, mode
             if event == 3:
                 before = kinetic(s, s[V], 0.0, p)
-                limit(t, s, mode, slip, memory, kind, row, p)
+                limit(t, s, mode, slip, p)
                 if size > N_MOTION:  # what the end of the travel takes
                     s[N_MOTION + 1] += kinetic(s, s[V], 0.0, p) - before
-                log[n_log, 0], log[n_log, 1] = t, MOTOR_FREE if memory[3] == 0.0 else MOTOR_HELD
+                log[n_log, 0], log[n_log, 1] = t, MOTOR_FREE if p.memory[3] == 0.0 else MOTOR_HELD
                 n_log += 1
-                slip = grip(t, s, mode, memory, kind, row, p, STILL)
+                slip = grip(t, s, mode, p, STILL)
             elif event == 2:
                 if slip != 0:
-                    slip = grip(t, s, mode, memory, kind, row, p, np.inf)
+                    slip = grip(t, s, mode, p, np.inf)
                 else:
-                    least, most = held_between(t, s, kind, row, p)
-                    slip = -1 if rail_force(t, s, mode, memory, kind, row, p) > 0.5 * (least + most) else 1
+                    least, most = held_between(t, s, p)
+                    slip = -1 if rail_force(t, s, mode, p) > 0.5 * (least + most) else 1
                 log[n_log, 0], log[n_log, 1] = t, RAIL_STICK if slip == 0 else RAIL_SLIP
                 n_log += 1
             elif mode == STUCK:
@@ -369,41 +437,43 @@ def run(
             elif mode == INTRUDE:
                 if taken == 0.0:  # an intrusion over before it could be seen: the foot rests meanwhile
                     held = t + RESOLVE
-                memory[0] = max(memory[0], -s[XF])
-                if p.carry > 0.0 and memory[0] > memory[2]:  # else the same pause goes on
-                    memory[LEFT] = stop_go_overshoot(scalar, memory[0], memory[2], memory[LEFT], 1.0, p.lam, p.carry)
-                memory[2] = memory[0]
-                s[XF], s[VF] = -memory[0], 0.0
+                p.memory[0] = max(p.memory[0], -s[XF])
+                if p.carry > 0.0 and p.memory[0] > p.memory[2]:  # else the same pause goes on
+                    p.memory[LEFT] = stop_go_overshoot(
+                        scalar, p.memory[0], p.memory[2], p.memory[LEFT], 1.0, p.lam, p.carry
+                    )
+                p.memory[2] = p.memory[0]
+                s[XF], s[VF] = -p.memory[0], 0.0
                 log[n_log, 0], log[n_log, 1] = t, STOP
                 n_log += 1
                 mode = STUCK
-                new_mode = STUCK if t < held else settle(t, s, memory, kind, row, p)
+                new_mode = STUCK if t < held else settle(t, s, p)
             else:
                 log[n_log, 0], log[n_log, 1] = t, LANDING
                 n_log += 1
-                mode, memory[CONTACT] = STUCK, t
-                v = motor(t, s, kind, row, p)[1] if size > N_MOTION else 0.0
+                mode, p.memory[CONTACT] = STUCK, t
+                v = motor(t, s, p)[1] if size > N_MOTION else 0.0
                 before = kinetic(s, v, p.m_f, p)
                 if p.static == HARD:
-                    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
+                    x_r, v_r, v_m, _, _ = rod(t, s, p)
                     s[W] += (np.sqrt(1.0 - p.e) - 1.0) * v_r
                     s[XF], s[VF] = 0.0, 0.0
                     if p.massless == 1:
                         s[Y] -= x_r
-                    new_mode = settle(t, s, memory, kind, row, p)
+                    new_mode = settle(t, s, p)
                 else:
-                    s[XF] = -memory[0]
-                    s[VF] *= p.m_f / foot_inertia(memory[0], p)
+                    s[XF] = -p.memory[0]
+                    s[VF] *= p.m_f / foot_inertia(p.memory[0], p)
                     if s[VF] < 0.0:
                         mode, new_mode = INTRUDE, INTRUDE
                     else:
                         s[VF] = 0.0
-                        new_mode = settle(t, s, memory, kind, row, p)
+                        new_mode = settle(t, s, p)
                 if size > N_MOTION:
-                    mass = p.m_f if p.static == HARD else foot_inertia(memory[0], p)
+                    mass = p.m_f if p.static == HARD else foot_inertia(p.memory[0], p)
                     s[LANDED] += before - kinetic(s, v, mass, p)
                 if p.hold > 0.0 or p.own_dry == 1:
-                    slip = grip(t, s, new_mode, memory, kind, row, p, STILL)
+                    slip = grip(t, s, new_mode, p, STILL)
     if mode == INTRUDE:
-        memory[0] = max(memory[0], -s[XF])
-    return OK, n_log, memory[0], rod_before, rod_after, com - low
+        p.memory[0] = max(p.memory[0], -s[XF])
+    return OK, n_log, p.memory[0], rod_before, rod_after, com - low

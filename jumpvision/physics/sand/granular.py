@@ -30,7 +30,7 @@ from jumpvision.mechanisms.registry import MECHANISMS, PARAMETERS, acting
 from jumpvision.mechanisms.robot import spring
 from jumpvision.physics.forcing import segment_xv
 
-from .kernel import chosen, each, kernel, running, summed
+from .kernel import chosen, each, inlined, kernel, running, summed
 from .program import ARRAYS, BODIES, FIELDS, REST, value
 
 Guards = tuple[float, float, float, float]
@@ -40,10 +40,13 @@ HARD = 0  # of p.static; else the number of the static force, from 1
 SINE, CUBIC = 0, 1
 Y, W, XF, VF, X, V, INNER = range(7)
 N_MOTION = INNER + 1
+ASKED, N_ROW = 8, 12  # in a piece of the forcing: when the motor was last asked for [s], and where it was
 NEAR = 1e-6  # m, over which the slope of a law of the user's own is taken
 FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
 foot last came down [s]; `z_left` of the last pause."""
+BENDS = 4  # mechanisms of the ground that have a kink and act together
+N_ARC = 15  # numbers of an arc in closed form (`step`)
 OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
@@ -53,18 +56,22 @@ WORKS = ("motor", "impulse", "spring_damping", "static", *(m.name for body in LO
 OVERSHOOT, DRAG, FORCE, INERTIA, FRICTION, DRY, SPRING, LANDED = accumulate(map(len, LOSSES), initial=N_MOTION + 4)
 
 SWITCHES = tuple(m.name for m in MECHANISMS.values() if m.law and m.acts_on is not Body.STATIC)
-ROBOT = ("m_m", "m_r", "M", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
+ROBOT = ("m_m", "m_r", "M", "ratio", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
 LOOP = ("kp", "kd", "max_force", "max_speed", "low", "high")
 CONSTANTS = np.dtype(
     [(n, np.int64) for n in ("static", "massless", "linear", *SWITCHES)]
     + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "rest")]
+    + [("bends", np.float64, (BENDS,)), ("kind", np.int64), ("row", np.float64, (N_ROW,))]
+    + [("memory", np.float64, (N_MEMORY,)), ("arc", np.float64, (N_ARC,))]
     + FIELDS
     + ARRAYS
 )
 """Numbers of one jumper. static: the number of its static force, from 1. SWITCHES: which other laws act in it; the
 parameters of mechanisms that it has not are 0, and theta is the tangent of the angle. linear: spring and rail are, but
-for dry friction. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier footprint. rest: of the
-carriage [m], for x_m. FIELDS, ARRAYS: laws of the user's own (`program`)."""
+for dry friction. ratio: m_m / M. hold: the dry friction of the rail [N]. stiffer: the factor under an earlier
+footprint. rest: of the carriage [m], for x_m. bends: depths of kinks in the laws [m], 0 where there is none. Of a run,
+and here because handing over an array costs as much as a small function: kind and row of the forcing's piece, memory
+and arc. FIELDS, ARRAYS: laws of the user's own (`program`)."""
 
 springs = summed(Body.SPRING, "stretch, stretch_rate")
 static_law = chosen(Body.STATIC, "z")
@@ -83,7 +90,7 @@ write_dry = each(LOSSES[5], "v_m")
 write_springs = each(LOSSES[6], "stretch, stretch_rate")
 
 
-@kernel
+@inlined
 def drive(kind: int, row: Array, t: float) -> tuple[float, float, float]:
     """Command X_m, X_m', X_m'' at t on one piece: a row of `Segments`, or (t0, t1, c3, c2, c1, c0) of a `Spline`."""
     if kind == SINE:
@@ -118,41 +125,43 @@ def lagged(kind: int, rows: Array, edges: Array, tau: float, out: Array) -> None
             x = drive(kind, own, end)[0] + own[6] * math.exp(-(end - edges[i]) / tau)
 
 
-@kernel
-def settling(t: float, row: Array, p: Any) -> bool:
+@inlined
+def settling(t: float, p: Any) -> bool:
     """Whether the transient of a lag is not over."""
-    return p.tau > 0.0 and row[6] != 0.0 and t - row[7] < OVER * p.tau
+    return p.tau > 0.0 and p.row[6] != 0.0 and t - p.row[7] < OVER * p.tau
 
 
 @kernel
-def is_still(t: float, kind: int, row: Array, p: Any) -> bool:
+def is_still(t: float, p: Any) -> bool:
     """Whether the motor stands still on this piece from t on."""
-    if settling(t, row, p):
+    if settling(t, p):
         return False
-    return row[3] == 0.0 if kind == SINE else row[2] == 0.0 and row[3] == 0.0 and row[4] == 0.0
+    return p.row[3] == 0.0 if p.kind == SINE else p.row[2] == 0.0 and p.row[3] == 0.0 and p.row[4] == 0.0
 
 
-@kernel
-def motor(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
+@inlined
+def motor(t: float, s: Array, p: Any) -> tuple[float, float, float]:
     """X_m [m], the motor relative to the rod, with its two rates, after the lag (`lagged`) or the loop."""
     if p.kp > 0.0:
         return s[X], s[V], np.nan  # the loop's acceleration depends on the force of the spring: `rhs`
-    x, v, a = drive(kind, row, t)
-    if settling(t, row, p):
-        left = row[6] * math.exp(-(t - row[7]) / p.tau)
-        return x + left, v - left / p.tau, a + left / (p.tau * p.tau)
+    if p.row[ASKED] == t:  # the end of a step is asked for again and again
+        return p.row[ASKED + 1], p.row[ASKED + 2], p.row[ASKED + 3]
+    x, v, a = drive(p.kind, p.row, t)
+    if settling(t, p):
+        left = p.row[6] * math.exp(-(t - p.row[7]) / p.tau)
+        x, v, a = x + left, v - left / p.tau, a + left / (p.tau * p.tau)
+    p.row[ASKED], p.row[ASKED + 1], p.row[ASKED + 2], p.row[ASKED + 3] = t, x, v, a
     return x, v, a
 
 
 @kernel
-def rod(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float, float, float]:
+def rod(t: float, s: Array, p: Any) -> tuple[float, float, float, float, float]:
     """x_r [m], v_r [m/s], v_m = v_r + X_m' [m/s], X_m [m], X_m'' [m/s^2]."""
-    x, v, a = motor(t, s, kind, row, p)
-    ratio = p.m_m / p.M
-    return s[Y] - ratio * x, s[W] - ratio * v, s[W] + (1.0 - ratio) * v, x, a
+    x, v, a = motor(t, s, p)
+    return s[Y] - p.ratio * x, s[W] - p.ratio * v, s[W] + (1.0 - p.ratio) * v, x, a
 
 
-@kernel
+@inlined
 def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     """F_s [N], positive upwards on the rod."""
     if p.massless == 1 and mode == AIR:
@@ -164,14 +173,14 @@ def spring_force(x_r: float, v_r: float, s: Array, mode: int, p: Any) -> float:
     return force
 
 
-@kernel
+@inlined
 def static_force(z: float, z_g: float, z_stop: float, z_left: float, p: Any) -> float:
     """F_p(z) [N] with its overshoots, also the yield threshold. z_g: last lift-off; z_stop, z_left: last pause."""
     factor = p.stiffer if z_g > 0.0 else 1.0
     return overshoots(static_law(p.static, factor, z, p), z, z_g, z_stop, z_left, p)
 
 
-@kernel
+@inlined
 def foot_inertia(z: float, p: Any) -> float:
     """m_f + m_a(z) [kg]."""
     mass = inertias(p.m_f, z, p)
@@ -190,10 +199,10 @@ def own_mass(z: float, p: Any) -> float:
 
 
 @kernel
-def own_foot(t: float, z: float, v: float, s: Array, memory: Array, p: Any) -> float:
+def own_foot(t: float, z: float, v: float, s: Array, p: Any) -> float:
     """Force on the intruding foot [N]."""
-    u, contact = s[INNER] if s.size > INNER else 0.0, t - memory[CONTACT]
-    return value(p, p.own_foot, z, v, memory[HOLE], memory[PAUSE], contact, 0.0, 0.0, 0.0, 0.0, t, u, 0.0)
+    u, contact = s[INNER] if s.size > INNER else 0.0, t - p.memory[CONTACT]
+    return value(p, p.own_foot, z, v, p.memory[HOLE], p.memory[PAUSE], contact, 0.0, 0.0, 0.0, 0.0, t, u, 0.0)
 
 
 @kernel
@@ -211,11 +220,11 @@ def own_spring(stretch: float, rate: float, s: Array, p: Any) -> float:
 
 
 @kernel
-def yield_force(t: float, s: Array, memory: Array, p: Any) -> float:
+def yield_force(t: float, s: Array, p: Any) -> float:
     """What the ground carries at the floor before the foot moves [N]: static force, and own laws as motion begins."""
-    force = static_force(memory[FLOOR], memory[HOLE], memory[PAUSE], memory[LEFT], p)
+    force = static_force(p.memory[FLOOR], p.memory[HOLE], p.memory[PAUSE], p.memory[LEFT], p)
     if p.own_foot > 0:
-        force += own_foot(t, memory[FLOOR], -REST, s, memory, p)
+        force += own_foot(t, p.memory[FLOOR], -REST, s, p)
     return force
 
 
@@ -230,18 +239,13 @@ def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: in
     return rail
 
 
-NOW = np.zeros(1, np.int64)  # NOW[0], the first row of slopes: for a literal 0 `rhs` would be compiled once more
-
-
 @kernel
-def rhs(
-    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, i: int
-) -> float:
+def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> float:
     """Writes ds/dt into row i of k; returns F_s [N]."""
-    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, x, acceleration = rod(t, s, p)
     force = spring_force(x_r, v_r, s, mode, p)
     if p.kp > 0.0:
-        acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, slip, kind, row, p)
+        acceleration = 0.0 if p.memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, slip, p)
     k[i, Y] = s[W]
     if slip == 0:
         k[i, W] = -p.m_r / p.M * acceleration
@@ -255,10 +259,10 @@ def rhs(
         k[i, VF] = -p.g - force / p.m_f
     else:
         z = -s[XF]
-        resist = static_force(z, memory[1], memory[2], memory[LEFT], p) + drags(0.0, z, p) * s[VF] * s[VF]
-        resist = forces(resist, z, s[VF], memory[1], memory[2], p)
+        resist = static_force(z, p.memory[1], p.memory[2], p.memory[LEFT], p) + drags(0.0, z, p) * s[VF] * s[VF]
+        resist = forces(resist, z, s[VF], p.memory[1], p.memory[2], p)
         if p.own_foot > 0:
-            resist += own_foot(t, z, s[VF], s, memory, p)
+            resist += own_foot(t, z, s[VF], s, p)
         k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
     if s.size > V:
         k[i, X], k[i, V] = 0.0, 0.0
@@ -270,14 +274,14 @@ def rhs(
             z, v, stretch, rate = -s[XF], s[VF], x_r - s[XF], v_r - s[VF]
             if mode == AIR:
                 v = 0.0  # what a bed remembers is of the foot that moves in it
-            contact, at = t - memory[CONTACT], p.own_rate
+            contact, at = t - p.memory[CONTACT], p.own_rate
             k[i, INNER] = value(
                 p,
                 at,
                 z,
                 v,
-                memory[HOLE],
-                memory[PAUSE],
+                p.memory[HOLE],
+                p.memory[PAUSE],
                 contact,
                 x_r + x - p.rest,
                 v_m,
@@ -288,25 +292,23 @@ def rhs(
                 x_r,
             )
     if s.size > N_MOTION:
-        works(t, s, mode, slip, memory, kind, row, p, force, k, i)
+        works(t, s, mode, slip, p, force, k, i)
     return force
 
 
 @kernel
-def loop_force(t: float, s: Array, kind: int, row: Array, p: Any) -> float:
-    """F_m [N] of the motor's feedback loop: PD on the encoder plus the load m_m g, within max_force; row[6] is the gain
-    of the piece over kp."""
-    x, v, _ = drive(kind, row, t)
-    effort = p.kp * row[6] * (x - s[X]) + p.kd * (v - s[V]) + p.m_m * p.g
+def loop_force(t: float, s: Array, p: Any) -> float:
+    """F_m [N] of the motor's feedback loop: PD on the encoder plus the load m_m g, within max_force; p.row[6]
+    is the gain of the piece over kp."""
+    x, v, _ = drive(p.kind, p.row, t)
+    effort = p.kp * p.row[6] * (x - s[X]) + p.kd * (v - s[V]) + p.m_m * p.g
     return min(max(effort, -p.max_force), p.max_force)
 
 
 @kernel
-def loop_acceleration(
-    t: float, s: Array, force: float, x_r: float, v_m: float, slip: int, kind: int, row: Array, p: Any
-) -> float:
+def loop_acceleration(t: float, s: Array, force: float, x_r: float, v_m: float, slip: int, p: Any) -> float:
     """X_m'' [m/s^2] by the loop's force, were the motor not held at a limit."""
-    effort = loop_force(t, s, kind, row, p)
+    effort = loop_force(t, s, p)
     if slip == 0:  # a_m = 0
         return p.g + (effort - force) / p.m_r
     # X'' = a_m - a_r, m_m a_m = -m_m g + F_m + rail, m_r a_r = -m_r g - F_m + F_s
@@ -319,9 +321,6 @@ def works(
     s: Array,
     mode: int,
     slip: int,
-    memory: Array,
-    kind: int,
-    row: Array,
     p: Any,
     force: float,
     k: Array,
@@ -330,7 +329,7 @@ def works(
     """Writes the powers [W] of WORKS behind the slopes of the motion: the motor's into the jumper, losses out of it."""
     for j in range(N_MOTION, s.size):
         k[i, j] = 0.0
-    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, x, acceleration = rod(t, s, p)
     acceleration = k[i, V] if p.kp > 0.0 else acceleration
     rail = p.M * (k[i, W] + p.g) - force
     # m_m a_m = -m_m g + F_m + rail
@@ -344,11 +343,11 @@ def works(
             k[i, LANDED + 4] = own_spring(x_r - s[XF], v_r - s[VF], s, p) * (s[VF] - v_r)
     if mode == INTRUDE:
         z, speed = -s[XF], -s[VF]
-        write_overshoots(k, i, OVERSHOOT, z, memory[1], memory[2], memory[LEFT], p)
+        write_overshoots(k, i, OVERSHOOT, z, p.memory[1], p.memory[2], p.memory[LEFT], p)
         write_drags(k, i, DRAG, z, p)
-        write_forces(k, i, FORCE, z, s[VF], memory[1], memory[2], p)
+        write_forces(k, i, FORCE, z, s[VF], p.memory[1], p.memory[2], p)
         write_slopes(k, i, INERTIA, z, p)
-        resist = static_force(z, memory[1], memory[2], memory[LEFT], p)
+        resist = static_force(z, p.memory[1], p.memory[2], p.memory[LEFT], p)
         for j in range(OVERSHOOT, DRAG):
             resist -= k[i, j]
             k[i, j] *= speed
@@ -361,7 +360,7 @@ def works(
         for j in range(INERTIA, FRICTION):  # grains that join at the foot's speed bring half the energy that they take
             k[i, j] *= -0.5 * speed**3
         if p.own_foot > 0:
-            k[i, LANDED + 1] = own_foot(t, z, s[VF], s, memory, p) * speed
+            k[i, LANDED + 1] = own_foot(t, z, s[VF], s, p) * speed
         if p.own_mass > 0:
             k[i, LANDED + 2] = -0.5 * (own_mass(z + NEAR, p) - own_mass(z, p)) / NEAR * speed**3
     if slip != 0:
@@ -380,11 +379,11 @@ def kinetic(s: Array, v: float, mass: float, p: Any) -> float:
 
 
 @kernel
-def motor_force(t: float, s: Array, mode: int, slip: int, kind: int, row: Array, p: Any) -> tuple[float, float, float]:
+def motor_force(t: float, s: Array, mode: int, slip: int, p: Any) -> tuple[float, float, float]:
     """F_m [N], its power F_m X_m' [W] and |X_m'| [m/s], from m_m a_m = -m_m g + F_m + rail."""
-    x_r, v_r, v_m, x, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, x, acceleration = rod(t, s, p)
     if p.kp > 0.0:
-        effort = loop_force(t, s, kind, row, p)
+        effort = loop_force(t, s, p)
         return effort, effort * (v_m - v_r), abs(v_m - v_r)
     force = spring_force(x_r, v_r, s, mode, p)
     if slip == 0:

@@ -201,6 +201,7 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
     p, out = model.parameters, np.zeros(n, granular.CONSTANTS)
     out["static"] = 0 if model.ground == "hard" else 1 + STATIC.index(next(t for t in STATIC if t in model))
     out["massless"] = np.equal(model.m_f, 0.0)
+    out["ratio"] = model.m_m / model.M
     for name in ("m_m", "M", "m_f", "k_s", "c_s", "g", "hold"):
         out[name] = getattr(model, name)
     out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
@@ -208,6 +209,7 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
         value = model.symbol(name)
         out[name] = 0.0 if value is None else value
     out["stiffer"], out["linear"] = 1.0, 1
+    bends = 0
     for m in map(model.mechanism, model.terms):
         if m.written:
             continue
@@ -220,6 +222,9 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
             out["linear"] &= ~acts
         elif m.acts_on is Body.BED:
             out["stiffer"] *= getattr(p, m.names[0])
+        if m.bend is not None:
+            out["bends"][:, bends] = model.force(m, "bend")
+            bends += 1
     if any(m.written for m in map(model.mechanism, model.terms)):
         _pack_own(model, out)
     return out

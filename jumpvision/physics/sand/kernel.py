@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+import numpy as np
 from numba import njit
 from numba.extending import register_jitable
 
@@ -28,9 +29,18 @@ OPTIONS: dict[str, Any] = {
 }
 
 
+number: Any = np.int64
+"""Of a literal: kernels that are handed 0 and 1 as such are compiled once for each."""
+
+
 def kernel(f: Callable[..., Any]) -> Any:
     """The function compiled, to be called from compiled code."""
     return njit(**OPTIONS)(f)
+
+
+def inlined(f: Callable[..., Any]) -> Any:
+    """The same in the place of every call: handing over arrays (7 numbers each) costs more than a small function."""
+    return njit(**OPTIONS, forceinline=True)(f)
 
 
 for _law in COMPILED:

@@ -31,7 +31,7 @@ from .granular import (
     static_force,
     yield_force,
 )
-from .kernel import kernel, summed
+from .kernel import kernel, number, summed
 from .program import REST, value
 
 DEEPEST = 1e3  # m
@@ -40,83 +40,83 @@ slopes = summed(Body.SPRING, "stretch, stretch_rate", part="slope")
 
 
 @kernel
-def room(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> float:
+def room(t: float, s: Array, mode: int, slip: int, p: Any) -> float:
     """Positive while the motor is away from its limits, or while the loop presses it against the one that holds it.
 
-    memory[3], what holds it: +-2 an end of the travel, where it stands; +-1 its greatest speed; 0 nothing.
+    p.memory[3], what holds it: +-2 an end of the travel, where it stands; +-1 its greatest speed; 0 nothing.
     """
-    held, distance = memory[3], min(p.high - s[X], s[X] - p.low)
+    held, distance = p.memory[3], min(p.high - s[X], s[X] - p.low)
     if held == 0.0:
         return min(distance, p.max_speed - abs(s[V]))
-    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
-    pressed = loop_acceleration(t, s, spring_force(x_r, v_r, s, mode, p), x_r, v_m, slip, kind, row, p)
+    x_r, v_r, v_m, _, _ = rod(t, s, p)
+    pressed = loop_acceleration(t, s, spring_force(x_r, v_r, s, mode, p), x_r, v_m, slip, p)
     pressed = (pressed if held > 0.0 else -pressed) + p.slack / p.m_r
     return pressed if abs(held) == 2.0 else min(distance, pressed)
 
 
 @kernel
-def limit(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> None:
+def limit(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
     """Stops the motor at an end of its travel, holds it at its greatest speed, or lets it go: sets memory[3], X, V."""
     side = 1.0 if p.high - s[X] < s[X] - p.low else -1.0
-    if min(p.high - s[X], s[X] - p.low) <= AT and side * s[V] >= 0.0 and abs(memory[3]) != 2.0:
+    if min(p.high - s[X], s[X] - p.low) <= AT and side * s[V] >= 0.0 and abs(p.memory[3]) != 2.0:
         s[X], s[V] = p.high if side > 0.0 else p.low, 0.0  # between motor and rod: y and w go on
-        memory[3] = 2.0 * side
-    elif memory[3] == 0.0 and abs(s[V]) >= p.max_speed - AT:
-        memory[3] = 1.0 if s[V] > 0.0 else -1.0
-        s[V] = memory[3] * p.max_speed
+        p.memory[3] = 2.0 * side
+    elif p.memory[3] == 0.0 and abs(s[V]) >= p.max_speed - AT:
+        p.memory[3] = 1.0 if s[V] > 0.0 else -1.0
+        s[V] = p.memory[3] * p.max_speed
     else:
-        memory[3] = 0.0
-    if memory[3] != 0.0 and not room(t, s, mode, slip, memory, kind, row, p) > 0.0:
-        memory[3] = 0.0
+        p.memory[3] = 0.0
+    if p.memory[3] != 0.0 and not room(t, s, mode, slip, p) > 0.0:
+        p.memory[3] = 0.0
 
 
 @kernel
-def rail_force(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any) -> float:
+def rail_force(t: float, s: Array, mode: int, p: Any) -> float:
     """Force the rail must give [N] to hold the carriage still."""
-    x_r, v_r, v_m, _, acceleration = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, _, acceleration = rod(t, s, p)
     force = spring_force(x_r, v_r, s, mode, p)
     if p.kp > 0.0:
-        acceleration = 0.0 if memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, 0, kind, row, p)
+        acceleration = 0.0 if p.memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, number(0), p)
     return p.M * p.g - force - p.m_r * acceleration
 
 
 @kernel
-def held_between(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float]:
+def held_between(t: float, s: Array, p: Any) -> tuple[float, float]:
     """Least and greatest force [N] of the rail on a carriage at rest: as it would begin to move up, and down."""
     low, high = -p.hold, p.hold
     if p.own_dry == 1:
-        x_r, _, _, x, _ = rod(t, s, kind, row, p)
+        x_r, _, _, x, _ = rod(t, s, p)
         low += own_rail(t, x_r, x_r + x, REST, s, p)
         high += own_rail(t, x_r, x_r + x, -REST, s, p)
     return low, high
 
 
 @kernel
-def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any) -> Guards:
+def guards(t: float, s: Array, mode: int, slip: int, p: Any) -> Guards:
     """Positive while mode, slip and hold last: leave the ground or air, yield or stop, rail, limits of the motor."""
     first, second, third = 1.0, 1.0, 1.0
-    last = room(t, s, mode, slip, memory, kind, row, p) if p.kp > 0.0 else 1.0
+    last = room(t, s, mode, slip, p) if p.kp > 0.0 else 1.0
     sticks = p.hold > 0.0 or p.own_dry == 1
     if p.massless == 0 and not sticks and mode != STUCK:  # the forcing is not needed
         if mode == AIR:
-            return s[XF] + memory[0], second, third, last
+            return s[XF] + p.memory[0], second, third, last
         return first, -s[VF], third, last
-    x_r, v_r, v_m, _, _ = rod(t, s, kind, row, p)
+    x_r, v_r, v_m, _, _ = rod(t, s, p)
     if p.massless == 1:
         first = x_r if mode == AIR else -x_r
     elif mode == AIR:
-        first = s[XF] + memory[0]
+        first = s[XF] + p.memory[0]
     elif mode == INTRUDE:
         second = -s[VF]
     else:
         push = spring_force(x_r, v_r, s, mode, p) + p.m_f * p.g
         first = push + p.slack
         if p.static != HARD:
-            second = yield_force(t, s, memory, p) + p.slack - push
+            second = yield_force(t, s, p) + p.slack - push
     if sticks:
         if slip == 0:
-            low, high = held_between(t, s, kind, row, p)
-            need = rail_force(t, s, mode, memory, kind, row, p)
+            low, high = held_between(t, s, p)
+            need = rail_force(t, s, mode, p)
             third = high + p.slack - need if need > 0.5 * (low + high) else need - (low - p.slack)
         else:
             third = slip * v_m
@@ -124,31 +124,31 @@ def guards(t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, r
 
 
 @kernel
-def settle(t: float, s: Array, memory: Array, kind: int, row: Array, p: Any) -> int:
+def settle(t: float, s: Array, p: Any) -> int:
     """Mode of a foot at rest on the ground: 0 <= push <= F_p holds it."""
     if p.massless == 1:
         return STUCK
-    x_r, v_r, _, _, _ = rod(t, s, kind, row, p)
-    push = spring_force(x_r, v_r, s, STUCK, p) + p.m_f * p.g
+    x_r, v_r, _, _, _ = rod(t, s, p)
+    push = spring_force(x_r, v_r, s, number(STUCK), p) + p.m_f * p.g
     if push < -p.slack:
         return AIR
-    if p.static != HARD and push > yield_force(t, s, memory, p) + p.slack:
+    if p.static != HARD and push > yield_force(t, s, p) + p.slack:
         return INTRUDE
     return STUCK
 
 
 @kernel
-def grip(t: float, s: Array, mode: int, memory: Array, kind: int, row: Array, p: Any, still: float) -> int:
+def grip(t: float, s: Array, mode: int, p: Any, still: float) -> int:
     """Slip of the rail: the sign of v_m, or at |v_m| <= still 0 if the rail can hold, else the sign it will take."""
     if p.hold == 0.0 and p.own_dry == 0:
         return 1
-    v_m = rod(t, s, kind, row, p)[2]
+    v_m = rod(t, s, p)[2]
     if v_m > still:
         return 1
     if v_m < -still:
         return -1
-    need = rail_force(t, s, mode, memory, kind, row, p)
-    low, high = held_between(t, s, kind, row, p)
+    need = rail_force(t, s, mode, p)
+    low, high = held_between(t, s, p)
     if need > high + p.slack:
         return -1
     return 1 if need < low - p.slack else 0

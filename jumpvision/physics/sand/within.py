@@ -9,10 +9,10 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .granular import AIR, NOW, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
-from .kernel import kernel
+from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
+from .kernel import kernel, number
 from .modes import guards
-from .step import between, flow
+from .step import between, dense, flow
 
 Triple = tuple[float, float, float]
 
@@ -32,20 +32,18 @@ def inside(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     exact: bool,
-    arc: Array,
     q: Array,
     mode: int,
-    kind: int,
-    row: Array,
     p: Any,
     out: Array,
 ) -> None:
-    """Writes the state at the share theta of the step that began at s."""
+    """Writes the state at the share theta of the h [s] that began at s; wide [s]: of the step that q is of."""
     if exact:
-        flow(t + theta * h, mode, kind, row, p, arc, out)
+        flow(t + theta * h, mode, p, out)
     else:
-        between(s, q, theta, out)
+        between(s, q, theta * h / wide, out)
 
 
 @kernel
@@ -67,15 +65,12 @@ def locate(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     exact: bool,
-    arc: Array,
     q: Array,
     work: Array,
     mode: int,
     slip: int,
-    memory: Array,
-    kind: int,
-    row: Array,
     p: Any,
 ) -> float:
     """Share of the step where guard i, g_lo > 0 at lo and g_hi <= 0 at hi, reaches zero (Illinois method)."""
@@ -88,8 +83,8 @@ def locate(
         theta = 0.5 * (lo + hi)
         if n % 8 != 7 and g_hi < 0.0:  # not nearer to an end than the width asked for, so that the bracket closes
             theta = min(max((lo * g_hi - hi * g_lo) / (g_hi - g_lo), lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
-        inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
-        g = guards(t + theta * h, work, mode, slip, memory, kind, row, p)[i]
+        inside(theta, t, s, h, wide, exact, q, mode, p, work)
+        g = guards(t + theta * h, work, mode, slip, p)[i]
         if g > 0.0:
             lo, g_lo = theta, g
             if side == 1:
@@ -104,9 +99,9 @@ def locate(
 
 
 @kernel
-def heights(t: float, s: Array, kind: int, row: Array, p: Any) -> tuple[float, float, float, float]:
+def heights(t: float, s: Array, p: Any) -> tuple[float, float, float, float]:
     """Height and rate of the rod, then of the centre of mass of the whole robot."""
-    x_r, v_r, _, _, _ = rod(t, s, kind, row, p)
+    x_r, v_r, _, _, _ = rod(t, s, p)
     mass = p.M + p.m_f
     return x_r, v_r, (p.M * s[Y] + p.m_f * s[XF]) / mass, (p.M * s[W] + p.m_f * s[VF]) / mass
 
@@ -117,25 +112,23 @@ def peak(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     end: tuple[float, float, float, float],
     exact: bool,
-    arc: Array,
     q: Array,
     work: Array,
     mode: int,
-    kind: int,
-    row: Array,
     p: Any,
 ) -> float:
     """Greatest height within a step over which its rate turns from up to down. which: 0 rod, 2 centre of mass;
     end: `heights` at its end."""
     lo, hi, side = 0.0, 1.0, 0
-    up, down = heights(t, s, kind, row, p)[which + 1], end[which + 1]
+    up, down = heights(t, s, p)[which + 1], end[which + 1]
     best = -np.inf
     for _ in range(25):  # Illinois method on the rate; height is of second order in what remains
         theta = (lo * down - hi * up) / (down - up)
-        inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
-        now = heights(t + theta * h, work, kind, row, p)
+        inside(theta, t, s, h, wide, exact, q, mode, p, work)
+        now = heights(t + theta * h, work, p)
         best, rate = max(best, now[which]), now[which + 1]
         if abs(rate) <= TURN * max(up, -down) or hi - lo <= TURN:
             break
@@ -147,15 +140,13 @@ def peak(
 
 
 @kernel
-def sample(
-    t: float, s: Array, mode: int, slip: int, memory: Array, kind: int, row: Array, p: Any, k: Array, out: Array
-) -> None:
+def sample(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, out: Array) -> None:
     """Writes one row of the output, or of it the height of the rod alone."""
-    x_r, v_r, _, x, _ = rod(t, s, kind, row, p)
+    x_r, v_r, _, x, _ = rod(t, s, p)
     if out.size == 1:
         out[ROD] = x_r
         return
-    force = rhs(t, s, mode, slip, memory, kind, row, p, k, NOW[0])
+    force = rhs(t, s, mode, slip, p, k, number(0))
     out[ROD], out[MOTOR], out[ROD_VELOCITY], out[SPRING_FORCE] = x_r, x_r + x, v_r, force
     if p.massless == 1 and mode == AIR:
         out[FOOT], out[FOOT_VELOCITY] = x_r, v_r
@@ -172,42 +163,47 @@ def efforts(
     t: float,
     s: Array,
     h: float,
+    wide: float,
     s1: Array,
     f0: Triple,
     exact: bool,
-    arc: Array,
+    known: bool,
     q: Array,
     work: Array,
     mode: int,
     slip: int,
-    kind: int,
-    row: Array,
     p: Any,
+    k: Array,
     peaks: Array,
 ) -> Triple:
     """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
-    peaks: (6,), behind them the least seen. f0: `motor_force` at the begin of the step; returns it at the end. A step
-    is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid rises
-    above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by the
-    parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
+    known: whether q is; k: slopes of the step, to find it. peaks: (6,), behind them the least seen. f0: `motor_force`
+    at the begin of the step; returns it at the end.
+
+    A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid
+    rises above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by
+    the parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
     SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
     """
     light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
     fast = math.sqrt(p.k_s * (1.0 / p.M + light))
     rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
-    if kind == SINE:
-        rate = max(rate, row[4])
+    if p.kind == SINE:
+        rate = max(rate, p.row[4])
     pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
     n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
     x = max(rate, fast) * h / pieces
     rise = RISE * 0.125 * x * x
     for i in range(pieces):
         if i + 1 < pieces:
-            inside((i + 1) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
-            f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, kind, row, p)
+            if not known:
+                dense(t, s, h, mode, slip, p, k, s1, work, q)
+                known = True
+            inside((i + 1) / pieces, t, s, h, wide, exact, q, mode, p, work)
+            f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, p)
         else:
-            f2 = motor_force(t + h, s1, mode, slip, kind, row, p)
+            f2 = motor_force(t + h, s1, mode, slip, p)
         near = False
         for which in range(3):
             top = max(f0[which], f2[which])
@@ -215,8 +211,11 @@ def efforts(
             peaks[3 + which] = min(peaks[3 + which], min(f0[which], f2[which]))
             near = near or top + rise * (peaks[which] - peaks[3 + which]) > peaks[which]
         if near:
-            inside((i + 0.5) / pieces, t, s, h, exact, arc, q, mode, kind, row, p, work)
-            f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, kind, row, p)
+            if not known:
+                dense(t, s, h, mode, slip, p, k, s1, work, q)
+                known = True
+            inside((i + 0.5) / pieces, t, s, h, wide, exact, q, mode, p, work)
+            f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, p)
             for which in range(3):
                 a, b, c = f0[which], f1[which], f2[which]
                 bend = a - 2.0 * b + c
@@ -227,8 +226,8 @@ def efforts(
                 before, now = -np.inf, a
                 for j in range(1, n + 1):
                     theta = (i + j / n) / pieces
-                    inside(theta, t, s, h, exact, arc, q, mode, kind, row, p, work)
-                    after = motor_force(t + theta * h, work, mode, slip, kind, row, p)[which]
+                    inside(theta, t, s, h, wide, exact, q, mode, p, work)
+                    after = motor_force(t + theta * h, work, mode, slip, p)[which]
                     top = after
                     if now > before and now >= after:  # a turn
                         top = now

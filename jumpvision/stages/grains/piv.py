@@ -68,7 +68,7 @@ def piv(
         light = light_of(frames, stride, p)
         # chosen once, so that the processes' parts of a film are alike
         first, second = light(frames[0], 0), light(frames[p.gap], p.gap)
-        prefilter = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
+        prefilter, _ = best_prefilter(first, second, mask=usable, gap=p.gap, **matching(p))
         data = header(frames.time, frames.shape, film, prefilter, stride, p)
         if foot is not None:
             add_foot(data, foot, frames.time, film, stride, p)
@@ -102,8 +102,14 @@ class Job(NamedTuple):
     stride: int
     p: PivParams
 
-    def fields(self, images: Iterable[NDArray[np.generic]], first: int, usable: Usable | None) -> Iterator[VectorField]:
-        """Fields of frames from `first` on."""
+    def fields(
+        self,
+        images: Iterable[NDArray[np.generic]],
+        first: int,
+        usable: Usable | None,
+        begun: VectorField | None = None,
+    ) -> Iterator[VectorField]:
+        """Fields of frames from `first` on; begun: that of the first pair, where it is known."""
         p = self.p
         return piv_film(
             (self.light(image, i) for i, image in enumerate(images, first)),
@@ -113,6 +119,7 @@ class Job(NamedTuple):
             ensemble=p.ensemble,
             stride=self.stride,
             prefilter=self.prefilter,
+            begun=begun,
             **matching(p),
         )
 
@@ -361,10 +368,11 @@ def of_arrays(
         raise ValueError(f"piv: {len(frames)} frame(s) {shapes}: give two grey images (H, W), or more in one stack")
     masks, film = usable_of(mask, len(frames)), GrainVideo("images", scale=scale)
     light = light_of(frames, 1, p)
-    prefilter = best_prefilter(light(frames[0], 0), light(frames[p.gap], p.gap), mask=masks, gap=p.gap, **matching(p))
+    ends = light(frames[0], 0), light(frames[p.gap], p.gap)
+    prefilter, begun = best_prefilter(*ends, mask=masks, gap=p.gap, **matching(p))
     time = np.arange(len(frames)) / frame_rate
     head = header(time, frames[0].shape, film, prefilter, 1, p)
-    found = Job(film, None, None, None, None, light, prefilter, 1, p).fields(frames, 0, masks)
+    found = Job(film, None, None, None, None, light, prefilter, 1, p).fields(frames, 0, masks, begun)
     fields = [as_dataset(f, film, p.gap / frame_rate) for f in found]
     whole = xr.concat(fields, dim="t").assign_coords(head.coords).assign_attrs(head.attrs)
     return whole if len(frames) > 2 else whole.isel(t=0)

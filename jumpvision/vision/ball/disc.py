@@ -159,7 +159,7 @@ def fit_disc(image: Array, start: Array, *, streak: bool, noise: Array, mean: Ar
     start: (12,) in the order of NAMES. noise: (3,) variances of background, ball and edge excess, all used as given.
     mean, var: prior on each parameter (var = inf: none). The streak (wx, wy) is held at 0 unless `streak`.
     """
-    return DiscFit(*_fit_and_judge(image, start, streak, noise, mean, var))
+    return DiscFit(*_fit_and_judge(np.ascontiguousarray(image), start, streak, noise, mean, var))
 
 
 @njit(cache=True, error_model="numpy")

@@ -29,7 +29,7 @@ def half_way(a: Frame, b: Frame, moved: Drawn, top: int, foreign: float) -> tupl
     """
     m, r, keep = (np.empty((len(moved.knot), moved.lines.shape[2]), np.float32) for _ in range(3))
     frame = (a.pad, a.pad + a.grey.shape[0], a.pad + a.grey.shape[1])
-    clear = a.usable.all(), b.usable.all()
+    clear = bool(a.usable.all()), bool(b.usable.all())
     _half_way(len(m), top, a.c, b.c, a.weight, b.weight, *clear, frame, moved, np.float32(foreign**-2), m, r, keep)
     return m, r, keep
 

@@ -63,6 +63,7 @@ def piv_film(
     ensemble: int = 1,
     stride: int = 1,
     prefilter: float | None = None,
+    begun: VectorField | None = None,
     progress: Callable[[int], None] | None = None,
     **settings: Any,
 ) -> Iterator[VectorField]:
@@ -72,7 +73,7 @@ def piv_film(
     mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
     matched together and give one field, for steady flow; the last may hold fewer. stride: frames from one pair to the
     next, 2 for double exposures, where baseline is 1 and gap below it. prefilter: [px] of all frames, None:
-    as `best_prefilter` finds for the first pair. progress(k) is called after the pair
+    as `best_prefilter` finds for the first pair; begun: what it found there. progress(k) is called after the pair
     (k, k + gap). settings: see `Settings`; displacements are px per pair (k, k + gap), not per frame.
     """
     s = Settings(**settings)
@@ -90,7 +91,11 @@ def piv_film(
         """The pairs from first to end and the longer ones about them, as far as the film goes; drops frames behind."""
         spans = [0, *(j for j in further if first >= j and end - 1 + gap + j in held)]
         several = [[(held[q - j], held[q + gap + j]) for q in range(first, end, stride)] for j in spans]
-        fields = [(gap + 2.0 * j, _match(pairs, s)) for j, pairs in zip(spans, several)]
+        known = begun is not None and first == 0 and end == stride
+        fields = [
+            (gap + 2.0 * j, begun if begun is not None and known and j == 0 else _match(pairs, s))
+            for j, pairs in zip(spans, several)
+        ]
         for q in range(first, end):
             held.pop(q - reach, None)
             if progress is not None and (q - first) % stride == 0:
@@ -101,7 +106,9 @@ def piv_film(
         film = iter(images)
         ahead = list(islice(film, gap + 1))
         pair = len(ahead) > gap
-        prefilter = best_prefilter(ahead[0], ahead[gap], mask=mask, gap=gap, **settings) if pair else LIGHT
+        prefilter, begun = (
+            best_prefilter(ahead[0], ahead[gap], mask=mask, gap=gap, **settings) if pair else (LIGHT, None)
+        )
         images = _again(ahead, film)
     shape: tuple[int, ...] | None = None
     first, k = 0, -1
@@ -131,8 +138,9 @@ def best_prefilter(
     mask: Callable[[int], Mask | None] | None,
     gap: int,
     **settings: Any,
-) -> float:
-    """Standard deviation [px] of the Gaussian for a film whose frames 0 and gap are a and b; mask, settings as there.
+) -> tuple[float, VectorField | None]:
+    """(standard deviation [px] of the Gaussian for a film whose frames 0 and gap are a and b, that pair's field where
+    it was matched with it); mask, settings as there.
 
     Only sharp frames are tried, by matching this pair with both; `fast` does without. See `prefilter` for the reason.
     """
@@ -141,12 +149,11 @@ def best_prefilter(
     for k, image, usable in zip((0, gap), (a, b), masks):
         _check(k, image.shape, a.shape, s.window, usable)
     if s.preset == "fast" or not sharp(a, masks[0]):
-        return LIGHT
+        return LIGHT, None
     reach = max(1, round(s.window / s.step))
-    light, strong = (
-        roughness(_match([(_ready(a, masks[0], s, q), _ready(b, masks[1], s, q))], s), reach) for q in (LIGHT, STRONG)
-    )
-    return STRONG if strong < GAIN**2 * light else LIGHT
+    light, strong = (_match([(_ready(a, masks[0], s, q), _ready(b, masks[1], s, q))], s) for q in (LIGHT, STRONG))
+    better = roughness(strong, reach) < GAIN**2 * roughness(light, reach)
+    return (STRONG, strong) if better else (LIGHT, light)
 
 
 def _ready(image: NDArray[np.generic], usable: Mask | None, s: Settings, prefilter: float) -> Frame:

@@ -358,7 +358,7 @@ def _products(first, last, z, energy, out, texture):  # type: ignore[no-untyped-
                 texture[0, pair], texture[1, pair] = _sum(energy[j]), _sum(boxed) / LAG**2
         for c in range(3):
             _halved(three[0, c], three[1, c], three[2, c], sums, out[c, pair])
-        three[0] = three[2]
+        _copy(three[2], three[0])
 
 
 @nb.njit(cache=True, fastmath={"contract"})
@@ -369,7 +369,9 @@ def _sum(f):  # type: ignore[no-untyped-def]
         block = f[16 * k :]
         for i in range(16):
             parts[i] += block[i]
-    total = parts.sum()
+    total = 0.0
+    for i in range(16):
+        total += parts[i]
     for i in range(len(f) // 16 * 16, len(f)):
         total += f[i]
     return total
