@@ -32,7 +32,7 @@ def later(*cases: object) -> list:
 def a_core_each():
     """The workers of pytest share the cores; a command of a test that is not told how many processes starts none."""
     if int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")) > 1:
-        importlib.import_module("jumpvision.cli")
+        importlib.import_module("jumpvision.cli.app")  # from which commands that are loaded later take it
         for name, module in list(sys.modules.items()):
             if name.startswith("jumpvision.cli.") and hasattr(module, "cores"):
                 module.cores = lambda: 1
