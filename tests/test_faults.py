@@ -69,16 +69,17 @@ def test_two_runs_of_one_campaign_at_once(tmp_path):
 
 
 def children(pid: int) -> list[int]:
-    """Worker processes of a run (not the helper that watches shared resources)."""
-    found = []
+    """Worker processes of a run, forked from its server; not those that watch shared resources."""
+    parents = {}
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-            if parent == pid and b"spawn_main" in (entry / "cmdline").read_bytes():
-                found.append(int(entry.name))
+            if b"forkserver import main" in (entry / "cmdline").read_bytes():
+                parents[int(entry.name)] = parent
         except OSError:
             continue
-    return found
+    servers = {p for p, parent in parents.items() if parent == pid}
+    return [p for p, parent in parents.items() if parent in servers]
 
 
 def alive(pid: int) -> bool:

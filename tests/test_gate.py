@@ -339,11 +339,12 @@ def asking(tmp_path, monkeypatch):
         def digest(self):
             return "of everything"
 
-    def answer(asked, path, workers, draw, say):
+    def answer(asked, begun, draw, say):
         found.append(draw)
         return diagnose.Answer(diagnosis(), {"model.toml": "[model]\n"}, b"picture")
 
     monkeypatch.setattr(diagnose, "asked_of", lambda *_: Asked())
+    monkeypatch.setattr(diagnose, "_begun", lambda *_: None)
     monkeypatch.setattr(diagnose, "_answer", answer)
     campaign = SimpleNamespace(path=tmp_path)
 

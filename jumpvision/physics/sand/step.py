@@ -20,8 +20,8 @@ from .kernel import inlined, kernel
 ORDER = 8
 N_SLOPES, END = 16, 12  # END: the slope at the end of a step; behind it what the dense output needs
 N_DENSE = 7
-# The error of order 8 is far below that estimated of it. With this share of it a jump has half the error of one by
-# Dormand and Prince's order 5 at the same tolerance, measured on 60 jumps against scipy.
+# The error of order 8 is far below that estimated of it. With this share of it, 60 jumps against scipy have from a
+# tenth (cone) to as much (alpha v^2) of the error that Dormand and Prince's order 5 has at the same tolerance.
 TRUST = 1 / 3
 # row by row: the stages, the weights, the errors of third and fifth order, the stages and weights of the dense output
 NUMBERS = """
