@@ -33,7 +33,7 @@ LOST = 0.1  # share of frames, from which the film is asked whether it is interl
 SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
 
 
-@stage(version=8)
+@stage(version=9)
 def track(
     film: RodVideo,
     calibration: Calibration | None,
