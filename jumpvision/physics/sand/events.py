@@ -77,6 +77,7 @@ MAX_STEPS = 30_000  # a second, and as many beside: thirty times those of a jump
 RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
 NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
 ON = 1e-9  # m, so near to a kink of a law a step begins or ends on it
+ASTRAY = 100.0  # error of a step over its tolerance: where it ends says nothing of the kinks on the way
 SMALL = 1e-6  # error of a step over its tolerance: the next may be five times as long
 NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
 STABLE = 5.0  # decays along the real axis in which a step does not grow: 6.1
@@ -259,7 +260,7 @@ def run(
                 error = 0.0
             else:
                 error = step(t, s, trial, mode, slip, p, slopes, s1, rtol, atol)
-            if mode == INTRUDE:
+            if mode == INTRUDE and error < ASTRAY:
                 share = share_to_bend(s, s1, trial, p)
                 if share < 1.0:
                     h, after = share * trial, max(after, trial)

@@ -228,11 +228,11 @@ def efforts(
                     theta = (i + j / n) / pieces
                     inside(theta, t, s, h, wide, exact, q, mode, p, work)
                     after = motor_force(t + theta * h, work, mode, slip, p)[which]
-                    top = after
-                    if now > before and now >= after:  # a turn
-                        top = now
-                        if before > -np.inf:
-                            top -= 0.125 * (after - before) * (after - before) / (before - 2.0 * now + after)
+                    top, turn = after, before - 2.0 * now + after
+                    # it turns within the three; at its middle where a loop's limits may cut it
+                    reach = -2.0 if p.kp == 0.0 else -1.0
+                    if -np.inf < turn < 0.0 and abs(after - before) <= reach * turn:
+                        top = max(top, now - 0.125 * (after - before) * (after - before) / turn)
                     peaks[which] = max(peaks[which], top)
                     before, now = now, after
         f0 = f2
