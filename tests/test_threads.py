@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import multiprocessing
+import subprocess
+import sys
 import threading
+from pathlib import Path
 
 import numba as nb
 import numpy as np
@@ -96,6 +99,25 @@ def test_a_call_within_a_call_stays_in_its_thread(monkeypatch):
 
 def alone(part):
     return threads.threads(), multiprocessing.current_process().name
+
+
+def test_workers_import_what_their_parent_imports(tmp_path):
+    """Not the package that lies in the folder they are called from, as a clone beside an installed one."""
+    other = tmp_path / "jumpvision" / "base"
+    other.mkdir(parents=True)
+    for folder in (other.parent, other):
+        (folder / "__init__.py").write_text("")
+    (other / "progress.py").write_text("raise SystemExit('the wrong one')\n")
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]); from jumpvision.base import progress; import os\n"
+        "if __name__ == '__main__':\n"
+        "    progress.ready(['jumpvision.base.progress']); progress.WORKERS.set(2)\n"
+        "    print(list(progress.in_parts(os.path.abspath, ['a', 'b'])))\n"
+    )
+    (tmp_path / "main.py").write_text(code)
+    root = str(Path(threads.__file__).parents[2])
+    done = subprocess.run([sys.executable, "-P", "main.py", root], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("["), done.stderr
 
 
 def test_a_worker_works_with_one_thread():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -53,8 +54,11 @@ def ready(modules: Sequence[str]) -> None:
         return
     from multiprocessing.forkserver import ensure_running
 
-    kept = {n: os.environ.get(n) for n in ALONE}
-    os.environ |= ALONE  # read where numpy and numba are imported
+    # ALONE is read where numpy and numba are imported; from where this process imports, and not from its folder, too
+    there = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)}
+    set_for_it = ALONE | there
+    kept = {n: os.environ.get(n) for n in set_for_it}
+    os.environ |= set_for_it
     try:
         multiprocessing.set_forkserver_preload(list(modules))
         ensure_running()
