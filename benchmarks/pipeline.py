@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
+ALONE = {n: v for n, v in os.environ.items() if n not in ("PYTHONPATH", "NUMBA_CACHE_DIR")}  # nothing of ours is found
 VERDICT = re.compile(r"^The simulation (over|under)-predicts")
 
 
@@ -29,7 +30,9 @@ class Waited(NamedTuple):
 def waited(*command: str | Path) -> Waited:
     """A command from start to end."""
     began, verdict = time.perf_counter(), float("nan")
-    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    process = subprocess.Popen(
+        command, cwd=ROOT, env=ALONE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
     assert process.stdout is not None
     for line in process.stdout:
         if VERDICT.match(line):
