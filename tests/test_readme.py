@@ -88,7 +88,7 @@ def test_links_lead_somewhere():
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-@pytest.mark.parametrize("name", [n for n in app if not n.startswith("-")])
+@pytest.mark.parametrize("name", sorted(n for n in app if not n.startswith("-")))
 def test_every_command_has_help_with_an_example(name, capsys):
     assert main([name, "--help"]) == 0
     assert "Example:" in capsys.readouterr().out

@@ -69,6 +69,6 @@ def with_commands(names: list[str] | None = None) -> App:
     from .app import app
 
     known = listed()
-    for module in {known[n].module for n in (names if names and known.keys() >= {*names} else known)}:
+    for module in dict.fromkeys(known[n].module for n in (names if names and known.keys() >= {*names} else known)):
         importlib.import_module(f"{__name__}.{module}")
     return app

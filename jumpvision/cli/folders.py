@@ -81,7 +81,9 @@ def work(
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
     on_sand = [e for e in as_campaign(opened).experiments if e.ground == "granular" and "model" in e.sections]
     if on_sand and (plan.stages is None or "simulate" in plan.stages) and _uncompiled():
-        terminal.line("compiling for this machine, this once: the first jump on sand waits a minute or two for it")
+        terminal.line(
+            "compiling for this machine, this once: half a minute of the first run, a minute where films are matched"
+        )
     total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
     with terminal.Progress(total, as_json=options.json) as progress:
         return run_folder(
