@@ -13,7 +13,7 @@ from jumpvision.campaign.discovered import Laws, law_gain
 from jumpvision.campaign.document import document
 from jumpvision.campaign.findings import told
 from jumpvision.diagnosis.detect import detect, directions
-from jumpvision.diagnosis.diagnose import NEIGHBOURS, explain, fit_baseline, foretell
+from jumpvision.diagnosis.diagnose import NEIGHBOURS, explain, fit_baseline, foretell, look
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper
 from jumpvision.diagnosis.jumper.jumps import Jump
@@ -68,7 +68,7 @@ def ours(task: Task) -> Answer:
     rng = np.random.default_rng(1)
     problem, say = Problem(system, learned.noise, learned.scatter), lambda text: None
     laws = Laws(problem, system, say)
-    found = explain(problem, rng, by=("kind",), say=say, enough=laws.alone)
+    found = explain(problem, look(problem, rng, by=("kind",), say=say), rng, say=say, enough=laws.alone)
     law = laws.law(found)
     folds: list[Fold] = []
     worth = (
