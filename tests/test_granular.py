@@ -13,7 +13,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
+from benchmarks.granular import EVERYTHING
 from jumpvision.mechanisms.registry import ModelParameters
+from jumpvision.physics.batch import jump_batch
 from jumpvision.physics.forcing import Segments, Spline, delayed, from_motion, sinusoid
 from jumpvision.physics.model import Model
 from jumpvision.physics.sand.jump import equilibrium, filmed_height, simulate
@@ -585,3 +587,31 @@ def test_a_motor_that_stands_still_pushes_no_foot_where_the_bed_remembers_a_paus
     assert by_log.events["time"][0] > 0.199
     # position good to 2 um, its rate to 2 mm/s at the corner of the law: 0.1 mm of 50
     assert by_log.jump_height == pytest.approx(by_law.jump_height, abs=2e-4)
+
+
+def test_a_step_astray_says_nothing_of_kinks_on_its_way():
+    """Strong drag on a slow foot: trial steps far too long end beyond the bend of the static force; one of five random
+    jumps in 100,000 that went on in ever smaller steps."""
+    values = {
+        "k1": 12420.317718203629,
+        "k2": 14366.107758485523,
+        "delta": 0.003692044153357956,
+        "b": 24.518913185884678,
+        "alpha": 19.828855069312656,
+        "C": 3.597241091978779,
+        "mu": 2.816339622889529,
+        "theta": 0.9997178481956226,
+        "s": 3320.734566737981,
+        "s_p": 453.65780379,
+        "lam": 0.00663423906650475,
+        "factor": 1.7387238395608566,
+        "motor_mass": 0.7238828503070427,
+        "rod_mass": 0.3162599683338314,
+        "foot_mass": 0.05380663925873355,
+        "spring_stiffness": 1254.8770663551472,
+        "spring_damping": 8.807893883176808,
+        "gravity": 2.2876857905182164,
+    }
+    law = [[[0.0, 0.213327419, 5.33944410e-03, 2.57591295e-02, 117.812991, 6.07438792]]]  # fmt: skip
+    found = jump_batch(EVERYTHING, law, **values)
+    assert found["failure"].item() == "" and np.isfinite(found["jump_height_m"]).all()
