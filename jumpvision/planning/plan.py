@@ -33,6 +33,8 @@ ACCURATE = 5e-6  # m, between target and re-simulated apex, at which the correct
 CORRECTIONS = 4
 PUNCTUAL = 2e-4  # s, of the time above an obstacle
 SOUGHT, BOLD = 16, 2.0  # jumps tried for that time; steps beyond what free flight asks, to have it between two
+STRAY = 0.02  # of the apex, by which a re-simulation may miss it, or move after a landing that sticks
+FINER = (1, 2, 3)  # times the usual intervals, until a plan is kept to
 TRIES = 3  # starts before the highest apex is asked for
 
 
@@ -69,7 +71,8 @@ class Planner:
     objective: str = "effort"
     motion: str = "single"
     say: Callable[[str], None] = lambda text: None
-    _solvers: dict[str, Solver] = field(default_factory=dict)
+    _finer: int = 1
+    _solvers: dict[tuple[str, int], Solver] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.objective not in OBJECTIVES:
@@ -94,13 +97,35 @@ class Planner:
 
     def solver(self, objective: str) -> Solver:
         """The built programme of an objective."""
-        if objective not in self._solvers:
+        which = objective, self._finer
+        if which not in self._solvers:
             rest = equilibrium(self.model)
-            self._solvers[objective] = Solver(Programme(self.jumper, self.sequence, objective, rest, self.limits))
-        return self._solvers[objective]
+            programme = Programme(self.jumper, self.sequence, objective, rest, self.limits, self._finer)
+            self._solvers[which] = Solver(programme)
+        return self._solvers[which]
 
     def plan(self, apex: float) -> Plan:
-        """The jump to an apex [m] over rest."""
+        """The jump to an apex [m] over rest, on finer intervals where its re-simulation leaves it.
+
+        Between the points of a coarse mesh a foot may lift off unasked; under weak gravity little is enough for that.
+        """
+        try:
+            for self._finer in FINER:
+                plan = self._planned(apex)
+                if plan.status != "solved" or not self._astray(plan):
+                    return plan
+                self.say("the re-simulated motion leaves the plan")
+        finally:
+            self._finer = 1
+        return replace(plan, status="failed")
+
+    def _astray(self, plan: Plan) -> bool:
+        """Whether the re-simulation misses the apex, or does not stand still after a landing that sticks."""
+        m = plan.motion
+        after = np.ptp(m.rod[m.t > plan.command.stop]) if self.motion == "stick" else 0.0
+        return max(abs(plan.resimulated_apex - plan.apex), after) > STRAY * plan.apex
+
+    def _planned(self, apex: float) -> Plan:
         began = time.perf_counter()
         solver = self.solver(self.objective)
         best: Solution | None = None

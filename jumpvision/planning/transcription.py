@@ -122,6 +122,7 @@ class Programme:
     objective: str
     rest: tuple[float, float]  # x_r, x_f [m] at rest
     limits: Limits  # those that are finite have rows, whose bounds may change from solve to solve
+    finer: int = 1  # times as many intervals
     unknowns: list[Unknown] = field(default_factory=list)
     symbols: list[Any] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
@@ -145,7 +146,8 @@ class Programme:
 
     def intervals(self, mode: str) -> int:
         """Intervals of a phase."""
-        return ON_HARD if mode == STUCK and self.jumper.model.ground == "hard" else INTERVALS[mode]
+        usual = ON_HARD if mode == STUCK and self.jumper.model.ground == "hard" else INTERVALS[mode]
+        return self.finer * usual
 
     def build(self) -> dict[str, ca.SX]:
         """The programme {x, f, g} for `casadi.nlpsol`."""
