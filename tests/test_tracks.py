@@ -35,33 +35,34 @@ def test_the_same_as_jump_by_jump(ground, shift):
     times = [np.arange(a, b, 2e-3) for a, b in spans]
     jumps, stops = forcings(), [0.4, 0.6, 0.5, 0.38]
     tracks = Tracks(jumps, stops, times)
-    out = np.full(tracks.t.size, -1.0)
-    which, models = [0, 2, 3, 1], [model, other, model, other]
-    tracks.heights(which, models, tracks.t + shift, out, rtol=1e-8, atol=1e-10)
-    for i, m in zip(which, models):
-        t = times[i] + shift
+    out = np.full((2, tracks.t.size), -1.0)
+    which, lanes, models = [0, 2, 3, 1, 2], [0, 0, 0, 0, 1], [model, other, model, other, model]
+    t = np.stack([tracks.t + shift, tracks.t + 2 * shift])
+    tracks.heights(which, lanes, models, t, out, rtol=1e-8, atol=1e-10)
+    for i, lane, m in zip(which, lanes, models):
+        t = times[i] + (1 + lane) * shift
         lead = [jumps[i].start] if t[0] > jumps[i].start else []
         motion = simulate(m, jumps[i], t=np.concatenate([lead, t]), rtol=1e-8, atol=1e-10, stop=stops[i])
-        assert np.array_equal(out[tracks.places[i]], motion.rod[-t.size :] - motion.rest)
+        assert np.array_equal(out[lane, tracks.places[i]], motion.rod[-t.size :] - motion.rest)
 
 
 def test_only_the_jumps_asked_for_are_written():
     tracks = Tracks(forcings()[:2], [0.4, 0.6], [np.arange(0.0, 0.5, 2e-3)] * 2)
-    out = np.full(tracks.t.size, -1.0)
-    tracks.heights([1], [SAND], tracks.t, out, rtol=1e-7, atol=1e-9)
-    assert np.all(out[tracks.places[0]] == -1.0) and np.all(out[tracks.places[1]] > -1.0)
+    out = np.full((1, tracks.t.size), -1.0)
+    tracks.heights([1], [0], [SAND], tracks.t[None], out, rtol=1e-7, atol=1e-9)
+    assert np.all(out[0, tracks.places[0]] == -1.0) and np.all(out[0, tracks.places[1]] > -1.0)
 
 
 def test_a_bed_that_cannot_carry_gives_nan_and_a_loop_with_a_lag_is_refused():
     soft = dataclasses.replace(SAND, parameters=dataclasses.replace(SAND.parameters, k2=0.0))
     tracks = Tracks(forcings()[:1], [0.4], [np.arange(0.0, 0.5, 2e-3)])
-    out = np.zeros(tracks.t.size)
+    out = np.zeros((1, tracks.t.size))
     weak = dataclasses.replace(soft, parameters=dataclasses.replace(soft.parameters, k1=1.0))
-    tracks.heights([0], [weak], tracks.t, out, rtol=1e-7, atol=1e-9)
+    tracks.heights([0], [0], [weak], tracks.t[None], out, rtol=1e-7, atol=1e-9)
     assert np.isnan(out).all()
     lag = dataclasses.replace(
         HARD, terms=("motor_lag",), parameters=dataclasses.replace(HARD.parameters, tau=4e-3)
     )  # fmt: skip
     looped = Tracks(forcings()[3:], [0.4], [np.arange(0.0, 0.5, 2e-3)])
     with pytest.raises(ValueError, match="motor_lag"):
-        looped.heights([0], [lag], looped.t, out, rtol=1e-7, atol=1e-9)
+        looped.heights([0], [0], [lag], looped.t[None], out, rtol=1e-7, atol=1e-9)

@@ -236,6 +236,9 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
     laws = Laws(problem, system, say)
     found = explain(problem, begun.found, rng, say=say, enough=laws.alone)
     law = laws.law(found)
+    left = None if law else leftover(found, problem, system, say)
+    if not found.adequate:
+        say(document(found, learned, left, law=law).sentence)
     driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
     found = foretell(
         problem,
@@ -249,7 +252,6 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
         say=say,
         gained=partial(law_gain, law, problem) if law else None,
     )
-    left = None if law else leftover(found, problem, system, say)
     alone = jumps_alone(told(found), problem)
     rows = confirmation(alone, system, asked.films, asked.measured)
     apart = asked.measured and any(r.contradicts for r in rows)

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, log_box
 from jumpvision.base.threads import at_once
@@ -16,7 +17,7 @@ from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
 from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.diagnosis.noise.whitening import Whitening, axes, joined
 
-from .system import Costly, CostlyPart, Parameter, Part, System, at_a_time, parameters
+from .system import Costly, CostlyPart, Parameter, Part, System, at_a_time, parameters, predict_each
 
 T = TypeVar("T")
 
@@ -164,20 +165,38 @@ class Problem:
             some = self.all if which is None else which
             own = self.system.derivatives(mechanisms, free, dict(zip(names, values.tolist())), some)
             return [self.whitening[i].whitened(c, f) for i, c, f in zip(some, own, frame)]
-        columns: list[list[Array]] = []
-        for i, p in enumerate(free):
-            step = STEP * p.scale
-            step = -step if values[i] + step > p.high else step
-            for h in (step, -step):
-                moved = values.copy()
-                moved[i] += h
-                there = self.residuals(mechanisms, dict(zip(names, moved.tolist())), which, frame)
-                if there is not None:
-                    columns.append([(a - b) / h for a, b in zip(at, there)])
-                    break
-            else:
-                columns.append([np.zeros_like(a) for a in at])
-        return [np.stack(c, axis=1) for c in zip(*columns)] if free else [np.zeros((a.size, 0)) for a in at]
+        out = [np.zeros((a.size, len(free))) for a in at]
+        steps = np.array(
+            [-STEP * p.scale if x + STEP * p.scale > p.high else STEP * p.scale for p, x in zip(free, values)]
+        )
+        left = np.arange(len(free))
+        for h in (steps, -steps):
+            sets = [dict(zip(names, (values + h * (np.arange(len(free)) == i)).tolist())) for i in left]
+            there, followed = self.residuals_each(mechanisms, sets, which, frame)
+            for o, a, b in zip(out, at, there):
+                o[:, left[followed]] = (a[:, None] - b[:, followed]) / h[left[followed]]
+            left = left[~followed]
+            if not left.size:
+                break
+        return out
+
+    def residuals_each(
+        self,
+        mechanisms: tuple[str, ...],
+        sets: Sequence[Mapping[str, float]],
+        which: Sequence[int] | None,
+        frame: Frame,
+    ) -> tuple[list[Array], NDArray[np.bool_]]:
+        """`residuals` of several sets of values: (n, sets) by observation, and which sets could be followed."""
+        which = self.all if which is None else which
+        predicted = predict_each(self.system, mechanisms, sets, which)
+        followed = np.array([all(np.all(np.isfinite(y)) for y in p) for p in predicted], bool)
+        observations, out = self.system.observations, []
+        for k, (i, f) in enumerate(zip(which, frame)):
+            y = np.stack([p[k] for p in predicted], axis=1) if predicted else np.zeros((observations[i].t.size, 0))
+            r = np.where(followed, observations[i].y[:, None] - y, 0.0)
+            out.append(self.whitening[i].whitened(r, f))
+        return out, followed
 
     def cost(
         self,
@@ -191,6 +210,22 @@ class Problem:
         r = self.residuals(mechanisms, {p.name: values.get(p.name, p.start) for p in free}, which, frame)
         pull = known(free, self.measured).pull(np.array([values.get(p.name, p.start) for p in free]))
         return math.inf if r is None else float(sum(a @ a for a in r) + pull @ pull)
+
+    def costs(
+        self,
+        mechanisms: tuple[str, ...],
+        sets: Sequence[Mapping[str, float]],
+        which: Sequence[int] | None,
+        frame: Frame,
+    ) -> Array:
+        """`cost` of several sets of values, (sets,)."""
+        free = parameters(self.system, mechanisms)
+        full = [{p.name: s.get(p.name, p.start) for p in free} for s in sets]
+        r, followed = self.residuals_each(mechanisms, full, which, frame)
+        before = known(free, self.measured)
+        pulls = [before.pull(np.array([*s.values()])) for s in full]
+        chi2 = sum(np.sum(a * a, axis=0) for a in r) + np.array([p @ p for p in pulls])
+        return np.where(followed, chi2, math.inf)
 
     def fit(
         self,

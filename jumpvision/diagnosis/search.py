@@ -325,7 +325,7 @@ def best_starts(
     """The n starts of least cost over a few conditions; the one where runs are dear. Trials scatter as about `fit`."""
     few = problem.scouts(some(problem, FEW))
     frame = [fit.frame[i] for i in few]
-    cost = [problem.cost(mechanisms, t, few, frame) for t in tries]
+    cost = problem.costs(mechanisms, tries, few, frame)
     n = 1 if isinstance(problem.system, Costly) else n
     return [(mechanisms, tries[i]) for i in np.argsort(cost)[:n] if math.isfinite(cost[i])]
 

@@ -219,36 +219,49 @@ class Jumper:
         """Heights above rest as the camera reports them [m]; NaN for a model that cannot be."""
         asked = (mechanisms, dict(values), tuple(which))
         if self.latest.asked != asked:
-            self.latest.asked, self.latest.said = asked, self._simulated(mechanisms, values, which)
+            self.latest.asked, self.latest.said = asked, self.predict_each(mechanisms, [values], which)[0]
         return self.latest.said
 
-    def _simulated(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
-        try:
-            models = {g: self.build(mechanisms, values, g) for g in self.bases}
-        except InputError:
-            return [np.full(self.observations[i].t.size, np.nan) for i in which]
-        like, same_model = self._alike(models.values())
-        runs = sorted({like[i] for i in which})
-        own = {k: self.jumps[k] for k in {same_model[i] for i in runs}}
-        used = {k: self._own(models[j.model.ground], j, values) for k, j in own.items()}
-        model = models[self.model.ground]  # of the film, which is told alike on both
-        out = np.full(self.tracks.t.size, np.nan)
-        times = model.shown(self.tracks.t) - values.get("start", 0.0)
-        for i in runs:
-            k, here = self.apparatus[i], self.tracks.places[i]
-            times[here] += value(values, "offset", k) + value(values, "rate", k) * self.tracks.t[here]
+    def predict_each(
+        self, mechanisms: tuple[str, ...], sets: Sequence[Mapping[str, float]], which: Sequence[int]
+    ) -> list[list[Array]]:
+        """`predict` of several sets of values: one call of the solver, which other threads need not wait for."""
+        t = self.tracks.t
+        out, times = np.full((len(sets), t.size), np.nan), np.empty((len(sets), t.size))
+        asked: list[tuple[int, int, Model]] = []  # jump, lane, model
+        told: list[tuple[Model, list[int]]] = []
+        for lane, values in enumerate(sets):
+            try:
+                models = {g: self.build(mechanisms, values, g) for g in self.bases}
+            except InputError:
+                told.append((self.model, [*range(len(self.jumps))]))
+                continue
+            like, same_model = self._alike(models.values())
+            runs = sorted({like[i] for i in which})
+            own = {k: self.jumps[k] for k in {same_model[i] for i in runs}}
+            used = {k: self._own(models[j.model.ground], j, values) for k, j in own.items()}
+            asked += [(i, lane, used[same_model[i]]) for i in runs]
+            model = models[self.model.ground]  # of the film, which is told alike on both
+            told.append((model, like))
+            times[lane] = model.shown(t) - values.get("start", 0.0)
+            for i in runs:
+                k, here = self.apparatus[i], self.tracks.places[i]
+                times[lane, here] += value(values, "offset", k) + value(values, "rate", k) * t[here]
 
-        def follow(some: Sequence[int]) -> None:
-            models = [used[same_model[i]] for i in some]
-            self.tracks.heights(some, models, times, out, rtol=RTOL, atol=ATOL)
+        def follow(some: Sequence[tuple[int, int, Model]]) -> None:
+            runs, lanes, models = zip(*some)
+            self.tracks.heights(runs, lanes, models, times, out, rtol=RTOL, atol=ATOL)
 
-        shares = [part for k in range(self.workers) if (part := runs[k :: self.workers])]
+        shares = [part for k in range(self.workers) if (part := asked[k :: self.workers])]
         try:
             at_once([partial(follow, part) for part in shares], self.workers)
         except ValueError:
             out[:] = np.nan
-        out = model.filmed(out, self.tracks.t)
-        return [self._seen(i, out[self.tracks.places[like[i]]], values) for i in which]
+        said = []
+        for row, values, (model, like) in zip(out, sets, told):
+            heights = model.filmed(row, t)
+            said.append([self._seen(i, heights[self.tracks.places[like[i]]], values) for i in which])
+        return said
 
     def _alike(self, models: Iterable[Model]) -> Alike:
         """What of the jumps is one: trials made alike are simulated once, whatever of their beds no law asks for."""
@@ -280,8 +293,8 @@ class Jumper:
         if not steps:
             return out
         at = self.predict(mechanisms, values, which)
-        for name, step in steps.items():
-            moved = self._simulated(mechanisms, {**values, name: step}, which)
+        sets = self.predict_each(mechanisms, [{**values, n: h} for n, h in steps.items()], which)
+        for (name, step), moved in zip(steps.items(), sets):
             out[name] = [(b - a) / step for a, b in zip(at, moved)]
         return out
 

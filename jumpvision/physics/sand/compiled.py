@@ -165,7 +165,7 @@ from .. end (its edges are one more than the rows of every jump so far)."""
 
 @functools.cache
 def tracks_solver() -> Callable[..., Any]:
-    """solve(constants (k,), which (k,), about (n,) TRACK, rows, edges, t, rtol, atol, out): see `tracks`."""
+    """solve(constants (k,), which (k,), lane (k,), about (n,) TRACK, rows, edges, t (m, :), rtol, atol, out (m, :))."""
     global _one
     _one = solver()
     return _tracks(digest())
@@ -176,14 +176,14 @@ _one: Callable[..., Any]  # `solver()`; a global, as what a compiled function cl
 
 def _tracks(key: str) -> Callable[..., Any]:
     @njit(cache=True, nogil=True)
-    def solve(constants, which, about, rows, edges, t, rtol, atol, out):  # type: ignore[no-untyped-def]
+    def solve(constants, which, lane, about, rows, edges, t, rtol, atol, out):  # type: ignore[no-untyped-def]
         key  # noqa: B018
         log, no_peaks = np.empty((events.MAX_EVENTS, 2)), np.empty(0)
         for k in range(which.size):
             i = which[k]
             a, p, own = about[i], constants[k], constants[k : k + 1]
-            heights = out[a.time : a.time_end]
-            times = t[a.time : a.time_end]
+            heights = out[lane[k], a.time : a.time_end]
+            times = t[lane[k], a.time : a.time_end]
             first, n = a.row + i, a.row_end - a.row
             start, end = edges[first], times[-1]
             driven = np.searchsorted(times, start)

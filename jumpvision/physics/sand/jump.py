@@ -332,12 +332,20 @@ class Tracks:
         self.places = [slice(a["time"], a["time_end"]) for a in self.about]
 
     def heights(
-        self, which: Sequence[int], models: Sequence[Model], t: Array, out: Array, *, rtol: float, atol: float
+        self,
+        which: Sequence[int],
+        lanes: Sequence[int],
+        models: Sequence[Model],
+        t: Array,
+        out: Array,
+        *,
+        rtol: float,
+        atol: float,
     ) -> None:
-        """Writes x_r above rest [m] at the times t [s] of the jumps `which`, models[k] that of which[k].
+        """Writes x_r above rest [m] at the times t [s] of the jumps `which`, models[k] that of which[k] in lanes[k].
 
-        t, out: as long as all times together, `places` says whose is what; NaN where a motion cannot be followed. rtol,
-        atol as in `jump.simulate`. Lets other threads run.
+        t, out: a row a lane, as long as all times together, `places` says whose is what; NaN where a motion cannot be
+        followed. rtol, atol as in `jump.simulate`. Lets other threads run.
         """
         constants = pack_each(models)
         for k, i in enumerate(which):
@@ -345,5 +353,5 @@ class Tracks:
             if isinstance(forcing, Loop):
                 limit_loop(constants[k : k + 1], forcing, models[k])
         compiled.tracks_solver()(
-            constants, np.asarray(which, np.int64), self.about, self.rows, self.edges, t, rtol, atol, out
+            constants, np.asarray(which), np.asarray(lanes), self.about, self.rows, self.edges, t, rtol, atol, out
         )
