@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import MAD, Array
 from jumpvision.estimate.estimate import checked, checked_sigma, least_squares_fit, scatter_factor
 
+from .front import LARGEST
 from .gradients import overlap
 
 
@@ -131,7 +132,14 @@ def fit_column(
 
 def _exponential(z: Array, y: Array, e: Array, start: Array) -> tuple[Array, Array, float] | None:
     """Weighted fit of y = exp(p0 z + p1)."""
-    return least_squares_fit(lambda q: (y - np.exp(q[0] * z + q[1])) / e, start, scale=[1.0 / np.ptp(z), 1.0])
+
+    def share(q: Array) -> Array:
+        return np.asarray(np.exp(np.minimum(q[0] * z + q[1], LARGEST)) / e)
+
+    def jacobian(q: Array) -> Array:
+        return np.stack([-share(q) * z, -share(q)], axis=1)
+
+    return least_squares_fit(lambda q: y / e - share(q), start, scale=[1.0 / np.ptp(z), 1.0], jacobian=jacobian)
 
 
 def beta(ln_a: float, ln_a_sigma: float, layer: float) -> tuple[float, float]:

@@ -18,6 +18,7 @@ FLANK = 3  # vectors between threshold and LOCAL that an exponential needs; a sh
 MISFIT = 4.0  # chi2 per degree of freedom above which the profile is no plateau and exponential
 PLATEAU = 0.95  # of the greatest speed: vectors above it are the plateau of a sharp front
 REJECT = 6.0  # robust sigmas from the median of five neighbours beyond which a frame is left out of mu
+LARGEST = 50.0  # of an exponent: a step of the solver may leave what can be
 NAN = float("nan")
 
 
@@ -76,16 +77,22 @@ def jammed_thickness(z: ArrayLike, speed: ArrayLike, sigma: ArrayLike, *, thresh
         return _none(end, f"{end} vectors above half the largest speed, the front needs 5")
     zl, vl, el = z[:end], speed[:end], sigma[:end]
 
-    def profile(p: Array) -> Array:
-        return np.asarray(p[0] * np.exp(-np.maximum(zl - p[1], 0.0) / p[2]))
+    def share(p: Array) -> Array:
+        return np.asarray(np.exp(np.minimum(-np.maximum(zl - p[1], 0.0) / p[2], LARGEST)) / el)
+
+    def jacobian(p: Array) -> Array:
+        part, beyond = share(p), np.maximum(zl - p[1], 0.0)
+        steep = p[0] * part / p[2]
+        return np.stack([-part, -steep * (beyond > 0.0), -steep * beyond / p[2]], axis=1)
 
     best, step = None, float(np.median(np.diff(zl)))
     fall = max(float(zl[-1] - zl[0]), step)
-    for z0 in np.linspace(zl[0], zl[-1] - step, 6):  # the corner makes chi2 multimodal: several starts
+    for z0 in np.linspace(zl[0], zl[-1] - step, 9):  # the corner makes chi2 multimodal: several starts
         fit = least_squares_fit(
-            lambda p: (vl - profile(p)) / el,
+            lambda p: vl / el - p[0] * share(p),
             [top, z0, max(0.7 * (zl[-1] - z0), step)],
             scale=[float(np.median(el)), step, fall],
+            jacobian=jacobian,
         )
         if fit is not None and fit[0][2] > 0.0 and fit[0][1] > zl[0] and (best is None or fit[2] < best[2]):
             best = fit
@@ -144,8 +151,14 @@ def _strays(x: Array, y: Array, sigma: Array) -> NDArray[np.bool_]:
 
 
 def _from_the_face(z: Array, v: Array, e: Array, top: float, fall: float) -> tuple[Array, Array, float] | None:
+    def share(p: Array) -> Array:
+        return np.asarray(np.exp(np.minimum(-z / p[1], LARGEST)) / e)
+
+    def jacobian(p: Array) -> Array:
+        return np.stack([-share(p), -p[0] * share(p) * z / p[1] ** 2], axis=1)
+
     fit = least_squares_fit(
-        lambda p: (v - p[0] * np.exp(-z / p[1])) / e, [top, fall], scale=[float(np.median(e)), fall]
+        lambda p: v / e - p[0] * share(p), [top, fall], scale=[float(np.median(e)), fall], jacobian=jacobian
     )
     if fit is None or fit[0][1] <= 0.0:
         return None

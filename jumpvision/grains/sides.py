@@ -209,17 +209,45 @@ def cone_side(
     def solved(q: Array, spread: float | None) -> tuple[Array, Array, float]:
         """Parameters, jacobian and chi2 with the blur `spread`, or with it as exp of an eleventh parameter."""
 
-        def residual(q: Array) -> Array:
+        beneath, beside, down, each = d[near], r[near], -v[near], sigma[near]
+        t = (beneath - middle) / half
+
+        def told(q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+            """The blur's bell, S, n, the step along the side, what n is multiplied with, and exp(-lag) / sigma."""
             width = math.exp(q[10]) if spread is None else spread
-            out, t = _outwards(q, d[near], r[near]), (d[near] - middle) / half
+            out = _outwards(q, beneath, beside)
+            bell = np.exp(-0.5 * (out / width) ** 2) / math.sqrt(2.0 * math.pi)
             beyond = scipy.special.ndtr(out / width)
-            n = (out * beyond + width * np.exp(-0.5 * (out / width) ** 2) / math.sqrt(2.0 * math.pi)) / window
-            lag = (q[4] + q[5] * t + q[6] * t * t) * beyond + (q[7] + q[8] * t) * n + q[9] * n * n
-            return np.asarray((-v[near] - q[3] * np.exp(-lag)) / sigma[near])
+            n = (out * beyond + width * bell) / window
+            step, fall = q[4] + q[5] * t + q[6] * t * t, q[7] + q[8] * t
+            return bell, beyond, n, step, fall, np.exp(-(step * beyond + fall * n + q[9] * n * n)) / each
+
+        def residual(q: Array) -> Array:
+            return np.asarray(down / each - q[3] * told(q)[-1])
+
+        def slopes(q: Array) -> Array:
+            width = math.exp(q[10]) if spread is None else spread
+            bell, beyond, n, step, fall, share = told(q)
+            sine, cosine, off = math.sin(q[0]), math.cos(q[0]), beside - q[2]
+            deeper = fall + 2.0 * q[9] * n
+            by_lag = q[3] * share
+            by_out = by_lag * (step * bell / width + deeper * beyond / window)
+            columns = [
+                by_out * ((np.abs(off) - q[1]) * cosine - beneath * sine),
+                -sine * by_out,
+                -sine * np.sign(off) * by_out,
+                -share,
+                *(by_lag * beyond * x for x in (1.0, t, t * t)),
+                *(by_lag * n * x for x in (1.0, t, n)),
+            ]
+            if spread is None:
+                out = _outwards(q, beneath, beside)
+                columns.append(by_lag * bell * (deeper * width / window - step * out / width))
+            return np.stack(columns, axis=1)
 
         scale = np.array([0.05, 1e-3, 1e-3, 0.01 * speed, *(0.1 for _ in q[4:])])
         found = scipy.optimize.least_squares(
-            residual, q, x_scale=scale, loss="soft_l1", f_scale=2.0, ftol=1e-6, max_nfev=60
+            residual, q, slopes, x_scale=scale, loss="soft_l1", f_scale=2.0, ftol=1e-6, max_nfev=60
         )
         return found.x, found.jac, 2.0 * float(found.cost)
 

@@ -18,7 +18,7 @@ from jumpvision.results.fields import Column, ColumnGeometry, Flow, Piv, Planes
 from jumpvision.workflow.stage import stage
 
 
-@stage(version=7)
+@stage(version=8)
 def column(piv: Piv, flow: Flow, robot: Robot | None = None, *, p: ColumnParams) -> Column:
     """Speed of the grains under the foot over (y, t), with the jammed front and the decay below it.
 
