@@ -285,6 +285,7 @@ def test_runs_are_kept_and_a_later_call_goes_on(tmp_path):
     assert again.runs.made == 0 and again.sentence == whole.sentence == rest.sentence
 
 
+@pytest.mark.long
 def test_other_processes_and_batches_give_the_same():
     asked = world(n=2, dry=0.3)
     here = jv.diagnose(asked, study())
@@ -479,6 +480,7 @@ def test_a_wrong_simulator_is_told(campaign, simulator, said, monkeypatch, capsy
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_what_a_simulator_does_wrong_does_not_end_the_command(campaign):
     text = SIMULATOR.replace(
         "    x = np", "    print('hello')\n    import os\n    os._exit(3) if p['creep'] else None\n    x = np"

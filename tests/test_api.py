@@ -256,6 +256,7 @@ def test_the_volume_of_a_crater_by_map_and_by_line():
     assert by_line.sigma_m3 < 0.05 * abs(true) and by_line.depth_m == pytest.approx(deep, rel=0.05)
 
 
+@pytest.mark.long
 def test_the_resistances_of_a_slow_intrusion():
     """Two slopes of 2,000 and 1,400 N/m that meet 12 mm down, from contact at 5 mm; 0.05 N of noise."""
     depth = np.linspace(0.0, 0.05, 4000)

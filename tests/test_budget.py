@@ -504,6 +504,7 @@ def test_the_cone_moves_with_the_scale_by_its_common_part(name):
 # -- a campaign ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_stated_sigma_covers_the_truth_with_drawn_scale_rate_and_gravity():
     """200 apparatuses, each with its own error of scale, clock and gravity, and a noisy track and flight."""
     rng, share, rate, gravity = np.random.default_rng(7), 0.01, 2e-3, 0.03
@@ -597,6 +598,7 @@ def test_summary_and_table_show_the_common_part(tmp_path):
     assert {"sigma_common_m", "mu_sigma_common", "sigma_common_volume_fraction"} <= set(JUMP_COLUMNS) & set(d)
 
 
+@pytest.mark.long
 def test_a_campaign_on_disk_states_both_parts_everywhere(tmp_path):
     """Three jumps by one camera, from tables: files of each, table of all, and the comparison with the simulation."""
     root = tmp_path / "c"

@@ -40,6 +40,7 @@ def test_a_law_without_noise_is_found_and_turned_round(law):
     assert np.isnan(fit.pulses(0.5)).all() and np.isnan(fit.pulses(0.75)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("law", ["two rates", *later("logarithmic", "stretched")])
 def test_stated_sigma_covers(law):
     """60 campaigns of 21 beds: packings of the mean law at four numbers of pulses and the pulses of a packing.

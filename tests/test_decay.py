@@ -147,6 +147,7 @@ def test_repeats_differ_by_what_their_sigmas_say(colour):
     assert 1 - 3 * 0.16 < np.mean(np.square(z)) < 1 + 3 * 0.16
 
 
+@pytest.mark.long
 def test_fit_and_the_diagnosis_name_one_law():
     """The same record, asked of `decay_law` and of the body of the diagnosis with the laws that it names: the rates are
     those of the other within sigmas, and a law that is not named gains the diagnosis nothing (chi2 of 1 each, 1 %)."""

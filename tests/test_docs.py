@@ -97,6 +97,7 @@ def environment(folder: Path) -> dict[str, str]:
     return os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "HOME": str(folder)}
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
 def test_the_tutorial_from_end_to_end(tmp_path, monkeypatch, capsys):
     """Every line by bash; but for the first, commands of this program in this process, which has what they import."""

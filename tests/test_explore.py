@@ -241,6 +241,7 @@ def test_the_shortest_protocol_tells_what_is_asked_and_says_what_none_can():
     assert never["a"] == ["q"]
 
 
+@pytest.mark.long
 def test_a_planned_protocol_is_read_and_told(tmp_path):
     (tmp_path / "c").mkdir()
     setting = draw(RNG(1), ground="hard", hidden=["motor_lag"])

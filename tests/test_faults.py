@@ -56,6 +56,7 @@ def work(calm, tmp_path) -> Path:
 # ---- killed, and together --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @posix
 def test_killed_at_random_moments_it_resumes_to_the_same_numbers(tmp_path):
     found = lab("kill", tmp_path, 5)

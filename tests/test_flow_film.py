@@ -263,6 +263,7 @@ def test_a_line_beside_the_field_is_refused(steady_run):
         jv.profiles(other)
 
 
+@pytest.mark.long
 def test_a_run_of_the_pipeline_draws_flow_statistics_profiles_and_validation(steady_run, tmp_path):
     made, _ = steady_run
     pipeline = ["--pipeline", "pipelines/piv_only.toml", "--workers", "1"]

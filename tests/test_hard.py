@@ -114,6 +114,7 @@ def draws(n, seed):
         yield robot, (f, amp, rng.uniform(0, 2 * math.pi), int(rng.integers(1, 4)))
 
 
+@pytest.mark.long
 def test_random_jumps_agree_with_an_independent_integration():
     compared, hops = 0, []
     for robot, law in draws(120, seed=3):

@@ -105,6 +105,7 @@ def test_steps_of_a_millimetre_do_not_bias_the_overshoots():
         assert all(f[name].sigma < 0.3 * true for f in fits)
 
 
+@pytest.mark.long
 def test_repeated_stops_compound_where_they_do():
     """Steps of 1 and 6 mm in turn: what is left of the last overshoot differs, so c is told apart from s."""
     at = np.cumsum([0.008] + [0.001, 0.006] * 7)

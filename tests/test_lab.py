@@ -45,6 +45,7 @@ def hard(frequency, phase, terms=(), robot=HARD, amplitude=0.004, duration=0.8, 
 
 
 # ---------------------------------------------------------------------------------------------------------- the jumper
+@pytest.mark.long
 def test_converges_with_the_step():
     """Events are found up to dt late: each costs at most (speed change) x dt ~ 1 m/s dt; five events, dt = 8 us."""
     coarse = sand(5.0, 0.5, dt=8e-6, every=25)
@@ -366,6 +367,7 @@ def test_flow_of_the_central_column(flow):
     assert deep[1] / deep[0] == pytest.approx(math.sin(math.radians(45.0)), rel=1e-9)
 
 
+@pytest.mark.long
 def test_a_grain_moves_by_the_integral_of_the_flow(flow):
     """Against solve_ivp in the foot's depth. Where a grain meets the cone the speed has a kink or a step of < 0.3,
     which costs the midpoint rule one step of 50 um x 0.3."""
@@ -462,6 +464,7 @@ def digest(folder: Path) -> dict[str, str]:
     return {str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
+@pytest.mark.long
 def test_hard_ground_sample_is_valid_and_repeatable(tmp_path):
     """As it was drawn when it was shipped."""
     samples.hard_ground(tmp_path / "a")

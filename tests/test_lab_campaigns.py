@@ -112,6 +112,7 @@ def test_intrusions_of_a_protocol_give_back_its_truth(slow):
     assert np.mean(np.abs(pulls) < 3.0) > 0.9 and np.max(np.abs(pulls)) < 8.0, np.round(pulls, 1)
 
 
+@pytest.mark.long
 def test_an_intrusion_of_each_kind_gives_back_its_truth(tmp_path):
     """Three logs, 13 pulls of which 1.3 may lie beyond 3; three or more do by chance in 13 %, five in 0.6 %."""
     few = "[[intrusions]]\nfoot_radius = 0.0254\n" + SLOW[SLOW.index('[[intrusions]]\nkind = "reintrusion"') :]

@@ -107,6 +107,7 @@ def test_a_campaign_is_valid_and_its_model_is_not_its_truth(made):
     assert e.sections["bed"].volume_fraction == pytest.approx(true["experiments"][e.name]["volume_fraction"], abs=1e-6)
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_files_however_many_workers(made, tmp_path):
     write_campaign(made / "small.toml", tmp_path / "out", seed=3, workers=2)
     assert digest(tmp_path / "out") == digest(made / "out")

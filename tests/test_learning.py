@@ -120,6 +120,7 @@ def test_four_single_jumps_show_their_noise(ground, world):
     assert bool(learned.outliers) == ("family" in world)
 
 
+@pytest.mark.long
 def test_tracks_that_differ_each_have_their_own():
     made = few("granular", seed=4, ratio=8.0, jumps="full")
     learned = learned_of(made)

@@ -252,6 +252,7 @@ def test_the_world_is_made_with_its_common_errors():
     assert shared_world.shifted(cone.film, "theta", 0.1).values[1] - cone.film.values[1] == pytest.approx(0.1)
 
 
+@pytest.mark.long
 def test_the_oracle_sees_an_exactly_known_effect():
     """A wrong scale of jumps whose baseline fits nothing: the heights less their level in noise units, squared.
     It grows as the square of the scale's error; t of 3 degrees of freedom tells twice as much; a static force cannot

@@ -304,6 +304,7 @@ def test_a_package_without_its_wheel_is_unknown_not_a_failure(monkeypatch):
     assert versions.__wrapped__()["numpy"] == known("numpy")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="modes of POSIX")
 def test_a_run_needs_no_home_and_no_right_to_write_beside_the_package(tmp_path):
     """The package is copied to a folder that may not be written to; HOME is a folder that is not there, nor can be."""

@@ -133,6 +133,7 @@ def test_the_plan_jumps_to_its_apex(name):
         assert [kind for kind in kinds if kind != "rail_slip"] == ["intrude", "stop", "lift_off"]
 
 
+@pytest.mark.long
 def test_collocation_converges(monkeypatch):
     """Plan against re-simulation without corrections: twice the intervals, a fraction of the difference."""
     misses = []
@@ -273,7 +274,7 @@ def test_a_wrong_height_to_clear_is_named(capsys, tmp_path):
     assert "--apex and --clear: give one of them" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("gravity", [0.1, 0.01])
+@pytest.mark.parametrize("gravity", [0.1, *later(0.01)])
 def test_a_landing_sticks_under_the_gravity_of_a_comet(gravity):
     """To 40 mm and back in 1.8 s, or 5.7 s. In the laboratory too it rises as asked; what its straight lines between
     samples leave of the speed, 5 mm/s, bounces by v^2 / 2 g: 0.13 and 1.3 mm."""

@@ -256,7 +256,7 @@ def test_a_hand_that_the_ball_has_left_is_no_ball():
     assert off.max() < 0.1
 
 
-@pytest.mark.parametrize("tone", [1.0, 0.4])
+@pytest.mark.parametrize("tone", [1.0, *later(0.4)])
 def test_a_film_of_fractions_gives_what_grey_levels_give(tone):
     """Grey over 255: the same places to a tenth of their sigma, of a disc's last fit and of a layer's."""
     frames = film(toss(14, 15.0), np.random.default_rng(6), tone=tone, spin=0.05, behind=scene(ruler=False), noise=2.0)
@@ -295,6 +295,7 @@ def test_nothing_is_made_of_a_hand_that_waves_where_no_click_is():
     assert (t.flag != "").all()
 
 
+@pytest.mark.long
 def test_a_short_film_before_a_textured_wall_comes_to_the_bound():
     """30 films of 12 frames, noise 3, wall of 4 grey levels rms: rms within 1.15 of the Cramér-Rao bound of a known
     wall and light (the scene's mean of 11 frames costs 1.04, the light of 12 frames some per cent more, 720 values are

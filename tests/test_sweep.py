@@ -169,6 +169,7 @@ def test_a_map_point_is_a_single_jump(tmp_path):
     contract(tmp_path)
 
 
+@pytest.mark.long
 def test_the_integrated_path_agrees_with_the_exact_one():
     given = {"frequency": np.array([6.0, 8.2, 13.0, 17.0]), "phase": np.array([1.2, 1.57, 3.3, 4.7]), "zeta": 0.02}
     v = {n: np.broadcast_to(a, (4,)) for n, a in resolve(HARD.values, given).items()}
@@ -324,7 +325,7 @@ SMALL = {  # fewer points where the defaults are for a figure
 
 
 ALL = [n for n, s in studies("hard").items() if not s.of_campaign]
-LONG = ("lift-off-time",)
+LONG = ("lift-off-time", "alpha", "minimum-amplitude", "traces", "animals")
 
 
 @pytest.mark.parametrize("name", [n for n in ALL if n not in LONG] + later(*LONG))

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import later
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
@@ -151,6 +152,7 @@ b = 20.0
 """
 
 
+@pytest.mark.long
 def test_the_drag_is_fitted_to_jumps_on_beds_of_measured_packing_and_an_override_says_so(tmp_path, capsys):
     """The laws begin where the loosest bed was seen; sigma of phi 2e-4 moves k1 by 8 N/m, b by some 0.1."""
     (tmp_path / "jumps.toml").write_text(MEASURED_BEDS)
@@ -312,7 +314,11 @@ def test_a_model_file_replaces_the_model(tmp_path):
         machine("granular", None, {}, model_file=file)
 
 
-@pytest.mark.parametrize("name", [n for n, s in studies("granular").items() if not (s.of_campaign or s.any_axes)])
+ALL = [n for n, s in studies("granular").items() if not (s.of_campaign or s.any_axes)]
+LONG = ("plan-heights", "plan-strategies", "jump-types")
+
+
+@pytest.mark.parametrize("name", [n for n in ALL if n not in LONG] + later(*LONG))
 def test_every_analysis_gives_a_file_a_figure_and_numbers(name, tmp_path):
     if name.startswith("plan"):
         pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")

@@ -127,8 +127,9 @@ class Problem:
         effects = self.system.scatter(mechanisms, values, which)
         out: Frame = []
         for k, i in enumerate(which):
-            columns = [np.nan_to_num(effects[n][k]) * s for n, s in self.scattered.items() if n in effects]
-            out.append(joined(self.whitening[i].levelled(np.stack(columns, axis=1)), self.steady[i]))
+            columns = np.stack([effects[n][k] * s for n, s in self.scattered.items() if n in effects], axis=1)
+            columns = columns if np.isfinite(columns).all() else np.nan_to_num(columns)
+            out.append(joined(self.whitening[i].levelled(columns), self.steady[i]))
         return out
 
     def residuals(

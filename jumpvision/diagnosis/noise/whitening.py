@@ -74,6 +74,10 @@ def joined(columns: Array, axes: tuple[Array, Array]) -> tuple[Array, Array]:
     q, size = axes
     along = q.T @ columns
     rest, upper = np.linalg.qr(columns - q @ along)
-    turned, sizes, _ = np.linalg.svd(np.block([[along, np.diag(size)], [upper, np.zeros((upper.shape[0], size.size))]]))
+    n, k = size.size, columns.shape[1]
+    both = np.zeros((n + upper.shape[0], k + n))
+    both[:n, :k], both[n:, :k] = along, upper
+    both[range(n), range(k, k + n)] = size
+    turned, sizes, _ = np.linalg.svd(both)
     sizes = sizes[: turned.shape[1]]
     return np.hstack([q, rest]) @ turned[:, : sizes.size], sizes

@@ -233,18 +233,20 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
 def pack_each(models: Sequence[Model]) -> NDArray[Any]:
     """The models as records of `granular.CONSTANTS`, shape (n,): on the beds of one campaign they often differ in those
     alone, and are then packed once."""
-    out = np.empty(len(models), granular.CONSTANTS)
+    packed: list[NDArray[Any]] = []
+    place: dict[int, int] = {}
     first: dict[tuple[Any, ...], int] = {}
-    for k, m in enumerate(models):
-        same = () if m.own else (m.ground, m.terms, id(m.parameters), *(getattr(m, n) for n in ROBOT))
-        at = first.setdefault(same or (id(m),), k)
-        if at == k:
-            out[k] = pack(m)[0]
+    for m in models:
+        if id(m) in place:
             continue
-        out[k] = out[at]
-        for symbol in ("phi", "rho"):
-            out[symbol][k] = m.symbol(symbol) or 0.0
-    return out
+        own = len(packed)
+        same = () if m.own else (m.ground, m.terms, id(m.parameters), *(getattr(m, n) for n in ROBOT))
+        at = first.setdefault(same or (id(m),), own)
+        packed.append(pack(m) if at == own else packed[at].copy())
+        for symbol in ("phi", "rho") if at != own else ():
+            packed[own][symbol] = m.symbol(symbol) or 0.0
+        place[id(m)] = own
+    return np.concatenate(packed)[[place[id(m)] for m in models]]
 
 
 def _pack_own(model: Model, out: NDArray[Any]) -> None:
