@@ -88,7 +88,7 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     (film / "experiment.toml").write_text(table + (film / "experiment.toml").read_text())
     track = (
         (campaign / "jump-0000" / "rod_track.csv").read_text().splitlines()[:-1]
-    )  # of its own: else it may be cached
+    )  # its own, or it may be cached
     (film / "rod_track.csv").write_text("\n".join(track) + "\n")
     heard, ended = [], []
 
