@@ -86,9 +86,7 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     film = grain_film(campaign / "film", 5)
     table = (campaign / "jump-0000" / "experiment.toml").read_text()
     (film / "experiment.toml").write_text(table + (film / "experiment.toml").read_text())
-    track = (
-        (campaign / "jump-0000" / "rod_track.csv").read_text().splitlines()[:-1]
-    )  # its own, or it may be cached
+    track = (campaign / "jump-0000" / "rod_track.csv").read_text().splitlines()[:-1]  # its own, or it may be cached
     (film / "rod_track.csv").write_text("\n".join(track) + "\n")
     heard, ended = [], []
 
