@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 from fault_lab import grain_film, results_of, write_campaign
 
@@ -105,3 +107,19 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     assert RodMotion.load(whole.results).table.equals(rod)
     engine.run_campaign(opened, plan, workers=2, done=lambda o: None, jumps=known)  # all is in the cache
     assert len(heard) == 1
+
+
+def test_pictures_are_drawn_beside_the_diagnosis_and_not_twice(tmp_path):
+    campaign, results = write_campaign(tmp_path / "campaign", 4), tmp_path / "results"
+    opened, plan = open_folder(campaign), Plan(results, results / ".cache", pictures=PICTURES)
+    outcomes = engine.run_campaign(opened, plan, workers=2, done=lambda o: None)
+    assert all(o.undrawn for o in outcomes)
+    with engine.drawn_beside(plan, opened, outcomes, workers=2):
+        deadline = time.monotonic() + 60.0
+        while all(o.undrawn for o in outcomes) and time.monotonic() < deadline:
+            time.sleep(0.02)
+    drawn = [o for o in outcomes if not o.undrawn]
+    assert drawn and all((o.results / "jump.png").exists() and not o.errors for o in drawn)
+    made = {o.name: (o.results / "jump.png").stat().st_mtime_ns for o in drawn}
+    assert not any(o.undrawn for o in engine.draw(opened, plan, outcomes, workers=2))
+    assert {n: (results / n / "jump.png").stat().st_mtime_ns for n in made} == made

@@ -128,6 +128,13 @@ def one_thread() -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
 
 
+def making_way() -> None:
+    """Begin a worker that leaves the cores to other work."""
+    if hasattr(os, "nice"):
+        os.nice(19)
+    one_thread()
+
+
 def end_with_parent() -> None:
     """Wait until the process that started this one is gone, then end: for a thread of a worker."""
     parent = multiprocessing.parent_process()

@@ -21,7 +21,7 @@ from jumpvision.inputs.sections import GrainVideo, MotorLog
 from jumpvision.results import plain
 from jumpvision.results.values import CraterShape, Intrusion
 from jumpvision.workflow.provenance import digest_of_results, settle_tables
-from jumpvision.workflow.run import Outcome, Plan, run_campaign, run_single
+from jumpvision.workflow.run import Outcome, Plan, drawn_beside, run_campaign, run_single
 from jumpvision.workflow.run import draw as draw_experiments
 
 if TYPE_CHECKING:
@@ -115,18 +115,20 @@ def run_folder(
         if asks:
             from .diagnose import question
 
-            run.diagnosis, run.files = question(
-                campaign,
-                {o.name: o for o in run.outcomes},
-                plan.results,
-                plan.cache,
-                workers=workers,
-                draw=draw,
-                pictured=pictured,
-                say=say,
-                fresh=plan.fresh,
-                begun=early.begun() if early else None,
-            )
+            told = {o.name: o for o in run.outcomes}
+            with drawn_beside(plan, campaign, run.outcomes, workers=workers):
+                run.diagnosis, run.files = question(
+                    campaign,
+                    told,
+                    plan.results,
+                    plan.cache,
+                    workers=workers,
+                    draw=draw,
+                    pictured=pictured,
+                    say=say,
+                    fresh=plan.fresh,
+                    begun=early.begun() if early else None,
+                )
         run.files += _craters(run)
         if watcher is not None:
             watcher.found(run)

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, one_thread, processes, ready
+from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared, making_way, one_thread, processes, ready
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.inputs.experiment import Campaign, Experiment
@@ -295,6 +296,36 @@ def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: in
     with _no_leftovers(plan):
         _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, made.__setitem__)
     return list(made.values())
+
+
+@contextlib.contextmanager
+def drawn_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, workers: int) -> Iterator[None]:
+    """Beside the work within, pictures are drawn in processes that make way for it, and put into `outcomes`; with its
+    end no further ones are begun."""
+    at = {o.name: i for i, o in enumerate(outcomes) if o.undrawn}
+    jobs = {n: (campaign[n], plan, plan.results / n, outcomes[i]) for n, i in at.items()}
+    waiting, ended = iter(_longest_first(jobs).items()), threading.Event()
+
+    def work(pool: ProcessPoolExecutor) -> None:
+        with contextlib.suppress(BrokenProcessPool):  # what it drew is drawn again, alone
+            for name, job in waiting:
+                if ended.is_set():
+                    break
+                outcomes[at[name]] = pool.submit(_run, *job).result()
+
+    if workers <= 1 or not jobs:
+        yield
+        return
+    with (
+        ProcessPoolExecutor(workers, mp_context=processes(), initializer=making_way) as pool,
+        ThreadPoolExecutor(workers) as threads,
+    ):
+        for _ in range(workers):
+            threads.submit(work, pool)
+        try:
+            yield
+        finally:
+            ended.set()
 
 
 Ended = Callable[[str, Outcome], Mapping[str, Job] | None]  # gives what is to be done next
