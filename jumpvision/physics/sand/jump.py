@@ -233,20 +233,19 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
 def pack_each(models: Sequence[Model]) -> NDArray[Any]:
     """The models as records of `granular.CONSTANTS`, shape (n,): on the beds of one campaign they often differ in those
     alone, and are then packed once."""
-    packed: list[NDArray[Any]] = []
-    place: dict[int, int] = {}
-    first: dict[tuple[Any, ...], int] = {}
-    for m in models:
-        if id(m) in place:
+    out = np.empty(len(models), granular.CONSTANTS)
+    raw = out.view(np.uint8).reshape(len(models), -1)  # as bytes: numpy copies records field by field
+    first: dict[tuple[Any, ...] | int, int] = {}
+    for k, m in enumerate(models):
+        if (at := first.setdefault(id(m), k)) < k:
+            raw[k] = raw[at]
             continue
-        own = len(packed)
-        same = () if m.own else (m.ground, m.terms, id(m.parameters), *(getattr(m, n) for n in ROBOT))
-        at = first.setdefault(same or (id(m),), own)
-        packed.append(pack(m) if at == own else packed[at].copy())
-        for symbol in ("phi", "rho") if at != own else ():
-            packed[own][symbol] = m.symbol(symbol) or 0.0
-        place[id(m)] = own
-    return np.concatenate(packed)[[place[id(m)] for m in models]]
+        same = id(m) if m.own else (m.ground, m.terms, id(m.parameters), *(getattr(m, n) for n in ROBOT))
+        at = first.setdefault(same, k)
+        raw[k] = pack(m).view(np.uint8) if at == k else raw[at]
+        for symbol in ("phi", "rho") if at != k else ():
+            out[symbol][k] = m.symbol(symbol) or 0.0
+    return out
 
 
 def _pack_own(model: Model, out: NDArray[Any]) -> None:
