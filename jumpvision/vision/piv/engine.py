@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from typing import Any
 
-import cv2
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -21,18 +20,15 @@ from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .scales import Noise, drawn_together, true_noise
 from .solve import COVERED, FLAT, STEPPED
-from .validate import error_length, factors, local_median, normalised_median
+from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
 
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
-# by preset: squared error of what is not resolved over the squared last change; error [px] of a cubic spline between
-# whole pixels on grains of 3-4 px
-UNRESOLVED = {"default": 8.0, "fast": 1.0, "sharp": 8.0}
+# by preset: error [px] of a cubic spline between whole pixels on grains of 3-4 px
 SPLINE = {"default": 0.0, "fast": 0.003, "sharp": 0.0}
 # times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
 FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
-NEAR, SHARED = 3, 9  # vectors, sides of the neighbourhoods over which the square of the last change is averaged, and it
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -203,12 +199,10 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
         m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), k == times - 1, None)
         reason = _judge(m, start, s)
     raw = np.where(_to_try(first), raw, m.p[:2])
-    if m.sigma is None:
+    if m.sigma is None or m.finer is None:
         raise ValueError("at least two steps are needed")
     factor = np.repeat(factors(s.window, s.step, STIFFNESS, times, m.clumping), (2, 4))
     sigma = m.sigma * factor[:, None, None]
-    moved = np.nan_to_num(m.p[:2] - start)
-
     measured = np.isin(reason, code.MEASURED)
     reason[measured & _to_try(first)] = code.SECOND_PEAK
     reason[measured & ~(sigma[:2].max(0) < MAX_SIGMA)] = code.LOW_CORRELATION
@@ -222,22 +216,21 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     whole = _whole(np.concatenate([filled, p[2:]]), s.step)
     noise = Noise(s.window, s.step, STIFFNESS, times)
     sigma *= true_noise(whole, sigma[:2], noise)
+    missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
 
-    def stated(moved: Array, spread: Array) -> Array:
-        about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in moved])
-        left = UNRESOLVED[s.preset] * about + SPLINE[s.preset] ** 2
-        return np.where(measured, np.sqrt(spread**2 + left), np.where(holes, scatter, np.nan))
+    def stated(spread: Array, share: Array | float) -> Array:
+        sigma = np.sqrt(spread**2 + share * missed + SPLINE[s.preset] ** 2)
+        return np.where(measured, sigma, np.where(holes, scatter, np.nan))
 
-    matched = np.concatenate([filled, stated(moved, sigma[:2])])
+    matched = np.concatenate([filled, stated(sigma[:2], 1.0)])
     best = matched
     if s.smooth == "adaptive":
         of_pictures = np.mean([2 * min(a.noise, b.noise) for a, b in pairs]) / np.maximum(m.rest, 1e-12)
         if m.jump is not None and s.preset != "fast":
             whole = _beside_jumps(pairs, grid, m, measured, whole, s)
         drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
-        # of the last change what neighbours share, as drawing them together left it
-        moved = drawn.own * moved + (1 - drawn.own) * np.stack([cv2.blur(q, (SHARED, SHARED)) for q in moved])
-        best = np.concatenate([np.where(measured, drawn.p, filled), stated(moved, drawn.sigma)])
+        # where neighbours count for more, no motion exceeded the noise
+        best = np.concatenate([np.where(measured, drawn.p, filled), stated(drawn.sigma, drawn.own)])
     shape = reason.shape
     return VectorField(
         x,
@@ -284,6 +277,7 @@ def _second_try(
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p),
+            None,
             None,
             np.nan,
             np.where(better, trial.quality, m.quality),

@@ -34,7 +34,7 @@ FEW = 2.0  # independent neighbourhoods that a factor of 1 is worth
 ALLOWED = 0.6, 1.3  # factors on sigma: a field may be stirred all over
 STILL = 0.05  # of the noise expected: less is no noise but equal pictures, which tell nothing of it
 WIDER = 2  # times the neighbourhood of P is that of what smoothing took from the motion
-DOUBT = 0.75  # of its standard deviation, by which P must exceed 1 there
+DOUBT = 1.5  # of its standard deviations, by which P must exceed 1 there
 
 
 class Noise(NamedTuple):
@@ -83,7 +83,8 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
         # signed, so that noise, which is above 1 as often as below, does not count
         far = min(WIDER * side + 1, 2 * min(ny, nx) - 1)
         doubt = DOUBT * math.sqrt(_spread(noise, SHORTEST)) * side / far
-        lost += np.maximum(_around((1 - w) ** 2 * (power - 1), far) - doubt, 0) * chance * of_noise
+        over = _around((1 - w) ** 2 * (power - 1), far)
+        lost += np.where(over > doubt, over, 0) * chance * of_noise
     shares.append(1 - kept)
     of_each = [a * np.sqrt(v) for a, v in zip(shares, variance)]
     total = np.zeros_like(p)

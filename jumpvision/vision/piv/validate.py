@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
@@ -150,6 +152,67 @@ def response(
     w, s, o = (np.outer(q, q) for q in each)
     missed = s * (1 - w)
     return w * (1 - missed**times) / (1 - missed), o
+
+
+PART = 2 / 3  # of the window's side, a finer window that shows what the whole one averages away
+DRAWN = 1.25  # times what theory says is its noise, measured on grains and particles at four windows (1.0 to 1.6)
+BY_CHANCE = 1.3  # times that: more is motion
+HIDDEN = 5.0  # squared error over that of the finer window less 1, where neighbours share nothing of it: measured on
+# turbulence; where they share all of it, the finer window sees all of the error
+
+
+@functools.lru_cache(maxsize=16)
+def noise_within(window: int, step: int, stiffness: float, times: int) -> float:
+    """Variance of what a window of PART of the side would add to a vector, for white noise, over that of its own match."""
+    fine, g = (taper(w).astype(np.float64) for w in (round(PART * window), window))
+    k = 2 * np.pi * np.fft.fftfreq(256)
+    finer, whole = ((f * np.cos(np.outer(k, np.arange(len(f)) - len(f) // 2))).sum(1) / f.sum() for f in (fine, g))
+    w, f, s = (np.outer(q, q) for q in (whole, finer, _surface(k * step, stiffness)))
+    missed = s * (1 - w)
+    seen = w * (1 - missed**times) / (1 - missed)
+    # waves that the vectors do not carry stand about a vector as its own value
+    left = np.where(s > 0, f * (1 - seen), f - seen)
+    return DRAWN * float((left**2).mean() / ((fine**2).sum() / fine.sum() ** 2) ** 2)
+
+
+def unresolved(finer: Array, measured: NDArray[np.bool_], window: int, step: int, by_chance: float) -> Array:
+    """Squared error [px^2] (2, ny, nx) of what the windows average away, from what finer ones see of it.
+
+    finer: see `scatter.within`; by_chance: `noise_within`. Over two windows about a vector the mean square of the
+    finer step is compared with its noise. Motion of waves that the finer windows still see is as large as they say,
+    and neighbours agree on it; of shorter ones they see the less the less their neighbours share.
+    """
+    side = 2 * max(2, round(window / step)) + 1
+    known = measured & np.isfinite(finer).all(0) & (finer[2:] > 0).all(0)
+    if not known.any():
+        return np.zeros_like(finer[:2])
+    q, noise = np.where(known, finer[:2], 0), by_chance * np.where(known, finer[2:], 0)
+    weight = np.where(known, 1 / (noise.mean(0) + np.median(noise[:, known])), 0)
+
+    def around(f: Array) -> Array:
+        return np.asarray(cv2.boxFilter(f, -1, (side, side), borderType=cv2.BORDER_REFLECT))
+
+    total = np.maximum(around(weight), 1e-30)
+    over = [around(weight * (a * a - BY_CHANCE * n)) / total for a, n in zip(q, noise)]
+    motion = np.sum([np.maximum(around(weight * (a * a - n)) / total, 0) for a, n in zip(q, noise)], axis=0)
+    alike = _alike(q, weight, around)
+    shared_by_neighbours = np.clip(alike / np.maximum(motion, 1e-30), 0, 1)
+    closer = max(1.0, (window / (3 * step)) ** 2)  # vectors that lie closer share more of the same wave
+    beyond = np.minimum(HIDDEN * closer * (1 - shared_by_neighbours), HIDDEN)
+    return np.stack([(1 + beyond) * np.maximum(o, 0) for o in over])
+
+
+def _alike(q: Array, weight: Array, around: Callable[[Array], Array]) -> Array:
+    """Mean product of both components with those of the next vector, along either axis."""
+    product, total = np.zeros_like(weight), np.zeros_like(weight)
+    for a, b in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
+        both = np.zeros_like(weight)
+        both[a] = np.sqrt(weight[a] * weight[b])
+        of = np.zeros_like(weight)
+        of[a] = sum(f[a] * f[b] for f in q)
+        product += around(both * of)
+        total += around(both)
+    return product / np.maximum(total, 1e-30)
 
 
 @functools.lru_cache(maxsize=16)
