@@ -157,13 +157,14 @@ def response(
 PART = 2 / 3  # of the window's side, a finer window that shows what the whole one averages away
 DRAWN = 1.25  # times what theory says is its noise, measured on grains and particles at four windows (1.0 to 1.6)
 BY_CHANCE = 1.3  # times that: more is motion
-HIDDEN = 5.0  # squared error over that of the finer window less 1, where neighbours share nothing of it: measured on
-# turbulence; where they share all of it, the finer window sees all of the error
+HIDDEN, SHORTEST = 5.0, 1.5  # of waves so short that vectors a third of a window apart share nothing, the squared error
+# over what the finer window sees of it, less 1: measured on turbulence (long waves: 0); and the shortest told from those
 
 
 @functools.lru_cache(maxsize=16)
-def noise_within(window: int, step: int, stiffness: float, times: int) -> float:
-    """Variance of what a window of PART of the side would add to a vector, for white noise, over that of its own match."""
+def noise_within(window: int, step: int, stiffness: float, times: int) -> tuple[float, float]:
+    """Variance of what a window of PART of the side would add to a vector, for white noise, over that of its own match,
+    and how much neighbours along an axis share of it."""
     fine, g = (taper(w).astype(np.float64) for w in (round(PART * window), window))
     k = 2 * np.pi * np.fft.fftfreq(256)
     finer, whole = ((f * np.cos(np.outer(k, np.arange(len(f)) - len(f) // 2))).sum(1) / f.sum() for f in (fine, g))
@@ -172,34 +173,37 @@ def noise_within(window: int, step: int, stiffness: float, times: int) -> float:
     seen = w * (1 - missed**times) / (1 - missed)
     # waves that the vectors do not carry stand about a vector as its own value
     left = np.where(s > 0, f * (1 - seen), f - seen)
-    return DRAWN * float((left**2).mean() / ((fine**2).sum() / fine.sum() ** 2) ** 2)
+    power = (left**2).mean()
+    shared_by_neighbours = (left**2 * np.cos(k * step)).mean() / power
+    return DRAWN * float(power / ((fine**2).sum() / fine.sum() ** 2) ** 2), float(shared_by_neighbours)
 
 
-def unresolved(finer: Array, measured: NDArray[np.bool_], window: int, step: int, by_chance: float) -> Array:
+def unresolved(
+    finer: Array, measured: NDArray[np.bool_], window: int, step: int, by_chance: tuple[float, float]
+) -> Array:
     """Squared error [px^2] (2, ny, nx) of what the windows average away, from what finer ones see of it.
 
     finer: see `scatter.within`; by_chance: `noise_within`. Over two windows about a vector the mean square of the
-    finer step is compared with its noise. Motion of waves that the finer windows still see is as large as they say,
-    and neighbours agree on it; of shorter ones they see the less the less their neighbours share.
+    finer step is compared with its noise. Of long waves the finer windows see all, and neighbours agree on it; of short
+    ones they see the less the less their neighbours share: 1 - what they share is (k step)^2 / 2.
     """
     side = 2 * max(2, round(window / step)) + 1
     known = measured & np.isfinite(finer).all(0) & (finer[2:] > 0).all(0)
     if not known.any():
         return np.zeros_like(finer[:2])
-    q, noise = np.where(known, finer[:2], 0), by_chance * np.where(known, finer[2:], 0)
+    q, noise = np.where(known, finer[:2], 0), by_chance[0] * np.where(known, finer[2:], 0)
     weight = np.where(known, 1 / (noise.mean(0) + np.median(noise[:, known])), 0)
 
     def around(f: Array) -> Array:
         return np.asarray(cv2.boxFilter(f, -1, (side, side), borderType=cv2.BORDER_REFLECT))
 
     total = np.maximum(around(weight), 1e-30)
-    over = [around(weight * (a * a - BY_CHANCE * n)) / total for a, n in zip(q, noise)]
-    motion = np.sum([np.maximum(around(weight * (a * a - n)) / total, 0) for a, n in zip(q, noise)], axis=0)
-    alike = _alike(q, weight, around)
-    shared_by_neighbours = np.clip(alike / np.maximum(motion, 1e-30), 0, 1)
-    closer = max(1.0, (window / (3 * step)) ** 2)  # vectors that lie closer share more of the same wave
-    beyond = np.minimum(HIDDEN * closer * (1 - shared_by_neighbours), HIDDEN)
-    return np.stack([(1 + beyond) * np.maximum(o, 0) for o in over])
+    square, chance = (np.stack([around(weight * f) / total for f in fields]) for fields in (q * q, noise))
+    motion = np.maximum(square - chance, 0).sum(0)
+    alike = _alike(q, weight, around) - by_chance[1] * chance.sum(0)
+    apart = 1 - np.clip(alike / np.maximum(motion, 1e-30), 0, 1)
+    short = np.minimum(apart * (window / (3 * step)) ** 2, SHORTEST)
+    return np.asarray((1 + HIDDEN * short) * np.maximum(square - BY_CHANCE * chance, 0))
 
 
 def _alike(q: Array, weight: Array, around: Callable[[Array], Array]) -> Array:
