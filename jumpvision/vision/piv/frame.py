@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
+from jumpvision.base.threads import at_once
 
 from .pair import MEASURED, VectorField
 
@@ -42,24 +43,46 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
     grey = image.astype(np.float32)
     kept = 1 / (4 * math.pi * smooth**2)  # of the variance of white noise
     rounding = 0.0 if np.issubdtype(image.dtype, np.floating) else kept / 12
-    noise = white(image, mask)
     usable = np.isfinite(grey)
     if not usable.all():
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
     if mask is not None:
         usable = usable & mask
-    usable &= ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
-    keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
-    weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
     padded = cv2.copyMakeBorder(grey, *(pad,) * 4, cv2.BORDER_REFLECT)
     taps = _taps(smooth, fine)
     c = np.empty((len(taps), len(taps) * padded.shape[0], padded.shape[1]), np.float32)
-    for of_rows, kernel_y in enumerate(taps):
-        for of_columns, kernel_x in enumerate(taps):
-            cv2.sepFilter2D(
-                padded, -1, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], borderType=cv2.BORDER_REFLECT
-            )
+
+    def told() -> tuple[float, NDArray[np.bool_]]:
+        noise = white(image, mask)
+        return noise, usable & ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
+
+    filters = [
+        functools.partial(_filtered, padded, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], part)
+        for of_rows, kernel_y in enumerate(taps)
+        for of_columns, kernel_x in enumerate(taps)
+        for part in _parts(len(padded), 1 if fine else 2)  # fine ones are four filters already
+    ]
+    (noise, usable), *_ = at_once([told, *filters])
+    keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
+    weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
     return Frame(grey, usable, c, weight, pad, rounding, kept * noise)
+
+
+def _parts(rows: int, count: int) -> list[slice]:
+    return [slice(k * rows // count, (k + 1) * rows // count) for k in range(count)]
+
+
+def _filtered(
+    f: Float32, kernel_x: NDArray[np.float64], kernel_y: NDArray[np.float64], out: Float32, part: slice
+) -> None:
+    """Some rows of f filtered along both axes, into those of out."""
+    if part == slice(0, len(f)):
+        cv2.sepFilter2D(f, -1, kernel_x, kernel_y, out, borderType=cv2.BORDER_REFLECT)
+        return
+    reach = len(kernel_y) // 2
+    top, bottom = max(0, part.start - reach), min(len(f), part.stop + reach)
+    near = cv2.sepFilter2D(f[top:bottom], -1, kernel_x, kernel_y, borderType=cv2.BORDER_REFLECT)
+    out[part] = near[part.start - top : part.stop - top]
 
 
 CELL = 4  # px, side of the blocks in which a dark body is looked for

@@ -235,9 +235,7 @@ def _add_times_box(f, columns, out):  # type: ignore[no-untyped-def]
         out[i] += middle[i] * c
 
 
-def within(
-    of: Scatter, window: int, x: NDArray[np.intp], y: NDArray[np.intp], rounding: float
-) -> Array:
+def within(of: Scatter, window: int, x: NDArray[np.intp], y: NDArray[np.intp], rounding: float) -> Array:
     """(4, ny, nx): what a window of PART of the side about the columns x and rows y of the planes, without a gradient of
     its own, would add to the displacement, d_x, d_y [px], and the variance of it, as if the residuals were noise.
 

@@ -95,9 +95,33 @@ def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # ty
                 scatter[j, i] = _median(near, n)
 
 
+# comparisons that bring the middle two of eight values there: a sorting network less those that order the others
+EIGHT = (
+    (0, 2),
+    (1, 3),
+    (4, 6),
+    (5, 7),
+    (0, 4),
+    (1, 5),
+    (2, 6),
+    (3, 7),
+    (0, 1),
+    (2, 3),
+    (4, 5),
+    (6, 7),
+    (2, 4),
+    (3, 5),
+) + ((1, 4), (3, 6))
+
+
 @nb.njit(cache=True)
 def _median(f, n):  # type: ignore[no-untyped-def]
-    """Median of the first n values, which are sorted in place."""
+    """Median of the first n values, which are sorted in place, or eight of them partly."""
+    if n == 8:
+        for i, j in EIGHT:
+            low, high = min(f[i], f[j]), max(f[i], f[j])
+            f[i], f[j] = low, high
+        return 0.5 * (f[3] + f[4])
     for k in range(1, n):
         value, at = f[k], k
         while at > 0 and f[at - 1] > value:
