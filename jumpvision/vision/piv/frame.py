@@ -224,8 +224,10 @@ def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough
         return None
     some = blocks[chosen[:: -(-len(chosen) // enough)]].astype(np.float32)
     window = np.sqrt(np.outer(HANN, HANN)).astype(np.float32)
-    waves = np.fft.fft2((some - some.mean((1, 2), keepdims=True)) * window)
-    return np.asarray((np.abs(waves) ** 2).mean(0))
+    waves = np.fft.rfft2((some - some.mean((1, 2), keepdims=True)) * window)
+    power = (waves.real**2 + waves.imag**2).mean(0)
+    other = np.roll(power[::-1, -2:0:-1], 1, axis=0)  # those of opposite sign, alike for real pictures
+    return np.concatenate([power, other], axis=1)
 
 
 def _blocks(f: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.generic]:

@@ -99,12 +99,14 @@ def refine(
         moved = drawn(rows.pixels(band.top, band.bottom), columns, start, jump)
         return (half_way(a, b, moved, band.top, foreign or math.inf) for a, b in pairs)
 
-    sums, held = np.zeros((ny, nx, FIRST[-1])), []
+    sums, held = np.empty((ny, nx, FIRST[-1])), []
     for band in bands:
-        part = np.empty((band.end - band.first, nx, FIRST[-1]))
-        for together in pictures(band):
+        own = sums[band.first : band.end]
+        for k, together in enumerate(pictures(band)):
+            part = own if k == 0 else np.empty_like(own)
             moments(len(part), *together, *_gradient(together[0]), at_x, band.rows(at_y), g, OF_PICTURES, part)
-            sums[band.first : band.end] += part
+            if k > 0:
+                own += part
             if errors and len(bands) == 1:
                 held.append(together)
     step, (quality, rest), state = np.empty((ny * nx, 8)), np.empty((2, ny * nx)), np.empty(ny * nx, np.int64)
@@ -122,10 +124,10 @@ def refine(
         rounding = (pairs[0][0].rounding + pairs[-1][1].rounding) / len(pairs)
         least = rounding * float((g**2).sum() / g.sum()) ** 2
         for band in bands:
-            there = drawn(rows.pixels(band.top, band.bottom), columns, change[[6, 7, 0, 3]])
+            moved = drawn(rows.pixels(band.top, band.bottom), columns, change[[6, 7, 0, 3]])
             places, count = (at_x, band.rows(at_y)), band.end - band.first
             rows_of_planes = slice((band.own_top - band.top + 1) // 2, (band.own_bottom - band.top + 1) // 2)
-            of_pixels = scatter(held or pictures(band), there, places[::-1], rows_of_planes)
+            of_pixels = scatter(held or pictures(band), moved, places[::-1], rows_of_planes)
             spread, noise = np.empty((2, count, nx, 18))
             of_two = g[grid.window // 2 % 2 :: 2]  # the planes hold every second pixel
             halves = [q // 2 for q in places]
@@ -135,9 +137,9 @@ def refine(
             noise *= APART
             textures.append(of_pixels.energy)
             finer[:, band.first : band.end] = within(of_pixels, grid.window, *halves, rounding)
-            own = slice(band.first * nx, band.end * nx)
-            of_windows = (sums[own], noise.reshape(-1, 18), spread.reshape(-1, 18))
-            covariances(count * nx, *of_windows, least, sigma[own])
+            there = slice(band.first * nx, band.end * nx)
+            of_windows = (sums[there], noise.reshape(-1, 18), spread.reshape(-1, 18))
+            covariances(count * nx, *of_windows, least, sigma[there])
         # every other row; in one sum, so that bands do not change its last bit
         mean, clumped = 2 * np.concatenate(textures, axis=1).sum(1) / (shape[0] * shape[1])
         clumping = float(clumped / max(mean**2, 1e-12))

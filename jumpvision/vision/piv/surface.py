@@ -132,7 +132,7 @@ def along_y(a: Array, f: Array) -> Array:
 
 def along_x(a: Array, f: Array) -> Array:
     """f a^T of fields (n, ny, nx), all at once."""
-    return _product(f.reshape(-1, f.shape[2]), a.T).reshape(*f.shape[:2], len(a))
+    return np.ascontiguousarray(along_y(a, f.swapaxes(1, 2)).swapaxes(1, 2))
 
 
 def _product(a: Array, b: Array) -> Array:
@@ -147,19 +147,12 @@ BLOCK = 8  # rows of b that are added at a time
 
 @shared(fastmath={"contract"})
 def _times(first, last, a, b, out):  # type: ignore[no-untyped-def]
-    """Of the bands of splines' matrices all but a third is exactly zero, and left out."""
+    """Two thirds of a spline's matrix are exactly zero, and left out."""
     whole = len(b) // BLOCK * BLOCK
     for k in range(0, whole, BLOCK):
-        of = b[k : k + BLOCK]
-        begin, end = 0, of.shape[1]
-        while begin < end and not _any(of[:, begin]):
-            begin += 1
-        while end > begin and not _any(of[:, end - 1]):
-            end -= 1
         for j in range(first, last):
-            f = a[j, k : k + BLOCK]
-            if _any(f):
-                _add_block(out[j, begin:end], f, of[:, begin:end])
+            if _any(a[j, k : k + BLOCK]):
+                _add_block(out[j], a[j, k : k + BLOCK], b[k : k + BLOCK])
     for k in range(whole, len(b)):
         for j in range(first, last):
             row, f, of = out[j], a[j, k], b[k]
