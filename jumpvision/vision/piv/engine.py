@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
@@ -30,6 +31,7 @@ SPLINE = {"default": 0.0, "fast": 0.003, "sharp": 0.0}
 # times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
 FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
+TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
 
@@ -81,17 +83,19 @@ def piv_film(
     while gap * 3 ** (len(further) + 1) <= baseline:
         further.append(gap * (3 ** (len(further) + 1) - 1) // 2)
     reach = max(further, default=0)
-    held: dict[int, Frame] = {}
+    held: dict[int, Callable[[], Frame]] = {}  # made ready when they are first matched
 
     def about(first: int, end: int) -> VectorField:
         """The pairs from first to end and the longer ones about them, as far as the film goes; drops frames behind."""
         spans = [0, *(j for j in further if first >= j and end - 1 + gap + j in held)]
-        several = [[(held[q - j], held[q + gap + j]) for q in range(first, end, stride)] for j in spans]
-        known = begun is not None and first == 0 and end == stride
-        fields = [
-            (gap + 2.0 * j, begun if begun is not None and known and j == 0 else _match(pairs, s))
-            for j, pairs in zip(spans, several)
-        ]
+        known = begun if first == 0 and end == stride else None
+
+        def matched(j: int) -> VectorField:
+            if j == 0 and known is not None:
+                return known
+            return _match([(held[q - j](), held[q + gap + j]()) for q in range(first, end, stride)], s)
+
+        fields = [(gap + 2.0 * j, matched(j)) for j in spans]
         for q in range(first, end):
             held.pop(q - reach, None)
             if progress is not None and (q - first) % stride == 0:
@@ -112,7 +116,7 @@ def piv_film(
         shape = shape or image.shape
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
-        held[k] = _ready(image, usable, s, prefilter)
+        held[k] = functools.cache(functools.partial(_ready, image, usable, s, prefilter))
         if k >= first + (ensemble - 1) * stride + gap + reach:
             yield about(first, first + ensemble * stride)
             first += ensemble * stride
@@ -138,7 +142,8 @@ def best_prefilter(
     """(standard deviation [px] of the Gaussian for a film whose frames 0 and gap are a and b, that pair's field where
     it was matched with it); mask, settings as there.
 
-    Only sharp frames are tried, by matching this pair with both; `fast` does without. See `prefilter` for the reason.
+    Only sharp frames are tried, by matching this pair with both, and with the second only its middle, if that tells
+    enough; `fast` does without. See `prefilter` for the reason.
     """
     s = Settings(**settings)
     masks = [None if mask is None else mask(k) for k in (0, gap)]
@@ -147,9 +152,31 @@ def best_prefilter(
     if s.preset == "fast" or not sharp(a, masks[0]):
         return LIGHT, None
     reach = max(1, round(s.window / s.step))
-    light, strong = (_match([(_ready(a, masks[0], s, q), _ready(b, masks[1], s, q))], s) for q in (LIGHT, STRONG))
-    better = roughness(strong, reach) < GAIN**2 * roughness(light, reach)
-    return (STRONG, strong) if better else (LIGHT, light)
+
+    def tried(prefilter: float, part: tuple[slice, slice] = np.s_[:, :]) -> VectorField:
+        usable = [None if m is None else m[part] for m in masks]
+        return _match([(_ready(a[part], usable[0], s, prefilter), _ready(b[part], usable[1], s, prefilter))], s)
+
+    light = tried(LIGHT)
+    rows, columns = (_middle(n, s.window, s.step) for n in a.shape)
+    strong = tried(STRONG, (rows, columns))
+    its_places = tuple(slice(q.start // s.step, q.start // s.step + n) for q, n in zip((rows, columns), strong.u.shape))
+    ratio = roughness(strong, reach, np.s_[:, :]) / roughness(light, reach, its_places)
+    whole = strong.u.shape == light.u.shape
+    if not whole and not math.isfinite(ratio):  # nothing is measured in the middle
+        strong, whole = tried(STRONG), True
+        ratio = roughness(strong, reach, np.s_[:, :]) / roughness(light, reach, np.s_[:, :])
+    if not ratio < GAIN**2:
+        return LIGHT, light
+    return STRONG, strong if whole else None
+
+
+def _middle(pixels: int, window: int, step: int) -> slice:
+    """The middle TRIAL pixels of so many or a little more, all where there are fewer; its vectors are the frame's."""
+    if pixels < 1.5 * TRIAL:
+        return slice(0, pixels)
+    first = (pixels - TRIAL) // 2 // step * step
+    return slice(first, first + max(TRIAL, 8 * window))
 
 
 def _ready(image: NDArray[np.generic], usable: Mask | None, s: Settings, prefilter: float) -> Frame:

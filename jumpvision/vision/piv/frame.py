@@ -235,13 +235,14 @@ def _blocks(f: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.gener
     return cut.swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)
 
 
-def roughness(f: VectorField, reach: int) -> float:
+def roughness(f: VectorField, reach: int, part: tuple[slice, ...]) -> float:
     """Median [px^2] of the squared second differences of the measured vectors, `reach` vectors apart; NaN if none.
+    part: of the vectors that are asked.
 
     Vectors a window apart have errors of their own; nearer ones share the texture that is aliased.
     """
     known = np.isin(f.reason, MEASURED)
-    along_y = [np.where(known, g, np.nan) for g in (f.u_raw, f.v_raw)]
+    along_y = [np.where(known, g, np.nan)[part] for g in (f.u_raw, f.v_raw)]
     fields = [*along_y, *(q.T for q in along_y)]
     bends = np.concatenate([(q[2 * reach :] - 2 * q[reach:-reach] + q[: -2 * reach]).ravel() for q in fields])
     bends = bends[np.isfinite(bends)]
