@@ -253,7 +253,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     best = matched
     if s.smooth == "adaptive":
         of_pictures = np.mean([2 * min(a.noise, b.noise) for a, b in pairs]) / np.maximum(m.rest, 1e-12)
-        if m.jump is not None and s.preset != "fast":
+        if m.jump is not None:
             whole = _beside_jumps(pairs, grid, m, measured, whole, s)
         drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
         # where neighbours count for more, no motion exceeded the noise
@@ -283,7 +283,8 @@ def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_
     """
     assert m.jump is not None
     foreign = FOREIGN * math.sqrt(max(float(np.median(m.rest[np.isfinite(m.rest)])), LEAST))
-    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign)
+    rows = np.flatnonzero((m.jump > 0).any(1))
+    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign, slice(rows[0], rows[-1] + 1))
     near = np.hypot(*(again.p[:2] - whole)) < LARGEST_STEP * s.window
     return np.where(measured & (m.jump > 0) & (again.state == STEPPED) & near, again.p[:2], whole)
 

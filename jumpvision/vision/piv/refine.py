@@ -41,6 +41,9 @@ APART = np.tile([1.0, 2.0, 2.0, 4.0, 4.0, 4.0], 3)  # of the moments of such pla
 ALONG = np.array([0, 3, 1, 2, 4, 5])  # places of d_x, d_y, u_x, u_y, v_x, v_y among the unknowns of a step
 
 
+ALL = slice(0, None)
+
+
 class Grid(NamedTuple):
     """Where the vectors of a pair sit [px], and their window."""
 
@@ -78,12 +81,13 @@ def refine(
     matched: NDArray[np.bool_] | None,
     errors: bool,
     foreign: float | None,
+    only: slice = ALL,
 ) -> Match:
     """One Gauss-Newton step of all windows from the displacements u, v = start (2, ny, nx) [px], finite everywhere.
 
     Several pairs share one displacement: their normal equations are added (ensemble).
     matched: (ny, nx) True where the start was matched before, so that its steps are the field's; None: nowhere.
-    foreign: [grey] see `half_way`; None: jumps of the field are not heeded.
+    foreign: [grey] see `half_way`; None: jumps of the field are not heeded. only: rows of windows; others take no step.
     """
     shape = pairs[0][0].weight.shape
     ny, nx = start.shape[1:]
@@ -93,13 +97,14 @@ def refine(
     jump = None if foreign is None else found
     g = taper(grid.window)
     at_x, at_y = (grid.x + pad).astype(np.intp), (grid.y + pad).astype(np.intp)
-    bands = bands_of(at_y, grid.window // 2, shape)
+    half = grid.window // 2
+    bands = bands_of(at_y, half, shape) if only is ALL else [_band_of(only, at_y, half + STENCIL, shape)]
 
     def pictures(band: Band) -> Iterator[tuple[Float32, Float32, Float32]]:
         moved = drawn(rows.pixels(band.top, band.bottom), columns, start, jump)
         return (half_way(a, b, moved, band.top, foreign or math.inf) for a, b in pairs)
 
-    sums, held = np.empty((ny, nx, FIRST[-1])), []
+    sums, held = (np.empty if only is ALL else np.zeros)((ny, nx, FIRST[-1])), []
     for band in bands:
         own = sums[band.first : band.end]
         for k, together in enumerate(pictures(band)):
@@ -186,6 +191,12 @@ def bands_of(y: NDArray[np.intp], half: int, shape: tuple[int, ...]) -> list[Ban
         )
         for first, end, top, bottom in zip(ends[:-1], ends[1:], own[:-1], own[1:])
     ]
+
+
+def _band_of(only: slice, y: NDArray[np.intp], reach: int, shape: tuple[int, ...]) -> Band:
+    """Of some rows of windows alone, where no errors are asked for."""
+    top, bottom = max(0, int(y[only.start]) - reach), min(shape[0], int(y[only.stop - 1]) + reach + 1)
+    return Band(only.start, only.stop, top, bottom, top, bottom)
 
 
 def _gradient(f: Float32) -> tuple[Float32, Float32]:

@@ -18,7 +18,8 @@ AROUND = 3  # vectors, side of the neighbourhood over which the differences are 
 LEAST = 0.02  # px: smaller differences are no step
 BEYOND = 4.0  # times the variance of chance: more is a step of the field
 FORGOTTEN = 1e-13  # of a vector, that the spline has of it beyond some twenty others
-JUMP = 30.0  # times that: more begins to be a jump, twice as much is one
+JUMP = 30.0  # times what chance is in the calmer parts: more begins to be a jump, twice as much is one
+CALM = 0.05  # of the vectors tell that: a jump rings over a half of a small picture
 
 
 class Axis(NamedTuple):
@@ -87,10 +88,11 @@ def lightly_smoothed(
     e = f - surface
     squared = (e**2).sum(0)
     power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
-    chance = max(BEYOND * float(np.median(squared)) / math.log(2), LEAST**2)  # of two normal components: exponential
+    # squares of two normal components are exponential
+    chance, calm = (max(-BEYOND * float(np.quantile(squared, q)) / math.log(1 - q), LEAST**2) for q in (0.5, CALM))
     kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
     jump = np.asarray(
-        cv2.dilate(np.where(matched, np.clip(power / (JUMP * chance) - 1, 0, 1), 0), np.ones((3, 3))), np.float64
+        cv2.dilate(np.where(matched, np.clip(power / (JUMP * calm) - 1, 0, 1), 0), np.ones((3, 3))), np.float64
     )
     return surface + kept * e, jump if jump.any() else None
 
