@@ -35,7 +35,7 @@ FOOT = "foot.npz"  # the part that is kept of a foot
 FOOT_SEARCH = 8.0  # px, largest change of the foot's motion from frame to frame
 
 
-@stage(version=12, any_of=("film", "field"))
+@stage(version=13, any_of=("film", "field"))
 def piv(
     film: GrainVideo | None,
     field: PivField | None,
