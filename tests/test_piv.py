@@ -260,16 +260,19 @@ def test_sigma_without_noise():
     def shear(x, y):
         return 0.7 + 0.006 * y, 0.4 + 0 * y
 
-    fields = {"waves": (waves, [grains(SHAPE, waves, np.random.default_rng(q), radius=(3, 4), sub=3) for q in (41, 42)]),
-              "band": (FIELDS["band"], [bed_of("band")]), "shear": (shear, [scattered(shear, q) for q in (43, 44)])}  # fmt: skip
+    fields = {
+        "waves": (waves, [grains(SHAPE, waves, np.random.default_rng(q), radius=(3, 4), sub=3) for q in (41, 42)]),
+        "band": (FIELDS["band"], [bed_of("band")]),
+        "shear": (shear, [scattered(shear, q) for q in (43, 44)]),
+    }
     for name, (motion, pairs) in fields.items():
         matched, _ = coverage(motion, pairs, 0)
         assert 0.58 < matched < 0.8, (name, matched)
 
 
 def test_a_finer_window_says_nothing_of_noise():
-    """Where noise alone is, what a finer window would add is as large as `noise_within` says, on grains and particles to a
-    fourth of the variance, and its neighbours share no more than that; so sigma hardly grows by it."""
+    """Where noise alone is, what a finer window would add is as large as `noise_within` says, on grains and particles
+    to a fourth of the variance, and sigma hardly grows by it."""
     shares = []
     for pair in (bed_of("uniform"), scattered(lambda x, y: (1.3 + 0 * x, -0.4 + 0 * y), 51)):
         a, b = (camera(i, 4, np.random.default_rng(j)) for j, i in enumerate(pair))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -48,7 +49,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
     if mask is not None:
         usable = usable & mask
-    padded = cv2.copyMakeBorder(grey, *(pad,) * 4, cv2.BORDER_REFLECT)
+    padded = np.asarray(cv2.copyMakeBorder(grey, *(pad,) * 4, cv2.BORDER_REFLECT), np.float32)
     taps = _taps(smooth, fine)
     c = np.empty((len(taps), len(taps) * padded.shape[0], padded.shape[1]), np.float32)
 
@@ -56,7 +57,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         noise = white(image, mask)
         return noise, usable & ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
 
-    filters = [
+    filters: list[Callable[[], Any]] = [
         functools.partial(_filtered, padded, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], part)
         for of_rows, kernel_y in enumerate(taps)
         for of_columns, kernel_x in enumerate(taps)

@@ -225,7 +225,7 @@ def _windows(image: Float32, mask: Mask, x: Array, y: Array, u: Array, v: Array,
     grey, weight = (
         np.lib.stride_tricks.sliding_window_view(np.pad(f, size), (size, size))[rows, columns] for f in (image, mask)
     )
-    return grey, weight.astype(np.float32)
+    return np.asarray(grey, np.float32), np.asarray(weight, np.float32)
 
 
 def _validated(u: Array, v: Array, u2: Array, v2: Array, outlier: float) -> tuple[Array, Array]:

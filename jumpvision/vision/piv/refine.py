@@ -141,7 +141,7 @@ def refine(
             spread *= of_pixels.ratio[:, :, None] * APART
             noise *= APART
             textures.append(of_pixels.energy)
-            finer[:, band.first : band.end] = within(of_pixels, grid.window, *halves, rounding)
+            finer[:, band.first : band.end] = within(of_pixels, grid.window, (halves[0], halves[1]), rounding)
             there = slice(band.first * nx, band.end * nx)
             of_windows = (sums[there], noise.reshape(-1, 18), spread.reshape(-1, 18))
             covariances(count * nx, *of_windows, least, sigma[there])

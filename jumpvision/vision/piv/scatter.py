@@ -1,4 +1,4 @@
-"""What the residuals of a match tell of its errors: the variance each pixel brings, and what a finer window would change."""
+"""What the residuals of a match tell of its errors: what variance a pixel brings, what a finer window changes."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ SOLVED = 0.01  # of the product of the diagonal the determinant must be
 
 
 class Scatter(NamedTuple):
-    """Of the pixels of some rows; planes are (n, H / 2, W / 2): sums about every second pixel, weights 1/2, 1, 1/2 along
-    either axis.
+    """Of the pixels of some rows; planes are (n, H / 2, W / 2): sums about every second pixel, weights 1/2, 1, 1/2 both
+    ways.
 
     z = grad m r of a pixel, r what the step leaves, summed over the pairs, as consecutive ones share a frame's noise.
     """
@@ -164,7 +164,7 @@ def _halved(above, middle, below, sums, out):  # type: ignore[no-untyped-def]
 
 @shared(fastmath={"contract"})
 def _products(first, last, z, energy, out, texture):  # type: ignore[no-untyped-def]
-    """z_x z_x, z_x z_y, z_y z_y, then z_x, z_y from the sixth on, summed as `_halved` does. Of every other row alone, as
+    """z_x z_x, z_x z_y, z_y z_y, and from the sixth on z_x, z_y, summed as `_halved` does. Of every other row alone, as
     means over regions are all that is asked of them: |z|^2, z times its sum over the box, and (texture: (2, H / 2)) the
     row's sums of the energy and of it times its mean over the box."""
     rows, cols = energy.shape
@@ -235,13 +235,14 @@ def _add_times_box(f, columns, out):  # type: ignore[no-untyped-def]
         out[i] += middle[i] * c
 
 
-def within(of: Scatter, window: int, x: NDArray[np.intp], y: NDArray[np.intp], rounding: float) -> Array:
-    """(4, ny, nx): what a window of PART of the side about the columns x and rows y of the planes, without a gradient of
-    its own, would add to the displacement, d_x, d_y [px], and the variance of it, as if the residuals were noise.
+def within(of: Scatter, window: int, at: tuple[NDArray[np.intp], NDArray[np.intp]], rounding: float) -> Array:
+    """(4, ny, nx): what a window of PART of the side about the planes' columns and rows `at`, without a gradient of its
+    own, would add to the displacement, d_x, d_y [px], and the variance of it, as if the residuals were noise.
 
     It sees what the whole window has averaged: the displacement less that of the surface through the vectors. NaN where
     the noise hides the texture.
     """
+    x, y = at
     fine = taper(round(PART * window))
     g = fine[len(fine) // 2 % 2 :: 2]
     least = rounding * float((fine**2).sum() / fine.sum()) ** 2

@@ -153,8 +153,9 @@ def _times(first, last, a, b, out):  # type: ignore[no-untyped-def]
     whole = len(b) // BLOCK * BLOCK
     for k in range(0, whole, BLOCK):
         for j in range(first, last):
-            if _any(a[j, k : k + BLOCK]):
-                _add_block(out[j], a[j, k : k + BLOCK], b[k : k + BLOCK])
+            f = a[j, k : k + BLOCK]
+            if _magnitude(f) > 0:
+                _add_block(out[j], f, b[k : k + BLOCK])
     for k in range(whole, len(b)):
         for j in range(first, last):
             row, f, of = out[j], a[j, k], b[k]
@@ -163,11 +164,11 @@ def _times(first, last, a, b, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True)
-def _any(f):  # type: ignore[no-untyped-def]
+def _magnitude(f):  # type: ignore[no-untyped-def]
+    total = 0.0
     for q in f:
-        if q != 0:
-            return True
-    return False
+        total += abs(q)
+    return total
 
 
 @nb.njit(cache=True, fastmath={"contract"})

@@ -97,21 +97,9 @@ def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # ty
 
 # comparisons that bring the middle two of eight values there: a sorting network less those that order the others
 EIGHT = (
-    (0, 2),
-    (1, 3),
-    (4, 6),
-    (5, 7),
-    (0, 4),
-    (1, 5),
-    (2, 6),
-    (3, 7),
-    (0, 1),
-    (2, 3),
-    (4, 5),
-    (6, 7),
-    (2, 4),
-    (3, 5),
-) + ((1, 4), (3, 6))
+    *((0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7), (0, 1), (2, 3), (4, 5), (6, 7), (2, 4), (3, 5)),
+    *((1, 4), (3, 6)),
+)  # fmt: skip
 
 
 @nb.njit(cache=True)
@@ -181,8 +169,9 @@ def response(
 PART = 2 / 3  # of the window's side, a finer window that shows what the whole one averages away
 DRAWN = 1.25  # times what theory says is its noise, measured on grains and particles at four windows (1.0 to 1.6)
 BY_CHANCE = 1.3  # times that: more is motion
-HIDDEN, SHORTEST = 5.0, 1.5  # of waves so short that vectors a third of a window apart share nothing, the squared error
-# over what the finer window sees of it, less 1: measured on turbulence (long waves: 0); and the shortest told from those
+# of waves so short that vectors a third of a window apart share nothing: squared error over what the finer window sees
+# of it, less 1, measured on turbulence (of long waves it sees all); and the shortest told from those, 1 being such
+HIDDEN, SHORTEST = 5.0, 1.5
 
 
 @functools.lru_cache(maxsize=16)
