@@ -99,7 +99,7 @@ def _fill_medians(first, last, p, px, py, reach, wanted, middle, scatter):  # ty
 EIGHT = (
     *((0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7), (0, 1), (2, 3), (4, 5), (6, 7), (2, 4), (3, 5)),
     *((1, 4), (3, 6)),
-)  # fmt: skip
+)
 
 
 @nb.njit(cache=True)
