@@ -28,8 +28,10 @@ MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 NEAR = 3  # vectors, side of the neighbourhood over which the square of the last change is averaged
-SETTLED, STILL_OFF = 0.5, 8.0  # of sigma^2: a smaller change is noise; squared error over what is beyond it
-# by preset: error [px] of a cubic spline between whole pixels on grains of 3-4 px
+SETTLED = 0.5  # of sigma^2: a smaller change is noise
+# by preset: squared error over what of the last change is beyond it; error [px] of a cubic spline between whole pixels
+# on grains of 3-4 px
+STILL_OFF = {"default": 8.0, "fast": 1.0, "sharp": 8.0}
 SPLINE = {"default": 0.0, "fast": 0.003, "sharp": 0.0}
 # times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
 FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
@@ -247,7 +249,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     noise = Noise(s.window, s.step, STIFFNESS, times)
     sigma *= true_noise(whole, sigma[:2], noise)
     missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
-    missed += _under_way(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
+    missed += STILL_OFF[s.preset] * _under_way(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
 
     def stated(spread: Array, share: Array | float) -> Array:
         sigma = np.sqrt(spread**2 + share * missed + SPLINE[s.preset] ** 2)
@@ -281,12 +283,12 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
 
 
 def _under_way(change: Array, sigma: Array) -> Array:
-    """Squared error [px^2] (2, ny, nx) of vectors whose last step has changed them by more than their noise explains.
+    """Mean square [px^2] (2, ny, nx) by which the last step has changed vectors, beyond what their noise explains.
 
     In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.
     """
     about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in change])
-    return np.asarray(STILL_OFF * np.maximum(about - SETTLED * sigma**2, 0))
+    return np.asarray(np.maximum(about - SETTLED * sigma**2, 0))
 
 
 def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_], whole: Array, s: Settings) -> Array:
