@@ -17,10 +17,11 @@ import pytest
 
 from jumpvision.vision.piv import engine
 from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, piv_pair
-from jumpvision.vision.piv.frame import LIGHT, STRONG, sharp, white
-from jumpvision.vision.piv.pair import INTERPOLATED, MASKED, MEASURED, NO_TEXTURE, REASONS, VALID, Backend
+from jumpvision.vision.piv.frame import LIGHT, STRONG, prepare, sharp, white
+from jumpvision.vision.piv.pair import INTERPOLATED, MASKED, MEASURED, NO_TEXTURE, REASONS, VALID, Backend, Settings
 from jumpvision.vision.piv.predict import correlate, peaks
-from jumpvision.vision.piv.validate import normalised_median
+from jumpvision.vision.piv.refine import Grid, refine
+from jumpvision.vision.piv.validate import noise_within, normalised_median, unresolved
 
 SETTINGS = {"window": 24, "step": 8, "passes": (64, 32), "min_correlation": 0.3, "min_texture": 2.0, "outlier": 2.0}
 SHAPE = (168, 232)  # rows, columns
@@ -204,6 +205,102 @@ def test_claimed_sigma_is_true_sigma():
     assert all(0.55 < v.mean() < 0.82 for v in inside.values()), {k: v.mean() for k, v in inside.items()}
 
 
+def forty_waves(shortest, longest, slope, seed):
+    """Turbulence of 1.5 px, its amplitudes as the power `slope` of the wave length."""
+    rng = np.random.default_rng(seed)
+    length = np.geomspace(shortest, longest, 40)
+    k, angle, phase = 2 * np.pi / length, rng.uniform(0, 2 * np.pi, 40), rng.uniform(0, 6.3, 40)
+    size = 1.5 * np.sqrt(2 / np.sum(length ** (2 * slope))) * length**slope
+
+    def motion(x, y):
+        wave = size * np.cos(np.multiply.outer(x, k * np.cos(angle)) + np.multiply.outer(y, k * np.sin(angle)) + phase)
+        return (-np.sin(angle) * wave).sum(-1), (np.cos(angle) * wave).sum(-1)
+
+    return motion
+
+
+def scattered(motion, seed, diameter=3, number=1500):
+    """Particles that move so, without noise."""
+    rng = np.random.default_rng(seed)
+    x, y, grey = rng.uniform(-20, 252, number), rng.uniform(-20, 188, number), rng.uniform(60, 160, number)
+    u, v = motion(x, y)
+    return [spots(SHAPE, x + s * u / 2, y + s * v / 2, grey, diameter) for s in (-1, 1)]
+
+
+def coverage(motion, pairs, noise, **settings):
+    """Shares of errors within one sigma, of vectors as matched and drawn together."""
+    z = [], []
+    for k, pair in enumerate(pairs):
+        f = piv_pair(*(camera(i, noise, np.random.default_rng(100 * k + j)) for j, i in enumerate(pair)),
+                     **SETTINGS | settings)  # fmt: skip
+        true, good = np.stack(motion(*np.meshgrid(f.x, f.y))), np.isin(f.reason, MEASURED)
+        for out, p, s in ((z[0], f.matched[:2], f.matched[2:]), (z[1], (f.u, f.v), (f.u_sigma, f.v_sigma))):
+            out.append(np.abs((np.stack(p) - true) / np.stack(s))[:, good].ravel() < 1)
+    return tuple(np.mean(np.concatenate(q)) for q in z)
+
+
+# a picture holds some 100 independent errors as matched: of two, two components, 0.683 +- 3 x 0.023
+@pytest.mark.parametrize("slope", [1 / 3, 1.0])
+def test_sigma_knows_what_a_window_does_not_resolve(slope):
+    """Spectra of slope 5/3 and 3 down to waves of 12 px: noise alone would cover 51 %."""
+    motion = forty_waves(12, 300, slope, 31)
+    matched, drawn = coverage(motion, [scattered(motion, seed) for seed in (32, 33)], 1)
+    assert 0.6 < matched < 0.76
+    assert 0.58 < drawn < 0.76
+
+
+def test_sigma_without_noise():
+    """Waves, a shear and a band in pictures with rounding alone, where eight times the last change covered 0.8 to 0.9;
+    of the shear's particles neighbours share their aliasing, so that less is independent."""
+    k = 2 * np.pi / 150
+
+    def waves(x, y):
+        return 2 * np.sin(k * y) * np.cos(k * x), 2 * np.cos(k * y) * np.sin(k * x)
+
+    def shear(x, y):
+        return 0.7 + 0.006 * y, 0.4 + 0 * y
+
+    fields = {
+        "waves": (waves, [grains(SHAPE, waves, np.random.default_rng(q), radius=(3, 4), sub=3) for q in (41, 42)]),
+        "band": (FIELDS["band"], [bed_of("band")]),
+        "shear": (shear, [scattered(shear, q) for q in (43, 44)]),
+    }
+    for name, (motion, pairs) in fields.items():
+        matched, _ = coverage(motion, pairs, 0)
+        assert 0.58 < matched < 0.8, (name, matched)
+
+
+def test_a_finer_window_says_nothing_of_noise():
+    """Where noise alone is, what a finer window would add is as large as `noise_within` says, on grains and particles
+    to a fourth of the variance, and sigma hardly grows by it."""
+    shares = []
+    for pair in (bed_of("uniform"), scattered(lambda x, y: (1.3 + 0 * x, -0.4 + 0 * y), 51)):
+        a, b = (camera(i, 4, np.random.default_rng(j)) for j, i in enumerate(pair))
+        f = piv_pair(a, b, **SETTINGS)
+        s = Settings(**SETTINGS)
+        frames = [prepare(i, None, s.window // 2 + engine.MARGIN, True, LIGHT) for i in (a, b)]
+        grid = Grid(f.x, f.y, s.step, s.window, engine.STIFFNESS)
+        m = refine([tuple(frames)], grid, f.matched[:2], s.min_texture, np.ones(f.u.shape, bool), True, None)
+        by_chance = noise_within(s.window, s.step, engine.STIFFNESS, 3)
+        shares.append((m.finer[:2] ** 2).mean() / (m.finer[2:].mean() * by_chance[0]))
+        missed = unresolved(m.finer, np.ones(f.u.shape, bool), s.window, s.step, by_chance)
+        assert np.sqrt(missed.mean()) < 0.35 * np.sqrt((f.matched[2:] ** 2).mean())
+    assert shares == pytest.approx([1, 1], abs=0.25)
+
+
+def test_some_rows_matched_alone_are_as_in_the_whole():
+    a, b = (camera(i, 2, np.random.default_rng(j)) for j, i in enumerate(bed_of("band")))
+    f, s = piv_pair(a, b, **SETTINGS), Settings(**SETTINGS)
+    pair = tuple(prepare(i, None, s.window // 2 + engine.MARGIN, True, LIGHT) for i in (a, b))
+    grid = Grid(f.x, f.y, s.step, s.window, engine.STIFFNESS)
+    whole, some = (
+        refine([pair], grid, f.matched[:2], s.min_texture, np.ones(f.u.shape, bool), False, 5.0, *only)
+        for only in ((), (slice(4, 9),))
+    )
+    assert np.array_equal(some.p[:, 4:9], whole.p[:, 4:9])
+    assert np.isnan(some.p[:, :4]).all() and np.isnan(some.p[:, 9:]).all()
+
+
 @pytest.mark.parametrize(("window", "step"), [(24, 8), (16, 4)])
 def test_errors_are_alike_over_the_stated_length(window, step):
     """Against the errors of drawn grains at noise 6: the sum of their correlation along either axis, twice over three
@@ -239,7 +336,7 @@ def narrow_bands():
 
 @pytest.mark.parametrize("preset", ["default", "fast"])
 def test_a_narrow_band_is_kept_to_itself(preset):
-    """Of the vectors more than 1.5 steps from the band some 1 % are wrong by more than 0.1 px (4 % with a surface that
+    """Of the vectors more than 1.5 steps from the band 0.2 % are wrong by more than 0.1 px (4 % with a surface that
     rings over the band), and their sigma is no smaller than their error."""
     wrong, far_z, near_z = [], [], []
     for middle, (a, b) in narrow_bands():
@@ -250,7 +347,7 @@ def test_a_narrow_band_is_kept_to_itself(preset):
         wrong.append(e[far] > 0.1)
         far_z.append(z[:, far])
         near_z.append(z[:, ~far])
-    assert np.nanmean(np.concatenate(wrong)) < 0.02
+    assert np.nanmean(np.concatenate(wrong)) < 0.01
     assert 0.64 < np.nanmean(np.concatenate(far_z, 1) < 1) < 0.9
     assert np.nanmean(np.concatenate(near_z, 1) < 1) > 0.5  # on the band itself the error is half of its jump
 
@@ -332,17 +429,8 @@ def test_white_noise_is_told_from_grains_and_particles(noise, diameter):
 def test_turbulence_that_a_window_does_not_resolve_is_left_as_matched():
     """Forty waves of 16 to 120 px, 1.5 px in all, particles of 3 px: windows leave errors of tenths of a pixel, which
     no neighbour knows; drawn together they may lose 2 % at most."""
-    rng = np.random.default_rng(5)
-    k, angle, phase = 2 * np.pi / np.geomspace(16, 120, 40), rng.uniform(0, 2 * np.pi, 40), rng.uniform(0, 6.3, 40)
-    size = 1.5 * np.sqrt(2 / 40)
-
-    def motion(x, y):
-        wave = size * np.cos(np.multiply.outer(x, k * np.cos(angle)) + np.multiply.outer(y, k * np.sin(angle)) + phase)
-        return (-np.sin(angle) * wave).sum(-1), (np.cos(angle) * wave).sum(-1)
-
-    x, y, grey = rng.uniform(-20, 252, 1500), rng.uniform(-20, 188, 1500), rng.uniform(60, 160, 1500)
-    u, v = motion(x, y)
-    pair = [camera(spots(SHAPE, x + s * u / 2, y + s * v / 2, grey, 3), 1, rng) for s in (-1, 1)]
+    motion = forty_waves(16, 120, 0, 5)
+    pair = [camera(i, 1, np.random.default_rng(k)) for k, i in enumerate(scattered(motion, 5))]
     f = piv_pair(*pair, **SETTINGS)
     u, v = motion(*np.meshgrid(f.x, f.y))
     drawn, matched = (np.nanmean(np.hypot(a - u, b - v)) for a, b in ((f.u, f.v), f.matched[:2]))
@@ -440,6 +528,18 @@ def test_the_chosen_prefilter_is_the_better_one(noise):
         for f in (piv_pair(*pair, **SETTINGS, prefilter=q, smooth="none") for q in (LIGHT, STRONG, None))
     )
     assert chosen == min(light, strong) < 0.95 * max(light, strong)
+
+
+def test_a_large_pair_is_tried_with_the_second_prefilter_in_its_middle(monkeypatch):
+    """600 x 610 px: matched with both, the second only in the middle 384 px and then, as it is better, on the whole."""
+    rng, shape, n = np.random.default_rng(24), (600, 610), 18_000
+    x, y, grey = rng.uniform(-20, 630, n), rng.uniform(-20, 620, n), rng.uniform(60, 160, n)
+    a, b = (camera(spots(shape, x + s * 0.3 / 2, y - s * 0.3 / 2, grey, 2.3), 0, rng) for s in (-1, 1))
+    sizes, match = [], engine._match
+    monkeypatch.setattr(engine, "_match", lambda pairs, s: (sizes.append(pairs[0][0].grey.shape), match(pairs, s))[1])
+    f = piv_pair(a, b, **SETTINGS)
+    assert sizes == [shape, (384, 384), shape]
+    assert np.array_equal(f.u, piv_pair(a, b, **SETTINGS, prefilter=STRONG).u, equal_nan=True)
 
 
 def test_sharpness_needs_whole_blocks_and_does_not_see_masked_edges():
@@ -604,12 +704,13 @@ def test_frames_of_different_size():
         piv_pair(a, b[:, 1:], **SETTINGS)
 
 
-def test_correlation_is_the_masked_one():
+@pytest.mark.parametrize("masked", [0.2, 0.0])
+def test_correlation_is_the_masked_one(masked):
     """Against sums written out over the overlap of the two windows."""
     rng = np.random.default_rng(9)
     s = 12
     a, b = rng.uniform(0, 255, (2, s, s)).astype(np.float32)
-    wa, wb = (rng.uniform(size=(2, s, s)) > 0.2).astype(np.float32)
+    wa, wb = (rng.uniform(size=(2, s, s)) >= masked).astype(np.float32)
     r = correlate(a[None], wa[None], b[None], wb[None])[0]
     f, g = ((q - (q * w).sum() / w.sum()) * w for q, w in ((a, wa), (b, wb)))
     for dy, dx in ((0, 0), (3, -2), (-4, 1), (-5, -5)):
@@ -627,6 +728,7 @@ def test_correlation_uses_nothing_beyond_the_array_api():
     rng = np.random.default_rng(10)
     a, b = rng.uniform(0, 255, (2, 5, 16, 16)).astype(np.float32)
     wa, wb = (rng.uniform(size=(2, 5, 16, 16)) > 0.3).astype(np.float32)
+    wa[3], wb[3] = 1, 1
     strict = Backend(xp, xp.asarray, lambda x: np.asarray(x))
     assert correlate(a, wa, b, wb, strict) == pytest.approx(correlate(a, wa, b, wb), abs=1e-5)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
@@ -21,19 +22,21 @@ from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
 from .scales import Noise, drawn_together, true_noise
 from .solve import COVERED, FLAT, STEPPED
-from .validate import error_length, factors, local_median, normalised_median
+from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
 
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
-# by preset: squared error of what is not resolved over the squared last change; error [px] of a cubic spline between
-# whole pixels on grains of 3-4 px
-UNRESOLVED = {"default": 8.0, "fast": 1.0, "sharp": 8.0}
+NEAR = 3  # vectors, side of the neighbourhood over which the square of the last change is averaged
+SETTLED = 0.5  # of sigma^2: a smaller change is noise
+# by preset: squared error over what of the last change is beyond it; error [px] of a cubic spline between whole pixels
+# on grains of 3-4 px
+STILL_OFF = {"default": 8.0, "fast": 1.0, "sharp": 8.0}
 SPLINE = {"default": 0.0, "fast": 0.003, "sharp": 0.0}
 # times what the median window leaves of the frames' difference, beyond which a pixel beside a jump counts by half
 FOREIGN, LEAST = 5.0, 0.01  # and the least [grey^2] that it leaves
-NEAR, SHARED = 3, 9  # vectors, sides of the neighbourhoods over which the square of the last change is averaged, and it
 TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
+TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
 
@@ -85,17 +88,19 @@ def piv_film(
     while gap * 3 ** (len(further) + 1) <= baseline:
         further.append(gap * (3 ** (len(further) + 1) - 1) // 2)
     reach = max(further, default=0)
-    held: dict[int, Frame] = {}
+    held: dict[int, Callable[[], Frame]] = {}  # made ready when they are first matched
 
     def about(first: int, end: int) -> VectorField:
         """The pairs from first to end and the longer ones about them, as far as the film goes; drops frames behind."""
         spans = [0, *(j for j in further if first >= j and end - 1 + gap + j in held)]
-        several = [[(held[q - j], held[q + gap + j]) for q in range(first, end, stride)] for j in spans]
-        known = begun is not None and first == 0 and end == stride
-        fields = [
-            (gap + 2.0 * j, begun if begun is not None and known and j == 0 else _match(pairs, s))
-            for j, pairs in zip(spans, several)
-        ]
+        known = begun if first == 0 and end == stride else None
+
+        def matched(j: int) -> VectorField:
+            if j == 0 and known is not None:
+                return known
+            return _match([(held[q - j](), held[q + gap + j]()) for q in range(first, end, stride)], s)
+
+        fields = [(gap + 2.0 * j, matched(j)) for j in spans]
         for q in range(first, end):
             held.pop(q - reach, None)
             if progress is not None and (q - first) % stride == 0:
@@ -116,7 +121,7 @@ def piv_film(
         shape = shape or image.shape
         usable = None if mask is None else mask(k)
         _check(k, image.shape, shape, s.window, usable)
-        held[k] = _ready(image, usable, s, prefilter)
+        held[k] = functools.cache(functools.partial(_ready, image, usable, s, prefilter))
         if k >= first + (ensemble - 1) * stride + gap + reach:
             yield about(first, first + ensemble * stride)
             first += ensemble * stride
@@ -142,7 +147,8 @@ def best_prefilter(
     """(standard deviation [px] of the Gaussian for a film whose frames 0 and gap are a and b, that pair's field where
     it was matched with it); mask, settings as there.
 
-    Only sharp frames are tried, by matching this pair with both; `fast` does without. See `prefilter` for the reason.
+    Only sharp frames are tried, by matching this pair with both, and with the second only its middle, if that tells
+    enough; `fast` does without. See `prefilter` for the reason.
     """
     s = Settings(**settings)
     masks = [None if mask is None else mask(k) for k in (0, gap)]
@@ -151,9 +157,31 @@ def best_prefilter(
     if s.preset == "fast" or not sharp(a, masks[0]):
         return LIGHT, None
     reach = max(1, round(s.window / s.step))
-    light, strong = (_match([(_ready(a, masks[0], s, q), _ready(b, masks[1], s, q))], s) for q in (LIGHT, STRONG))
-    better = roughness(strong, reach) < GAIN**2 * roughness(light, reach)
-    return (STRONG, strong) if better else (LIGHT, light)
+
+    def tried(prefilter: float, part: tuple[slice, slice] = np.s_[:, :]) -> VectorField:
+        usable = [None if m is None else m[part] for m in masks]
+        return _match([(_ready(a[part], usable[0], s, prefilter), _ready(b[part], usable[1], s, prefilter))], s)
+
+    light = tried(LIGHT)
+    rows, columns = (_middle(n, s.window, s.step) for n in a.shape)
+    strong = tried(STRONG, (rows, columns))
+    its_places = tuple(slice(q.start // s.step, q.start // s.step + n) for q, n in zip((rows, columns), strong.u.shape))
+    ratio = roughness(strong, reach, np.s_[:, :]) / roughness(light, reach, its_places)
+    whole = strong.u.shape == light.u.shape
+    if not whole and not math.isfinite(ratio):  # nothing is measured in the middle
+        strong, whole = tried(STRONG), True
+        ratio = roughness(strong, reach, np.s_[:, :]) / roughness(light, reach, np.s_[:, :])
+    if not ratio < GAIN**2:
+        return LIGHT, light
+    return STRONG, strong if whole else None
+
+
+def _middle(pixels: int, window: int, step: int) -> slice:
+    """The middle TRIAL pixels of so many or a little more, all where there are fewer; its vectors are the frame's."""
+    if pixels < 1.5 * TRIAL:
+        return slice(0, pixels)
+    first = (pixels - TRIAL) // 2 // step * step
+    return slice(first, first + max(TRIAL, 8 * window))
 
 
 def _ready(image: NDArray[np.generic], usable: Mask | None, s: Settings, prefilter: float) -> Frame:
@@ -203,12 +231,10 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
         m = refine(pairs, grid, start, s.min_texture, matched | (k > 1), k == times - 1, None)
         reason = _judge(m, start, s)
     raw = np.where(_to_try(first), raw, m.p[:2])
-    if m.sigma is None:
+    if m.sigma is None or m.finer is None:
         raise ValueError("at least two steps are needed")
     factor = np.repeat(factors(s.window, s.step, STIFFNESS, times, m.clumping), (2, 4))
     sigma = m.sigma * factor[:, None, None]
-    moved = np.nan_to_num(m.p[:2] - start)
-
     measured = np.isin(reason, code.MEASURED)
     reason[measured & _to_try(first)] = code.SECOND_PEAK
     reason[measured & ~(sigma[:2].max(0) < MAX_SIGMA)] = code.LOW_CORRELATION
@@ -222,22 +248,22 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     whole = _whole(np.concatenate([filled, p[2:]]), s.step)
     noise = Noise(s.window, s.step, STIFFNESS, times)
     sigma *= true_noise(whole, sigma[:2], noise)
+    missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
+    missed += STILL_OFF[s.preset] * _under_way(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
 
-    def stated(moved: Array, spread: Array) -> Array:
-        about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in moved])
-        left = UNRESOLVED[s.preset] * about + SPLINE[s.preset] ** 2
-        return np.where(measured, np.sqrt(spread**2 + left), np.where(holes, scatter, np.nan))
+    def stated(spread: Array, share: Array | float) -> Array:
+        sigma = np.sqrt(spread**2 + share * missed + SPLINE[s.preset] ** 2)
+        return np.where(measured, sigma, np.where(holes, scatter, np.nan))
 
-    matched = np.concatenate([filled, stated(moved, sigma[:2])])
+    matched = np.concatenate([filled, stated(sigma[:2], 1.0)])
     best = matched
     if s.smooth == "adaptive":
         of_pictures = np.mean([2 * min(a.noise, b.noise) for a, b in pairs]) / np.maximum(m.rest, 1e-12)
-        if m.jump is not None and s.preset != "fast":
+        if m.jump is not None:
             whole = _beside_jumps(pairs, grid, m, measured, whole, s)
         drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
-        # of the last change what neighbours share, as drawing them together left it
-        moved = drawn.own * moved + (1 - drawn.own) * np.stack([cv2.blur(q, (SHARED, SHARED)) for q in moved])
-        best = np.concatenate([np.where(measured, drawn.p, filled), stated(moved, drawn.sigma)])
+        # where neighbours count for more, no motion exceeded the noise
+        best = np.concatenate([np.where(measured, drawn.p, filled), stated(drawn.sigma, drawn.own)])
     shape = reason.shape
     return VectorField(
         x,
@@ -256,6 +282,15 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     )
 
 
+def _under_way(change: Array, sigma: Array) -> Array:
+    """Mean square [px^2] (2, ny, nx) by which the last step has changed vectors, beyond what their noise explains.
+
+    In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.
+    """
+    about = np.stack([cv2.blur(q * q, (NEAR, NEAR), borderType=cv2.BORDER_REFLECT) for q in change])
+    return np.asarray(np.maximum(about - SETTLED * sigma**2, 0))
+
+
 def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_], whole: Array, s: Settings) -> Array:
     """The vectors `whole` (2, ny, nx) with those beside jumps matched once more, without the pixels of the other side.
 
@@ -263,7 +298,8 @@ def _beside_jumps(pairs: Pairs, grid: Grid, m: Match, measured: NDArray[np.bool_
     """
     assert m.jump is not None
     foreign = FOREIGN * math.sqrt(max(float(np.median(m.rest[np.isfinite(m.rest)])), LEAST))
-    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign)
+    rows = np.flatnonzero((m.jump > 0).any(1))
+    again = refine(pairs, grid, whole, s.min_texture, measured, False, foreign, slice(rows[0], rows[-1] + 1))
     near = np.hypot(*(again.p[:2] - whole)) < LARGEST_STEP * s.window
     return np.where(measured & (m.jump > 0) & (again.state == STEPPED) & near, again.p[:2], whole)
 
@@ -284,6 +320,7 @@ def _second_try(
         better = again & (trial.state == STEPPED) & ~(trial.quality <= m.quality)
         m = Match(
             np.where(better, trial.p, m.p),
+            None,
             None,
             np.nan,
             np.where(better, trial.quality, m.quality),

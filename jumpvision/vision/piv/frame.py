@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ import scipy
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
+from jumpvision.base.threads import at_once
 
 from .pair import MEASURED, VectorField
 
@@ -42,24 +44,46 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
     grey = image.astype(np.float32)
     kept = 1 / (4 * math.pi * smooth**2)  # of the variance of white noise
     rounding = 0.0 if np.issubdtype(image.dtype, np.floating) else kept / 12
-    noise = white(image, mask)
     usable = np.isfinite(grey)
     if not usable.all():
         grey = np.where(usable, grey, np.float32(grey[usable].mean() if usable.any() else 0.0))
     if mask is not None:
         usable = usable & mask
-    usable &= ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
-    keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
-    weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
-    padded = cv2.copyMakeBorder(grey, *(pad,) * 4, cv2.BORDER_REFLECT)
+    padded = np.asarray(cv2.copyMakeBorder(grey, *(pad,) * 4, cv2.BORDER_REFLECT), np.float32)
     taps = _taps(smooth, fine)
     c = np.empty((len(taps), len(taps) * padded.shape[0], padded.shape[1]), np.float32)
-    for of_rows, kernel_y in enumerate(taps):
-        for of_columns, kernel_x in enumerate(taps):
-            cv2.sepFilter2D(
-                padded, -1, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], borderType=cv2.BORDER_REFLECT
-            )
+
+    def told() -> tuple[float, NDArray[np.bool_]]:
+        noise = white(image, mask)
+        return noise, usable & ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
+
+    filters: list[Callable[[], Any]] = [
+        functools.partial(_filtered, padded, kernel_x, kernel_y, c[of_columns, of_rows :: len(taps)], part)
+        for of_rows, kernel_y in enumerate(taps)
+        for of_columns, kernel_x in enumerate(taps)
+        for part in _parts(len(padded), 1 if fine else 2)  # fine ones are four filters already
+    ]
+    (noise, usable), *_ = at_once([told, *filters])
+    keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
+    weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
     return Frame(grey, usable, c, weight, pad, rounding, kept * noise)
+
+
+def _parts(rows: int, count: int) -> list[slice]:
+    return [slice(k * rows // count, (k + 1) * rows // count) for k in range(count)]
+
+
+def _filtered(
+    f: Float32, kernel_x: NDArray[np.float64], kernel_y: NDArray[np.float64], out: Float32, part: slice
+) -> None:
+    """Some rows of f filtered along both axes, into those of out."""
+    if part == slice(0, len(f)):
+        cv2.sepFilter2D(f, -1, kernel_x, kernel_y, out, borderType=cv2.BORDER_REFLECT)
+        return
+    reach = len(kernel_y) // 2
+    top, bottom = max(0, part.start - reach), min(len(f), part.stop + reach)
+    near = cv2.sepFilter2D(f[top:bottom], -1, kernel_x, kernel_y, borderType=cv2.BORDER_REFLECT)
+    out[part] = near[part.start - top : part.stop - top]
 
 
 CELL = 4  # px, side of the blocks in which a dark body is looked for
@@ -201,8 +225,10 @@ def _spectrum(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, enough
         return None
     some = blocks[chosen[:: -(-len(chosen) // enough)]].astype(np.float32)
     window = np.sqrt(np.outer(HANN, HANN)).astype(np.float32)
-    waves = np.fft.fft2((some - some.mean((1, 2), keepdims=True)) * window)
-    return np.asarray((np.abs(waves) ** 2).mean(0))
+    waves = np.fft.rfft2((some - some.mean((1, 2), keepdims=True)) * window)
+    power = (waves.real**2 + waves.imag**2).mean(0)
+    other = np.roll(power[::-1, -2:0:-1], 1, axis=0)  # those of opposite sign, alike for real pictures
+    return np.concatenate([power, other], axis=1)
 
 
 def _blocks(f: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.generic]:
@@ -210,13 +236,14 @@ def _blocks(f: NDArray[np.generic], rows: int, columns: int) -> NDArray[np.gener
     return cut.swapaxes(1, 2).reshape(-1, BLOCK, BLOCK)
 
 
-def roughness(f: VectorField, reach: int) -> float:
+def roughness(f: VectorField, reach: int, part: tuple[slice, ...]) -> float:
     """Median [px^2] of the squared second differences of the measured vectors, `reach` vectors apart; NaN if none.
+    part: of the vectors that are asked.
 
     Vectors a window apart have errors of their own; nearer ones share the texture that is aliased.
     """
     known = np.isin(f.reason, MEASURED)
-    along_y = [np.where(known, g, np.nan) for g in (f.u_raw, f.v_raw)]
+    along_y = [np.where(known, g, np.nan)[part] for g in (f.u_raw, f.v_raw)]
     fields = [*along_y, *(q.T for q in along_y)]
     bends = np.concatenate([(q[2 * reach :] - 2 * q[reach:-reach] + q[: -2 * reach]).ravel() for q in fields])
     bends = bends[np.isfinite(bends)]

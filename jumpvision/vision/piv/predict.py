@@ -50,13 +50,22 @@ def correlate(a: Float32, wa: Float32, b: Float32, wb: Float32, on: Backend = NU
         plane = fft.irfftn(xp.conj(spectrum(p)) * spectrum(q), s=(pad, pad), axes=(1, 2), **options)
         return xp.take(xp.take(plane, shifts, axis=1), shifts, axis=2)
 
-    for first in range(0, n, CHUNK):
-        part = slice(first, first + CHUNK)
+    # (shift, pixel): which pixels of a window lie in the other one, moved by the shift, and the reverse
+    at = np.arange(size) + np.arange(-r, r + 1)[:, None]
+    inside = on.put(((at >= 0) & (at < size)).astype(np.float32))
+    outside_in = xp.flip(inside, axis=0)
+
+    full = (wa == 1).all((1, 2)) & (wb == 1).all((1, 2))
+    chunks = [q[k : k + CHUNK] for q in (np.flatnonzero(full), np.flatnonzero(~full)) for k in range(0, len(q), CHUNK)]
+    for part in chunks:
         p, v, q, w = (on.put(x[part]) for x in (a, wa, b, wb))
         f, g = _centred(xp, p, v), _centred(xp, q, w)
         ff, gg = f * f, g * g
         power_f, power_g = (xp.sum(x, axis=(1, 2), keepdims=True) for x in (ff, gg))
-        under_b, under_a = shifted(ff, w), shifted(v, gg)
+        if full[part[0]]:  # sums over what overlaps need no transforms
+            under_b, under_a = (m @ x @ m.T for m, x in ((inside, ff), (outside_in, gg)))
+        else:
+            under_b, under_a = shifted(ff, w), shifted(v, gg)
         enough = (under_b > MIN_OVERLAP * power_f) & (under_a > MIN_OVERLAP * power_g)
         power = xp.where(enough, under_b * under_a, xp.ones_like(under_b))
         out[part] = on.get(xp.where(enough, shifted(f, g) / xp.sqrt(power), -xp.ones_like(power)))
@@ -209,13 +218,14 @@ def _centres(length: int, size: int) -> Array:
 
 def _windows(image: Float32, mask: Mask, x: Array, y: Array, u: Array, v: Array, size: int) -> tuple[Float32, Float32]:
     """Windows around (x + u, y + v) and their weights, shape (ny nx, size, size); weight 0 outside the image."""
-    height, width = image.shape
-    offset = np.arange(size) - size // 2
-    rows = ((y[:, None] + v).ravel()[:, None] + offset).astype(np.intp)
-    columns = ((x + u).ravel()[:, None] + offset).astype(np.intp)
-    inside = ((rows >= 0) & (rows < height))[:, :, None] & ((columns >= 0) & (columns < width))[:, None]
-    rows, columns = np.clip(rows, 0, height - 1)[:, :, None], np.clip(columns, 0, width - 1)[:, None]
-    return image[rows, columns], (inside & mask[rows, columns]).astype(np.float32)
+    rows, columns = (
+        np.clip(q.ravel().astype(np.intp) + size - size // 2, 0, n + size)
+        for q, n in zip((y[:, None] + v, x + u), image.shape)
+    )
+    grey, weight = (
+        np.lib.stride_tricks.sliding_window_view(np.pad(f, size), (size, size))[rows, columns] for f in (image, mask)
+    )
+    return np.asarray(grey, np.float32), np.asarray(weight, np.float32)
 
 
 def _validated(u: Array, v: Array, u2: Array, v2: Array, outlier: float) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
-from .surface import along_both, smoother, times
+from .surface import along_both, along_x, along_y, smoother
 from .validate import response
 
 ORDER = 3  # of the differences that the surfaces keep small: parabolas stay, waves of twice the length to 2 %
@@ -34,7 +34,7 @@ FEW = 2.0  # independent neighbourhoods that a factor of 1 is worth
 ALLOWED = 0.6, 1.3  # factors on sigma: a field may be stirred all over
 STILL = 0.05  # of the noise expected: less is no noise but equal pictures, which tell nothing of it
 WIDER = 2  # times the neighbourhood of P is that of what smoothing took from the motion
-DOUBT = 0.75  # of its standard deviation, by which P must exceed 1 there
+DOUBT = 1.5  # of its standard deviations, by which P must exceed 1 there
 
 
 class Noise(NamedTuple):
@@ -72,7 +72,7 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
     for k, surface in enumerate(surfaces, 1):
         side = min(COMPARED + 4 * (2 ** (k - 1) - 1), 2 * min(ny, nx) - 1)
         there = np.maximum(_around(known.astype(float), side), 1e-12)
-        fields.append(_drawn(surface, p))
+        fields.append(along_both(*surface, p))
         variance.append(np.stack([np.maximum(_around(f, side), 0) for f in variance[0]]) / there)
         of_noise = (cov[k - 1, k - 1] - 2 * cov[k - 1, k] + cov[k, k]) * np.where(known, variance[-1], 1)
         chance = np.maximum(_around(np.where(known, by_chance, 0.0), side) / there, 1e-6)
@@ -83,7 +83,8 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
         # signed, so that noise, which is above 1 as often as below, does not count
         far = min(WIDER * side + 1, 2 * min(ny, nx) - 1)
         doubt = DOUBT * math.sqrt(_spread(noise, SHORTEST)) * side / far
-        lost += np.maximum(_around((1 - w) ** 2 * (power - 1), far) - doubt, 0) * chance * of_noise
+        over = _around((1 - w) ** 2 * (power - 1), far)
+        lost += np.where(over > doubt, over, 0) * chance * of_noise
     shares.append(1 - kept)
     of_each = [a * np.sqrt(v) for a, v in zip(shares, variance)]
     total = np.zeros_like(p)
@@ -108,12 +109,12 @@ def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
     expected = float(scipy.stats.gamma.ppf(CALM, 1 / spread)) * spread
     share = np.maximum(_around(known.astype(float), COMPARED), 1e-12)
     calm = []
-    for along_y in (True, False):
-        n = ny if along_y else nx
+    for down in (True, False):
+        n = ny if down else nx
         s, cov = _smoother(halved, n), _along(n, noise, (halved,))
         rest = cov[0, 0] - 2 * cov[0, 1] + cov[1, 1]
-        e = p - np.stack([times(s, f) if along_y else times(f, s.T) for f in p])
-        power = _power(e, (rest[:, None] if along_y else rest) * np.where(known, sigma, 1) ** 2, known)
+        e = p - (along_y(s, p) if down else along_x(s, p))
+        power = _power(e, (rest[:, None] if down else rest) * np.where(known, sigma, 1) ** 2, known)
         calm.append(float(np.quantile((_around(power, COMPARED) / share)[known], CALM)) / expected)
     if min(calm) < STILL:
         return 1.0
@@ -142,10 +143,6 @@ def _surface(theta: float, ny: int, nx: int) -> tuple[Array, Array]:
 
 def _smoother(theta: float, n: int) -> Array:
     return smoother(n, theta ** (-2 * ORDER), ORDER)
-
-
-def _drawn(surface: tuple[Array, Array], f: Array) -> Array:
-    return np.stack([along_both(*surface, q) for q in f])
 
 
 def _covariance(ny: int, nx: int, noise: Noise, halved: tuple[float, ...]) -> NDArray[np.float64]:

@@ -17,7 +17,9 @@ from jumpvision.base.threads import shared
 AROUND = 3  # vectors, side of the neighbourhood over which the differences are averaged
 LEAST = 0.02  # px: smaller differences are no step
 BEYOND = 4.0  # times the variance of chance: more is a step of the field
-JUMP = 30.0  # times that: more begins to be a jump, twice as much is one
+FORGOTTEN = 1e-13  # of a vector, that the spline has of it beyond some twenty others
+JUMP = 30.0  # times what chance is in the calmer parts: more begins to be a jump, twice as much is one
+CALM = 0.05  # of the vectors tell that: a jump rings over a half of a small picture
 
 
 class Axis(NamedTuple):
@@ -62,6 +64,7 @@ def axis(pixels: int, first: float, step: int, vectors: int, stiffness: float) -
     bend = straight.copy()
     bend[0] = bend[-1] = 0
     exact = np.linalg.solve(samples, bend).astype(np.float64)
+    exact[np.abs(exact) < FORGOTTEN] = 0
     slope = (exact[before + 1 : before + vectors + 1] - exact[before - 1 : before + vectors - 1]) / (2 * step)
     q = (np.arange(pixels) - first) / step + before
     knot = np.floor(q).astype(np.int64)
@@ -79,22 +82,23 @@ def lightly_smoothed(
     three vectors on either side. Where not `matched` (ny, nx), and everywhere if it is None, the surface counts.
     Also where the field jumps, see `knots`: (ny, nx) from 0 to 1, or None: nowhere.
     """
-    surface = np.stack([along_both(rows.smooth, columns.smooth, q) for q in f])
+    surface = along_both(rows.smooth, columns.smooth, f)
     if matched is None:
         return surface, None
     e = f - surface
     squared = (e**2).sum(0)
     power = cv2.boxFilter(squared, -1, (AROUND, AROUND), borderType=cv2.BORDER_REFLECT)
-    chance = max(BEYOND * float(np.median(squared)) / math.log(2), LEAST**2)  # of two normal components: exponential
+    # squares of two normal components are exponential
+    chance, calm = (max(-BEYOND * float(np.quantile(squared, q)) / math.log(1 - q), LEAST**2) for q in (0.5, CALM))
     kept = np.where(matched, np.clip(1 - chance / np.maximum(power, 1e-30), 0, 1), 0)
     jump = np.asarray(
-        cv2.dilate(np.where(matched, np.clip(power / (JUMP * chance) - 1, 0, 1), 0), np.ones((3, 3))), np.float64
+        cv2.dilate(np.where(matched, np.clip(power / (JUMP * calm) - 1, 0, 1), 0), np.ones((3, 3))), np.float64
     )
     return surface + kept * e, jump if jump.any() else None
 
 
 def knots(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None) -> Array:
-    """Coefficients of the spline through the vectors f (ny, nx); where they jump the vectors themselves.
+    """Coefficients of the spline through the vectors f (n, ny, nx); where they jump the vectors themselves.
 
     The spline through a step rings by a tenth of it beside it, and the windows there would have to answer for that;
     with the vectors as coefficients it runs between them.
@@ -102,8 +106,8 @@ def knots(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None)
     c = along_both(rows.coefficients, columns.coefficients, f)
     if jump is None:
         return c
-    border = [(q.before, n - m - q.before) for q, n, m in zip((rows, columns), c.shape, f.shape)]
-    return np.asarray(c + np.pad(jump, border) * (np.pad(f, border, mode="edge") - c))
+    border = [(q.before, n - m - q.before) for q, n, m in zip((rows, columns), c.shape[1:], f.shape[1:])]
+    return np.asarray(c + np.pad(jump, border) * (np.pad(f, [(0, 0), *border], mode="edge") - c))
 
 
 def at_vectors(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | None) -> Array:
@@ -111,32 +115,69 @@ def at_vectors(rows: Axis, columns: Axis, f: Array, jump: NDArray[np.float64] | 
     if jump is None:
         return f
     c = knots(rows, columns, f, jump)
-    c = (c[:-2] + 4 * c[1:-1] + c[2:]) / 6
     c = (c[:, :-2] + 4 * c[:, 1:-1] + c[:, 2:]) / 6
+    c = (c[:, :, :-2] + 4 * c[:, :, 1:-1] + c[:, :, 2:]) / 6
     top, left = rows.before - 1, columns.before - 1
-    return c[top : top + f.shape[0], left : left + f.shape[1]]
+    return c[:, top : top + f.shape[1], left : left + f.shape[2]]
 
 
 def along_both(rows: Array, columns: Array, f: Array) -> Array:
-    """rows f columns^T."""
-    return times(times(rows, f), columns.T)
+    """rows f columns^T of fields (n, ny, nx)."""
+    return along_x(columns, along_y(rows, f))
 
 
-def times(a: Array, b: Array) -> Array:
+def along_y(a: Array, f: Array) -> Array:
+    """a f of fields (n, ny, nx), all at once."""
+    out = _product(a, np.concatenate(f, axis=1))
+    return out.reshape(len(a), len(f), -1).swapaxes(0, 1)
+
+
+def along_x(a: Array, f: Array) -> Array:
+    """f a^T of fields (n, ny, nx), all at once."""
+    return np.ascontiguousarray(along_y(a, f.swapaxes(1, 2)).swapaxes(1, 2))
+
+
+def _product(a: Array, b: Array) -> Array:
     """a b. Not numpy's product, whose threads take longer to meet than such small matrices to multiply."""
     out = np.zeros((len(a), b.shape[1]))
     _times(len(a), np.ascontiguousarray(a), np.ascontiguousarray(b, np.float64), out)
     return out
 
 
+BLOCK = 8  # rows of b that are added at a time
+
+
 @shared(fastmath={"contract"})
 def _times(first, last, a, b, out):  # type: ignore[no-untyped-def]
-    for j in range(first, last):
-        row = out[j]
-        for k in range(len(b)):
-            f, of = a[j, k], b[k]
+    """Two thirds of a spline's matrix are exactly zero, and left out."""
+    whole = len(b) // BLOCK * BLOCK
+    for k in range(0, whole, BLOCK):
+        for j in range(first, last):
+            f = a[j, k : k + BLOCK]
+            if _magnitude(f) > 0:
+                _add_block(out[j], f, b[k : k + BLOCK])
+    for k in range(whole, len(b)):
+        for j in range(first, last):
+            row, f, of = out[j], a[j, k], b[k]
             for i in range(len(row)):
                 row[i] += f * of[i]
+
+
+@nb.njit(cache=True)
+def _magnitude(f):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for q in f:
+        total += abs(q)
+    return total
+
+
+@nb.njit(cache=True, fastmath={"contract"})
+def _add_block(row, f, of):  # type: ignore[no-untyped-def]
+    f0, f1, f2, f3, f4, f5, f6, f7 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]
+    b0, b1, b2, b3, b4, b5, b6, b7 = of[0], of[1], of[2], of[3], of[4], of[5], of[6], of[7]
+    for i in range(len(row)):
+        near = (((row[i] + f0 * b0[i]) + f1 * b1[i]) + f2 * b2[i]) + f3 * b3[i]
+        row[i] = (((near + f4 * b4[i]) + f5 * b5[i]) + f6 * b6[i]) + f7 * b7[i]
 
 
 class Drawn(NamedTuple):
@@ -152,9 +193,14 @@ def drawn(rows: Axis, columns: Axis, fields: Array, jump: NDArray[np.float64] | 
     if jump is not None:
         fields = np.concatenate([fields, jump[None]])
     lines = np.empty((len(fields), len(rows.coefficients), len(columns.knot)), np.float32)
-    for f, out in zip(fields, lines):
-        c = knots(rows, columns, f, jump).astype(np.float32)
-        _widen(len(c), c, columns.knot, columns.weight, out)
+    c = knots(rows, columns, fields, jump).astype(np.float32)
+    _widen(
+        lines.shape[0] * lines.shape[1],
+        c.reshape(-1, c.shape[2]),
+        columns.knot,
+        columns.weight,
+        lines.reshape(-1, lines.shape[2]),
+    )
     return Drawn(lines, rows.knot, rows.weight)
 
 
