@@ -78,7 +78,7 @@ class SceneSum:
         return Background(scene, level, ball) if ball != level else None
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def add_image(total, image):  # type: ignore[no-untyped-def]
     """total += image, at the speed of memory."""
     for y in range(image.shape[0]):

@@ -162,7 +162,7 @@ def fit_disc(image: Array, start: Array, *, streak: bool, noise: Array, mean: Ar
     return DiscFit(*_fit_and_judge(np.ascontiguousarray(image), start, streak, noise, mean, var))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-untyped-def]
     """The fields of DiscFit."""
     p, weight, centre = start.copy(), 1.0 / var, mean.copy()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -26,7 +27,7 @@ VIEWS = 100  # frames that all count for the scene; of the next 100 every second
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
-BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache
+BATCH, BATCH_BYTES = 16, 2**23  # frames, or bytes, that are handed over at once to the thread that follows the ball
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 SAME = 0.5  # diameters: two balls nearer than this are one
 
@@ -81,7 +82,11 @@ class Samples:
 
 
 class FilmTracker:
-    """`track_film` for a film that is handed over frame by frame (`see`, in order), while it is decoded."""
+    """`track_film` for a film that is handed over frame by frame (`see`, in order), while it is decoded.
+
+    The ball is followed in a thread of its own, batch by batch in the order of the film: one batch is under way while
+    the next is handed over, so two are in memory at most, and the results are those of one thread.
+    """
 
     def __init__(self, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()):
         self.settings = settings  # of the first ball
@@ -89,6 +94,8 @@ class FilmTracker:
         self._trackers = [BallTracker(s) for s in self._settings]
         self._found: list[list[Found]] = []  # by frame, then by ball
         self._waiting: list[NDArray[Any]] = []
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="ball")
+        self._under_way: Future[None] | None = None
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
@@ -103,18 +110,27 @@ class FilmTracker:
         if self.settings.method == "template":  # has to see the whole film first
             return
         self._waiting.append(image)
-        if len(self._waiting) == BATCH:
-            self._catch_up()
+        if len(self._waiting) == BATCH or len(self._waiting) * image.nbytes >= BATCH_BYTES:
+            self._hand_over()
 
     @property
     def found(self) -> list[Found]:
         """The first ball in the frames followed so far; those that wait are not in it."""
         return [f[0] for f in self._found]
 
-    def _catch_up(self) -> None:
-        for image in self._waiting:
+    def _hand_over(self) -> None:
+        """The frames that wait, when those before are done."""
+        self._caught_up()
+        batch, self._waiting = self._waiting, []
+        self._under_way = self._thread.submit(self._follow_all, batch)
+
+    def _caught_up(self) -> None:
+        if self._under_way is not None:
+            self._under_way.result()
+
+    def _follow_all(self, images: Sequence[NDArray[Any]]) -> None:
+        for image in images:
             self._follow(image)
-        self._waiting.clear()
 
     def _follow(self, image: NDArray[Any]) -> None:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
@@ -135,7 +151,9 @@ class FilmTracker:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
         if self.settings.method == "template":
             return [track_template(frames, s) for s in self._settings]
-        self._catch_up()
+        self._hand_over()
+        self._caught_up()
+        self._thread.shutdown()
         frames = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
