@@ -35,15 +35,15 @@ class Background:
         contrast = ball - scene
         usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
         with np.errstate(invalid="ignore", divide="ignore"):
-            self._gain = np.where(usable, (ball - level) / contrast, 1.0)
-        self._offset = np.where(usable, level - np.where(usable, scene, 0.0) * self._gain, 0.0)
+            self.gain = np.where(usable, (ball - level) / contrast, 1.0)
+        self.offset = np.where(usable, level - np.where(usable, scene, 0.0) * self.gain, 0.0)
 
     def removed(self, image: NDArray[Any], row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
         unchanged where the scene is not known."""
         at = np.s_[row : row + image.shape[0], column : column + image.shape[1]]
-        out: Array = image * self._gain[at]
-        out += self._offset[at]
+        out: Array = image * self.gain[at]
+        out += self.offset[at]
         return out
 
 

@@ -15,7 +15,7 @@ from jumpvision.base.progress import watch
 
 from .background import LEAST, Background, SceneSum, View, Window
 from .disc import WX, WY, A
-from .measure import Found, window_half
+from .measure import Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
 from .proof import proved, standing, stands
 from .refine import refined
@@ -27,6 +27,7 @@ VIEWS = 100  # frames that all count for the scene; of the next 100 every second
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
+BLOCK, BLOCK_PIXELS = 64, 2**19  # windows that are measured together without the scene
 BATCH, BATCH_BYTES = 16, 2**23  # frames, or bytes, that are handed over at once to the thread that follows the ball
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 SAME = 0.5  # diameters: two balls nearer than this are one
@@ -138,7 +139,7 @@ class FilmTracker:
         self._found.append(found)
         self._samples.see(i, image, found[0])
         if self._kept is not None:
-            self._kept.append(image.copy())
+            self._kept.append(image)
             if image.nbytes * len(self._kept) > KEPT:
                 self._kept = None
         if self._scene is None:
@@ -185,11 +186,38 @@ class FilmTracker:
     def _without(self, scene: Background, frames: Frames) -> list[list[Found]]:
         """The measurements of all frames once more, without the scene."""
         trackers = [BallTracker(s) for s in self._settings]
-        out = []
+        out: list[list[Found]] = []
+        block, begin, end = None, 0, 0
         for i in watch(range(len(self._found)), "frames tracked without the scene", len(self._found)):
-            views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in self._windows[i]]  # noqa: B023
-            out.append(together(trackers, views, self._found[i]))
+            if i < len(out):  # followed with those before
+                continue
+            if i >= end:
+                block, begin = self._block(i), i
+                end = i + (len(block.windows) if block else 1)
+            if block:
+                out += [[f] for f in trackers[0].follow(block, i - begin, scene)]
+            if len(out) == i:
+                views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in self._windows[i]]  # noqa: B023
+                out.append(together(trackers, views, self._found[i]))
         return out
+
+    def _block(self, i: int) -> Block | None:
+        """The frames from i on in which the one ball was found in windows of one size; None where there is none."""
+        windows: list[Window] = []
+        hints: list[tuple[float, float, float, float]] = []
+        for (window, *others), (found, *_) in zip(self._windows[i : i + BLOCK], self._found[i:]):
+            if others or window is None or found.fit is None:
+                break
+            if windows and (
+                window.pixels.shape != windows[0].pixels.shape or len(windows) * window.pixels.size > BLOCK_PIXELS
+            ):
+                break
+            windows.append(window)
+            hints.append((found.x, found.y, found.fit.p[WX], found.fit.p[WY]))
+        if not windows:
+            return None
+        pixels = np.stack([w.pixels for w in windows]).astype(np.float64)
+        return Block(pixels, np.array([(w.x0, w.y0) for w in windows]), np.array(hints))
 
     def _window(self, image: NDArray[Any], found: Found) -> Window | None:
         """A copy of the part of a frame that the ball is measured in."""

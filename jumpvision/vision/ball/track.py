@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .background import View
+from .background import Background, View
 from .disc import WX, WY
-from .measure import DiscMeasure, Found, Start, ThresholdMeasure
+from .measure import Block, DiscMeasure, Found, Start, ThresholdMeasure
 from .search import Blob, find_blobs
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
@@ -108,6 +108,15 @@ class BallTracker:
     def step(self, view: View, hint: Found | None = None) -> Found:
         """The ball in the next frame. hint: an earlier measurement of it in this frame, to start from."""
         return self.keep(self.look(view, hint))
+
+    def follow(self, block: Block, first: int, scene: Background) -> list[Found]:
+        """As `step` in the frames of a block from `first` on, up to the first that is not a matter of course."""
+        if self.last is None or self.lost or not isinstance(self.measurer, DiscMeasure):
+            return []
+        found = self.measurer.follow(block, first, scene, self.search)
+        for f in found:
+            self._at(f.x, f.y)
+        return found
 
     def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
         """The same without taking note; `keep` must follow. others: where other balls are expected."""
@@ -242,15 +251,17 @@ class BallTracker:
         return find_blobs(image, diameter=self.d, polarity=self.polarity, min_diameter=MIN_DIAMETER, streak=self.streak)
 
     def _take(self, found: Found) -> Found:
+        if self.last is None:
+            self.rivals = list(found.rivals)
+        self.measurer.accept(found)
+        self._at(found.x, found.y)
+        return found
+
+    def _at(self, x: float, y: float) -> None:
         if self.last is not None:
             n = self.lost + 1
-            self.velocity = ((found.x - self.last[0]) / n, (found.y - self.last[1]) / n)
-        else:
-            self.rivals = list(found.rivals)
-        self.last, self.lost = (found.x, found.y), 0
-        self.measurer.accept(found)
-        self.d = self.measurer.seen
-        return found
+            self.velocity = ((x - self.last[0]) / n, (y - self.last[1]) / n)
+        self.last, self.lost, self.d = (x, y), 0, self.measurer.seen
 
     def _miss(self, found: Found) -> Found:
         if self.last is not None:
