@@ -24,6 +24,9 @@ CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 LEAST = 20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
 
 
+EACH_WAY = 256  # rows and columns, about, whose median is the scene's level
+
+
 FAINT = 0.3  # of the typical contrast: where the scene is as bright as the ball, the share cannot be had
 
 
@@ -32,11 +35,7 @@ class Background:
 
     def __init__(self, scene: Array, level: float, ball: float):
         self.scene, self.level, self.ball = scene, level, ball
-        contrast = ball - scene
-        usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            self.gain = np.where(usable, (ball - level) / contrast, 1.0)
-        self.offset = np.where(usable, level - np.where(usable, scene, 0.0) * self.gain, 0.0)
+        self.gain, self.offset = _removal(np.ascontiguousarray(scene, dtype=np.float64), level, ball)
 
     def removed(self, image: NDArray[Any], row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
@@ -47,11 +46,24 @@ class Background:
         return out
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _removal(scene, level, ball):  # type: ignore[no-untyped-def]
+    """(gain, offset) that take a scene out; 1 and 0 where it is not known or too like the ball."""
+    gain, offset = np.ones(scene.shape), np.zeros(scene.shape)
+    for y in range(scene.shape[0]):
+        for x in range(scene.shape[1]):
+            contrast = ball - scene[y, x]
+            if contrast / (ball - level) > FAINT and math.isfinite(contrast):
+                gain[y, x] = (ball - level) / contrast
+                offset[y, x] = level - scene[y, x] * gain[y, x]
+    return gain, offset
+
+
 class SceneSum:
     """The scene behind one or several balls of a film whose camera and light stand still, from its views one by one."""
 
     def __init__(self) -> None:
-        self._total: Array | None = None
+        self._total: NDArray[Any] | None = None
         self._hidden: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
         self._views = 0
         self._greys: list[float] = []
@@ -59,7 +71,8 @@ class SceneSum:
     def add(self, image: NDArray[Any], balls: Iterable[tuple[float, float, float]], grey: float) -> None:
         """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
         if self._total is None:
-            self._total, self._hidden = np.zeros(image.shape), np.zeros(image.shape, dtype=np.int64)
+            kind = np.uint32 if image.dtype.kind == "u" and image.dtype.itemsize <= 2 else np.float64  # of MOST views
+            self._total, self._hidden = np.zeros(image.shape, kind), np.zeros(image.shape, dtype=np.int64)
         add_image(self._total, image)
         self._views += 1
         for x, y, diameter in balls:
@@ -68,13 +81,16 @@ class SceneSum:
 
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""
-        seen = self._views - self._hidden
-        if self._total is None or not self._greys or not (seen >= LEAST).any():
+        if self._total is None or not self._greys or self._views < LEAST:
             return None
-        scene = np.where(seen >= LEAST, self._total / np.maximum(seen, 1), np.nan)
-        if np.isnan(scene).all():
+        scene = self._total / float(self._views)
+        at = np.nonzero(self._hidden)
+        seen = self._views - self._hidden[at]
+        scene[at] = np.where(seen >= LEAST, self._total[at] / np.maximum(seen, 1), np.nan)
+        some = scene[:: 1 + scene.shape[0] // EACH_WAY, :: 1 + scene.shape[1] // EACH_WAY]
+        if np.isnan(some).all():
             return None
-        level, ball = float(np.nanmedian(scene)), float(np.median(self._greys))
+        level, ball = float(np.nanmedian(some)), float(np.median(self._greys))
         return Background(scene, level, ball) if ball != level else None
 
 

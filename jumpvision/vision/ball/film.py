@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
 
-from .background import LEAST, Background, SceneSum, View, Window
+from .background import LEAST, SceneSum, View, Window
 from .disc import WX, WY, A
 from .measure import Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
@@ -27,8 +28,8 @@ VIEWS = 100  # frames that all count for the scene; of the next 100 every second
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
-BLOCK, BLOCK_PIXELS = 64, 2**19  # windows that are measured together without the scene
-BATCH, BATCH_BYTES = 16, 2**23  # frames, or bytes, that are handed over at once to the thread that follows the ball
+BLOCK = 16  # windows that are measured together without the scene
+BATCH, BATCH_BYTES = 8, 2**23  # frames, or bytes, that are handed over at once to the thread that follows the ball
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 SAME = 0.5  # diameters: two balls nearer than this are one
 
@@ -97,6 +98,8 @@ class FilmTracker:
         self._waiting: list[NDArray[Any]] = []
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="ball")
         self._under_way: Future[None] | None = None
+        self._enough = False  # nobody waits for the measurements without the scene
+        self._pixels = np.empty((BLOCK, 0, 0))  # of a block
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
@@ -154,8 +157,16 @@ class FilmTracker:
             return [track_template(frames, s) for s in self._settings]
         self._hand_over()
         self._caught_up()
-        self._thread.shutdown()
-        frames = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        again = self._thread.submit(copy_context().run, self._without_scene, kept)
+        try:
+            return self._decided(kept, again)
+        finally:
+            self._enough = True
+            self._thread.shutdown()
+
+    def _decided(self, frames: AtHand, again: Future[list[list[Found]]]) -> list[BallTrack]:
+        """Proves the track while the balls are measured again without the scene, and takes the better one."""
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
             sure = proved(first[0], frames, self.settings)
@@ -167,15 +178,12 @@ class FilmTracker:
                     return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
                 return self._refined([sure])
-        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
+        if not (found := again.result()):
             return self._refined(first)
-        behind = self._scene.background()
-        if behind is None:
-            return self._refined(first)
-        again = [as_track(list(f)) for f in zip(*self._without(behind, frames), strict=True)]
-        if len(again) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
-            again = [standing(again[0], frames, self.settings)]
-        return self._refined([b if _better(a, b) else a for a, b in zip(first, again, strict=True)])
+        second = [as_track(list(f)) for f in zip(*found, strict=True)]
+        if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
+            second = [standing(second[0], frames, self.settings)]
+        return self._refined([b if _better(a, b) else a for a, b in zip(first, second, strict=True)])
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
         """With what all frames share taken from all, where the still scene may be taken out and the ball is alone."""
@@ -183,12 +191,19 @@ class FilmTracker:
             return tracks
         return [refined(tracks[0], self._kept, self.settings.polarity)]
 
-    def _without(self, scene: Background, frames: Frames) -> list[list[Found]]:
-        """The measurements of all frames once more, without the scene."""
+    def _without_scene(self, frames: AtHand) -> list[list[Found]]:
+        """The measurements of all frames once more, without the scene; none where too little of it is known."""
+        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
+            return []
+        scene = self._scene.background()
+        if scene is None:
+            return []
         trackers = [BallTracker(s) for s in self._settings]
         out: list[list[Found]] = []
         block, begin, end = None, 0, 0
         for i in watch(range(len(self._found)), "frames tracked without the scene", len(self._found)):
+            if self._enough:
+                break
             if i < len(out):  # followed with those before
                 continue
             if i >= end:
@@ -208,15 +223,16 @@ class FilmTracker:
         for (window, *others), (found, *_) in zip(self._windows[i : i + BLOCK], self._found[i:]):
             if others or window is None or found.fit is None:
                 break
-            if windows and (
-                window.pixels.shape != windows[0].pixels.shape or len(windows) * window.pixels.size > BLOCK_PIXELS
-            ):
+            if windows and window.pixels.shape != windows[0].pixels.shape:
                 break
             windows.append(window)
             hints.append((found.x, found.y, found.fit.p[WX], found.fit.p[WY]))
         if not windows:
             return None
-        pixels = np.stack([w.pixels for w in windows]).astype(np.float64)
+        shape = windows[0].pixels.shape
+        if self._pixels.shape[1:] != shape:
+            self._pixels = np.empty((BLOCK, *shape))
+        pixels = np.stack([w.pixels for w in windows], out=self._pixels[: len(windows)])
         return Block(pixels, np.array([(w.x0, w.y0) for w in windows]), np.array(hints))
 
     def _window(self, image: NDArray[Any], found: Found) -> Window | None:
