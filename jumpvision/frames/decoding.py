@@ -47,12 +47,8 @@ class Step(NamedTuple):
     failed: bool
 
 
-LIGHT = 0.05  # bits a pixel: such frames are mostly copies of the one before, which threads only hand to and fro
-
-
 def open_video(path: Path, threads: str) -> tuple[Any, Any]:
-    """(av container, its first video stream, ready to decode with "AUTO" (frames in parallel, where that is faster) or
-    "SLICE" threads)."""
+    """(av container, its first video stream, ready to decode with "AUTO" (frames in parallel) or "SLICE" threads)."""
     import av
 
     # titles and comments in another encoding must not stop a film; from PyAV 19 on they never do
@@ -70,8 +66,7 @@ def open_video(path: Path, threads: str) -> tuple[Any, Any]:
         if context.width * context.height > MAX_PIXELS:
             raise FrameError(f"{path}: frames of {context.height} x {context.width} pixels (damaged header?)")
         context.options = STRICT
-        bits = (container.bit_rate or 0) / float(stream.average_rate or 1) / (context.width * context.height)
-        context.thread_type = "SLICE" if 0.0 < bits < LIGHT else threads
+        context.thread_type = threads
     except BaseException:
         container.close()
         raise

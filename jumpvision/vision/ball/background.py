@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -112,8 +111,7 @@ def _hide(total, hidden, image, x, y, reach):  # type: ignore[no-untyped-def]
                 hidden[row, column] += 1
 
 
-@dataclass(frozen=True)
-class Window:
+class Window(NamedTuple):
     """pixels: (row, column) part of a frame, its first at (x0, y0)."""
 
     pixels: NDArray[Any]

@@ -29,7 +29,6 @@ KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 BLOCK = 16  # windows that are measured together without the scene
-BATCH, BATCH_BYTES = 8, 2**23  # frames, or bytes, that are handed over at once to the thread that follows the ball
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 SAME = 0.5  # diameters: two balls nearer than this are one
 
@@ -84,22 +83,14 @@ class Samples:
 
 
 class FilmTracker:
-    """`track_film` for a film that is handed over frame by frame (`see`, in order), while it is decoded.
-
-    The ball is followed in a thread of its own, batch by batch in the order of the film: one batch is under way while
-    the next is handed over, so two are in memory at most, and the results are those of one thread.
-    """
+    """`track_film` for a film that is handed over frame by frame (`see`, in order), while it is decoded."""
 
     def __init__(self, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()):
         self.settings = settings  # of the first ball
         self._settings = [settings] + [replace(settings, seed=m) for m in markers]
         self._trackers = [BallTracker(s) for s in self._settings]
         self._found: list[list[Found]] = []  # by frame, then by ball
-        self._waiting: list[NDArray[Any]] = []
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix="ball")
-        self._under_way: Future[None] | None = None
         self._enough = False  # nobody waits for the measurements without the scene
-        self._pixels = np.empty((BLOCK, 0, 0))  # of a block
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
@@ -113,32 +104,17 @@ class FilmTracker:
         """The next frame (row, column); it is kept for a while and must not change."""
         if self.settings.method == "template":  # has to see the whole film first
             return
-        self._waiting.append(image)
-        if len(self._waiting) == BATCH or len(self._waiting) * image.nbytes >= BATCH_BYTES:
-            self._hand_over()
+        self._follow(image)
 
     @property
     def found(self) -> list[Found]:
-        """The first ball in the frames followed so far; those that wait are not in it."""
+        """The first ball in the frames followed so far."""
         return [f[0] for f in self._found]
-
-    def _hand_over(self) -> None:
-        """The frames that wait, when those before are done."""
-        self._caught_up()
-        batch, self._waiting = self._waiting, []
-        self._under_way = self._thread.submit(self._follow_all, batch)
-
-    def _caught_up(self) -> None:
-        if self._under_way is not None:
-            self._under_way.result()
-
-    def _follow_all(self, images: Sequence[NDArray[Any]]) -> None:
-        for image in images:
-            self._follow(image)
 
     def _follow(self, image: NDArray[Any]) -> None:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
-        found = together(self._trackers, [View.of(image)] * len(self._trackers), [None] * len(self._trackers))
+        plain = self._trackers[0].next(image) if len(self._trackers) == 1 else None
+        found = [plain] if plain else together(self._trackers, [View.of(image) for _ in self._trackers], None)
         self._found.append(found)
         self._samples.see(i, image, found[0])
         if self._kept is not None:
@@ -148,22 +124,20 @@ class FilmTracker:
         if self._scene is None:
             return
         self._windows.append([self._window(image, f) for f in found])
-        if i % _stride(i) == 0 and not any(f.flag for f in found) and found[0].fit is not None:
-            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].fit.p[A]))
+        if i % _stride(i) == 0 and not any(f.flag for f in found) and found[0].p is not None:
+            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].p[A]))
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
         if self.settings.method == "template":
             return [track_template(frames, s) for s in self._settings]
-        self._hand_over()
-        self._caught_up()
         kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
-        again = self._thread.submit(copy_context().run, self._without_scene, kept)
-        try:
-            return self._decided(kept, again)
-        finally:
-            self._enough = True
-            self._thread.shutdown()
+        with ThreadPoolExecutor(1) as thread:  # each is half of the work that is left
+            again = thread.submit(copy_context().run, self._without_scene, kept)
+            try:
+                return self._decided(kept, again)
+            finally:
+                self._enough = True
 
     def _decided(self, frames: AtHand, again: Future[list[list[Found]]]) -> list[BallTrack]:
         """Proves the track while the balls are measured again without the scene, and takes the better one."""
@@ -210,7 +184,7 @@ class FilmTracker:
                 block, begin = self._block(i), i
                 end = i + (len(block.windows) if block else 1)
             if block:
-                out += [[f] for f in trackers[0].follow(block, i - begin, scene)]
+                out += [[f] for f in trackers[0].follow(block, i - begin, self.shape, scene)]
             if len(out) == i:
                 views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in self._windows[i]]  # noqa: B023
                 out.append(together(trackers, views, self._found[i]))
@@ -219,27 +193,24 @@ class FilmTracker:
     def _block(self, i: int) -> Block | None:
         """The frames from i on in which the one ball was found in windows of one size; None where there is none."""
         windows: list[Window] = []
-        hints: list[tuple[float, float, float, float]] = []
-        for (window, *others), (found, *_) in zip(self._windows[i : i + BLOCK], self._found[i:]):
-            if others or window is None or found.fit is None:
+        starts: list[tuple[float, float, float, float]] = []
+        for (window, *others), (found, *_) in zip(self._windows[i : i + BLOCK], self._found[i : i + BLOCK]):
+            if others or window is None or found.p is None:
                 break
             if windows and window.pixels.shape != windows[0].pixels.shape:
                 break
             windows.append(window)
-            hints.append((found.x, found.y, found.fit.p[WX], found.fit.p[WY]))
+            starts.append((found.x, found.y, found.p[WX], found.p[WY]))
         if not windows:
             return None
-        shape = windows[0].pixels.shape
-        if self._pixels.shape[1:] != shape:
-            self._pixels = np.empty((BLOCK, *shape))
-        pixels = np.stack([w.pixels for w in windows], out=self._pixels[: len(windows)])
-        return Block(pixels, np.array([(w.x0, w.y0) for w in windows]), np.array(hints))
+        corners = np.array([(w.x0, w.y0) for w in windows])
+        return Block(np.stack([w.pixels for w in windows]), corners, np.array(starts))
 
     def _window(self, image: NDArray[Any], found: Found) -> Window | None:
         """A copy of the part of a frame that the ball is measured in."""
-        if found.flag or found.fit is None:
+        if found.flag or found.p is None:
             return None
-        p = found.fit.p
+        p = found.p
         half_x, half_y = (math.ceil(window_half(found.diameter) + 0.5 * abs(p[w])) + 2 for w in (WX, WY))
         x0, y0 = max(0, int(found.x) - half_x), max(0, int(found.y) - half_y)
         part = image[y0 : int(found.y) + half_y + 1, x0 : int(found.x) + half_x + 1]
@@ -247,10 +218,12 @@ class FilmTracker:
         return Window(part.copy(), x0, y0) if self._room > 0 else None
 
 
-def together(trackers: Sequence[BallTracker], views: Sequence[View], hints: Sequence[Found | None]) -> list[Found]:
-    """One frame for all trackers: each knows where the others expect theirs, and no ball is given to two."""
+def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Sequence[Found] | None) -> list[Found]:
+    """One frame for all trackers: each knows where the others expect theirs, and no ball is given to two. before: what
+    was measured in it earlier."""
     expected = [t.expected for t in trackers]
     found = []
+    hints = before or [None] * len(trackers)
     for k, (tracker, view, hint) in enumerate(zip(trackers, views, hints, strict=True)):
         others = [e for m, e in enumerate(expected) if m != k and e is not None]
         found.append(tracker.look(view, hint if hint and not hint.flag else None, others))
@@ -268,7 +241,7 @@ def _off(found: Found, expected: tuple[float, float] | None) -> float:
 
 
 def _streak(found: Found) -> float:
-    return math.hypot(found.fit.p[WX], found.fit.p[WY]) if found.fit else 0.0
+    return 0.0 if found.p is None else math.hypot(found.p[WX], found.p[WY])
 
 
 def _stride(i: int) -> int:

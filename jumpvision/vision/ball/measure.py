@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,6 +26,7 @@ MOST_CHI2 = 4.0
 CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
 RIM_OFF, RIM_OFF_PX = 0.04, 0.6  # a sector's rim off the fitted circle by this part of the diameter or px is covered
 UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new ball must be clearer: clutter is not
+DIGITS = 1.0 / 12.0  # variance of digitising [grey^2]
 FARTHEST = 3.0  # px from the start: a fit that ends beyond it is made again in the crop about its end
 
 
@@ -41,7 +42,8 @@ class Start(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A measurement; flag "" when good. fit: the disc fit, where there is one. rivals: centres (x, y) of other balls
+    """A measurement; flag "" when good. fit: the disc fit, where there is one and it was asked for;
+    p: its parameters. rivals: centres (x, y) of other balls
     in the frame that it was first found in [px]."""
 
     flag: str
@@ -51,6 +53,7 @@ class Found(NamedTuple):
     diameter: float = math.nan
     chi2: float = math.nan
     fit: disc.DiscFit | None = None
+    p: Array | None = None
     rivals: tuple[tuple[float, float], ...] = ()
 
 
@@ -150,14 +153,13 @@ def _fitted(crop, p, x0, y0, height, width, floor, loose, fresh, wanted, memory)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _follow(windows, corners, hints, gain, offset, first, search, wanted, memory, out):  # type: ignore[no-untyped-def]
+def _follow(windows, corners, starts, height, width, gain, offset, first, search, wanted, memory, out):  # type: ignore[no-untyped-def]
     """Measures and learns the frames of a block from `first` on, up to the first that is not a matter of course; how
-    many there were. windows: (n, rows, columns) of the frames, from (x, y) = corners (n, 2) on; hints: (n, 4) x, y,
-    wx, wy of earlier measurements; gain, offset: of the whole scene (`Background`); out: (n, 5) x, y, sigma, d, chi2.
-    """
-    height, width = gain.shape
+    many there were. gain, offset: of the whole scene (`Background`), without pixels where it is not taken out; out:
+    (n, 17) x, y, sigma, d, chi2, parameters."""
+    without = gain.size > 0
     for i in range(first, len(windows)):
-        x, y, wx, wy = hints[i, 0], hints[i, 1], hints[i, 2], hints[i, 3]
+        x, y, wx, wy = starts[i, 0], starts[i, 1], starts[i, 2], starts[i, 3]
         d = memory.mean[SEEN]
         x0, x1 = _span(x, wx, d, width)
         y0, y1 = _span(y, wy, d, height)
@@ -170,12 +172,17 @@ def _follow(windows, corners, hints, gain, offset, first, search, wanted, memory
         crop = np.empty((rows, columns))
         for r in range(rows):
             for c in range(columns):
-                crop[r, c] = windows[i, y0 - top + r, x0 - left + c] * gain[y0 + r, x0 + c] + offset[y0 + r, x0 + c]
+                crop[r, c] = windows[i, y0 - top + r, x0 - left + c]
+        if without:
+            for r in range(rows):
+                for c in range(columns):
+                    crop[r, c] = crop[r, c] * gain[y0 + r, x0 + c] + offset[y0 + r, x0 + c]
         p = memory.last.copy()
         p[X], p[Y], p[WX], p[WY] = x - x0, y - y0, wx, wy
-        if p[A] == p[B]:
+        contrast = abs(p[A] - p[B])
+        if not contrast > 0.0:
             return i - first
-        floor = (1e-4 * abs(p[A] - p[B])) ** 2
+        floor = (1e-4 * contrast) ** 2 if without else DIGITS
         fit, noise, sigma, verdict = _fitted(crop, p, x0, y0, height, width, floor, False, False, wanted, memory)
         q = fit[0]
         away = math.sqrt((q[X] - x) ** 2 + (q[Y] - y) ** 2)
@@ -183,6 +190,8 @@ def _follow(windows, corners, hints, gain, offset, first, search, wanted, memory
             return i - first
         learn(memory, q, fit[1], noise, fit[5], fit[6])
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = q[X], q[Y], sigma, 2.0 * q[R], fit[3]
+        for m in range(12):
+            out[i, 5 + m] = q[m]
     return len(windows) - first
 
 
@@ -192,6 +201,18 @@ def _span(x, wx, d, size):  # type: ignore[no-untyped-def]
     half = 0.5 * abs(wx) + window_half(d)
     first = max(0, int(x - half))
     return first, max(first, min(size, int(x + half) + 2))
+
+
+class Block(NamedTuple):
+    """Neighbouring frames about the ball: windows (n, rows, columns), corners (n, 2) column and row of their first
+    pixels in the frame, starts (n, 4) where the ball is looked for: x, y, wx, wy [px]."""
+
+    windows: NDArray[Any]
+    corners: NDArray[np.int64]
+    starts: Array
+
+
+NO_PIXELS = np.empty((0, 0))
 
 
 class DiscMeasure:
@@ -247,24 +268,25 @@ class DiscMeasure:
         contrast = abs(float(p[A] - p[B]))
         if not contrast > 0.0:
             return Found("lost: no contrast")
-        floor = 1.0 / 12.0 if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
+        floor = DIGITS if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
         loose = fresh or start.rough
         fit, noise, sigma, (verdict, *values) = _fitted(
             crop, p, x0, y0, height, width, floor, loose, fresh, self.wanted, self.memory
         )
         q, flag = fit[0], VERDICTS[verdict].format(*values)
         found = disc.DiscFit(q, fit[1], noise, *fit[3:])
-        return Found(flag, float(q[X]), float(q[Y]), sigma, 2.0 * float(q[R]), found.chi2, found)
+        return Found(flag, float(q[X]), float(q[Y]), sigma, 2.0 * float(q[R]), found.chi2, found, q)
 
-    def follow(self, block: Block, first: int, scene: Background, search: float) -> list[Found]:
-        """The ball in the frames of a block from `first` on without the scene, as `measure` and `accept` find it, up to
-        the first that is not a matter of course. search: diameters from the earlier measurement."""
-        out = np.empty((len(block.windows), 5))
-        n = _follow(
-            block.windows, block.corners, block.hints, scene.gain, scene.offset, first, search, self.wanted,
-            self.memory, out,
-        )  # fmt: skip
-        return [Found("", *row) for row in out[first : first + n].tolist()]
+    def follow(
+        self, block: Block, first: int, shape: tuple[int, int], scene: Background | None, search: float
+    ) -> list[Found]:
+        """The ball in the frames of a block from `first` on, as `measure` and `accept` find it, up to the first that is
+        not a matter of course. shape: of whole frames; search: diameters from where it is looked for."""
+        out = np.empty((len(block.windows), 17))
+        gain, offset = (scene.gain, scene.offset) if scene else (NO_PIXELS, NO_PIXELS)
+        n = _follow(*block, *shape, gain, offset, first, search, self.wanted, self.memory, out)
+        numbers = out[first : first + n, :5].tolist()
+        return [Found("", *row, None, p) for row, p in zip(numbers, out[first:, 5:])]
 
     def accept(self, found: Found) -> None:
         fit = found.fit
@@ -275,15 +297,6 @@ class DiscMeasure:
         """A frame without the ball: the lighting has drifted on."""
         m = self.memory
         m.light_var[:] += (m.drift * abs(m.last[A] - m.last[B])) ** 2
-
-
-class Block(NamedTuple):
-    """Neighbouring frames about the ball, as large as each other: windows (n, rows, columns), corners (n, 2) column and
-    row of their first pixels in the frame, hints (n, 4) x, y, wx, wy of the ball as measured before [px]."""
-
-    windows: Array
-    corners: NDArray[np.int64]
-    hints: Array
 
 
 class ThresholdMeasure:

@@ -18,6 +18,7 @@ from .search import Blob, find_blobs
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
 LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
+AT_ZERO = np.zeros((1, 2), dtype=np.int64)
 METHODS = ("disc", "threshold", "template")
 
 
@@ -109,14 +110,23 @@ class BallTracker:
         """The ball in the next frame. hint: an earlier measurement of it in this frame, to start from."""
         return self.keep(self.look(view, hint))
 
-    def follow(self, block: Block, first: int, scene: Background) -> list[Found]:
+    def follow(self, block: Block, first: int, shape: tuple[int, int], scene: Background | None) -> list[Found]:
         """As `step` in the frames of a block from `first` on, up to the first that is not a matter of course."""
         if self.last is None or self.lost or not isinstance(self.measurer, DiscMeasure):
             return []
-        found = self.measurer.follow(block, first, scene, self.search)
+        found = self.measurer.follow(block, first, shape, scene, self.search)
         for f in found:
             self._at(f.x, f.y)
         return found
+
+    def next(self, image: NDArray[Any]) -> Found | None:
+        """As `step` in a frame of integers that is a matter of course; else None, and nothing is taken note of."""
+        if self.last is None or self.lost or image.dtype.kind != "u":
+            return None
+        start = self._predicted()
+        block = Block(image[None], AT_ZERO, np.array([(start.x, start.y, start.wx, start.wy)]))
+        found = self.follow(block, 0, (image.shape[0], image.shape[1]), None)
+        return found[0] if found else None
 
     def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
         """The same without taking note; `keep` must follow. others: where other balls are expected."""
@@ -126,8 +136,8 @@ class BallTracker:
         flag = f"lost: no ball found within {self.search:g} diameters (track.search)"
         if self.lost == 0 or (self.trust and hint is not None):
             near = start
-            if hint is not None and hint.fit is not None:
-                near = start._replace(x=hint.x, y=hint.y, wx=float(hint.fit.p[WX]), wy=float(hint.fit.p[WY]))
+            if hint is not None and hint.p is not None:
+                near = start._replace(x=hint.x, y=hint.y, wx=float(hint.p[WX]), wy=float(hint.p[WY]))
             found = self.measurer.measure(view, near, fresh=False)
             if not found.flag and math.hypot(found.x - near.x, found.y - near.y) < self.search * start.d:
                 return found
@@ -155,9 +165,9 @@ class BallTracker:
 
     def _at_hint(self, view: View, hint: Found | None) -> Found | None:
         """The first ball where an earlier measurement of this frame has it; None if it is not there."""
-        if hint is None or hint.fit is None:
+        if hint is None or hint.p is None:
             return None
-        start = Start(hint.x, hint.y, hint.diameter, float(hint.fit.p[WX]), float(hint.fit.p[WY]), rough=True)
+        start = Start(hint.x, hint.y, hint.diameter, float(hint.p[WX]), float(hint.p[WY]), rough=True)
         found = self.measurer.measure(view, start, fresh=True)
         near = not found.flag and math.hypot(found.x - hint.x, found.y - hint.y) < self.search * hint.diameter
         return found._replace(rivals=hint.rivals) if near else None
