@@ -23,9 +23,6 @@ CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 LEAST = 20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
 
 
-EACH_WAY = 256  # rows and columns, about, whose median is the scene's level
-
-
 FAINT = 0.3  # of the typical contrast: where the scene is as bright as the ball, the share cannot be had
 
 
@@ -86,10 +83,10 @@ class SceneSum:
         at = np.nonzero(self._hidden)
         seen = self._views - self._hidden[at]
         scene[at] = np.where(seen >= LEAST, self._total[at] / np.maximum(seen, 1), np.nan)
-        some = scene[:: 1 + scene.shape[0] // EACH_WAY, :: 1 + scene.shape[1] // EACH_WAY]
-        if np.isnan(some).all():
+        known = scene[~np.isnan(scene)]
+        if not known.size:
             return None
-        level, ball = float(np.nanmedian(some)), float(np.median(self._greys))
+        level, ball = float(np.median(known)), float(np.median(self._greys))
         return Background(scene, level, ball) if ball != level else None
 
 

@@ -131,7 +131,7 @@ def _fitted(crop, p, x0, y0, height, width, floor, loose, fresh, wanted, memory)
         if fresh:
             p[m] = mean[m] = 0.0
     if wanted.streak:
-        length = math.sqrt(p[WX] ** 2 + p[WY] ** 2)
+        length = math.hypot(p[WX], p[WY])
         var[WX] = var[WY] = (2.0 + 0.5 * length) ** 2 if loose else (0.5 + 0.2 * length) ** 2
     noise = np.full(3, max(0.01 * contrast2, floor)) if fresh else at_least(memory.noise, floor)
     fit = disc.fit_and_judge(crop, p, wanted.streak, noise, mean, var)
@@ -185,7 +185,7 @@ def _follow(windows, corners, starts, height, width, gain, offset, first, search
         floor = (1e-4 * contrast) ** 2 if without else DIGITS
         fit, noise, sigma, verdict = _fitted(crop, p, x0, y0, height, width, floor, False, False, wanted, memory)
         q = fit[0]
-        away = math.sqrt((q[X] - x) ** 2 + (q[Y] - y) ** 2)
+        away = math.hypot(q[X] - x, q[Y] - y)
         if verdict[0] or max(abs(q[X] - x), abs(q[Y] - y)) > FARTHEST or not away < search * d:
             return i - first
         learn(memory, q, fit[1], noise, fit[5], fit[6])
