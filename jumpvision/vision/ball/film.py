@@ -151,6 +151,7 @@ class FilmTracker:
                 if flying is not None:
                     return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
+                self._enough = True
                 return self._refined([sure])
         if not (found := again.result()):
             return self._refined(first)
@@ -194,7 +195,9 @@ class FilmTracker:
         """The frames from i on in which the one ball was found in windows of one size; None where there is none."""
         windows: list[Window] = []
         starts: list[tuple[float, float, float, float]] = []
-        for (window, *others), (found, *_) in zip(self._windows[i : i + BLOCK], self._found[i : i + BLOCK]):
+        for (window, *others), (found, *_) in zip(
+            self._windows[i : i + BLOCK], self._found[i : i + BLOCK], strict=True
+        ):
             if others or window is None or found.p is None:
                 break
             if windows and window.pixels.shape != windows[0].pixels.shape:
@@ -223,7 +226,7 @@ def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Seq
     was measured in it earlier."""
     expected = [t.expected for t in trackers]
     found = []
-    hints = before or [None] * len(trackers)
+    hints: Sequence[Found | None] = before or [None] * len(trackers)
     for k, (tracker, view, hint) in enumerate(zip(trackers, views, hints, strict=True)):
         others = [e for m, e in enumerate(expected) if m != k and e is not None]
         found.append(tracker.look(view, hint if hint and not hint.flag else None, others))

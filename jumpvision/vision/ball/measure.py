@@ -230,7 +230,7 @@ class DiscMeasure:
 
     def __init__(self, diameter: float | None, polarity: str, streak: bool):
         sign = 1.0 if polarity == "bright" else -1.0
-        self.wanted = Wanted(sign, streak, diameter if diameter is not None else math.nan)
+        self.wanted = Wanted(sign, bool(streak), math.nan if diameter is None else float(diameter))
         self.memory = disc.nothing_known()
 
     @property
@@ -284,9 +284,9 @@ class DiscMeasure:
         not a matter of course. shape: of whole frames; search: diameters from where it is looked for."""
         out = np.empty((len(block.windows), 17))
         gain, offset = (scene.gain, scene.offset) if scene else (NO_PIXELS, NO_PIXELS)
-        n = _follow(*block, *shape, gain, offset, first, search, self.wanted, self.memory, out)
-        numbers = out[first : first + n, :5].tolist()
-        return [Found("", *row, None, p) for row, p in zip(numbers, out[first:, 5:])]
+        n = _follow(*block, *shape, gain, offset, first, float(search), self.wanted, self.memory, out)
+        rows = out[first : first + n]
+        return [Found("", x, y, s, d, chi2, p=p) for (x, y, s, d, chi2), p in zip(rows[:, :5].tolist(), rows[:, 5:])]
 
     def accept(self, found: Found) -> None:
         fit = found.fit
