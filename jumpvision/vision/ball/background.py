@@ -31,7 +31,11 @@ class Background:
 
     def __init__(self, scene: Array, level: float, ball: float):
         self.scene, self.level, self.ball = scene, level, ball
-        self.gain, self.offset = _removal(np.ascontiguousarray(scene, dtype=np.float64), level, ball)
+        contrast = ball - scene
+        with np.errstate(invalid="ignore", divide="ignore"):
+            usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
+            self.gain = np.where(usable, (ball - level) / contrast, 1.0)
+            self.offset = np.where(usable, level - scene * self.gain, 0.0)
 
     def removed(self, image: NDArray[Any], row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
@@ -40,19 +44,6 @@ class Background:
         out: Array = image * self.gain[at]
         out += self.offset[at]
         return out
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _removal(scene, level, ball):  # type: ignore[no-untyped-def]
-    """(gain, offset) that take a scene out; 1 and 0 where it is not known or too like the ball."""
-    gain, offset = np.ones(scene.shape), np.zeros(scene.shape)
-    for y in range(scene.shape[0]):
-        for x in range(scene.shape[1]):
-            contrast = ball - scene[y, x]
-            if contrast / (ball - level) > FAINT and math.isfinite(contrast):
-                gain[y, x] = (ball - level) / contrast
-                offset[y, x] = level - scene[y, x] * gain[y, x]
-    return gain, offset
 
 
 class SceneSum:

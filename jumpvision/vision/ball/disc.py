@@ -75,7 +75,7 @@ def _invert(h, n, inverse):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@njit(inline="always")
 def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     """Gauss-Newton from p (changed in place) with a prior `mean`, `weight` = 1/variance (0: flat) on each parameter."""
     h, g = np.zeros((12, 14)), np.zeros(12)
@@ -144,7 +144,8 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     soft = 1.0
     classes[:] = 0.0
     sectors[:] = 0.0
-    total = accumulate(pixels, p, n_par, noise, soft, True, work, h, g, classes, sectors)
+    last = n_par > 0  # True; as a literal it would have the sums compiled once more
+    total = accumulate(pixels, p, n_par, noise, soft, last, work, h, g, classes, sectors)
     for m in range(n_par):
         h[m, m] += weight[m]
     if not _invert(h, n_par, cov):

@@ -134,13 +134,13 @@ def _fitted(crop, p, x0, y0, height, width, floor, loose, fresh, wanted, memory)
         length = math.hypot(p[WX], p[WY])
         var[WX] = var[WY] = (2.0 + 0.5 * length) ** 2 if loose else (0.5 + 0.2 * length) ** 2
     noise = np.full(3, max(0.01 * contrast2, floor)) if fresh else at_least(memory.noise, floor)
-    fit = disc.fit_and_judge(crop, p, wanted.streak, noise, mean, var)
-    for turn in range(3 if fresh else 0):
-        if turn > 0:
-            fit = disc.fit_and_judge(crop, fit[0], wanted.streak, noise, mean, var)
-        if not fit[8]:
+    for _ in range(3 if fresh else 1):
+        fit = disc.fit_and_judge(crop, p, wanted.streak, noise, mean, var)
+        p = fit[0]
+        if fresh and not fit[8]:
             break
-        noise = at_least(complete(fit[2], floor), floor)
+        if fresh:
+            noise = at_least(complete(fit[2], floor), floor)
     q, cov, chi2 = fit[0], fit[1], fit[3]
     q[X] += x0
     q[Y] += y0
@@ -183,7 +183,8 @@ def _follow(windows, corners, starts, height, width, gain, offset, first, search
         if not contrast > 0.0:
             return i - first
         floor = (1e-4 * contrast) ** 2 if without else DIGITS
-        fit, noise, sigma, verdict = _fitted(crop, p, x0, y0, height, width, floor, False, False, wanted, memory)
+        new = d < 0.0  # False; as a literal it would have the fit compiled once more
+        fit, noise, sigma, verdict = _fitted(crop, p, x0, y0, height, width, floor, new, new, wanted, memory)
         q = fit[0]
         away = math.hypot(q[X] - x, q[Y] - y)
         if verdict[0] or max(abs(q[X] - x), abs(q[Y] - y)) > FARTHEST or not away < search * d:
