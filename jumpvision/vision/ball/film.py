@@ -16,7 +16,7 @@ from jumpvision.base.progress import watch
 
 from .background import LEAST, SceneSum, View, Window
 from .disc import WX, WY, A
-from .measure import Block, Found, window_half
+from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
 from .proof import proved, standing, stands
 from .refine import refined
@@ -207,7 +207,10 @@ class FilmTracker:
         if not windows:
             return None
         corners = np.array([(w.x0, w.y0) for w in windows])
-        return Block(np.stack([w.pixels for w in windows]), corners, np.array(starts))
+        pixels = np.stack([w.pixels for w in windows])
+        if pixels.dtype not in AS_THEY_ARE:
+            pixels = pixels.astype(np.float64)
+        return Block(pixels, corners, np.array(starts))
 
     def _window(self, image: NDArray[Any], found: Found) -> Window | None:
         """A copy of the part of a frame that the ball is measured in."""

@@ -42,9 +42,8 @@ class Start(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A measurement; flag "" when good. fit: the disc fit, where there is one and it was asked for;
-    p: its parameters. rivals: centres (x, y) of other balls
-    in the frame that it was first found in [px]."""
+    """A measurement; flag "" when good. fit: the disc fit, where there is one and it was not `follow` that made it; p:
+    its parameters. rivals: centres (x, y) of other balls in the frame that it was first found in [px]."""
 
     flag: str
     x: float = math.nan
@@ -161,8 +160,8 @@ def _follow(windows, corners, starts, height, width, gain, offset, first, search
     for i in range(first, len(windows)):
         x, y, wx, wy = starts[i, 0], starts[i, 1], starts[i, 2], starts[i, 3]
         d = memory.mean[SEEN]
-        x0, x1 = _span(x, wx, d, width)
-        y0, y1 = _span(y, wy, d, height)
+        x0, x1 = span(x, wx, d, width)
+        y0, y1 = span(y, wy, d, height)
         left, top = corners[i, 0], corners[i, 1]
         rows, columns = y1 - y0, x1 - x0
         if min(rows, columns) < 4 or y0 < top or x0 < left:
@@ -197,7 +196,7 @@ def _follow(windows, corners, starts, height, width, gain, offset, first, search
 
 
 @njit(cache=True)
-def _span(x, wx, d, size):  # type: ignore[no-untyped-def]
+def span(x, wx, d, size):  # type: ignore[no-untyped-def]
     """First and last but one pixel, along one axis, that a ball expected at x with streak wx is fitted in."""
     half = 0.5 * abs(wx) + window_half(d)
     first = max(0, int(x - half))
@@ -214,6 +213,7 @@ class Block(NamedTuple):
 
 
 NO_PIXELS = np.empty((0, 0))
+AS_THEY_ARE = (np.uint8, np.uint16)  # pixels of a block; others are floats there
 
 
 class DiscMeasure:
@@ -253,7 +253,7 @@ class DiscMeasure:
     def _measure(self, view: View, start: Start, fresh: bool) -> Found:
         fresh = fresh or not self.memory.mean[FRAMES]
         height, width = view.shape
-        (x0, x1), (y0, y1) = _span(start.x, start.wx, start.d, width), _span(start.y, start.wy, start.d, height)
+        (x0, x1), (y0, y1) = span(start.x, start.wx, start.d, width), span(start.y, start.wy, start.d, height)
         part = view.part(y0, y1, x0, x1)
         crop = np.ascontiguousarray(part, dtype=np.float64)
         if min(crop.shape) < 4:

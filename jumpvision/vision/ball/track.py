@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from .background import Background, View
 from .disc import WX, WY
-from .measure import Block, DiscMeasure, Found, Start, ThresholdMeasure
+from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .search import Blob, find_blobs
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
 LEAVES = 2.0  # steps before the border from which a ball that is lost has left the image
-AT_ZERO = np.zeros((1, 2), dtype=np.int64)
 METHODS = ("disc", "threshold", "template")
 
 
@@ -120,12 +119,14 @@ class BallTracker:
         return found
 
     def next(self, image: NDArray[Any]) -> Found | None:
-        """As `step` in a frame of integers that is a matter of course; else None, and nothing is taken note of."""
-        if self.last is None or self.lost or image.dtype.kind != "u":
+        """As `step` in a frame that is a matter of course; else None, and nothing is taken note of."""
+        if self.last is None or self.lost or image.dtype not in AS_THEY_ARE:
             return None
-        start = self._predicted()
-        block = Block(image[None], AT_ZERO, np.array([(start.x, start.y, start.wx, start.wy)]))
-        found = self.follow(block, 0, (image.shape[0], image.shape[1]), None)
+        start, (height, width) = self._predicted(), image.shape
+        (x0, x1), (y0, y1) = span(start.x, start.wx, start.d, width), span(start.y, start.wy, start.d, height)
+        window = image[y0:y1, x0:x1].copy()[None]
+        block = Block(window, np.array([(x0, y0)]), np.array([(start.x, start.y, start.wx, start.wy)]))
+        found = self.follow(block, 0, (height, width), None)
         return found[0] if found else None
 
     def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
