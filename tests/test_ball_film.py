@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from test_ball import BACK, CONTRAST, ball_image, camera
 
 from jumpvision.cli import main
@@ -17,7 +19,7 @@ from jumpvision.report.figures.overlays import TrackFilm
 from jumpvision.results.tables import Track
 from jumpvision.vision.ball import film
 from jumpvision.vision.ball.film import FilmTracker, track_film
-from jumpvision.vision.ball.track import BallSettings
+from jumpvision.vision.ball.track import BallSettings, BallTracker
 from jumpvision.workflow.stage import results_stages
 from jumpvision.workflow.workspace import Workspace
 
@@ -92,6 +94,54 @@ def test_a_followed_film_is_not_read_again(monkeypatch):
     assert (kept.flag == "").all()
     np.testing.assert_array_equal(kept.x, read.x)
     np.testing.assert_array_equal(kept.flag, read.flag)
+
+
+@pytest.mark.parametrize("streak", [False, True])
+def test_frames_followed_in_a_row_are_those_measured_one_by_one(monkeypatch, streak):
+    """In front of a texture, behind a bar for some frames, at the picture's edge, through a sudden turn: the compiled
+    way through what is a matter of course gives what the other gives, and is taken."""
+    rng, n = np.random.default_rng(8), 60
+    texture = gaussian_filter(rng.normal(size=(150, 70)), 2.5)
+    xs, ys = np.linspace(14.0, 50.0, n), 14.0 + np.abs(110.0 * np.sin(np.arange(n) / 9.0))
+    images = []
+    for x, y in zip(xs, ys, strict=True):
+        image = BACK + 15.0 * texture / texture.std()
+        image += ball_image(image.shape, x, y, D, ss=4)[0] * (BACK + CONTRAST - image)
+        image[60:66] = 45.0
+        images.append(camera(image, 3.0, rng))
+    how = settings(seed=(xs[0], ys[0]), streak=streak, exposure_fraction=0.2 if streak else 0.0)
+    counted = []
+    follow = BallTracker.follow
+    monkeypatch.setattr(BallTracker, "follow", lambda *a: counted.append(follow(*a)) or counted[-1])
+    quick = track_film(images, how, scene=True)[0]
+    assert sum(map(len, counted)) > n  # of the two passes
+    monkeypatch.setattr(BallTracker, "follow", lambda *a: [])
+    slow = track_film(images, how, scene=True)[0]
+    assert np.array_equal(quick.flag, slow.flag) and 5 < np.count_nonzero(quick.flag) < n // 2
+    for a, b in ((quick.x, slow.x), (quick.y, slow.y), (quick.sigma, slow.sigma), (quick.chi2, slow.chi2)):
+        np.testing.assert_allclose(a, b, rtol=1e-9)
+
+
+class Alone(list):
+    """Frames of a reader that serves one thread at a time."""
+
+    busy = False
+
+    def __getitem__(self, i):
+        assert not self.busy
+        self.busy = True
+        time.sleep(1e-4)
+        self.busy = False
+        return super().__getitem__(i)
+
+
+def test_a_film_is_read_by_one_thread_at_a_time(monkeypatch):
+    """While the track is proved the balls are measured again; with nothing kept both read the film."""
+    frames, *_ = two_balls(np.random.default_rng(9), crossing=False)
+    monkeypatch.setattr(film, "MEMORY", 0)
+    monkeypatch.setattr(film, "SAMPLES", 0)
+    track = track_film(Alone(frames), settings(seed=(38.0, 30.0)), scene=True)[0]
+    assert np.array_equal(track.y, track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0].y, equal_nan=True)
 
 
 def film_file(path: Path, frames) -> Path:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -33,17 +32,17 @@ class Background:
     def __init__(self, scene: Array, level: float, ball: float):
         self.scene, self.level, self.ball = scene, level, ball
         contrast = ball - scene
-        usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
         with np.errstate(invalid="ignore", divide="ignore"):
-            self._gain = np.where(usable, (ball - level) / contrast, 1.0)
-        self._offset = np.where(usable, level - np.where(usable, scene, 0.0) * self._gain, 0.0)
+            usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
+            self.gain = np.where(usable, (ball - level) / contrast, 1.0)
+            self.offset = np.where(usable, level - scene * self.gain, 0.0)
 
     def removed(self, image: NDArray[Any], row: int = 0, column: int = 0) -> Array:
         """An image (or the part of one that starts at row, column) with the even scene `level` behind the ball;
         unchanged where the scene is not known."""
         at = np.s_[row : row + image.shape[0], column : column + image.shape[1]]
-        out: Array = image * self._gain[at]
-        out += self._offset[at]
+        out: Array = image * self.gain[at]
+        out += self.offset[at]
         return out
 
 
@@ -51,7 +50,7 @@ class SceneSum:
     """The scene behind one or several balls of a film whose camera and light stand still, from its views one by one."""
 
     def __init__(self) -> None:
-        self._total: Array | None = None
+        self._total: NDArray[Any] | None = None
         self._hidden: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
         self._views = 0
         self._greys: list[float] = []
@@ -59,7 +58,8 @@ class SceneSum:
     def add(self, image: NDArray[Any], balls: Iterable[tuple[float, float, float]], grey: float) -> None:
         """One view: image (row, column), x, y, diameter [px] of every ball in it, and the grey of the first."""
         if self._total is None:
-            self._total, self._hidden = np.zeros(image.shape), np.zeros(image.shape, dtype=np.int64)
+            kind = np.uint32 if image.dtype.kind == "u" and image.dtype.itemsize <= 2 else np.float64  # of MOST views
+            self._total, self._hidden = np.zeros(image.shape, kind), np.zeros(image.shape, dtype=np.int64)
         add_image(self._total, image)
         self._views += 1
         for x, y, diameter in balls:
@@ -68,17 +68,20 @@ class SceneSum:
 
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""
-        seen = self._views - self._hidden
-        if self._total is None or not self._greys or not (seen >= LEAST).any():
+        if self._total is None or not self._greys or self._views < LEAST:
             return None
-        scene = np.where(seen >= LEAST, self._total / np.maximum(seen, 1), np.nan)
-        if np.isnan(scene).all():
+        scene = self._total / float(self._views)
+        at = np.nonzero(self._hidden)
+        seen = self._views - self._hidden[at]
+        scene[at] = np.where(seen >= LEAST, self._total[at] / np.maximum(seen, 1), np.nan)
+        known = scene[~np.isnan(scene)]
+        if not known.size:
             return None
-        level, ball = float(np.nanmedian(scene)), float(np.median(self._greys))
+        level, ball = float(np.median(known)), float(np.median(self._greys))
         return Background(scene, level, ball) if ball != level else None
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def add_image(total, image):  # type: ignore[no-untyped-def]
     """total += image, at the speed of memory."""
     for y in range(image.shape[0]):
@@ -96,8 +99,7 @@ def _hide(total, hidden, image, x, y, reach):  # type: ignore[no-untyped-def]
                 hidden[row, column] += 1
 
 
-@dataclass(frozen=True)
-class Window:
+class Window(NamedTuple):
     """pixels: (row, column) part of a frame, its first at (x0, y0)."""
 
     pixels: NDArray[Any]

@@ -22,7 +22,8 @@ SETTLED = 0.1  # of sigma: the last step; each is some tenth of the one before
 NEAR = 20.0  # last steps: from here on the next may be the last, and its sums are kept
 
 
-def margin(s: float) -> float:
+@njit(cache=True)
+def margin(s):  # type: ignore[no-untyped-def]
     """Width of background used outside the disc [px]."""
     return max(4.0, 5.0 * s)
 
@@ -74,7 +75,7 @@ def _invert(h, n, inverse):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True)
+@njit(inline="always")
 def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     """Gauss-Newton from p (changed in place) with a prior `mean`, `weight` = 1/variance (0: flat) on each parameter."""
     h, g = np.zeros((12, 14)), np.zeros(12)
@@ -143,7 +144,8 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     soft = 1.0
     classes[:] = 0.0
     sectors[:] = 0.0
-    total = accumulate(pixels, p, n_par, noise, soft, True, work, h, g, classes, sectors)
+    last = n_par > 0  # True; as a literal it would have the sums compiled once more
+    total = accumulate(pixels, p, n_par, noise, soft, last, work, h, g, classes, sectors)
     for m in range(n_par):
         h[m, m] += weight[m]
     if not _invert(h, n_par, cov):
@@ -159,11 +161,11 @@ def fit_disc(image: Array, start: Array, *, streak: bool, noise: Array, mean: Ar
     start: (12,) in the order of NAMES. noise: (3,) variances of background, ball and edge excess, all used as given.
     mean, var: prior on each parameter (var = inf: none). The streak (wx, wy) is held at 0 unless `streak`.
     """
-    return DiscFit(*_fit_and_judge(np.ascontiguousarray(image), start, streak, noise, mean, var))
+    return DiscFit(*fit_and_judge(np.ascontiguousarray(image), start, streak, noise, mean, var))
 
 
-@njit(cache=True, error_model="numpy")
-def _fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-untyped-def]
+@njit(cache=True, nogil=True, error_model="numpy")
+def fit_and_judge(image, start, streak, noise, mean, var):  # type: ignore[no-untyped-def]
     """The fields of DiscFit."""
     p, weight, centre = start.copy(), 1.0 / var, mean.copy()
     if not streak:
@@ -216,6 +218,7 @@ RIM_FREEDOM = 12.7  # of the 16 sectors' shifts, what the fit leaves free (white
 DRIFT = np.array([0.01, 0.01, 0.003, 0.003])
 LEAST_DRIFT = 2e-4
 DRIFT_GAIN = 0.15
+NOISE_FRAMES = 30  # frames the noise is averaged over
 LIGHT = slice(BX, GY + 1)
 FIRST_LIGHT, LAST_LIGHT, BALL, BACK = BX, GY, A, B
 
@@ -233,29 +236,57 @@ def rim_faults(sectors, shifts, sigmas, rim, factor):  # type: ignore[no-untyped
     return off, dent
 
 
-@njit(cache=True, error_model="numpy")
-def learn(frames, n, p, cov, shifts, sigmas, rim, factor, last, light_var, drift):  # type: ignore[no-untyped-def]
-    """Takes a good fit (p, cov, shifts, sigmas) into rim, last, light_var and drift, in place; the new rim factor.
+class Memory(NamedTuple):
+    """What the good fits so far have taught (`learn`), changed in place."""
 
-    frames: good ones so far, this included; n: frames that count in the running means.
-    """
+    noise: Array  # (3,) running mean of DiscFit.noise
+    last: Array  # (12,) parameters of the last fit
+    light_var: Array  # (4,) variance of the prior on its lighting gradients
+    drift: Array  # (4,) of the gradients from frame to frame, as part of the contrast
+    rim: Array  # (16,) running mean shape of the rim, px outside the circle
+    mean: Array  # (3,) running mean diameter [px], rim factor, good fits so far
+
+
+SEEN, FACTOR, FRAMES = range(3)  # of Memory.mean
+
+
+def nothing_known() -> Memory:
+    return Memory(
+        np.zeros(3), np.zeros(12), np.zeros(4), DRIFT.copy(), np.zeros(SECTORS), np.array([math.nan, 1.0, 0.0])
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def learn(memory, p, cov, noise, shifts, sigmas):  # type: ignore[no-untyped-def]
+    """Takes a good fit (p, cov, noise, shifts, sigmas) into memory."""
+    mean, rim, last = memory.mean, memory.rim, memory.last
+    mean[FRAMES] += 1.0
+    frames, d = mean[FRAMES], 2.0 * p[R]
+    n = min(frames, NOISE_FRAMES)
+    if frames == 1.0:
+        mean[SEEN] = d
+        for k in range(3):
+            memory.noise[k] = noise[k]
+    else:
+        mean[SEEN] += (d - mean[SEEN]) / n
+        for k in range(3):
+            memory.noise[k] += (noise[k] - memory.noise[k]) / n
     moved = 0.0
     for q in range(len(rim)):
         by = shifts[q] - rim[q]
         if math.isfinite(by):
             moved += (by / sigmas[q]) ** 2
             rim[q] += by / n
-    if frames > 1:
+    if frames > 1.0:
         moved *= (n - 1) / n / RIM_FREEDOM
-        factor += (min(moved, 10.0 * factor) - factor) / n
+        mean[FACTOR] += (min(moved, 10.0 * mean[FACTOR]) - mean[FACTOR]) / n
     contrast = abs(p[BALL] - p[BACK])
     for m in range(FIRST_LIGHT, LAST_LIGHT + 1):
         k, var = m - FIRST_LIGHT, cov[m, m]
-        if frames > 1:
+        if frames > 1.0:
             # A fit moves its prior by (prior variance - posterior variance)^(1/2), if the drift allowed for is right
-            ratio = (p[m] - last[m]) ** 2 / max(light_var[k] - var, 1e-30)
-            drift[k] = max(drift[k] * math.exp(0.5 * DRIFT_GAIN * (min(ratio, 9.0) - 1.0)), LEAST_DRIFT)
-        light_var[k] = var + (drift[k] * contrast) ** 2
+            ratio = (p[m] - last[m]) ** 2 / max(memory.light_var[k] - var, 1e-30)
+            memory.drift[k] = max(memory.drift[k] * math.exp(0.5 * DRIFT_GAIN * (min(ratio, 9.0) - 1.0)), LEAST_DRIFT)
+        memory.light_var[k] = var + (memory.drift[k] * contrast) ** 2
     for m in range(len(p)):  # an array put into another as a whole takes seconds to compile
         last[m] = p[m]
-    return factor

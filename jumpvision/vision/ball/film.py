@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -12,9 +14,9 @@ from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
 
-from .background import LEAST, Background, SceneSum, View, Window
+from .background import LEAST, SceneSum, View, Window
 from .disc import WX, WY, A
-from .measure import Found, window_half
+from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
 from .proof import proved, standing, stands
 from .refine import refined
@@ -26,7 +28,7 @@ VIEWS = 100  # frames that all count for the scene; of the next 100 every second
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
-BATCH = 16  # frames handed over before they are looked at: decoder and tracker do not drive each other out of the cache
+BLOCK = 16  # windows that are measured together without the scene
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 SAME = 0.5  # diameters: two balls nearer than this are one
 
@@ -88,7 +90,7 @@ class FilmTracker:
         self._settings = [settings] + [replace(settings, seed=m) for m in markers]
         self._trackers = [BallTracker(s) for s in self._settings]
         self._found: list[list[Found]] = []  # by frame, then by ball
-        self._waiting: list[NDArray[Any]] = []
+        self._enough = False  # nobody waits for the measurements without the scene
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
@@ -102,41 +104,43 @@ class FilmTracker:
         """The next frame (row, column); it is kept for a while and must not change."""
         if self.settings.method == "template":  # has to see the whole film first
             return
-        self._waiting.append(image)
-        if len(self._waiting) == BATCH:
-            self._catch_up()
+        self._follow(image)
 
     @property
     def found(self) -> list[Found]:
-        """The first ball in the frames followed so far; those that wait are not in it."""
+        """The first ball in the frames followed so far."""
         return [f[0] for f in self._found]
-
-    def _catch_up(self) -> None:
-        for image in self._waiting:
-            self._follow(image)
-        self._waiting.clear()
 
     def _follow(self, image: NDArray[Any]) -> None:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
-        found = together(self._trackers, [View.of(image)] * len(self._trackers), [None] * len(self._trackers))
+        plain = self._trackers[0].next(image) if len(self._trackers) == 1 else None
+        found = [plain] if plain else together(self._trackers, [View.of(image) for _ in self._trackers], None)
         self._found.append(found)
         self._samples.see(i, image, found[0])
         if self._kept is not None:
-            self._kept.append(image.copy())
+            self._kept.append(image)
             if image.nbytes * len(self._kept) > KEPT:
                 self._kept = None
         if self._scene is None:
             return
         self._windows.append([self._window(image, f) for f in found])
-        if i % _stride(i) == 0 and not any(f.flag for f in found) and found[0].fit is not None:
-            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].fit.p[A]))
+        if i % _stride(i) == 0 and not any(f.flag for f in found) and found[0].p is not None:
+            self._scene.add(image, [(f.x, f.y, f.diameter + _streak(f)) for f in found], float(found[0].p[A]))
 
     def finish(self, frames: Frames) -> list[BallTrack]:
         """The tracks, the first ball's first. frames: the same film, for what was not kept of it."""
         if self.settings.method == "template":
             return [track_template(frames, s) for s in self._settings]
-        self._catch_up()
-        frames = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        kept = AtHand(frames, self._samples.all, [w[0] for w in self._windows])
+        with ThreadPoolExecutor(1) as thread:  # each is half of the work that is left
+            again = thread.submit(copy_context().run, self._without_scene, kept)
+            try:
+                return self._decided(kept, again)
+            finally:
+                self._enough = True
+
+    def _decided(self, frames: AtHand, again: Future[list[list[Found]]]) -> list[BallTrack]:
+        """Proves the track while the balls are measured again without the scene, and takes the better one."""
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
             sure = proved(first[0], frames, self.settings)
@@ -147,16 +151,14 @@ class FilmTracker:
                 if flying is not None:
                     return [replace(flying, notes=(FLYING,))]
             if sure is not first[0]:
+                self._enough = True
                 return self._refined([sure])
-        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
+        if not (found := again.result()):
             return self._refined(first)
-        behind = self._scene.background()
-        if behind is None:
-            return self._refined(first)
-        again = [as_track(list(f)) for f in zip(*self._without(behind, frames), strict=True)]
-        if len(again) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
-            again = [standing(again[0], frames, self.settings)]
-        return self._refined([b if _better(a, b) else a for a, b in zip(first, again, strict=True)])
+        second = [as_track(list(f)) for f in zip(*found, strict=True)]
+        if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
+            second = [standing(second[0], frames, self.settings)]
+        return self._refined([b if _better(a, b) else a for a, b in zip(first, second, strict=True)])
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:
         """With what all frames share taken from all, where the still scene may be taken out and the ball is alone."""
@@ -164,20 +166,57 @@ class FilmTracker:
             return tracks
         return [refined(tracks[0], self._kept, self.settings.polarity)]
 
-    def _without(self, scene: Background, frames: Frames) -> list[list[Found]]:
-        """The measurements of all frames once more, without the scene."""
+    def _without_scene(self, frames: AtHand) -> list[list[Found]]:
+        """The measurements of all frames once more, without the scene; none where too little of it is known."""
+        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
+            return []
+        scene = self._scene.background()
+        if scene is None:
+            return []
         trackers = [BallTracker(s) for s in self._settings]
-        out = []
+        out: list[list[Found]] = []
+        block, begin, end = None, 0, 0
         for i in watch(range(len(self._found)), "frames tracked without the scene", len(self._found)):
-            views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in self._windows[i]]  # noqa: B023
-            out.append(together(trackers, views, self._found[i]))
+            if self._enough:
+                break
+            if i < len(out):  # followed with those before
+                continue
+            if i >= end:
+                block, begin = self._block(i), i
+                end = i + (len(block.windows) if block else 1)
+            if block:
+                out += [[f] for f in trackers[0].follow(block, i - begin, self.shape, scene)]
+            if len(out) == i:
+                views = [View(self.shape, whole=lambda: frames[i], window=w, scene=scene) for w in self._windows[i]]  # noqa: B023
+                out.append(together(trackers, views, self._found[i]))
         return out
+
+    def _block(self, i: int) -> Block | None:
+        """The frames from i on in which the one ball was found in windows of one size; None where there is none."""
+        windows: list[Window] = []
+        starts: list[tuple[float, float, float, float]] = []
+        for (window, *others), (found, *_) in zip(
+            self._windows[i : i + BLOCK], self._found[i : i + BLOCK], strict=True
+        ):
+            if others or window is None or found.p is None:
+                break
+            if windows and window.pixels.shape != windows[0].pixels.shape:
+                break
+            windows.append(window)
+            starts.append((found.x, found.y, found.p[WX], found.p[WY]))
+        if not windows:
+            return None
+        corners = np.array([(w.x0, w.y0) for w in windows])
+        pixels = np.stack([w.pixels for w in windows])
+        if pixels.dtype not in AS_THEY_ARE:
+            pixels = pixels.astype(np.float64)
+        return Block(pixels, corners, np.array(starts))
 
     def _window(self, image: NDArray[Any], found: Found) -> Window | None:
         """A copy of the part of a frame that the ball is measured in."""
-        if found.flag or found.fit is None:
+        if found.flag or found.p is None:
             return None
-        p = found.fit.p
+        p = found.p
         half_x, half_y = (math.ceil(window_half(found.diameter) + 0.5 * abs(p[w])) + 2 for w in (WX, WY))
         x0, y0 = max(0, int(found.x) - half_x), max(0, int(found.y) - half_y)
         part = image[y0 : int(found.y) + half_y + 1, x0 : int(found.x) + half_x + 1]
@@ -185,10 +224,12 @@ class FilmTracker:
         return Window(part.copy(), x0, y0) if self._room > 0 else None
 
 
-def together(trackers: Sequence[BallTracker], views: Sequence[View], hints: Sequence[Found | None]) -> list[Found]:
-    """One frame for all trackers: each knows where the others expect theirs, and no ball is given to two."""
+def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Sequence[Found] | None) -> list[Found]:
+    """One frame for all trackers: each knows where the others expect theirs, and no ball is given to two. before: what
+    was measured in it earlier."""
     expected = [t.expected for t in trackers]
     found = []
+    hints: Sequence[Found | None] = before or [None] * len(trackers)
     for k, (tracker, view, hint) in enumerate(zip(trackers, views, hints, strict=True)):
         others = [e for m, e in enumerate(expected) if m != k and e is not None]
         found.append(tracker.look(view, hint if hint and not hint.flag else None, others))
@@ -206,7 +247,7 @@ def _off(found: Found, expected: tuple[float, float] | None) -> float:
 
 
 def _streak(found: Found) -> float:
-    return math.hypot(found.fit.p[WX], found.fit.p[WY]) if found.fit else 0.0
+    return 0.0 if found.p is None else math.hypot(found.p[WX], found.p[WY])
 
 
 def _stride(i: int) -> int:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from jumpvision.base.arrays import FROM_MAD
+from jumpvision.base.arrays import Array
 
 from . import disc
-from .background import View
-from .disc import DRIFT, LIGHT, learn, rim_faults
+from .background import Background, View
+from .disc import BX, FACTOR, FRAMES, GY, NOISE_FRAMES, SEEN, WX, WY, A, B, R, S, X, Y, learn, rim_faults
+from .search import half_height_centroid
 from .sums import SECTORS
 
 MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
@@ -26,7 +26,8 @@ MOST_CHI2 = 4.0
 CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
 RIM_OFF, RIM_OFF_PX = 0.04, 0.6  # a sector's rim off the fitted circle by this part of the diameter or px is covered
 UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new ball must be clearer: clutter is not
-NOISE_FRAMES = 30  # frames the noise is averaged over
+DIGITS = 1.0 / 12.0  # variance of digitising [grey^2]
+FARTHEST = 3.0  # px from the start: a fit that ends beyond it is made again in the crop about its end
 
 
 class Start(NamedTuple):
@@ -41,8 +42,8 @@ class Start(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A measurement; flag "" when good. fit: the disc fit, where there is one. rivals: centres (x, y) of other balls
-    in the frame that it was first found in [px]."""
+    """A measurement; flag "" when good. fit: the disc fit, where there is one and it was not `follow` that made it; p:
+    its parameters. rivals: centres (x, y) of other balls in the frame that it was first found in [px]."""
 
     flag: str
     x: float = math.nan
@@ -51,7 +52,168 @@ class Found(NamedTuple):
     diameter: float = math.nan
     chi2: float = math.nan
     fit: disc.DiscFit | None = None
+    p: Array | None = None
     rivals: tuple[tuple[float, float], ...] = ()
+
+
+class Wanted(NamedTuple):
+    """What counts as the ball. sign: 1 bright, -1 dark; streak: whether it is fitted; given: diameter [px], or NaN."""
+
+    sign: float
+    streak: bool
+    given: float
+
+
+# What may be wrong with a fit, by the number that `_judge` gives; {0}, {1}: the two values beside it
+VERDICTS = (
+    "",
+    "lost: the fit did not converge",
+    "lost: no contrast",
+    "lost: contrast {0:.3g} instead of {1:.3g}",
+    "lost: no sharp edge",
+    "at the image edge",
+    f"occluded: {{0:.0f}} of {SECTORS} sectors",
+    "occluded: the rim is off by {0:.2g} px",
+    "occluded: {0:.0%} of the edge does not fit",
+    "diameter off: {0:.4g} px instead of {1:.4g}",
+    "poor fit: chi2 {0:.3g} per degree of freedom",
+    "lost: position uncertain",
+)
+
+
+@njit(cache=True, error_model="numpy")
+def _judge(fit, sigma, height, width, noise, fresh, wanted, memory):  # type: ignore[no-untyped-def]
+    """(number of a VERDICT, its two values); fit: the fields of DiscFit."""
+    p, cov, _, chi2, sectors, shifts, sigmas, dropped, good = fit
+    if not good or not math.isfinite(sigma):
+        return 1, 0.0, 0.0
+    d, contrast = 2.0 * p[R], wanted.sign * (p[A] - p[B])
+    if contrast <= MIN_CONTRAST * math.sqrt(noise):
+        return 2, 0.0, 0.0
+    before = wanted.sign * (memory.last[A] - memory.last[B])
+    if before > 0.0 and not 1.0 / CONTRAST_SEEN < contrast / before < CONTRAST_SEEN:
+        return 3, contrast, before
+    if p[S] > 0.35 * p[R]:
+        return 4, 0.0, 0.0
+    wx, wy = (abs(p[WX]), abs(p[WY])) if wanted.streak else (0.0, 0.0)
+    reach = p[R] + 1.5 * p[S]
+    if not (
+        reach + 0.5 * wx < p[X] < width - 1 - reach - 0.5 * wx
+        and reach + 0.5 * wy < p[Y] < height - 1 - reach - 0.5 * wy
+    ):
+        return 5, 0.0, 0.0
+    off, dent = rim_faults(sectors, shifts, sigmas, memory.rim, memory.mean[FACTOR])
+    if off > MOST_SECTORS_OFF:
+        return 6, float(off), 0.0
+    if dent > min(RIM_OFF * d, RIM_OFF_PX):
+        return 7, dent, 0.0
+    if dropped > MOST_DROPPED:
+        return 8, dropped, 0.0
+    for expected, most in ((wanted.given, DIAMETER_GIVEN), (memory.mean[SEEN], DIAMETER_SEEN)):  # NaN: not known
+        if abs(d - expected) > most * expected + 5.0 * math.sqrt(cov[R, R]):
+            return 9, d, expected
+    if not fresh and chi2 > MOST_CHI2:
+        return 10, chi2, 0.0
+    if sigma > (UNCERTAIN_FRESH if fresh else UNCERTAIN) * d:
+        return 11, 0.0, 0.0
+    return 0, 0.0, 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fitted(crop, p, x0, y0, height, width, floor, loose, fresh, wanted, memory):  # type: ignore[no-untyped-def]
+    """The fit of a crop whose first pixel is (x0, y0) of a frame, from p in the crop; p in the frame, its noise
+    complete; sigma; what `_judge` says. loose: the streak is not known from the frame before."""
+    contrast2 = (p[A] - p[B]) ** 2
+    mean, var = p.copy(), np.full(12, np.inf)
+    for m in range(BX, GY + 1):
+        var[m] = contrast2 if fresh else memory.light_var[m - BX]
+        if fresh:
+            p[m] = mean[m] = 0.0
+    if wanted.streak:
+        length = math.hypot(p[WX], p[WY])
+        var[WX] = var[WY] = (2.0 + 0.5 * length) ** 2 if loose else (0.5 + 0.2 * length) ** 2
+    noise = np.full(3, max(0.01 * contrast2, floor)) if fresh else at_least(memory.noise, floor)
+    for _ in range(3 if fresh else 1):
+        fit = disc.fit_and_judge(crop, p, wanted.streak, noise, mean, var)
+        p = fit[0]
+        if fresh and not fit[8]:
+            break
+        if fresh:
+            noise = at_least(complete(fit[2], floor), floor)
+    q, cov, chi2 = fit[0], fit[1], fit[3]
+    q[X] += x0
+    q[Y] += y0
+    n = max(1.0, 4.0 * q[R] * disc.margin(q[S]))
+    # Only a misfit beyond chance enlarges the stated uncertainty
+    excess = chi2 if chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
+    sigma = math.sqrt(max(cov[X, X], cov[Y, Y]) * excess * memory.mean[FACTOR]) if fit[8] else math.nan
+    verdict = _judge(fit, sigma, height, width, max(noise[0], noise[1]), fresh, wanted, memory)
+    return fit, complete(fit[2], floor), sigma, verdict
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow(windows, corners, starts, height, width, gain, offset, first, search, wanted, memory, out):  # type: ignore[no-untyped-def]
+    """Measures and learns the frames of a block from `first` on, up to the first that is not a matter of course; how
+    many there were. gain, offset: of the whole scene (`Background`), without pixels where it is not taken out; out:
+    (n, 17) x, y, sigma, d, chi2, parameters."""
+    without = gain.size > 0
+    for i in range(first, len(windows)):
+        x, y, wx, wy = starts[i, 0], starts[i, 1], starts[i, 2], starts[i, 3]
+        d = memory.mean[SEEN]
+        x0, x1 = span(x, wx, d, width)
+        y0, y1 = span(y, wy, d, height)
+        left, top = corners[i, 0], corners[i, 1]
+        rows, columns = y1 - y0, x1 - x0
+        if min(rows, columns) < 4 or y0 < top or x0 < left:
+            return i - first
+        if y1 > top + windows.shape[1] or x1 > left + windows.shape[2]:
+            return i - first
+        crop = np.empty((rows, columns))
+        for r in range(rows):
+            for c in range(columns):
+                crop[r, c] = windows[i, y0 - top + r, x0 - left + c]
+        if without:
+            for r in range(rows):
+                for c in range(columns):
+                    crop[r, c] = crop[r, c] * gain[y0 + r, x0 + c] + offset[y0 + r, x0 + c]
+        p = memory.last.copy()
+        p[X], p[Y], p[WX], p[WY] = x - x0, y - y0, wx, wy
+        contrast = abs(p[A] - p[B])
+        if not contrast > 0.0:
+            return i - first
+        floor = (1e-4 * contrast) ** 2 if without else DIGITS
+        new = d < 0.0  # False; as a literal it would have the fit compiled once more
+        fit, noise, sigma, verdict = _fitted(crop, p, x0, y0, height, width, floor, new, new, wanted, memory)
+        q = fit[0]
+        away = math.hypot(q[X] - x, q[Y] - y)
+        if verdict[0] or max(abs(q[X] - x), abs(q[Y] - y)) > FARTHEST or not away < search * d:
+            return i - first
+        learn(memory, q, fit[1], noise, fit[5], fit[6])
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = q[X], q[Y], sigma, 2.0 * q[R], fit[3]
+        for m in range(12):
+            out[i, 5 + m] = q[m]
+    return len(windows) - first
+
+
+@njit(cache=True)
+def span(x, wx, d, size):  # type: ignore[no-untyped-def]
+    """First and last but one pixel, along one axis, that a ball expected at x with streak wx is fitted in."""
+    half = 0.5 * abs(wx) + window_half(d)
+    first = max(0, int(x - half))
+    return first, max(first, min(size, int(x + half) + 2))
+
+
+class Block(NamedTuple):
+    """Neighbouring frames about the ball: windows (n, rows, columns), corners (n, 2) column and row of their first
+    pixels in the frame, starts (n, 4) where the ball is looked for: x, y, wx, wy [px]."""
+
+    windows: NDArray[Any]
+    corners: NDArray[np.int64]
+    starts: Array
+
+
+NO_PIXELS = np.empty((0, 0))
+AS_THEY_ARE = (np.uint8, np.uint16)  # pixels of a block; others are floats there
 
 
 class DiscMeasure:
@@ -61,151 +223,81 @@ class DiscMeasure:
     the frames before as a prior that drifts, by as much as the steps between frames show; noise is averaged over
     NOISE_FRAMES.
 
-    The stated uncertainty is the fit's times the square root of `rim_factor`: how much the rim's sectors move against
+    The stated uncertainty is the fit's times the square root of the rim factor: how much the rim's sectors move against
     their mean shape from frame to frame, over what the noise of single pixels allows. Background clutter raises it
     above 1. An edge that no model matches but that is the same in every frame lowers it: that offset goes with the
     ball and cancels in every displacement.
     """
 
     def __init__(self, diameter: float | None, polarity: str, streak: bool):
-        self.given = diameter
-        self.sign = 1.0 if polarity == "bright" else -1.0
-        self.streak = streak
-        self.seen = math.nan  # running mean diameter
-        self.noise: NDArray[np.float64] | None = None
-        self.frames = 0
-        self.last = np.zeros(12)
-        self.light_var = np.zeros(4)
-        self.drift = DRIFT.copy()
-        self.rim = np.zeros(SECTORS)  # running mean shape of the rim, px outside the circle
-        self.rim_factor = 1.0
+        sign = 1.0 if polarity == "bright" else -1.0
+        self.wanted = Wanted(sign, bool(streak), math.nan if diameter is None else float(diameter))
+        self.memory = disc.nothing_known()
+
+    @property
+    def seen(self) -> float:
+        """Running mean diameter [px]."""
+        return float(self.memory.mean[SEEN])
 
     def measure(self, view: View, start: Start, *, fresh: bool) -> Found:
         """fresh: nothing learned before counts (a ball newly found), the noise comes from this frame alone."""
         found = self._measure(view, start, fresh)
-        if found.fit is not None and max(abs(found.x - start.x), abs(found.y - start.y)) > 3.0:
+        if found.fit is not None and max(abs(found.x - start.x), abs(found.y - start.y)) > FARTHEST:
             # The ball may have run out of the crop made around the start
             p = found.fit.p
-            again = Start(found.x, found.y, start.d, p[disc.WX], p[disc.WY], start.rough)
+            again = Start(found.x, found.y, start.d, p[WX], p[WY], start.rough)
             if math.hypot(found.x - start.x, found.y - start.y) < 2.0 * start.d:
                 found = self._measure(view, again, fresh)
         return found
 
     def _measure(self, view: View, start: Start, fresh: bool) -> Found:
-        fresh = fresh or self.noise is None
-        half = window_half(start.d)
-        x0 = max(0, int(start.x - 0.5 * abs(start.wx) - half))
-        y0 = max(0, int(start.y - 0.5 * abs(start.wy) - half))
-        part = view.part(
-            y0,
-            int(start.y + 0.5 * abs(start.wy) + half) + 2,
-            x0,
-            int(start.x + 0.5 * abs(start.wx) + half) + 2,
-        )
-        crop = np.asarray(part, dtype=np.float64)
+        fresh = fresh or not self.memory.mean[FRAMES]
+        height, width = view.shape
+        (x0, x1), (y0, y1) = span(start.x, start.wx, start.d, width), span(start.y, start.wy, start.d, height)
+        part = view.part(y0, y1, x0, x1)
+        crop = np.ascontiguousarray(part, dtype=np.float64)
         if min(crop.shape) < 4:
             return Found("lost: outside the image")
-        p = self.last.copy()
-        p[disc.X], p[disc.Y], p[disc.WX], p[disc.WY] = start.x - x0, start.y - y0, start.wx, start.wy
+        p = self.memory.last.copy()
+        p[X], p[Y], p[WX], p[WY] = start.x - x0, start.y - y0, start.wx, start.wy
         if fresh or start.rough:
-            levels = _levels(crop, p[disc.X], p[disc.Y], start)
+            levels = _levels(crop, p[X], p[Y], start)
             if levels is None:
                 return Found("lost: pixels not finite")
-            p[disc.R], p[disc.S] = 0.5 * start.d, max(0.8, 0.06 * start.d)
-            p[disc.B], p[disc.A] = levels
-        contrast = abs(float(p[disc.A] - p[disc.B]))
+            p[R], p[S] = 0.5 * start.d, max(0.8, 0.06 * start.d)
+            p[B], p[A] = levels
+        contrast = abs(float(p[A] - p[B]))
         if not contrast > 0.0:
             return Found("lost: no contrast")
-        floor = 1.0 / 12.0 if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
-        mean, var = p.copy(), np.full(12, np.inf)
-        var[LIGHT] = contrast**2 if fresh else self.light_var
-        if self.streak:
-            length = math.hypot(start.wx, start.wy)
-            var[disc.WX :] = (2.0 + 0.5 * length) ** 2 if fresh or start.rough else (0.5 + 0.2 * length) ** 2
-        if fresh:
-            p[LIGHT] = mean[LIGHT] = 0.0
-            noise = np.full(3, max(0.01 * contrast**2, floor))
-            for _ in range(3):
-                fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
-                if not fit.converged:
-                    break
-                p, noise = fit.p, at_least(complete(fit.noise, floor), floor)
-        else:
-            assert self.noise is not None
-            noise = at_least(self.noise, floor)
-            fit = disc.fit_disc(crop, p, streak=self.streak, noise=noise, mean=mean, var=var)
-        p = fit.p
-        p[disc.X] += x0
-        p[disc.Y] += y0
-        fit = fit._replace(noise=complete(fit.noise, floor))
-        n = max(1.0, 4.0 * float(p[disc.R]) * disc.margin(float(p[disc.S])))
-        # Only a misfit beyond chance enlarges the stated uncertainty
-        excess = fit.chi2 if fit.chi2 > 1.0 + 4.0 * math.sqrt(2.0 / n) else 1.0
-        most = float(max(fit.cov[0, 0], fit.cov[1, 1]))
-        sigma = math.sqrt(most * excess * self.rim_factor) if fit.converged else math.nan
-        flag = self._judge(fit, sigma, view.shape, float(max(noise[0], noise[1])), fresh)
-        return Found(flag, float(p[disc.X]), float(p[disc.Y]), sigma, 2.0 * float(p[disc.R]), fit.chi2, fit)
+        floor = DIGITS if part.dtype.kind in "ui" else (1e-4 * contrast) ** 2
+        loose = fresh or start.rough
+        fit, noise, sigma, (verdict, *values) = _fitted(
+            crop, p, x0, y0, height, width, floor, loose, fresh, self.wanted, self.memory
+        )
+        q, flag = fit[0], VERDICTS[verdict].format(*values)
+        found = disc.DiscFit(q, fit[1], noise, *fit[3:])
+        return Found(flag, float(q[X]), float(q[Y]), sigma, 2.0 * float(q[R]), found.chi2, found, q)
 
-    def _judge(self, fit: disc.DiscFit, sigma: float, shape: tuple[int, ...], noise: float, fresh: bool) -> str:
-        """ "" for a good fit, else what is wrong with it."""
-        p = fit.p.tolist()
-        if not fit.converged or not math.isfinite(sigma):
-            return "lost: the fit did not converge"
-        d, contrast = 2.0 * p[disc.R], self.sign * (p[disc.A] - p[disc.B])
-        if contrast <= MIN_CONTRAST * math.sqrt(noise):
-            return "lost: no contrast"
-        before = self.sign * float(self.last[disc.A] - self.last[disc.B])
-        if before > 0.0 and not 1.0 / CONTRAST_SEEN < contrast / before < CONTRAST_SEEN:
-            return f"lost: contrast {contrast:.3g} instead of {before:.3g}"
-        if p[disc.S] > 0.35 * p[disc.R]:
-            return "lost: no sharp edge"
-        wx, wy = (abs(p[disc.WX]), abs(p[disc.WY])) if self.streak else (0.0, 0.0)
-        reach = p[disc.R] + 1.5 * p[disc.S]
-        if not (
-            reach + 0.5 * wx < p[disc.X] < shape[1] - 1 - reach - 0.5 * wx
-            and reach + 0.5 * wy < p[disc.Y] < shape[0] - 1 - reach - 0.5 * wy
-        ):
-            return "at the image edge"
-        off, dent = rim_faults(fit.sectors, fit.shifts, fit.shift_sigmas, self.rim, self.rim_factor)
-        if off > MOST_SECTORS_OFF:
-            return f"occluded: {off} of {SECTORS} sectors"
-        if dent > min(RIM_OFF * d, RIM_OFF_PX):
-            return f"occluded: the rim is off by {dent:.2g} px"
-        if fit.dropped > MOST_DROPPED:
-            return f"occluded: {fit.dropped:.0%} of the edge does not fit"
-        for expected, most in ((self.given, DIAMETER_GIVEN), (self.seen, DIAMETER_SEEN)):
-            if expected is not None and abs(d - expected) > most * expected + 5.0 * math.sqrt(fit.cov[2, 2]):
-                return f"diameter off: {d:.4g} px instead of {expected:.4g}"
-        if not fresh and fit.chi2 > MOST_CHI2:
-            return f"poor fit: chi2 {fit.chi2:.3g} per degree of freedom"
-        if sigma > (UNCERTAIN_FRESH if fresh else UNCERTAIN) * d:
-            return "lost: position uncertain"
-        return ""
+    def follow(
+        self, block: Block, first: int, shape: tuple[int, int], scene: Background | None, search: float
+    ) -> list[Found]:
+        """The ball in the frames of a block from `first` on, as `measure` and `accept` find it, up to the first that is
+        not a matter of course. shape: of whole frames; search: diameters from where it is looked for."""
+        out = np.empty((len(block.windows), 17))
+        gain, offset = (scene.gain, scene.offset) if scene else (NO_PIXELS, NO_PIXELS)
+        n = _follow(*block, *shape, gain, offset, first, float(search), self.wanted, self.memory, out)
+        rows = out[first : first + n]
+        return [Found("", x, y, s, d, chi2, p=p) for (x, y, s, d, chi2), p in zip(rows[:, :5].tolist(), rows[:, 5:])]
 
     def accept(self, found: Found) -> None:
         fit = found.fit
         assert fit is not None
-        self.frames += 1
-        n = min(self.frames, NOISE_FRAMES)
-        self.noise = fit.noise if self.noise is None else self.noise + (fit.noise - self.noise) / n
-        self.seen = found.diameter if self.frames == 1 else self.seen + (found.diameter - self.seen) / n
-        self.rim_factor = learn(
-            self.frames,
-            n,
-            fit.p,
-            fit.cov,
-            fit.shifts,
-            fit.shift_sigmas,
-            self.rim,
-            self.rim_factor,
-            self.last,
-            self.light_var,
-            self.drift,
-        )
+        learn(self.memory, fit.p, fit.cov, fit.noise, fit.shifts, fit.shift_sigmas)
 
     def missed(self) -> None:
         """A frame without the ball: the lighting has drifted on."""
-        self.light_var = self.light_var + (self.drift * abs(self.last[disc.A] - self.last[disc.B])) ** 2
+        m = self.memory
+        m.light_var[:] += (m.drift * abs(m.last[A] - m.last[B])) ** 2
 
 
 class ThresholdMeasure:
@@ -244,96 +336,37 @@ class ThresholdMeasure:
         pass
 
 
-def window_half(d: float) -> float:
+@njit(cache=True)
+def window_half(d):  # type: ignore[no-untyped-def]
     """Half side of the window around a ball of diameter d [px] that the disc is fitted in, without its streak."""
     return 0.75 * d + 10.0
 
 
-def _levels(crop: NDArray[np.float64], x: float, y: float, start: Start) -> tuple[float, float] | None:
+def _levels(crop: Array, x: float, y: float, start: Start) -> tuple[float, float] | None:
     """Median grey of the background near the ball and of the rim's inside; None where too few pixels are finite."""
-    yy, xx = np.indices(crop.shape)
-    dx, dy = xx - x, yy - y
+    dx, dy = np.arange(crop.shape[1]) - x, (np.arange(crop.shape[0]) - y)[:, None]
     length2 = start.wx**2 + start.wy**2
     t = np.clip((dx * start.wx + dy * start.wy) / length2, -0.5, 0.5) if length2 > 0 else 0.0
     r = np.hypot(dx - t * start.wx, dy - t * start.wy) / start.d
     good = np.isfinite(crop)
-    inside, outside = good & (r > 0.2) & (r < 0.42), good & (r > 0.6)
-    if inside.sum() < 4 or outside.sum() < 4:
+    inside, outside = crop[good & (r > 0.2) & (r < 0.42)], crop[good & (r > 0.6)]
+    if min(inside.size, outside.size) < 4:
         return None
-    return float(np.median(crop[outside])), float(np.median(crop[inside]))
+    return float(np.median(outside)), float(np.median(inside))
 
 
-def at_least(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
-    """No less than what digitising leaves."""
-    back, ball, edge = noise.tolist()
-    return np.array([max(back, floor), max(ball, floor), max(edge, 0.0)])
+@njit(cache=True)
+def at_least(noise, floor):  # type: ignore[no-untyped-def]
+    """Variances (3,) no less than what digitising leaves."""
+    return np.array([max(noise[0], floor), max(noise[1], floor), max(noise[2], 0.0)])
 
 
-def complete(noise: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
+@njit(cache=True)
+def complete(noise, floor):  # type: ignore[no-untyped-def]
     """The variances found, where a class without pixels takes the other's; the edge's excess may be negative."""
-    back, ball, edge = noise.tolist()
+    back, ball, edge = noise[0], noise[1], noise[2]
     if not math.isfinite(back):
         back = ball if math.isfinite(ball) else floor
     if not math.isfinite(ball):
         ball = back
     return np.array([back, ball, edge if math.isfinite(edge) else 0.0])
-
-
-@dataclass(frozen=True)
-class Centroid:
-    """Binary centroid x, y [px of the crop], its standard uncertainty, the diameter of the same area; cut: the blob
-    touches the crop's border."""
-
-    x: float
-    y: float
-    sigma: float
-    diameter: float
-    cut: bool
-
-
-def half_height_centroid(
-    crop: NDArray[np.float64], near: tuple[float, float], d: float, polarity: str
-) -> Centroid | None:
-    """Centroid of the filled blob nearest to `near` (x, y) in the crop; None when there is no contrast or no blob.
-
-    Levels: medians of the background (beyond 0.7 d from `near`) and of the rim inside (0.25-0.4 d). Uncertainty, for a
-    rim of steepness q = height / (edge width): each crossed row or column rounds the outline to a pixel (variance 1/12)
-    and noise shifts it by noise/q; a circle of radius R averages pi R of those, sigma^2 = (1/12 + (noise/q)^2)/(pi R).
-    The rounding part repeats with the sub-pixel position: it is an estimate over positions, not noise between repeats.
-    """
-    good = np.isfinite(crop)
-    yy, xx = np.indices(crop.shape)
-    r = np.hypot(xx - near[0], yy - near[1])
-    rim, back = good & (r < 0.4 * d) & (r >= 0.25 * d), good & (r > 0.7 * d)
-    if rim.sum() < 4 or back.sum() < 8:
-        return None
-    ball, ground = float(np.median(crop[rim])), float(np.median(crop[back]))
-    height = ball - ground if polarity == "bright" else ground - ball
-    noise = FROM_MAD * float(np.median(np.abs(crop[back] - ground)))
-    if not height > 4.0 * max(noise, 0.29):
-        return None
-    half = 0.5 * (ball + ground)
-    binary = (good & ((crop > half) if polarity == "bright" else (crop < half))).astype(np.uint8)
-    outlines, _ = cv2.findContours(binary, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    best, best_score = None, math.inf
-    for outline in outlines:
-        x0, y0, w, h = cv2.boundingRect(outline)
-        size = math.sqrt(w * h)
-        if size < 0.4 * d or size > 3.0 * d:
-            continue
-        away = math.hypot(x0 + 0.5 * (w - 1) - near[0], y0 + 0.5 * (h - 1) - near[1])
-        if away < best_score:
-            best, best_score = outline, away
-    if best is None:
-        return None
-    x0, y0, w, h = cv2.boundingRect(best)
-    mask = np.zeros((h, w), dtype=np.uint8)
-    cv2.drawContours(mask, [best], 0, 1, thickness=cv2.FILLED, offset=(-x0, -y0))
-    rows, columns = np.nonzero(mask)
-    area = len(rows)
-    radius = math.sqrt(area / math.pi)
-    # Edge width from the largest gradient along the rows and columns through the centre
-    steep = float(np.nanmax(np.abs(np.diff(crop[y0 + h // 2, :])))) if w > 1 else height
-    sigma = math.sqrt((1.0 / 12.0 + (noise / max(steep, noise)) ** 2) / (math.pi * radius))
-    cut = x0 == 0 or y0 == 0 or x0 + w == crop.shape[1] or y0 + h == crop.shape[0]
-    return Centroid(float(columns.mean() + x0), float(rows.mean() + y0), sigma, 2.0 * radius, cut)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -48,17 +49,21 @@ class Frames(Protocol):
 class AtHand:
     """A film of which some frames are kept, and of most the window about the ball: to decode them again takes long.
 
-    whole: kept frames by number. windows: of each frame, None where none is kept.
+    whole: kept frames by number. windows: of each frame, None where none is kept. Two threads may ask at once.
     """
 
     def __init__(self, frames: Frames, whole: Mapping[int, NDArray[Any]], windows: Sequence[Window | None]):
         self._frames, self.whole, self._windows = frames, whole, windows
+        self._reading = threading.Lock()
 
     def __len__(self) -> int:
         return len(self._frames)
 
     def __getitem__(self, i: int, /) -> NDArray[Any]:
-        return self.whole[i] if i in self.whole else np.asarray(self._frames[i])
+        if i in self.whole:
+            return self.whole[i]
+        with self._reading:
+            return np.asarray(self._frames[i])
 
     def view(self, i: int) -> View:
         """Frame i; read only where no more than the window is looked at."""

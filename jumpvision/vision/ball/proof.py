@@ -137,7 +137,7 @@ def standing(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTr
         nearest = int(members[np.argmin(np.hypot(track.x[members] - x, track.y[members] - y))])
         here = _ball_at(kept.view(nearest), x, y, d, settings.polarity)
         asked = away[np.unique(np.linspace(0, away.size - 1, min(ASKED, away.size)).astype(int))]
-        there = [_ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked]
+        there = (_ball_at(View.of(kept[int(g)]), x, y, d, settings.polarity) for g in asked)
         if here is not None and all(t is not None and _alike(here, t) for t in there):
             g = int(asked[0])
             flag[members] = STANDS.format(g, track.x[g], track.y[g])

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .background import View
+from .background import Background, View
 from .disc import WX, WY
-from .measure import DiscMeasure, Found, Start, ThresholdMeasure
+from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .search import Blob, find_blobs
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
@@ -109,6 +109,26 @@ class BallTracker:
         """The ball in the next frame. hint: an earlier measurement of it in this frame, to start from."""
         return self.keep(self.look(view, hint))
 
+    def follow(self, block: Block, first: int, shape: tuple[int, int], scene: Background | None) -> list[Found]:
+        """As `step` in the frames of a block from `first` on, up to the first that is not a matter of course."""
+        if self.last is None or self.lost or not isinstance(self.measurer, DiscMeasure):
+            return []
+        found = self.measurer.follow(block, first, shape, scene, self.search)
+        for f in found:
+            self._at(f.x, f.y)
+        return found
+
+    def next(self, image: NDArray[Any]) -> Found | None:
+        """As `step` in a frame that is a matter of course; else None, and nothing is taken note of."""
+        if self.last is None or self.lost or image.dtype not in AS_THEY_ARE:
+            return None
+        start, (height, width) = self._predicted(), image.shape
+        (x0, x1), (y0, y1) = span(start.x, start.wx, start.d, width), span(start.y, start.wy, start.d, height)
+        window = image[y0:y1, x0:x1].copy()[None]
+        block = Block(window, np.array([(x0, y0)]), np.array([(start.x, start.y, start.wx, start.wy)]))
+        found = self.follow(block, 0, (height, width), None)
+        return found[0] if found else None
+
     def look(self, view: View, hint: Found | None = None, others: Sequence[tuple[float, float]] = ()) -> Found:
         """The same without taking note; `keep` must follow. others: where other balls are expected."""
         if self.last is None:
@@ -117,8 +137,8 @@ class BallTracker:
         flag = f"lost: no ball found within {self.search:g} diameters (track.search)"
         if self.lost == 0 or (self.trust and hint is not None):
             near = start
-            if hint is not None and hint.fit is not None:
-                near = start._replace(x=hint.x, y=hint.y, wx=float(hint.fit.p[WX]), wy=float(hint.fit.p[WY]))
+            if hint is not None and hint.p is not None:
+                near = start._replace(x=hint.x, y=hint.y, wx=float(hint.p[WX]), wy=float(hint.p[WY]))
             found = self.measurer.measure(view, near, fresh=False)
             if not found.flag and math.hypot(found.x - near.x, found.y - near.y) < self.search * start.d:
                 return found
@@ -146,9 +166,9 @@ class BallTracker:
 
     def _at_hint(self, view: View, hint: Found | None) -> Found | None:
         """The first ball where an earlier measurement of this frame has it; None if it is not there."""
-        if hint is None or hint.fit is None:
+        if hint is None or hint.p is None:
             return None
-        start = Start(hint.x, hint.y, hint.diameter, float(hint.fit.p[WX]), float(hint.fit.p[WY]), rough=True)
+        start = Start(hint.x, hint.y, hint.diameter, float(hint.p[WX]), float(hint.p[WY]), rough=True)
         found = self.measurer.measure(view, start, fresh=True)
         near = not found.flag and math.hypot(found.x - hint.x, found.y - hint.y) < self.search * hint.diameter
         return found._replace(rivals=hint.rivals) if near else None
@@ -242,15 +262,17 @@ class BallTracker:
         return find_blobs(image, diameter=self.d, polarity=self.polarity, min_diameter=MIN_DIAMETER, streak=self.streak)
 
     def _take(self, found: Found) -> Found:
+        if self.last is None:
+            self.rivals = list(found.rivals)
+        self.measurer.accept(found)
+        self._at(found.x, found.y)
+        return found
+
+    def _at(self, x: float, y: float) -> None:
         if self.last is not None:
             n = self.lost + 1
-            self.velocity = ((found.x - self.last[0]) / n, (found.y - self.last[1]) / n)
-        else:
-            self.rivals = list(found.rivals)
-        self.last, self.lost = (found.x, found.y), 0
-        self.measurer.accept(found)
-        self.d = self.measurer.seen
-        return found
+            self.velocity = ((x - self.last[0]) / n, (y - self.last[1]) / n)
+        self.last, self.lost, self.d = (x, y), 0, self.measurer.seen
 
     def _miss(self, found: Found) -> Found:
         if self.last is not None:
