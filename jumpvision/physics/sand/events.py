@@ -52,6 +52,7 @@ from .kernel import kernel, number
 from .modes import grip, guards, held_between, limit, rail_force, room, settle
 from .program import NEVER
 from .step import (
+    BOW,
     END,
     N_DENSE,
     N_SLOPES,
@@ -89,6 +90,13 @@ OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
 def positive(g: Guards) -> bool:
     """Whether no guard has fallen."""
     return g[0] > 0.0 and g[1] > 0.0 and g[2] > 0.0 and g[3] > 0.0
+
+
+@kernel
+def holds(a: Guards, b: Guards, fall: float, mode: int, p: Any) -> bool:
+    """Whether the guards of an arc, a and b at the ends of a step, stay above zero: between, they are at most `fall`
+    below the straight line."""
+    return min(a[0], b[0]) > fall and (mode == AIR or p.static == HARD or min(a[1], b[1]) > fall)
 
 
 @kernel
@@ -220,7 +228,7 @@ def run(
                 longest = longest_step(mode, slip, p) if size == VF + 1 else 0.0
                 exact = longest > 0.0
                 if exact:
-                    longest = min(longest, max_step)
+                    h = longest = min(longest, max_step)
                     begin(t, s, mode, slip, p)
                 else:
                     longest = max_step
@@ -248,9 +256,9 @@ def run(
             h, clear = min(h, longest), False
             if settling(t, p):
                 h = min(h, t - p.row[7] + 0.5 * p.tau)
-            if exact and armed[0]:
+            if exact and armed[0] and (mode == AIR or armed[1]):
                 best = rod_after if t >= stop else rod_before
-                free = clear_until(t, mode, p, p.memory[0], best) - t
+                free = clear_until(t, s, mode, p, best, com) - t
                 clear = free > h
                 h = max(h, free)
             last = t + 1.000001 * h >= end
@@ -273,7 +281,7 @@ def run(
             # Which guard falls first? Looked at in the middle and at the end of the step.
             final = guards(t + trial, s1, mode, slip, p)
             known, event, theta = exact, -1, 1.0
-            if not clear:
+            if not (clear or (exact and holds(now, final, p.arc[BOW] * trial * trial, mode, p))):
                 if exact:
                     flow(t + 0.5 * trial, mode, p, work)
                 else:

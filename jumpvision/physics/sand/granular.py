@@ -46,7 +46,7 @@ FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
 foot last came down [s]; `z_left` of the last pause."""
 BENDS = 4  # mechanisms of the ground that have a kink and act together
-N_ARC = 15  # numbers of an arc in closed form (`step`)
+N_ARC = 17  # numbers of an arc in closed form (`step`)
 OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)

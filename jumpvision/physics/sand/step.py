@@ -14,7 +14,23 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import sincos
 
-from .granular import AIR, INTRUDE, N_ARC, SINE, VF, XF, W, Y, dry_frictions, is_still, rhs, settling
+from .granular import (
+    AIR,
+    FLOOR,
+    HARD,
+    INTRUDE,
+    N_ARC,
+    SINE,
+    VF,
+    XF,
+    W,
+    Y,
+    dry_frictions,
+    is_still,
+    rhs,
+    settling,
+    yield_force,
+)
 from .kernel import inlined, kernel
 
 ORDER = 8
@@ -153,8 +169,9 @@ STEPS_PER_PERIOD = 8  # of the oscillation in q: events are looked for twice a s
 
 # An arc: start, cosine and sine part of the oscillation, its decay and frequency, four numbers of the particular
 # solution (level, sine, cosine; or a cubic) and what follows a lag's transient in it, height and rate of the mass
-# centre, its acceleration downwards, share of the foot in the mass
-T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, LATE, Z, U, PULL, SHARE, FOOT = range(N_ARC)
+# centre, its acceleration downwards, share of the foot in the mass, its place at rest; amplitude of the oscillation at
+# the start, and an eighth of the greatest second derivative of a guard that it moves
+T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, LATE, Z, U, PULL, SHARE, FOOT, SWING, BOW = range(N_ARC)
 
 
 @kernel
@@ -201,7 +218,7 @@ def particular(t: float, p: Any) -> tuple[float, float]:
 @kernel
 def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
     """Writes the arc p.arc that starts from the state s at t; dry friction of the rail is a constant force on it."""
-    p.arc[T0], p.arc[FOOT] = t, s[XF]
+    p.arc[T0], p.arc[FOOT], p.arc[BOW] = t, s[XF], math.inf
     rail = dry_frictions(0.0, float(slip), p) / p.M
     if p.massless == 1 and mode == AIR:
         p.arc[Z], p.arc[U], p.arc[PULL] = s[Y], s[W], p.g - rail
@@ -230,6 +247,20 @@ def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
     p.arc[SHARE] = share = p.m_f / (p.M + p.m_f)
     p.arc[PULL] = p.g - (1.0 - share) * rail
     p.arc[Z], p.arc[U] = (1.0 - share) * s[Y] + share * s[XF], (1.0 - share) * s[W] + share * s[VF]
+    p.arc[SWING] = swing = math.sqrt(p.arc[COS] * p.arc[COS] + p.arc[SIN] * p.arc[SIN])
+    if p.massless == 1 or p.hold > 0.0 or p.own_dry == 1 or p.own_foot > 0 or p.tau > 0.0:
+        return  # a guard that more than this moves
+    if mode != AIR:  # that of the spring's force, M (q'' + g)
+        p.arc[BOW] = 0.125 * p.M * stiff * stiff * swing
+        if p.kind == SINE and p.row[3] != 0.0:
+            p.arc[BOW] += 0.125 * p.M * p.row[4] ** 4 * math.sqrt(p.arc[P1] * p.arc[P1] + p.arc[P2] * p.arc[P2])
+        return
+    bend = stiff * swing
+    if p.kind == SINE and p.row[3] != 0.0:
+        bend += p.row[4] * p.row[4] * math.sqrt(p.arc[P1] * p.arc[P1] + p.arc[P2] * p.arc[P2])
+    elif p.kind != SINE and (p.row[2] != 0.0 or p.row[3] != 0.0):
+        bend += 2.0 * abs(p.arc[P2]) + 6.0 * abs(p.arc[P3]) * (p.row[1] - p.row[0])
+    p.arc[BOW] = 0.125 * (abs(p.arc[PULL]) + (1.0 - share) * bend)
 
 
 @kernel
@@ -258,26 +289,56 @@ def flow(t: float, mode: int, p: Any, out: Array) -> None:
 
 
 @kernel
-def clear_until(t: float, mode: int, p: Any, floor: float, best: float) -> float:
-    """Time until which the foot surely stays above the hole and the rod below its peak or below `best` (t: unknown).
+def clear_until(t: float, s: Array, mode: int, p: Any, best: float, com: float) -> float:
+    """Time until which no guard falls, for sure, and the rod stays below its peak or below `best`; on the ground also
+    the centre of mass below `com` (t: unknown).
 
-    In flight with the motor still, q stays within a fading amplitude of its level, so that the free fall of the mass
-    centre bounds foot and rod: the steps of a long flight need not be looked at one by one; with dry friction, which
-    turns with the carriage, they are.
+    With the motor still, q stays within a fading amplitude of its level: in flight the free fall of the mass centre
+    then bounds foot and rod, on the ground the foot is pushed as q turns. So a long flight or stay need not be looked
+    at step by step; with dry friction, which turns with the carriage, it is.
     """
-    if mode != AIR or p.massless == 1 or p.hold > 0.0 or not is_still(t, p):
+    if p.massless == 1 or p.hold > 0.0 or not is_still(t, p):
         return t
     h, share, g = t - p.arc[T0], p.arc[SHARE], p.g
-    swing = math.hypot(p.arc[COS], p.arc[SIN]) * math.exp(-p.arc[HALF] * h)
-    least = (1.0 - share) * (p.arc[P0] + swing) - floor  # of the mass centre, while the foot is in the air for sure
+    swing = p.arc[SWING] * math.exp(-p.arc[HALF] * h)
+    position = p.ratio * (p.row[2] if p.kind == SINE else p.row[5])
+    if mode != AIR:
+        stretch = p.arc[P0] + swing
+        if p.arc[FOOT] + stretch - position > best or p.arc[FOOT] + (1.0 - share) * stretch > com or p.own_foot > 0:
+            return t
+        return t + stay(h, swing, math.inf if p.static == HARD else yield_force(t, s, p), p)
+    least = (1.0 - share) * (p.arc[P0] + swing) - p.memory[FLOOR]  # of the mass centre: the foot is in the air for sure
     z = p.arc[Z] + (p.arc[U] - 0.5 * g * h) * h
     if z <= least:
         return t
     landing = (p.arc[U] + math.sqrt(p.arc[U] * p.arc[U] + 2.0 * g * (p.arc[Z] - least))) / g
     apex = p.arc[U] / g
     crest = z if h > apex else p.arc[Z] + 0.5 * p.arc[U] * apex
-    position = p.row[2] if p.kind == SINE else p.row[5]
-    if crest + share * (p.arc[P0] + swing) - p.m_m / p.M * position <= best:
+    if crest + share * (p.arc[P0] + swing) - position <= best:
         return p.arc[T0] + landing
     window = apex - math.sqrt(4.0 * share * swing / g)  # where the rod may be at its highest
     return p.arc[T0] + window if h < window < landing else t
+
+
+@kernel
+def stay(h: float, swing: float, most: float, p: Any) -> float:
+    """Time [s] from h after the arc's start for which the push on the foot at rest, weight + amplitude cos(angle) were
+    there no damping, lies between 0 and `most` [N] for sure."""
+    half, omega, turn = p.arc[HALF], p.arc[OMEGA], 2.0 * math.pi
+    weight, amplitude, wait = (p.M + p.m_f) * p.g, p.M * (omega * omega + half * half) * swing, math.inf
+    if amplitude < min(weight, most - weight):
+        return wait
+    a, b = half * half - omega * omega, 2.0 * half * omega  # the push goes as q'', q times the square of a root
+    angle = omega * h - math.atan2(a * p.arc[SIN] + b * p.arc[COS], a * p.arc[COS] - b * p.arc[SIN])
+    angle -= turn * math.floor(angle / turn)
+    if amplitude >= weight:  # leaves the ground at `low`
+        low = math.acos(-weight / amplitude)
+        if low <= angle <= turn - low:
+            return 0.0
+        wait = low - angle if angle < low else low + turn - angle
+    if amplitude >= most - weight:  # yields at -high
+        high = math.acos(min(max((most - weight) / amplitude, -1.0), 1.0))
+        if not high < angle < turn - high:
+            return 0.0
+        wait = min(wait, turn - high - angle)
+    return wait / omega
