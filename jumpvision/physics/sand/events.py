@@ -69,7 +69,7 @@ from .step import (
     middle,
     step,
 )
-from .within import dips, efforts, heights, inside, locate, peak, sample
+from .within import dips, efforts, heights, inside, locate, paces, peak, sample
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
 KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "motor_held", "motor_free")
@@ -108,6 +108,17 @@ def above(half: Guards, a: Guards, b: Guards) -> bool:
         and half[2] > NEAR * max(a[2], b[2])
         and half[3] > NEAR * max(a[3], b[3])
     )
+
+
+@kernel
+def time_to_bend(s: Array, acceleration: float, p: Any) -> float:
+    """When [s] the foot will reach the first kink of a law, as it slows down now; inf without one."""
+    z, v, at = -s[XF], -s[VF], np.inf
+    for i in range(BENDS):
+        if z + ON < p.bends[i] < at:
+            at = p.bends[i]
+    root = v * v - 2.0 * acceleration * (at - z)
+    return 2.0 * (at - z) / (v + np.sqrt(root)) if 0.0 <= root < np.inf else np.inf
 
 
 @kernel
@@ -194,7 +205,7 @@ def run(
     v_old = 0.0  # the motor's rate before an impulse
     longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
     rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
-    held, force = -np.inf, (0.0, 0.0, 0.0)
+    held, force, pace = -np.inf, (0.0, 0.0, 0.0), (0.0, 0.0)
     for piece in range(rows.shape[0]):
         t, end = edges[piece], edges[piece + 1]
         for i in range(rows.shape[1]):
@@ -240,7 +251,7 @@ def run(
                         h = min(h, first_step(s, slopes[0, VF], p))
                 here = heights(t, s, p)
                 if peaks.size > 0 and t < stop:
-                    force = motor_force(t, s, mode, slip, p)
+                    force, pace = motor_force(t, s, mode, slip, p), paces(mode, p)
                 if piece == 0 and steps == 0:
                     low = here[2]
                 now = guards(t, s, mode, slip, p)
@@ -263,6 +274,10 @@ def run(
                 h = max(h, free)
             last = t + 1.000001 * h >= end
             trial = end - t if last else h
+            if mode == INTRUDE:
+                ahead = time_to_bend(s, slopes[0, VF], p)
+                if ahead < trial:
+                    trial, last, after = ahead, False, max(after, trial)
             if exact:
                 flow(t + trial, mode, p, s1)
                 error = 0.0
@@ -394,6 +409,7 @@ def run(
                     wide,
                     s1,
                     force,
+                    pace,
                     exact,
                     known,
                     q,

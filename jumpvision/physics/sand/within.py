@@ -12,7 +12,7 @@ from jumpvision.base.arrays import Array
 from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from .kernel import kernel, number
 from .modes import guards
-from .step import between, dense, flow
+from .step import between, dense, flow, middle
 
 Triple = tuple[float, float, float]
 
@@ -159,6 +159,24 @@ def sample(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, out: Arra
 
 
 @kernel
+def turning(a: float, b: float, c: float, peak: float) -> bool:
+    """Whether a quantity, a, b, c at the begin, middle and end of a piece, turns in it above its peak (parabola)."""
+    bend = a - 2.0 * b + c
+    if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # 0.1 of the piece or more outside it
+        return False
+    return b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) > peak
+
+
+@kernel
+def paces(mode: int, p: Any) -> tuple[float, float]:
+    """Rates [rad/s] of the forcing or the spring, the faster, as it is looked at and with the foot free to move."""
+    light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
+    fast = math.sqrt(p.k_s * (1.0 / p.M + light))
+    rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
+    return (max(rate, p.row[4]) if p.kind == SINE else rate), fast
+
+
+@kernel
 def efforts(
     t: float,
     s: Array,
@@ -166,6 +184,7 @@ def efforts(
     wide: float,
     s1: Array,
     f0: Triple,
+    pace: tuple[float, float],
     exact: bool,
     known: bool,
     q: Array,
@@ -179,18 +198,14 @@ def efforts(
     """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
     known: whether q is; k: slopes of the step, to find it. peaks: (6,), behind them the least seen. f0: `motor_force`
-    at the begin of the step; returns it at the end.
+    at the begin of the step; returns it at the end. pace: `paces`.
 
     A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid
     rises above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by
     the parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
     SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
     """
-    light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
-    fast = math.sqrt(p.k_s * (1.0 / p.M + light))
-    rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
-    if p.kind == SINE:
-        rate = max(rate, p.row[4])
+    rate, fast = pace
     pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
     n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
     x = max(rate, fast) * h / pieces
@@ -211,17 +226,23 @@ def efforts(
             peaks[3 + which] = min(peaks[3 + which], min(f0[which], f2[which]))
             near = near or top + rise * (peaks[which] - peaks[3 + which]) > peaks[which]
         if near:
-            if not known:
+            # whether it turns is told by a middle of third order, the peak by one of seventh
+            while True:
+                if known:
+                    inside((i + 0.5) / pieces, t, s, h, wide, exact, q, mode, p, work)
+                else:
+                    middle(s, s1, k, h, work)
+                f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, p)
+                turns = False
+                for which in range(3):
+                    turns = turns or turning(f0[which], f1[which], f2[which], peaks[which])
+                if known or not turns:
+                    break
                 dense(t, s, h, mode, slip, p, k, s1, work, q)
                 known = True
-            inside((i + 0.5) / pieces, t, s, h, wide, exact, q, mode, p, work)
-            f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, p)
             for which in range(3):
-                a, b, c = f0[which], f1[which], f2[which]
-                bend = a - 2.0 * b + c
-                if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # turns (0.1 of the piece or more) outside it
-                    continue
-                if b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) <= peaks[which]:
+                a = f0[which]
+                if not (turns and turning(a, f1[which], f2[which], peaks[which])):
                     continue
                 before, now = -np.inf, a
                 for j in range(1, n + 1):
