@@ -201,7 +201,7 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
     p, out = model.parameters, np.zeros(n, granular.CONSTANTS)
     out["static"] = 0 if model.ground == "hard" else 1 + STATIC.index(next(t for t in STATIC if t in model))
     out["massless"] = np.equal(model.m_f, 0.0)
-    out["ratio"] = model.m_m / model.M
+    out["ratio"], out["per_M"] = model.m_m / model.M, 1.0 / np.asarray(model.M)
     for name in ("m_m", "M", "m_f", "k_s", "c_s", "g", "hold"):
         out[name] = getattr(model, name)
     out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g

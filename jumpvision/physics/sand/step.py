@@ -27,6 +27,7 @@ from .granular import (
     Y,
     dry_frictions,
     is_still,
+    motors,
     rhs,
     settling,
     yield_force,
@@ -98,6 +99,7 @@ def step(
     k: (N_SLOPES, n); k[0] = ds/dt at t on entry, those up to END are filled; k[END] = ds/dt at t + h.
     """
     n = s.size
+    motors(t, h, NODES, p)
     for i in range(1, END + 1):
         for j in range(n):
             slope = 0.0
