@@ -155,7 +155,7 @@ def workspace(n: int, pieces: int) -> Any:
     return (
         np.empty(n),
         np.empty(n),
-        np.empty((n, N_DENSE)),
+        np.empty((N_DENSE, n)),
         np.empty((N_SLOPES, n)),
         np.empty((1, n)),
         np.empty(4, np.bool_),

@@ -11,9 +11,12 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import njit
-from numba.extending import register_jitable
+from numba.core import cgutils, types
+from numba.extending import intrinsic, register_jitable
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.record import COMPILED, Body, Mechanism, symbols
 from jumpvision.mechanisms.registry import acting
 
@@ -41,6 +44,54 @@ def kernel(f: Callable[..., Any]) -> Any:
 def inlined(f: Callable[..., Any]) -> Any:
     """The same in the place of every call: handing over arrays (7 numbers each) costs more than a small function."""
     return njit(**OPTIONS, forceinline=True)(f)
+
+
+LANES = 4  # numbers that one instruction takes
+
+
+def combination(weights: Array, own: int) -> Any:
+    """combine(i, s, h, k, out) in compiled code, i written as a number: the first LANES of out = h sum_m weights[i, m]
+    k[m], for i < own with s added to it, term by term and all at once.
+
+    s, out: (n,), k: (m, n), without gaps. numba leaves loops over so few numbers as they are.
+    """
+    number, flags = ir.DoubleType(), ("contract", "reassoc")
+    lanes = ir.VectorType(number, LANES)
+
+    def load(builder: Any, place: Any, of: Any = lanes) -> Any:
+        return builder.load(builder.bitcast(place, of.as_pointer()), align=8)
+
+    def joined(builder: Any, each: Any) -> Any:
+        out = ir.Constant(lanes, ir.Undefined)
+        for j, x in enumerate(each):
+            out = builder.insert_element(out, x, ir.Constant(ir.IntType(32), j))
+        return out
+
+    @intrinsic(prefer_literal=True)
+    def combine(typing: Any, i: Any, s: Any, h: Any, k: Any, out: Any) -> Any:
+        row = i.literal_value
+
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            at_s, at_k, at_out = (context.make_array(signature.args[j])(context, builder, args[j]) for j in (1, 3, 4))
+            n, total = builder.extract_value(at_k.shape, 1), None
+            *before, last = map(int, np.flatnonzero(weights[row]))
+            for m in (*before, last):
+                place = cgutils.gep(builder, at_k.data, builder.mul(n, ir.Constant(n.type, m)))
+                if m < last:
+                    x = load(builder, place)
+                else:  # written number by number just before: read as one they would be waited for
+                    x = joined(builder, [load(builder, cgutils.gep(builder, place, j), number) for j in range(LANES)])
+                x = builder.fmul(x, ir.Constant(lanes, [float(weights[row, m])] * LANES), flags=flags)
+                total = x if total is None else builder.fadd(total, x, flags=flags if m < last else ("contract",))
+            total = builder.fmul(total, joined(builder, [args[2]] * LANES), flags=flags)
+            if row < own:
+                total = builder.fadd(load(builder, at_s.data), total, flags=flags)
+            builder.store(total, builder.bitcast(at_out.data, lanes.as_pointer()), align=8)
+            return context.get_dummy_value()
+
+        return types.void(i, s, h, k, out), code
+
+    return combine
 
 
 for _law in COMPILED:

@@ -32,7 +32,7 @@ from .granular import (
     settling,
     yield_force,
 )
-from .kernel import inlined, kernel
+from .kernel import LANES, combination, inlined, kernel, number
 
 ORDER = 8
 N_SLOPES, END = 16, 12  # END: the slope at the end of a step; behind it what the dense output needs
@@ -69,16 +69,39 @@ NUMBERS = """
 -231.5293791760455 357.6391179106141 93.40532418362432 -37.45832313645163 104.0996495089623 29.8402934266605
 -43.53345659001114 96.32455395918828 -39.17726167561544 -149.72683625798564
 """
-TABLEAU = np.array(NUMBERS.split(), float)
-A = np.zeros((N_SLOPES, N_SLOPES))
-_at = 0
-for _i in [*range(1, 12), 12]:
-    A[_i, :_i], _at = TABLEAU[_at : _at + _i], _at + _i
-THIRD, FIFTH, _at = TABLEAU[_at : _at + 13].copy(), TABLEAU[_at + 13 : _at + 26].copy(), _at + 26
-for _i in (13, 14, 15):
-    A[_i, :_i], _at = TABLEAU[_at : _at + _i], _at + _i
-NODES = A.sum(axis=1)
-DENSE = TABLEAU[_at:].reshape(4, N_SLOPES).copy()
+FIFTH, THIRD, DENSE = N_SLOPES, N_SLOPES + 1, N_SLOPES + 2  # rows of WEIGHTS behind those of the stages
+WEIGHTS = np.zeros((DENSE + N_DENSE - 3, N_SLOPES))
+_numbers, _at = np.array(NUMBERS.split(), float), 0
+for _row, _n in [*((i, i) for i in range(1, END + 1)), (THIRD, 13), (FIFTH, 13), (13, 13), (14, 14), (15, 15)]:
+    WEIGHTS[_row, :_n], _at = _numbers[_at : _at + _n], _at + _n
+WEIGHTS[DENSE:] = _numbers[_at:].reshape(-1, N_SLOPES)
+NODES = WEIGHTS[:N_SLOPES].sum(axis=1)
+combine = combination(WEIGHTS, N_SLOPES)
+
+
+@kernel
+def rest(i: int, s: Array, h: float, k: Array, out: Array) -> None:
+    """What `combine` leaves: the states from LANES on."""
+    for j in range(LANES, s.size):
+        total = 0.0
+        for m in range(N_SLOPES if i > FIFTH + 1 else min(i, END + 1)):
+            total += WEIGHTS[i, m] * k[m, j]
+        out[j] = (s[j] if i < N_SLOPES else 0.0) + h * total
+
+
+def _stages(first: int, last: int) -> Any:
+    """kernel f(t, s, h, mode, slip, p, k, s1): fills the slopes k first to last - 1 of a step from s, s1 the last
+    stage."""
+    lines = ["def f(t, s, h, mode, slip, p, k, s1):"]
+    for i in range(first, last):
+        lines += [f"    combine({i}, s, h, k, s1)", f"    if s.size > {LANES}:", f"        rest({i}, s, h, k, s1)"]
+        lines += [f"    rhs(t + {float(NODES[i])!r} * h, s1, mode, slip, p, k, number({i}))"]
+    space = globals().copy()
+    exec("\n".join(lines), space)
+    return kernel(space["f"])
+
+
+stages, stages_between = _stages(1, END + 1), _stages(END + 1, N_SLOPES)
 
 
 @kernel
@@ -98,25 +121,21 @@ def step(
 
     k: (N_SLOPES, n); k[0] = ds/dt at t on entry, those up to END are filled; k[END] = ds/dt at t + h.
     """
-    n = s.size
     motors(t, h, NODES, p)
-    for i in range(1, END + 1):
-        for j in range(n):
-            slope = 0.0
-            for m in range(i):
-                slope += A[i, m] * k[m, j]
-            s1[j] = s[j] + h * slope
-        rhs(t + NODES[i] * h, s1, mode, slip, p, k, i)
+    stages(t, s, h, mode, slip, p, k, s1)
+    five, three = k[END + 1], k[END + 2]  # of the dense output, and free
+    combine(16, s, h, k, five)
+    combine(17, s, h, k, three)
+    if s.size > LANES:
+        rest(FIFTH, s, h, k, five)
+        rest(THIRD, s, h, k, three)
     fifth, third = 0.0, 0.0
-    for j in range(n):
-        five, three, most = 0.0, 0.0, atol[j] + rtol * max(abs(s[j]), abs(s1[j]))
-        for m in range(END + 1):
-            five += FIFTH[m] * k[m, j]
-            three += THIRD[m] * k[m, j]
-        fifth, third = max(fifth, abs(five) / most), max(third, abs(three) / most)
-        if not math.isfinite(five):
+    for j in range(s.size):
+        most = 1.0 / (atol[j] + rtol * max(abs(s[j]), abs(s1[j])))
+        fifth, third = max(fifth, abs(five[j]) * most), max(third, abs(three[j]) * most)
+        if not math.isfinite(five[j]):
             return math.inf
-    return h * fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third) if fifth > 0.0 else 0.0
+    return fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third) if fifth > 0.0 else 0.0
 
 
 @kernel
@@ -132,22 +151,18 @@ def dense(
     work: Array,
     q: Array,
 ) -> None:
-    """Writes the coefficients q (n, N_DENSE) of `between` for the step from s to s1, and to work."""
-    for i in range(END + 1, N_SLOPES):
-        for j in range(s.size):
-            slope = 0.0
-            for m in range(i):
-                slope += A[i, m] * k[m, j]
-            work[j] = s[j] + h * slope
-        rhs(t + NODES[i] * h, work, mode, slip, p, k, i)
+    """Writes the coefficients q (N_DENSE, n) of `between` for the last `step`, from s to s1, and to work."""
+    stages_between(t, s, h, mode, slip, p, k, work)
     for j in range(s.size):
         rise, begin, end = s1[j] - s[j], h * k[0, j], h * k[END, j]
-        q[j, 0], q[j, 1], q[j, 2] = rise, begin - rise, 2.0 * rise - begin - end
-        for i in range(DENSE.shape[0]):
-            total = 0.0
-            for m in range(N_SLOPES):
-                total += DENSE[i, m] * k[m, j]
-            q[j, 3 + i] = h * total
+        q[0, j], q[1, j], q[2, j] = rise, begin - rise, 2.0 * rise - begin - end
+    combine(18, s, h, k, q[3])
+    combine(19, s, h, k, q[4])
+    combine(20, s, h, k, q[5])
+    combine(21, s, h, k, q[6])
+    if s.size > LANES:
+        for i in range(4):
+            rest(DENSE + i, s, h, k, q[3 + i])
 
 
 @kernel
@@ -155,8 +170,8 @@ def between(s: Array, q: Array, theta: float, out: Array) -> None:
     """Writes the state at the share theta of the step that began at s."""
     rest = 1.0 - theta
     for j in range(s.size):
-        total = q[j, 3] + theta * (q[j, 4] + rest * (q[j, 5] + theta * q[j, 6]))
-        out[j] = s[j] + theta * (q[j, 0] + rest * (q[j, 1] + theta * (q[j, 2] + rest * total)))
+        total = q[3, j] + theta * (q[4, j] + rest * (q[5, j] + theta * q[6, j]))
+        out[j] = s[j] + theta * (q[0, j] + rest * (q[1, j] + theta * (q[2, j] + rest * total)))
 
 
 @kernel
