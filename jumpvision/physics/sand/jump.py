@@ -120,6 +120,7 @@ def follow(
         tolerance,
         2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
         np.empty(0),
+        events.workspace(n, len(rows)),
     )
     if status != events.OK:
         what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"

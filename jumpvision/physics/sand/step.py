@@ -32,7 +32,7 @@ from .granular import (
     settling,
     yield_force,
 )
-from .kernel import LANES, combination, inlined, kernel, number
+from .kernel import combination, inlined, kernel, number
 
 ORDER = 8
 N_SLOPES, END = 16, 12  # END: the slope at the end of a step; behind it what the dense output needs
@@ -80,31 +80,6 @@ combine = combination(WEIGHTS, N_SLOPES)
 
 
 @kernel
-def rest(i: int, s: Array, h: float, k: Array, out: Array) -> None:
-    """What `combine` leaves: the states from LANES on."""
-    for j in range(LANES, s.size):
-        total = 0.0
-        for m in range(N_SLOPES if i > FIFTH + 1 else min(i, END + 1)):
-            total += WEIGHTS[i, m] * k[m, j]
-        out[j] = (s[j] if i < N_SLOPES else 0.0) + h * total
-
-
-def _stages(first: int, last: int) -> Any:
-    """kernel f(t, s, h, mode, slip, p, k, s1): fills the slopes k first to last - 1 of a step from s, s1 the last
-    stage."""
-    lines = ["def f(t, s, h, mode, slip, p, k, s1):"]
-    for i in range(first, last):
-        lines += [f"    combine({i}, s, h, k, s1)", f"    if s.size > {LANES}:", f"        rest({i}, s, h, k, s1)"]
-        lines += [f"    rhs(t + {float(NODES[i])!r} * h, s1, mode, slip, p, k, number({i}))"]
-    space = globals().copy()
-    exec("\n".join(lines), space)
-    return kernel(space["f"])
-
-
-stages, stages_between = _stages(1, END + 1), _stages(END + 1, N_SLOPES)
-
-
-@kernel
 def step(
     t: float,
     s: Array,
@@ -122,13 +97,33 @@ def step(
     k: (N_SLOPES, n); k[0] = ds/dt at t on entry, those up to END are filled; k[END] = ds/dt at t + h.
     """
     motors(t, h, NODES, p)
-    stages(t, s, h, mode, slip, p, k, s1)
+    combine(1, s, h, k, s1)
+    rhs(t + NODES[1] * h, s1, mode, slip, p, k, number(1))
+    combine(2, s, h, k, s1)
+    rhs(t + NODES[2] * h, s1, mode, slip, p, k, number(2))
+    combine(3, s, h, k, s1)
+    rhs(t + NODES[3] * h, s1, mode, slip, p, k, number(3))
+    combine(4, s, h, k, s1)
+    rhs(t + NODES[4] * h, s1, mode, slip, p, k, number(4))
+    combine(5, s, h, k, s1)
+    rhs(t + NODES[5] * h, s1, mode, slip, p, k, number(5))
+    combine(6, s, h, k, s1)
+    rhs(t + NODES[6] * h, s1, mode, slip, p, k, number(6))
+    combine(7, s, h, k, s1)
+    rhs(t + NODES[7] * h, s1, mode, slip, p, k, number(7))
+    combine(8, s, h, k, s1)
+    rhs(t + NODES[8] * h, s1, mode, slip, p, k, number(8))
+    combine(9, s, h, k, s1)
+    rhs(t + NODES[9] * h, s1, mode, slip, p, k, number(9))
+    combine(10, s, h, k, s1)
+    rhs(t + NODES[10] * h, s1, mode, slip, p, k, number(10))
+    combine(11, s, h, k, s1)
+    rhs(t + NODES[11] * h, s1, mode, slip, p, k, number(11))
+    combine(12, s, h, k, s1)
+    rhs(t + NODES[12] * h, s1, mode, slip, p, k, number(12))
     five, three = k[END + 1], k[END + 2]  # of the dense output, and free
     combine(16, s, h, k, five)
     combine(17, s, h, k, three)
-    if s.size > LANES:
-        rest(FIFTH, s, h, k, five)
-        rest(THIRD, s, h, k, three)
     fifth, third = 0.0, 0.0
     for j in range(s.size):
         most = 1.0 / (atol[j] + rtol * max(abs(s[j]), abs(s1[j])))
@@ -152,7 +147,12 @@ def dense(
     q: Array,
 ) -> None:
     """Writes the coefficients q (N_DENSE, n) of `between` for the last `step`, from s to s1, and to work."""
-    stages_between(t, s, h, mode, slip, p, k, work)
+    combine(13, s, h, k, work)
+    rhs(t + NODES[13] * h, work, mode, slip, p, k, number(13))
+    combine(14, s, h, k, work)
+    rhs(t + NODES[14] * h, work, mode, slip, p, k, number(14))
+    combine(15, s, h, k, work)
+    rhs(t + NODES[15] * h, work, mode, slip, p, k, number(15))
     for j in range(s.size):
         rise, begin, end = s1[j] - s[j], h * k[0, j], h * k[END, j]
         q[0, j], q[1, j], q[2, j] = rise, begin - rise, 2.0 * rise - begin - end
@@ -160,9 +160,6 @@ def dense(
     combine(19, s, h, k, q[4])
     combine(20, s, h, k, q[5])
     combine(21, s, h, k, q[6])
-    if s.size > LANES:
-        for i in range(4):
-            rest(DENSE + i, s, h, k, q[3 + i])
 
 
 @kernel
