@@ -330,42 +330,8 @@ def compiled_run(key: str) -> Callable[..., Any]:
                         if not known:
                             dense(t, s, trial, mode, slip, p, slopes, s1, work, q)
                             known = True
-                        if half[i] > 0.0:
-                            at = locate(
-                                i,
-                                0.5,
-                                1.0,
-                                half[i],
-                                final[i],
-                                t,
-                                s,
-                                trial,
-                                trial,
-                                exact,
-                                q,
-                                work,
-                                mode,
-                                slip,
-                                p,
-                            )
-                        else:
-                            at = locate(
-                                i,
-                                0.0,
-                                0.5,
-                                now[i],
-                                half[i],
-                                t,
-                                s,
-                                trial,
-                                trial,
-                                exact,
-                                q,
-                                work,
-                                mode,
-                                slip,
-                                p,
-                            )
+                        ends = (now[i], half[i], final[i])
+                        at = locate(i, half[i] <= 0.0, ends, t, s, trial, trial, exact, q, work, mode, slip, p)
                         if at < theta or event < 0:
                             event, theta = i, at
                     if unresolved:

@@ -56,12 +56,17 @@ def dips(a: float, b: float, c: float) -> bool:
 
 
 @kernel
+def inverse(a: float, f_a: float, b: float, f_b: float, c: float, f_c: float) -> float:
+    """Where the parabola x(f) through three points is at f = 0; b: the nearest. NaN or inf where there is none."""
+    r, s, t = f_b / f_c, f_b / f_a, f_a / f_c
+    return b + s * (t * (r - t) * (c - b) - (1.0 - r) * (b - a)) / ((t - 1.0) * (r - 1.0) * (s - 1.0))
+
+
+@kernel
 def locate(
     i: int,
-    lo: float,
-    hi: float,
-    g_lo: float,
-    g_hi: float,
+    early: bool,
+    ends: tuple[float, float, float],
     t: float,
     s: Array,
     h: float,
@@ -73,28 +78,31 @@ def locate(
     slip: int,
     p: Any,
 ) -> float:
-    """Share of the step where guard i, g_lo > 0 at lo and g_hi <= 0 at hi, reaches zero (Illinois method)."""
+    """Share of the step where guard i reaches zero, in its first half (early) or its second; ends: at the begin, middle
+    and end of the step. By inverse parabolas (Brent's method less its bookkeeping)."""
+    if early:
+        lo, hi, old, g_lo, g_hi, g_old = 0.0, 0.5, 1.0, ends[0], ends[1], ends[2]
+    else:
+        lo, hi, old, g_lo, g_hi, g_old = 0.5, 1.0, 0.0, ends[1], ends[2], ends[0]
     if g_lo <= 0.0:
         return lo
-    side = 0
     for n in range(100):
         if (hi - lo) * h <= ROOT or g_hi == 0.0:
             break
-        theta = 0.5 * (lo + hi)
-        if n % 8 != 7 and g_hi < 0.0:  # not nearer to an end than the width asked for, so that the bracket closes
-            theta = min(max((lo * g_hi - hi * g_lo) / (g_hi - g_lo), lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
+        if g_lo < -g_hi:
+            theta = inverse(hi, g_hi, lo, g_lo, old, g_old)
+        else:
+            theta = inverse(lo, g_lo, hi, g_hi, old, g_old)
+        if n % 4 == 3 or not lo < theta < hi:
+            theta = 0.5 * (lo + hi)
+        # not nearer to an end than the width asked for, so that the bracket closes
+        theta = min(max(theta, lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
         inside(theta, t, s, h, wide, exact, q, mode, p, work)
         g = guards(t + theta * h, work, mode, slip, p)[i]
         if g > 0.0:
-            lo, g_lo = theta, g
-            if side == 1:
-                g_hi *= 0.5
-            side = 1
+            old, g_old, lo, g_lo = lo, g_lo, theta, g
         else:
-            hi, g_hi = theta, g
-            if side == -1:
-                g_lo *= 0.5
-            side = -1
+            old, g_old, hi, g_hi = hi, g_hi, theta, g
     return hi
 
 
