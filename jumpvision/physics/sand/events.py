@@ -34,6 +34,7 @@ from .granular import (
     LANDED,
     LEFT,
     N_MOTION,
+    SINE,
     STUCK,
     VF,
     XF,
@@ -71,7 +72,7 @@ from .step import (
     middle,
     step,
 )
-from .within import dips, efforts, heights, inside, locate, paces, peak, sample
+from .within import dips, efforts, fastest, heights, inside, locate, paces, peak, sample, spares
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
 KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "motor_held", "motor_free")
@@ -212,7 +213,7 @@ def compiled_run(key: str) -> Callable[..., Any]:
         v_old = 0.0  # the motor's rate before an impulse
         longest, exact, now = max_step, False, (1.0, 1.0, 1.0, 1.0)
         rod_before, rod_after, com, low = -np.inf, -np.inf, -np.inf, 0.0
-        held, force, pace = -np.inf, (0.0, 0.0, 0.0), (0.0, 0.0)
+        held, force, pace, watched = -np.inf, (0.0, 0.0, 0.0), (0.0, 0.0), True
         for piece in range(rows.shape[0]):
             t, end = edges[piece], edges[piece + 1]
             for i in range(rows.shape[1]):
@@ -221,6 +222,8 @@ def compiled_run(key: str) -> Callable[..., Any]:
             if size > N_MOTION and p.kp == 0.0:
                 v_new = motor(t, s, p)[1]
                 s[N_MOTION + 1] += kinetic(s, v_new, 0.0, p) - kinetic(s, v_old, 0.0, p)
+            if peaks.size > 0 and t < stop and kind == SINE and p.kp == 0.0 and p.tau == 0.0:
+                peaks[2] = max(peaks[2], fastest(t, min(end, stop), p))
             fresh = True  # the equations changed: a forcing piece or a mode begins
             new_mode = settle(t, s, p) if mode == STUCK else mode
             if p.kp > 0.0 and (p.memory[3] == 0.0 or not room(t, s, new_mode, slip, p) > 0.0):
@@ -259,6 +262,7 @@ def compiled_run(key: str) -> Callable[..., Any]:
                     here = heights(t, s, p)
                     if peaks.size > 0 and t < stop:
                         force, pace = motor_force(t, s, mode, slip, p), paces(mode, p)
+                        watched = not (exact and mode == AIR and spares(peaks, p))
                     if piece == 0 and steps == 0:
                         low = here[2]
                     now = guards(t, s, mode, slip, p)
@@ -359,7 +363,7 @@ def compiled_run(key: str) -> Callable[..., Any]:
                 rod_turns = not clear and a[1] > 0.0 >= b[1] and min(a[0] + a[1] * taken, b[0] - b[1] * taken) > best
                 com_turns = a[3] > 0.0 >= b[3] and min(a[2] + a[3] * taken, b[2] - b[3] * taken) > com
                 reached = end if last and event < 0 else t + taken
-                effort = peaks.size > 0 and t < stop
+                effort = watched and peaks.size > 0 and t < stop
                 if not known and (rod_turns or com_turns or (n_out < t_out.size and t_out[n_out] <= reached)):
                     known = True
                     dense(t, s, taken, mode, slip, p, slopes, s1, work, q)

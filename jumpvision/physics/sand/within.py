@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.physics.forcing import sincos
 
 from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from .kernel import kernel, number
 from .modes import guards
-from .step import between, dense, flow, middle
+from .step import HALF, OMEGA, P1, P2, SHARE, SWING, between, dense, flow, middle
 
 Triple = tuple[float, float, float]
 
@@ -182,6 +183,27 @@ def paces(mode: int, p: Any) -> tuple[float, float]:
     fast = math.sqrt(p.k_s * (1.0 / p.M + light))
     rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
     return (max(rate, p.row[4]) if p.kind == SINE else rate), fast
+
+
+@kernel
+def fastest(start: float, end: float, p: Any) -> float:
+    """Greatest |X_m'| [m/s] of a sinusoid from start to end [s]."""
+    a, b = p.row[4] * (start - p.row[0]) + p.row[5], p.row[4] * (end - p.row[0]) + p.row[5]
+    if math.floor(b / math.pi) >= math.ceil(a / math.pi):
+        return p.row[3] * p.row[4]
+    return p.row[3] * p.row[4] * max(abs(sincos(a)[1]), abs(sincos(b)[1]))
+
+
+@kernel
+def spares(peaks: Array, p: Any) -> bool:
+    """Whether force and power of the motor surely stay below their peaks on a flight in closed form, driven by a
+    sinusoid whose `fastest` is among the peaks."""
+    if p.kind != SINE or p.hold > 0.0 or p.tau > 0.0:
+        return False
+    rate, stiff = p.row[4], p.arc[OMEGA] * p.arc[OMEGA] + p.arc[HALF] * p.arc[HALF]
+    forced = rate * rate * math.sqrt(p.arc[P1] * p.arc[P1] + p.arc[P2] * p.arc[P2])
+    most = p.ratio * (p.M * p.arc[SHARE] * (stiff * p.arc[SWING] + forced) + p.m_r * p.row[3] * rate * rate)
+    return most <= peaks[0] and most * p.row[3] * rate <= peaks[1]
 
 
 @kernel
