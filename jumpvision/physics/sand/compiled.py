@@ -52,11 +52,12 @@ def pieces(rows: Array) -> tuple[Array, Array]:
 
 @njit(error_model="numpy")
 def tolerances(p: Any, size: int, atol: float) -> tuple[float, Array]:
-    """The spring's rate [1/s], and atol [m] of `size` states: of velocities times the rate."""
+    """The spring's rate [1/s], and atol [m] of `size` states: of velocities times the rate at which the spring swings
+    what moves with them, of the foot its own."""
     rate = math.sqrt(p.k_s / p.M)
     out = np.full(size, atol)
     out[granular.W] *= rate
-    out[granular.VF] *= rate
+    out[granular.VF] *= rate if p.massless == 1 else math.sqrt(p.k_s * (1.0 / p.M + 1.0 / p.m_f))
     for i in range(granular.V, size):
         out[i] *= rate
     return rate, out

@@ -59,7 +59,8 @@ def simulate(
     """The motion of a robot settled at rest at t[0], driven by `forcing`.
 
     t: (n,) output times [s], increasing, from rest: t[0] <= forcing.start; the run ends at t[-1].
-    rtol: relative tolerance of a step; atol [m]: absolute one of positions, of velocities times the spring's rate.
+    rtol: relative tolerance of a step; atol [m]: absolute one of positions, of velocities times the spring's rate,
+    of the foot's times that of foot and spring.
     stop: when the motor stops [s], for the heights; default forcing.stop (give it for a log longer than the motion).
     `camera_scale` and `time_offset` change what a film reports, not the motion: `filmed_height`.
     Raises ValueError for times that are not as above, and RuntimeError when no solution can be followed.
@@ -101,7 +102,8 @@ def follow(
     modes, log = np.full(t.size, granular.STUCK), np.empty((events.MAX_EVENTS, 2))
     rate = math.sqrt(model.k_s / model.M)
     tolerance = np.full(n, atol)
-    tolerance[[granular.W, granular.VF]] *= rate
+    tolerance[granular.W] *= rate
+    tolerance[granular.VF] *= math.sqrt(model.k_s * (1.0 / model.M + 1.0 / model.m_f)) if model.m_f else rate
     tolerance[granular.V : granular.N_MOTION] *= rate
     tolerance[granular.N_MOTION :] *= model.M * model.g
     status, count, depth, before, after, top = compiled.solver()(
