@@ -139,7 +139,6 @@ def digest() -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
 
 
-@functools.cache
 def solver() -> Callable[..., Any]:
     """What follows a jump, compiled once for all that do."""
     return events.compiled_run(digest())

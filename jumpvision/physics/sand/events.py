@@ -51,7 +51,7 @@ from .granular import (
     rod,
     settling,
 )
-from .kernel import OPTIONS, kernel, number
+from .kernel import OPTIONS, kernel, kernel_of, number
 from .modes import grip, guards, held_between, limit, rail_force, room, settle
 from .program import NEVER
 from .step import (
@@ -166,6 +166,7 @@ def workspace(n: int, pieces: int) -> Any:
     )
 
 
+@kernel_of
 def compiled_run(key: str) -> Callable[..., Any]:
     """`run` compiled for all that follow jumps; key: of all that it is made of, a part of numba's."""
 

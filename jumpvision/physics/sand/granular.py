@@ -13,7 +13,7 @@ the carriage's velocity v_m) or 0: held by Coulomb friction.
 Force thresholds carry the width `p.slack` (1e-9 M g), so that a
 mode that begins does so with an acceleration of definite sign.
 
-Everything here is compiled into `events.run`; `p` is one record of CONSTANTS.
+Everything here is compiled into `events.compiled_run`; `p` is one record of CONSTANTS.
 """
 
 from __future__ import annotations

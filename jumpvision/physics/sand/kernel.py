@@ -7,6 +7,7 @@ records: the same code as by hand, and no kernel names a mechanism.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -98,6 +99,11 @@ def combination(weights: Array, own: int) -> Any:
         return types.void(i, s, h, k, out), code
 
     return combine
+
+
+def kernel_of(make: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Around a function that holds one kernel, kept by numba under a key of all sources: compiled once a process."""
+    return functools.cache(make)
 
 
 for _law in COMPILED:
