@@ -379,8 +379,8 @@ def compiled_run(key: str) -> Callable[..., Any]:
                     com = max(com, p.arc[Z] + 0.5 * p.arc[U] * p.arc[U] / p.arc[PULL])
                 elif com_turns:
                     com = max(com, peak(number(2), t, s, taken, wide, b, exact, q, work, mode, p))
-                if effort:
-                    force = efforts(
+                while effort:
+                    found, done = efforts(
                         t,
                         s,
                         taken,
@@ -398,6 +398,11 @@ def compiled_run(key: str) -> Callable[..., Any]:
                         slopes,
                         peaks,
                     )
+                    if done:
+                        force, effort = found, False
+                    else:
+                        dense(t, s, taken, mode, slip, p, slopes, s1, work, q)
+                        known = True
                 while n_out < t_out.size and t_out[n_out] <= reached:
                     share = (t_out[n_out] - t) / taken if taken > 0.0 else 0.0
                     inside(share, t, s, taken, wide, exact, q, mode, p, work)

@@ -13,7 +13,7 @@ from jumpvision.physics.forcing import sincos
 from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from .kernel import kernel, number
 from .modes import guards
-from .step import HALF, OMEGA, P1, P2, SHARE, SWING, between, dense, flow, middle
+from .step import HALF, OMEGA, P1, P2, SHARE, SWING, between, flow, middle
 
 Triple = tuple[float, float, float]
 
@@ -224,11 +224,11 @@ def efforts(
     p: Any,
     k: Array,
     peaks: Array,
-) -> Triple:
+) -> tuple[Triple, bool]:
     """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
-    known: whether q is; k: slopes of the step, to find it. peaks: (6,), behind them the least seen. f0: `motor_force`
-    at the begin of the step; returns it at the end. pace: `paces`.
+    known: whether q is; k: slopes of the step. peaks: (6,), behind them the least seen. f0: `motor_force` at the begin
+    of the step; returns it at the end, and whether all has been looked at: else call again with q. pace: `paces`.
 
     A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid
     rises above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by
@@ -243,8 +243,7 @@ def efforts(
     for i in range(pieces):
         if i + 1 < pieces:
             if not known:
-                dense(t, s, h, mode, slip, p, k, s1, work, q)
-                known = True
+                return f0, False
             inside((i + 1) / pieces, t, s, h, wide, exact, q, mode, p, work)
             f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, p)
         else:
@@ -256,24 +255,17 @@ def efforts(
             peaks[3 + which] = min(peaks[3 + which], min(f0[which], f2[which]))
             near = near or top + rise * (peaks[which] - peaks[3 + which]) > peaks[which]
         if near:
-            # whether it turns is told by a middle of third order, the peak by one of seventh
-            while True:
-                if known:
-                    inside((i + 0.5) / pieces, t, s, h, wide, exact, q, mode, p, work)
-                else:
-                    middle(s, s1, k, h, work)
-                f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, p)
-                turns = False
-                for which in range(3):
-                    turns = turns or turning(f0[which], f1[which], f2[which], peaks[which])
-                if known or not turns:
-                    break
-                dense(t, s, h, mode, slip, p, k, s1, work, q)
-                known = True
+            if known:
+                inside((i + 0.5) / pieces, t, s, h, wide, exact, q, mode, p, work)
+            else:  # of third order: enough to tell whether it turns
+                middle(s, s1, k, h, work)
+            f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, p)
             for which in range(3):
                 a = f0[which]
-                if not (turns and turning(a, f1[which], f2[which], peaks[which])):
+                if not turning(a, f1[which], f2[which], peaks[which]):
                     continue
+                if not known:
+                    return f0, False
                 before, now = -np.inf, a
                 for j in range(1, n + 1):
                     theta = (i + j / n) / pieces
@@ -287,4 +279,4 @@ def efforts(
                     peaks[which] = max(peaks[which], top)
                     before, now = now, after
         f0 = f2
-    return f0
+    return f0, True
