@@ -18,7 +18,9 @@ from jumpvision.mechanisms.registry import ModelParameters
 from jumpvision.physics.batch import jump_batch
 from jumpvision.physics.forcing import Segments, Spline, delayed, from_motion, sinusoid
 from jumpvision.physics.model import Model
+from jumpvision.physics.sand import granular, modes, step
 from jumpvision.physics.sand.jump import equilibrium, filmed_height, simulate
+from jumpvision.physics.sand.jump import pack as packed
 
 SAND = {
     "motor_mass": 1.125,
@@ -615,3 +617,83 @@ def test_a_step_astray_says_nothing_of_kinks_on_its_way():
     law = [[[0.0, 0.213327419, 5.33944410e-03, 2.57591295e-02, 117.812991, 6.07438792]]]  # fmt: skip
     found = jump_batch(EVERYTHING, law, **values)
     assert found["failure"].item() == "" and np.isfinite(found["jump_height_m"]).all()
+
+
+# -- what the solver does not look at ---------------------------------------------------------------------------------
+@nb.njit
+def _arc(constants, s, mode, most, times, seen):
+    """Time for which a stay is sure, BOW and the guards (n, 2) at the times on the arc that starts from s."""
+    p = constants[0]
+    step.begin(0.0, s, mode, 1, p)
+    work = np.empty(4)
+    wait = step.stay(0.0, p.arc[step.SWING], most, p)
+    for i in range(-1, times.size):  # the first time: where the stay is over
+        t = wait if i < 0 else times[i]
+        step.flow(min(t, 10.0), mode, p, work)
+        g = modes.guards(min(t, 10.0), work, mode, 1, p)
+        seen[i + 1, 0], seen[i + 1, 1] = g[0], g[1]
+    return wait, p.arc[step.BOW]
+
+
+def _random_arcs(n, damping, moves):
+    """constants and a state of a robot whose foot has been at 30 mm, its motor still or driven by a sinusoid."""
+    rng = np.random.default_rng(5)
+    model = Model("granular", ("two_resistance",), ModelParameters(k1=2100.0, k2=1500.0, delta=0.009), **SAND)
+    for _ in range(n):
+        constants = packed(replace(model, spring_damping=damping))
+        p = constants[0]
+        p["kind"], p["memory"][granular.FLOOR] = granular.SINE, 0.03
+        rate = rng.uniform(10.0, 120.0)
+        p["row"][:6] = 0.0, 10.0, 0.0, rng.uniform(1e-3, 0.02) if moves else 0.0, rate, rng.uniform(0.0, 6.0)
+        p["row"][granular.ASKED] = np.nan
+        foot = -0.03 + (rng.uniform(0.0, 0.03) if moves else 0.0)
+        yield constants.view(np.recarray), np.array([foot - rng.uniform(-2e-3, 0.01), rng.normal(0.0, 0.3), foot, 0.0])
+
+
+def test_a_stay_ends_where_an_undamped_spring_lifts_or_pushes_the_foot():
+    ends = []
+    for constants, s in _random_arcs(200, 0.0, False):
+        p = constants[0]
+        seen, most = np.empty((402, 2)), float(2100.0 * 0.009 + 1500.0 * 0.021)
+        wait, _ = _arc(constants, s, REST, most, np.linspace(0.0, 0.3, 401), seen)
+        held = np.linspace(0.0, 0.3, 401) < wait
+        scale = p.k_s * p.arc[step.SWING]
+        assert (seen[1:][held] > -1e-9 * scale).all()
+        if 0.0 < wait < math.inf:  # no damping: exactly where one of the two falls
+            assert abs(seen[0]).min() < 1e-9 * scale + 2.0 * p.slack
+        ends.append(wait)
+    found = np.array(ends)
+    assert np.isinf(found).any() and (found == 0.0).any() and np.isfinite(found[found > 0.0]).any()
+
+
+@pytest.mark.parametrize("mode", [AIR, REST])
+def test_guards_bend_no_more_than_is_said(mode):
+    """Between two points of an arc a guard lies at most BOW h^2 below the lower of its ends."""
+    nearest = 1.0
+    for constants, s in _random_arcs(200, 1.2, True):
+        for h in (1e-3, 5e-3):
+            seen, times = np.empty((202, 2)), np.linspace(0.0, h, 201)
+            bow = _arc(constants, s, mode, 1e3, times, seen)[1]
+            g = seen[1:, : 1 if mode == AIR else 2]
+            dip = np.minimum(g[0], g[-1]) - g.min(axis=0)
+            assert (dip <= bow * h * h * (1.0 + 1e-9)).all()
+            nearest = min(nearest, float(np.min(1.0 - dip / (bow * h * h))))
+    assert nearest < 0.85  # a seventh of it at least is reached
+
+
+@pytest.mark.parametrize("n", [4, 5, 7, 8, 11])
+def test_stages_are_the_sums_of_the_tableau(n):
+    rng = np.random.default_rng(n)
+    s, k, out = rng.normal(size=n), rng.normal(size=(step.N_SLOPES, n)), np.zeros((3, n))
+
+    @nb.njit
+    def combined(s, h, k, out):
+        step.combine(9, s, h, k, out[0])
+        step.combine(14, s, h, k, out[1])
+        step.combine(20, s, h, k, out[2])
+
+    combined(s, 0.3, k, out)
+    for row, i in enumerate((9, 14, 20)):
+        terms = 0.3 * step.WEIGHTS[i][:, None] * k
+        exact = terms.sum(axis=0) + (s if i < step.N_SLOPES else 0.0)
+        assert np.all(np.abs(out[row] - exact) <= 16 * 2.0**-52 * (np.abs(terms).sum(axis=0) + np.abs(s)))

@@ -18,7 +18,7 @@ from .record import Body, Mechanism, Parameter, Prior, law
 @law
 def flat_radius(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
     """r = R - mu z / tan(theta) until the cone is complete, then 0 [m] (23)."""
-    return xp.maximum(R - mu * z / xp.tan(theta), 0.0)
+    return xp.maximum(R - mu / xp.tan(theta) * z, 0.0)
 
 
 def complete(xp: Any, mu: float, theta: float, R: float) -> Any:
@@ -43,7 +43,7 @@ def cone_area(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
 def flat_volume(xp: Any, z: Any, mu: float, theta: float, R: float) -> Any:
     """Integral of A_flat from the surface to z [m^3]: pi (R^3 - r^3) tan(theta) / (3 mu)."""
     r = flat_radius(xp, z, mu, theta, R)
-    return math.pi * (R**3 - r**3) * xp.tan(theta) / (3.0 * mu)
+    return math.pi * xp.tan(theta) / (3.0 * mu) * (R**3 - r**3)
 
 
 @law

@@ -73,13 +73,20 @@ INLINE: dict[str, Any] = {**KERNEL, "forceinline": True}
 
 @nb.njit(**INLINE)
 def sincos(x: float) -> tuple[float, float]:
-    """sin x and cos x to 1.2e-16, both for less than the price of a library's sine.
+    """sin x and cos x to 1.2e-16, both for less than the price of a library's sine."""
+    return sincos_near(x) if abs(x) < NEAR else (math.sin(x), math.cos(x))
+
+
+NEAR = 1e6  # rad
+
+
+@nb.njit(**INLINE)
+def sincos_near(x: float) -> tuple[float, float]:
+    """sin x and cos x for |x| < NEAR, without a branch, so that a loop may take several x at once.
 
     x less the nearest multiple of pi/2 (in two parts, Cody and Waite: exact for 2^20 of them), then the minimax
     polynomials of fdlibm's k_sin.c and k_cos.c.
     """
-    if not abs(x) < 1e6:
-        return math.sin(x), math.cos(x)
     n = np.floor(x * 0.6366197723675814 + 0.5)
     r = (x - n * 1.5707963267341256) - n * 6.077100506506192e-11
     z = r * r
@@ -89,7 +96,7 @@ def sincos(x: float) -> tuple[float, float]:
     c = -2.75573143513906633035e-07 + z * (2.08757232129817482790e-09 + z * -1.13596475577881948265e-11)
     c = -1.38888888888741095749e-03 + z * (2.48015872894767294178e-05 + z * c)
     c = 1.0 - (0.5 * z - z * z * (4.16666666666666019037e-02 + z * c))
-    turn = int(n) & 3
+    turn = np.int32(n) & 3
     if turn & 1:
         s, c = c, s
     return (-s if turn & 2 else s), (-c if (turn + 1) & 2 else c)

@@ -88,7 +88,7 @@ def make_arc(
     p1 = -6.0 * q * d3 / w2
     p0 = (-g - 2.0 * q * d2 - 2.0 * gam * p1) / w2
     push = q * amp * om * om
-    if push != 0.0 and kind == UNDER and math.hypot(gam, om - om_d) < NEAR * math.sqrt(w2):
+    if push != 0.0 and kind == UNDER and gam * gam + (om - om_d) * (om - om_d) < NEAR * NEAR * w2:
         kind, ps, pc = RESONANT, push, 0.0
         xh, vh = x - p0, v - p1
         w0 = math.sqrt(w2)
@@ -102,7 +102,7 @@ def make_arc(
             ps, pc = push * real / den, -push * imag / den
         xh = x - p0 - ps * sin - pc * cos
         vh = v - p1 - om * (ps * cos - pc * sin)
-        jerk = math.hypot(ps, pc) * om**3
+        jerk = math.sqrt(ps * ps + pc * pc) * om**3
     ah = -2.0 * gam * vh - w2 * xh
     jh = -2.0 * gam * ah - w2 * vh
     jerk += math.sqrt(jh * jh + w2 * ah * ah)

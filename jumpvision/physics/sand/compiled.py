@@ -52,11 +52,12 @@ def pieces(rows: Array) -> tuple[Array, Array]:
 
 @njit(error_model="numpy")
 def tolerances(p: Any, size: int, atol: float) -> tuple[float, Array]:
-    """The spring's rate [1/s], and atol [m] of `size` states: of velocities times the rate."""
+    """The spring's rate [1/s], and atol [m] of `size` states: of velocities times the rate at which the spring swings
+    what moves with them, of the foot its own."""
     rate = math.sqrt(p.k_s / p.M)
     out = np.full(size, atol)
     out[granular.W] *= rate
-    out[granular.VF] *= rate
+    out[granular.VF] *= rate if p.massless == 1 else math.sqrt(p.k_s * (1.0 / p.M + 1.0 / p.m_f))
     for i in range(granular.V, size):
         out[i] *= rate
     return rate, out
@@ -78,6 +79,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     s = np.empty(tolerance.size)
     log, peaks = np.empty((LOG, 2)), np.empty(6)
     no_times, no_out, no_modes = np.empty(0), np.empty((0, within.N_OUT)), np.empty(0, np.int64)
+    space = events.workspace(s.size, rows.shape[0] if p.tau > 0.0 else 0)
     height = -modes.squeeze(p) - deep
     p.rest = height
     while True:
@@ -100,6 +102,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
             tolerance,
             2.0 * math.pi / rate / STEPS_PER_PERIOD,
             peaks,
+            space,
         )
         out[STATUS] = status
         if status != events.OK:
@@ -136,24 +139,9 @@ def digest() -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
 
 
-@functools.cache
 def solver() -> Callable[..., Any]:
-    """`events.run` compiled once for all that follow jumps, less its workspace."""
-    return _solver(digest())
-
-
-def _solver(key: str) -> Callable[..., Any]:
-    @njit(cache=True, nogil=True)
-    def solve(  # type: ignore[no-untyped-def]
-        constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, peaks
-    ):
-        key  # noqa: B018
-        space = events.workspace(s.size, rows.shape[0] if constants[0].tau > 0.0 else 0)
-        return events.run(
-            constants, kind, rows, edges, s, floor, stop, t_out, out, modes, log, rtol, atol, max_step, peaks, space
-        )
-
-    return solve
+    """What follows a jump, compiled once for all that do."""
+    return events.compiled_run(digest())
 
 
 TRACK = np.dtype(
@@ -200,6 +188,7 @@ def _tracks(key: str) -> Callable[..., Any]:
             until[n] = end
             size = granular.N_MOTION if p.kp > 0.0 or p.own_rate > 0 else granular.X
             (rate, tolerance), s = tolerances(p, size, atol), np.zeros(size)
+            space = events.workspace(size, n if p.tau > 0.0 else 0)
             height = -modes.squeeze(p) - deep
             p.rest = height + a.before
             s[granular.Y], s[granular.XF] = height + p.m_m / p.M * a.before, -deep
@@ -222,6 +211,7 @@ def _tracks(key: str) -> Callable[..., Any]:
                 tolerance,
                 2.0 * math.pi / rate / STEPS_PER_PERIOD,
                 no_peaks,
+                space,
             )[0]
             for i in range(driven, heights.size):
                 heights[i] = full[i - driven, 0] - height

@@ -13,7 +13,7 @@ the carriage's velocity v_m) or 0: held by Coulomb friction.
 Force thresholds carry the width `p.slack` (1e-9 M g), so that a
 mode that begins does so with an acceleration of definite sign.
 
-Everything here is compiled into `events.run`; `p` is one record of CONSTANTS.
+Everything here is compiled into `events.compiled_run`; `p` is one record of CONSTANTS.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.record import Body
 from jumpvision.mechanisms.registry import MECHANISMS, PARAMETERS, acting
 from jumpvision.mechanisms.robot import spring
-from jumpvision.physics.forcing import segment_xv
+from jumpvision.physics.forcing import NEAR as NEAR_ZERO
+from jumpvision.physics.forcing import segment_xv, sincos_near
 
 from .kernel import chosen, each, inlined, kernel, running, summed
 from .program import ARRAYS, BODIES, FIELDS, REST, value
@@ -46,7 +47,8 @@ FLOOR, HOLE, PAUSE, HELD, CONTACT, LEFT, N_MEMORY = range(7)
 """What a run remembers: depths of the floor, of the last lift-off and the last pause; what holds the motor; when the
 foot last came down [s]; `z_left` of the last pause."""
 BENDS = 4  # mechanisms of the ground that have a kink and act together
-N_ARC = 15  # numbers of an arc in closed form (`step`)
+N_ARC = 17  # numbers of an arc in closed form (`step`)
+N_NODES = 16  # of a step, in which the motor is looked up beforehand
 OVER = 40.0  # time constants after which nothing of a lag's transient is left: exp(-OVER) < 1e-17
 AT = 1e-9  # m or m/s: so near to a limit the motor is at it
 LOST = (Body.OVERSHOOT, Body.DRAG, Body.FOOT, Body.INERTIA, Body.CARRIAGE, Body.RAIL, Body.SPRING)
@@ -56,13 +58,14 @@ WORKS = ("motor", "impulse", "spring_damping", "static", *(m.name for body in LO
 OVERSHOOT, DRAG, FORCE, INERTIA, FRICTION, DRY, SPRING, LANDED = accumulate(map(len, LOSSES), initial=N_MOTION + 4)
 
 SWITCHES = tuple(m.name for m in MECHANISMS.values() if m.law and m.acts_on is not Body.STATIC)
-ROBOT = ("m_m", "m_r", "M", "ratio", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
+ROBOT = ("m_m", "m_r", "M", "per_M", "ratio", "m_f", "k_s", "c_s", "g", "R", "phi", "rho", "slack", "hold", "stiffer")
 LOOP = ("kp", "kd", "max_force", "max_speed", "low", "high")
 CONSTANTS = np.dtype(
     [(n, np.int64) for n in ("static", "massless", "linear", *SWITCHES)]
     + [(n, np.float64) for n in (*ROBOT, *PARAMETERS, *LOOP, "rest")]
     + [("bends", np.float64, (BENDS,)), ("kind", np.int64), ("row", np.float64, (N_ROW,))]
     + [("memory", np.float64, (N_MEMORY,)), ("arc", np.float64, (N_ARC,))]
+    + [("ahead", np.float64, (3, N_NODES))]
     + FIELDS
     + ARRAYS
 )
@@ -154,6 +157,27 @@ def motor(t: float, s: Array, p: Any) -> tuple[float, float, float]:
     return x, v, a
 
 
+@inlined
+def motors(t: float, h: float, nodes: Array, p: Any) -> None:
+    """Writes X_m and its two rates at the nodes of a step, shares of the h [s] from t, to p.ahead."""
+    if p.kp > 0.0:
+        return
+    x, v, a = p.ahead[0], p.ahead[1], p.ahead[2]
+    start, step = p.row[4] * (t - p.row[0]) + p.row[5], p.row[4] * h
+    if p.kind == SINE and p.row[3] != 0.0 and abs(start) + step < NEAR_ZERO:
+        level, amplitude, rate = p.row[2], p.row[3], p.row[4]
+        for i in range(N_NODES):
+            sin, cos = sincos_near(start + nodes[i] * step)
+            x[i], v[i], a[i] = level + amplitude * sin, amplitude * rate * cos, -amplitude * rate * rate * sin
+    else:
+        for i in range(N_NODES):
+            x[i], v[i], a[i] = drive(p.kind, p.row, t + nodes[i] * h)
+    if settling(t, p):
+        for i in range(N_NODES):
+            left = p.row[6] * math.exp(-(t + nodes[i] * h - p.row[7]) / p.tau)
+            x[i], v[i], a[i] = x[i] + left, v[i] - left / p.tau, a[i] + left / (p.tau * p.tau)
+
+
 @kernel
 def rod(t: float, s: Array, p: Any) -> tuple[float, float, float, float, float]:
     """x_r [m], v_r [m/s], v_m = v_r + X_m' [m/s], X_m [m], X_m'' [m/s^2]."""
@@ -241,8 +265,12 @@ def rail_friction(t: float, s: Array, x_r: float, x: float, v_m: float, slip: in
 
 @kernel
 def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> float:
-    """Writes ds/dt into row i of k; returns F_s [N]."""
-    x_r, v_r, v_m, x, acceleration = rod(t, s, p)
+    """Writes ds/dt into row i of k; returns F_s [N]. i > 0: node of a step, see `motors`."""
+    if i > 0 and p.kp == 0.0:
+        x, v, acceleration = p.ahead[0, i], p.ahead[1, i], p.ahead[2, i]
+        x_r, v_r, v_m = s[Y] - p.ratio * x, s[W] - p.ratio * v, s[W] + (1.0 - p.ratio) * v
+    else:
+        x_r, v_r, v_m, x, acceleration = rod(t, s, p)
     force = spring_force(x_r, v_r, s, mode, p)
     if p.kp > 0.0:
         acceleration = 0.0 if p.memory[3] != 0.0 else loop_acceleration(t, s, force, x_r, v_m, slip, p)
@@ -250,7 +278,7 @@ def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> f
     if slip == 0:
         k[i, W] = -p.m_r / p.M * acceleration
     else:
-        k[i, W] = -p.g + (force + rail_friction(t, s, x_r, x, v_m, slip, p)) / p.M
+        k[i, W] = -p.g + (force + rail_friction(t, s, x_r, x, v_m, slip, p)) * p.per_M
     k[i, XF] = s[VF]
     if mode == STUCK or p.massless == 1:
         k[i, XF] = 0.0
@@ -263,7 +291,7 @@ def rhs(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, i: int) -> f
         resist = forces(resist, z, s[VF], p.memory[1], p.memory[2], p)
         if p.own_foot > 0:
             resist += own_foot(t, z, s[VF], s, p)
-        k[i, VF] = (resist - force - p.m_f * p.g) / foot_inertia(z, p)
+        k[i, VF] = (resist - force - p.m_f * p.g) * (1.0 / foot_inertia(z, p))
     if s.size > V:
         k[i, X], k[i, V] = 0.0, 0.0
     if p.kp > 0.0:

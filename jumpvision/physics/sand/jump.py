@@ -59,7 +59,8 @@ def simulate(
     """The motion of a robot settled at rest at t[0], driven by `forcing`.
 
     t: (n,) output times [s], increasing, from rest: t[0] <= forcing.start; the run ends at t[-1].
-    rtol: relative tolerance of a step; atol [m]: absolute one of positions, of velocities times the spring's rate.
+    rtol: relative tolerance of a step; atol [m]: absolute one of positions, of velocities times the spring's rate,
+    of the foot's times that of foot and spring.
     stop: when the motor stops [s], for the heights; default forcing.stop (give it for a log longer than the motion).
     `camera_scale` and `time_offset` change what a film reports, not the motion: `filmed_height`.
     Raises ValueError for times that are not as above, and RuntimeError when no solution can be followed.
@@ -101,7 +102,8 @@ def follow(
     modes, log = np.full(t.size, granular.STUCK), np.empty((events.MAX_EVENTS, 2))
     rate = math.sqrt(model.k_s / model.M)
     tolerance = np.full(n, atol)
-    tolerance[[granular.W, granular.VF]] *= rate
+    tolerance[granular.W] *= rate
+    tolerance[granular.VF] *= math.sqrt(model.k_s * (1.0 / model.M + 1.0 / model.m_f)) if model.m_f else rate
     tolerance[granular.V : granular.N_MOTION] *= rate
     tolerance[granular.N_MOTION :] *= model.M * model.g
     status, count, depth, before, after, top = compiled.solver()(
@@ -120,6 +122,7 @@ def follow(
         tolerance,
         2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
         np.empty(0),
+        events.workspace(n, len(rows)),
     )
     if status != events.OK:
         what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
@@ -201,7 +204,7 @@ def pack(model: Model, n: int = 1) -> NDArray[Any]:
     p, out = model.parameters, np.zeros(n, granular.CONSTANTS)
     out["static"] = 0 if model.ground == "hard" else 1 + STATIC.index(next(t for t in STATIC if t in model))
     out["massless"] = np.equal(model.m_f, 0.0)
-    out["ratio"] = model.m_m / model.M
+    out["ratio"], out["per_M"] = model.m_m / model.M, 1.0 / np.asarray(model.M)
     for name in ("m_m", "M", "m_f", "k_s", "c_s", "g", "hold"):
         out[name] = getattr(model, name)
     out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g

@@ -7,13 +7,17 @@ records: the same code as by hand, and no kernel names a mechanism.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import njit
-from numba.extending import register_jitable
+from numba.core import cgutils, types
+from numba.extending import intrinsic, register_jitable
 
+from jumpvision.base.arrays import Array
 from jumpvision.mechanisms.record import COMPILED, Body, Mechanism, symbols
 from jumpvision.mechanisms.registry import acting
 
@@ -41,6 +45,65 @@ def kernel(f: Callable[..., Any]) -> Any:
 def inlined(f: Callable[..., Any]) -> Any:
     """The same in the place of every call: handing over arrays (7 numbers each) costs more than a small function."""
     return njit(**OPTIONS, forceinline=True)(f)
+
+
+LANES = 4  # numbers that one instruction takes
+
+
+def combination(weights: Array, own: int) -> Any:
+    """combine(i, s, h, k, out) in compiled code, i written as a number: out = h sum_m weights[i, m] k[m], and s for
+    i < own, term by term and LANES of n at once.
+
+    s, out: (n,), k: (m, n), n >= LANES, without gaps. numba leaves loops over so few numbers as they are.
+    """
+    number, flags = ir.DoubleType(), ("contract", "reassoc")
+    lanes = ir.VectorType(number, LANES)
+
+    def load(builder: Any, place: Any) -> Any:
+        return builder.load(builder.bitcast(place, lanes.as_pointer()), align=8)
+
+    def joined(builder: Any, each: Any) -> Any:
+        out = ir.Constant(lanes, ir.Undefined)
+        for j, x in enumerate(each):
+            out = builder.insert_element(out, x, ir.Constant(ir.IntType(32), j))
+        return out
+
+    def terms(builder: Any, row: int, at: Any, s: Any, h: Any, k: Any, out: Any) -> None:
+        n, total = builder.extract_value(k.shape, 1), None
+        *before, last = map(int, np.flatnonzero(weights[row]))
+        for m in (*before, last):
+            place = cgutils.gep(builder, k.data, builder.add(at, builder.mul(n, ir.Constant(n.type, m))))
+            if m < last:
+                x = load(builder, place)
+            else:  # written number by number just before: read as one they would be waited for
+                x = joined(builder, [builder.load(cgutils.gep(builder, place, j)) for j in range(LANES)])
+            x = builder.fmul(x, ir.Constant(lanes, [float(weights[row, m])] * LANES), flags=flags)
+            total = x if total is None else builder.fadd(total, x, flags=flags if m < last else ("contract",))
+        total = builder.fmul(total, joined(builder, [h] * LANES), flags=flags)
+        if row < own:
+            total = builder.fadd(load(builder, cgutils.gep(builder, s.data, at)), total, flags=flags)
+        builder.store(total, builder.bitcast(cgutils.gep(builder, out.data, at), lanes.as_pointer()), align=8)
+
+    @intrinsic(prefer_literal=True)
+    def combine(typing: Any, i: Any, s: Any, h: Any, k: Any, out: Any) -> Any:
+        def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            s, k, out = (context.make_array(signature.args[j])(context, builder, args[j]) for j in (1, 3, 4))
+            n = builder.extract_value(k.shape, 1)
+            first, width = ir.Constant(n.type, 0), ir.Constant(n.type, LANES)
+            final = builder.sub(n, width)
+            with cgutils.for_range_slice(builder, first, n, width) as (j, _):  # the last may be in part the same again
+                at = builder.select(builder.icmp_signed("<", j, final), j, final)
+                terms(builder, i.literal_value, at, s, args[2], k, out)
+            return context.get_dummy_value()
+
+        return types.void(i, s, h, k, out), code
+
+    return combine
+
+
+def kernel_of(make: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Around a function that holds one kernel, kept by numba under a key of all sources: compiled once a process."""
+    return functools.cache(make)
 
 
 for _law in COMPILED:

@@ -14,8 +14,25 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.physics.forcing import sincos
 
-from .granular import AIR, INTRUDE, N_ARC, SINE, VF, XF, W, Y, dry_frictions, is_still, rhs, settling
-from .kernel import inlined, kernel
+from .granular import (
+    AIR,
+    FLOOR,
+    HARD,
+    INTRUDE,
+    N_ARC,
+    SINE,
+    VF,
+    XF,
+    W,
+    Y,
+    dry_frictions,
+    is_still,
+    motors,
+    rhs,
+    settling,
+    yield_force,
+)
+from .kernel import combination, inlined, kernel, number
 
 ORDER = 8
 N_SLOPES, END = 16, 12  # END: the slope at the end of a step; behind it what the dense output needs
@@ -52,16 +69,14 @@ NUMBERS = """
 -231.5293791760455 357.6391179106141 93.40532418362432 -37.45832313645163 104.0996495089623 29.8402934266605
 -43.53345659001114 96.32455395918828 -39.17726167561544 -149.72683625798564
 """
-TABLEAU = np.array(NUMBERS.split(), float)
-A = np.zeros((N_SLOPES, N_SLOPES))
-_at = 0
-for _i in [*range(1, 12), 12]:
-    A[_i, :_i], _at = TABLEAU[_at : _at + _i], _at + _i
-THIRD, FIFTH, _at = TABLEAU[_at : _at + 13].copy(), TABLEAU[_at + 13 : _at + 26].copy(), _at + 26
-for _i in (13, 14, 15):
-    A[_i, :_i], _at = TABLEAU[_at : _at + _i], _at + _i
-NODES = A.sum(axis=1)
-DENSE = TABLEAU[_at:].reshape(4, N_SLOPES).copy()
+FIFTH, THIRD, DENSE = N_SLOPES, N_SLOPES + 1, N_SLOPES + 2  # rows of WEIGHTS behind those of the stages
+WEIGHTS = np.zeros((DENSE + N_DENSE - 3, N_SLOPES))
+_numbers, _at = np.array(NUMBERS.split(), float), 0
+for _row, _n in [*((i, i) for i in range(1, END + 1)), (THIRD, 13), (FIFTH, 13), (13, 13), (14, 14), (15, 15)]:
+    WEIGHTS[_row, :_n], _at = _numbers[_at : _at + _n], _at + _n
+WEIGHTS[DENSE:] = _numbers[_at:].reshape(-1, N_SLOPES)
+NODES = WEIGHTS[:N_SLOPES].sum(axis=1)
+combine = combination(WEIGHTS, N_SLOPES)
 
 
 @kernel
@@ -81,24 +96,41 @@ def step(
 
     k: (N_SLOPES, n); k[0] = ds/dt at t on entry, those up to END are filled; k[END] = ds/dt at t + h.
     """
-    n = s.size
-    for i in range(1, END + 1):
-        for j in range(n):
-            slope = 0.0
-            for m in range(i):
-                slope += A[i, m] * k[m, j]
-            s1[j] = s[j] + h * slope
-        rhs(t + NODES[i] * h, s1, mode, slip, p, k, i)
+    motors(t, h, NODES, p)
+    combine(1, s, h, k, s1)
+    rhs(t + NODES[1] * h, s1, mode, slip, p, k, number(1))
+    combine(2, s, h, k, s1)
+    rhs(t + NODES[2] * h, s1, mode, slip, p, k, number(2))
+    combine(3, s, h, k, s1)
+    rhs(t + NODES[3] * h, s1, mode, slip, p, k, number(3))
+    combine(4, s, h, k, s1)
+    rhs(t + NODES[4] * h, s1, mode, slip, p, k, number(4))
+    combine(5, s, h, k, s1)
+    rhs(t + NODES[5] * h, s1, mode, slip, p, k, number(5))
+    combine(6, s, h, k, s1)
+    rhs(t + NODES[6] * h, s1, mode, slip, p, k, number(6))
+    combine(7, s, h, k, s1)
+    rhs(t + NODES[7] * h, s1, mode, slip, p, k, number(7))
+    combine(8, s, h, k, s1)
+    rhs(t + NODES[8] * h, s1, mode, slip, p, k, number(8))
+    combine(9, s, h, k, s1)
+    rhs(t + NODES[9] * h, s1, mode, slip, p, k, number(9))
+    combine(10, s, h, k, s1)
+    rhs(t + NODES[10] * h, s1, mode, slip, p, k, number(10))
+    combine(11, s, h, k, s1)
+    rhs(t + NODES[11] * h, s1, mode, slip, p, k, number(11))
+    combine(12, s, h, k, s1)
+    rhs(t + NODES[12] * h, s1, mode, slip, p, k, number(12))
+    five, three = k[END + 1], k[END + 2]  # of the dense output, and free
+    combine(16, s, h, k, five)
+    combine(17, s, h, k, three)
     fifth, third = 0.0, 0.0
-    for j in range(n):
-        five, three, most = 0.0, 0.0, atol[j] + rtol * max(abs(s[j]), abs(s1[j]))
-        for m in range(END + 1):
-            five += FIFTH[m] * k[m, j]
-            three += THIRD[m] * k[m, j]
-        fifth, third = max(fifth, abs(five) / most), max(third, abs(three) / most)
-        if not math.isfinite(five):
+    for j in range(s.size):
+        most = 1.0 / (atol[j] + rtol * max(abs(s[j]), abs(s1[j])))
+        fifth, third = max(fifth, abs(five[j]) * most), max(third, abs(three[j]) * most)
+        if not math.isfinite(five[j]):
             return math.inf
-    return h * fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third) if fifth > 0.0 else 0.0
+    return fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third) if fifth > 0.0 else 0.0
 
 
 @kernel
@@ -114,22 +146,20 @@ def dense(
     work: Array,
     q: Array,
 ) -> None:
-    """Writes the coefficients q (n, N_DENSE) of `between` for the step from s to s1, and to work."""
-    for i in range(END + 1, N_SLOPES):
-        for j in range(s.size):
-            slope = 0.0
-            for m in range(i):
-                slope += A[i, m] * k[m, j]
-            work[j] = s[j] + h * slope
-        rhs(t + NODES[i] * h, work, mode, slip, p, k, i)
+    """Writes the coefficients q (N_DENSE, n) of `between` for the last `step`, from s to s1, and to work."""
+    combine(13, s, h, k, work)
+    rhs(t + NODES[13] * h, work, mode, slip, p, k, number(13))
+    combine(14, s, h, k, work)
+    rhs(t + NODES[14] * h, work, mode, slip, p, k, number(14))
+    combine(15, s, h, k, work)
+    rhs(t + NODES[15] * h, work, mode, slip, p, k, number(15))
     for j in range(s.size):
         rise, begin, end = s1[j] - s[j], h * k[0, j], h * k[END, j]
-        q[j, 0], q[j, 1], q[j, 2] = rise, begin - rise, 2.0 * rise - begin - end
-        for i in range(DENSE.shape[0]):
-            total = 0.0
-            for m in range(N_SLOPES):
-                total += DENSE[i, m] * k[m, j]
-            q[j, 3 + i] = h * total
+        q[0, j], q[1, j], q[2, j] = rise, begin - rise, 2.0 * rise - begin - end
+    combine(18, s, h, k, q[3])
+    combine(19, s, h, k, q[4])
+    combine(20, s, h, k, q[5])
+    combine(21, s, h, k, q[6])
 
 
 @kernel
@@ -137,8 +167,8 @@ def between(s: Array, q: Array, theta: float, out: Array) -> None:
     """Writes the state at the share theta of the step that began at s."""
     rest = 1.0 - theta
     for j in range(s.size):
-        total = q[j, 3] + theta * (q[j, 4] + rest * (q[j, 5] + theta * q[j, 6]))
-        out[j] = s[j] + theta * (q[j, 0] + rest * (q[j, 1] + theta * (q[j, 2] + rest * total)))
+        total = q[3, j] + theta * (q[4, j] + rest * (q[5, j] + theta * q[6, j]))
+        out[j] = s[j] + theta * (q[0, j] + rest * (q[1, j] + theta * (q[2, j] + rest * total)))
 
 
 @kernel
@@ -153,8 +183,9 @@ STEPS_PER_PERIOD = 8  # of the oscillation in q: events are looked for twice a s
 
 # An arc: start, cosine and sine part of the oscillation, its decay and frequency, four numbers of the particular
 # solution (level, sine, cosine; or a cubic) and what follows a lag's transient in it, height and rate of the mass
-# centre, its acceleration downwards, share of the foot in the mass
-T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, LATE, Z, U, PULL, SHARE, FOOT = range(N_ARC)
+# centre, its acceleration downwards, share of the foot in the mass, its place at rest; amplitude of the oscillation at
+# the start, and an eighth of the greatest second derivative of a guard that it moves
+T0, COS, SIN, HALF, OMEGA, P0, P1, P2, P3, LATE, Z, U, PULL, SHARE, FOOT, SWING, BOW = range(N_ARC)
 
 
 @kernel
@@ -201,7 +232,7 @@ def particular(t: float, p: Any) -> tuple[float, float]:
 @kernel
 def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
     """Writes the arc p.arc that starts from the state s at t; dry friction of the rail is a constant force on it."""
-    p.arc[T0], p.arc[FOOT] = t, s[XF]
+    p.arc[T0], p.arc[FOOT], p.arc[BOW] = t, s[XF], math.inf
     rail = dry_frictions(0.0, float(slip), p) / p.M
     if p.massless == 1 and mode == AIR:
         p.arc[Z], p.arc[U], p.arc[PULL] = s[Y], s[W], p.g - rail
@@ -230,6 +261,20 @@ def begin(t: float, s: Array, mode: int, slip: int, p: Any) -> None:
     p.arc[SHARE] = share = p.m_f / (p.M + p.m_f)
     p.arc[PULL] = p.g - (1.0 - share) * rail
     p.arc[Z], p.arc[U] = (1.0 - share) * s[Y] + share * s[XF], (1.0 - share) * s[W] + share * s[VF]
+    p.arc[SWING] = swing = math.sqrt(p.arc[COS] * p.arc[COS] + p.arc[SIN] * p.arc[SIN])
+    if p.massless == 1 or p.hold > 0.0 or p.own_dry == 1 or p.own_foot > 0 or p.tau > 0.0:
+        return  # a guard that more than this moves
+    if mode != AIR:  # that of the spring's force, M (q'' + g)
+        p.arc[BOW] = 0.125 * p.M * stiff * stiff * swing
+        if p.kind == SINE and p.row[3] != 0.0:
+            p.arc[BOW] += 0.125 * p.M * p.row[4] ** 4 * math.sqrt(p.arc[P1] * p.arc[P1] + p.arc[P2] * p.arc[P2])
+        return
+    bend = stiff * swing
+    if p.kind == SINE and p.row[3] != 0.0:
+        bend += p.row[4] * p.row[4] * math.sqrt(p.arc[P1] * p.arc[P1] + p.arc[P2] * p.arc[P2])
+    elif p.kind != SINE and (p.row[2] != 0.0 or p.row[3] != 0.0):
+        bend += 2.0 * abs(p.arc[P2]) + 6.0 * abs(p.arc[P3]) * (p.row[1] - p.row[0])
+    p.arc[BOW] = 0.125 * (abs(p.arc[PULL]) + (1.0 - share) * bend)
 
 
 @kernel
@@ -258,26 +303,56 @@ def flow(t: float, mode: int, p: Any, out: Array) -> None:
 
 
 @kernel
-def clear_until(t: float, mode: int, p: Any, floor: float, best: float) -> float:
-    """Time until which the foot surely stays above the hole and the rod below its peak or below `best` (t: unknown).
+def clear_until(t: float, s: Array, mode: int, p: Any, best: float, com: float) -> float:
+    """Time until which no guard falls, for sure, and the rod stays below its peak or below `best`; on the ground also
+    the centre of mass below `com` (t: unknown).
 
-    In flight with the motor still, q stays within a fading amplitude of its level, so that the free fall of the mass
-    centre bounds foot and rod: the steps of a long flight need not be looked at one by one; with dry friction, which
-    turns with the carriage, they are.
+    With the motor still, q stays within a fading amplitude of its level: in flight the free fall of the mass centre
+    then bounds foot and rod, on the ground the foot is pushed as q turns. So a long flight or stay need not be looked
+    at step by step; with dry friction, which turns with the carriage, it is.
     """
-    if mode != AIR or p.massless == 1 or p.hold > 0.0 or not is_still(t, p):
+    if p.massless == 1 or p.hold > 0.0 or not is_still(t, p):
         return t
     h, share, g = t - p.arc[T0], p.arc[SHARE], p.g
-    swing = math.hypot(p.arc[COS], p.arc[SIN]) * math.exp(-p.arc[HALF] * h)
-    least = (1.0 - share) * (p.arc[P0] + swing) - floor  # of the mass centre, while the foot is in the air for sure
+    swing = p.arc[SWING] * math.exp(-p.arc[HALF] * h)
+    position = p.ratio * (p.row[2] if p.kind == SINE else p.row[5])
+    if mode != AIR:
+        stretch = p.arc[P0] + swing
+        if p.arc[FOOT] + stretch - position > best or p.arc[FOOT] + (1.0 - share) * stretch > com or p.own_foot > 0:
+            return t
+        return t + stay(h, swing, math.inf if p.static == HARD else yield_force(t, s, p), p)
+    least = (1.0 - share) * (p.arc[P0] + swing) - p.memory[FLOOR]  # of the mass centre: the foot is in the air for sure
     z = p.arc[Z] + (p.arc[U] - 0.5 * g * h) * h
     if z <= least:
         return t
     landing = (p.arc[U] + math.sqrt(p.arc[U] * p.arc[U] + 2.0 * g * (p.arc[Z] - least))) / g
     apex = p.arc[U] / g
     crest = z if h > apex else p.arc[Z] + 0.5 * p.arc[U] * apex
-    position = p.row[2] if p.kind == SINE else p.row[5]
-    if crest + share * (p.arc[P0] + swing) - p.m_m / p.M * position <= best:
+    if crest + share * (p.arc[P0] + swing) - position <= best:
         return p.arc[T0] + landing
     window = apex - math.sqrt(4.0 * share * swing / g)  # where the rod may be at its highest
     return p.arc[T0] + window if h < window < landing else t
+
+
+@kernel
+def stay(h: float, swing: float, most: float, p: Any) -> float:
+    """Time [s] from h after the arc's start for which the push on the foot at rest, weight + amplitude cos(angle) were
+    there no damping, lies between 0 and `most` [N] for sure."""
+    half, omega, turn = p.arc[HALF], p.arc[OMEGA], 2.0 * math.pi
+    weight, amplitude, wait = (p.M + p.m_f) * p.g, p.M * (omega * omega + half * half) * swing, math.inf
+    if amplitude < min(weight, most - weight):
+        return wait
+    a, b = half * half - omega * omega, 2.0 * half * omega  # the push goes as q'', q times the square of a root
+    angle = omega * h - math.atan2(a * p.arc[SIN] + b * p.arc[COS], a * p.arc[COS] - b * p.arc[SIN])
+    angle -= turn * math.floor(angle / turn)
+    if amplitude >= weight:  # leaves the ground at `low`
+        low = math.acos(-weight / amplitude)
+        if low <= angle <= turn - low:
+            return 0.0
+        wait = low - angle if angle < low else low + turn - angle
+    if amplitude >= most - weight:  # yields at -high
+        high = math.acos(min(max((most - weight) / amplitude, -1.0), 1.0))
+        if not high < angle < turn - high:
+            return 0.0
+        wait = min(wait, turn - high - angle)
+    return wait / omega

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.physics.forcing import sincos
 
 from .granular import AIR, SINE, STUCK, VF, XF, W, Y, motor_force, rhs, rod
 from .kernel import kernel, number
 from .modes import guards
-from .step import between, dense, flow
+from .step import HALF, OMEGA, P1, P2, SHARE, SWING, between, flow, middle
 
 Triple = tuple[float, float, float]
 
@@ -56,12 +57,17 @@ def dips(a: float, b: float, c: float) -> bool:
 
 
 @kernel
+def inverse(a: float, f_a: float, b: float, f_b: float, c: float, f_c: float) -> float:
+    """Where the parabola x(f) through three points is at f = 0; b: the nearest. NaN or inf where there is none."""
+    r, s, t = f_b / f_c, f_b / f_a, f_a / f_c
+    return b + s * (t * (r - t) * (c - b) - (1.0 - r) * (b - a)) / ((t - 1.0) * (r - 1.0) * (s - 1.0))
+
+
+@kernel
 def locate(
     i: int,
-    lo: float,
-    hi: float,
-    g_lo: float,
-    g_hi: float,
+    early: bool,
+    ends: tuple[float, float, float],
     t: float,
     s: Array,
     h: float,
@@ -73,28 +79,31 @@ def locate(
     slip: int,
     p: Any,
 ) -> float:
-    """Share of the step where guard i, g_lo > 0 at lo and g_hi <= 0 at hi, reaches zero (Illinois method)."""
+    """Share of the step where guard i reaches zero, in its first half (early) or its second; ends: at the begin, middle
+    and end of the step. By inverse parabolas (Brent's method less its bookkeeping)."""
+    if early:
+        lo, hi, old, g_lo, g_hi, g_old = 0.0, 0.5, 1.0, ends[0], ends[1], ends[2]
+    else:
+        lo, hi, old, g_lo, g_hi, g_old = 0.5, 1.0, 0.0, ends[1], ends[2], ends[0]
     if g_lo <= 0.0:
         return lo
-    side = 0
     for n in range(100):
         if (hi - lo) * h <= ROOT or g_hi == 0.0:
             break
-        theta = 0.5 * (lo + hi)
-        if n % 8 != 7 and g_hi < 0.0:  # not nearer to an end than the width asked for, so that the bracket closes
-            theta = min(max((lo * g_hi - hi * g_lo) / (g_hi - g_lo), lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
+        if g_lo < -g_hi:
+            theta = inverse(hi, g_hi, lo, g_lo, old, g_old)
+        else:
+            theta = inverse(lo, g_lo, hi, g_hi, old, g_old)
+        if n % 4 == 3 or not lo < theta < hi:
+            theta = 0.5 * (lo + hi)
+        # not nearer to an end than the width asked for, so that the bracket closes
+        theta = min(max(theta, lo + 0.9 * ROOT / h), hi - 0.9 * ROOT / h)
         inside(theta, t, s, h, wide, exact, q, mode, p, work)
         g = guards(t + theta * h, work, mode, slip, p)[i]
         if g > 0.0:
-            lo, g_lo = theta, g
-            if side == 1:
-                g_hi *= 0.5
-            side = 1
+            old, g_old, lo, g_lo = lo, g_lo, theta, g
         else:
-            hi, g_hi = theta, g
-            if side == -1:
-                g_lo *= 0.5
-            side = -1
+            old, g_old, hi, g_hi = hi, g_hi, theta, g
     return hi
 
 
@@ -159,6 +168,45 @@ def sample(t: float, s: Array, mode: int, slip: int, p: Any, k: Array, out: Arra
 
 
 @kernel
+def turning(a: float, b: float, c: float, peak: float) -> bool:
+    """Whether a quantity, a, b, c at the begin, middle and end of a piece, turns in it above its peak (parabola)."""
+    bend = a - 2.0 * b + c
+    if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # 0.1 of the piece or more outside it
+        return False
+    return b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) > peak
+
+
+@kernel
+def paces(mode: int, p: Any) -> tuple[float, float]:
+    """Rates [rad/s] of the forcing or the spring, the faster, as it is looked at and with the foot free to move."""
+    light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
+    fast = math.sqrt(p.k_s * (1.0 / p.M + light))
+    rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
+    return (max(rate, p.row[4]) if p.kind == SINE else rate), fast
+
+
+@kernel
+def fastest(start: float, end: float, p: Any) -> float:
+    """Greatest |X_m'| [m/s] of a sinusoid from start to end [s]."""
+    a, b = p.row[4] * (start - p.row[0]) + p.row[5], p.row[4] * (end - p.row[0]) + p.row[5]
+    if math.floor(b / math.pi) >= math.ceil(a / math.pi):
+        return p.row[3] * p.row[4]
+    return p.row[3] * p.row[4] * max(abs(sincos(a)[1]), abs(sincos(b)[1]))
+
+
+@kernel
+def spares(peaks: Array, p: Any) -> bool:
+    """Whether force and power of the motor surely stay below their peaks on a flight in closed form, driven by a
+    sinusoid whose `fastest` is among the peaks."""
+    if p.kind != SINE or p.hold > 0.0 or p.tau > 0.0:
+        return False
+    rate, stiff = p.row[4], p.arc[OMEGA] * p.arc[OMEGA] + p.arc[HALF] * p.arc[HALF]
+    forced = rate * rate * math.sqrt(p.arc[P1] * p.arc[P1] + p.arc[P2] * p.arc[P2])
+    most = p.ratio * (p.M * p.arc[SHARE] * (stiff * p.arc[SWING] + forced) + p.m_r * p.row[3] * rate * rate)
+    return most <= peaks[0] and most * p.row[3] * rate <= peaks[1]
+
+
+@kernel
 def efforts(
     t: float,
     s: Array,
@@ -166,6 +214,7 @@ def efforts(
     wide: float,
     s1: Array,
     f0: Triple,
+    pace: tuple[float, float],
     exact: bool,
     known: bool,
     q: Array,
@@ -175,22 +224,18 @@ def efforts(
     p: Any,
     k: Array,
     peaks: Array,
-) -> Triple:
+) -> tuple[Triple, bool]:
     """Raises peaks, the greatest motor force [N], power [W] and speed [m/s], to those within a step to s1.
 
-    known: whether q is; k: slopes of the step, to find it. peaks: (6,), behind them the least seen. f0: `motor_force`
-    at the begin of the step; returns it at the end.
+    known: whether q is; k: slopes of the step. peaks: (6,), behind them the least seen. f0: `motor_force` at the begin
+    of the step; returns it at the end, and whether all has been looked at: else call again with q. pace: `paces`.
 
     A step is looked at in pieces of at most an eighth of a period of the forcing or the spring, the faster: a sinusoid
     rises above both ends of a piece of x rad by at most x^2/8 of its amplitude. Where that may pass the peak so far, by
     the parabola through begin, middle and end; where this turns above the peak (or nearly does), the piece is sampled
     SAMPLES times a period, with a parabola through the highest: right to about (2 pi / SAMPLES)^4 of the peak.
     """
-    light = 1.0 / p.m_f if mode != STUCK and p.massless == 0 else 0.0
-    fast = math.sqrt(p.k_s * (1.0 / p.M + light))
-    rate = fast if mode == AIR else math.sqrt(p.k_s / p.M)
-    if p.kind == SINE:
-        rate = max(rate, p.row[4])
+    rate, fast = pace
     pieces = max(1, math.ceil(8.0 * rate * h / (2.0 * math.pi) - 1e-6))
     n = 2 + int(SAMPLES * rate * h / pieces / (2.0 * math.pi))
     x = max(rate, fast) * h / pieces
@@ -198,8 +243,7 @@ def efforts(
     for i in range(pieces):
         if i + 1 < pieces:
             if not known:
-                dense(t, s, h, mode, slip, p, k, s1, work, q)
-                known = True
+                return f0, False
             inside((i + 1) / pieces, t, s, h, wide, exact, q, mode, p, work)
             f2 = motor_force(t + (i + 1) / pieces * h, work, mode, slip, p)
         else:
@@ -211,18 +255,17 @@ def efforts(
             peaks[3 + which] = min(peaks[3 + which], min(f0[which], f2[which]))
             near = near or top + rise * (peaks[which] - peaks[3 + which]) > peaks[which]
         if near:
-            if not known:
-                dense(t, s, h, mode, slip, p, k, s1, work, q)
-                known = True
-            inside((i + 0.5) / pieces, t, s, h, wide, exact, q, mode, p, work)
+            if known:
+                inside((i + 0.5) / pieces, t, s, h, wide, exact, q, mode, p, work)
+            else:  # of third order: enough to tell whether it turns
+                middle(s, s1, k, h, work)
             f1 = motor_force(t + (i + 0.5) / pieces * h, work, mode, slip, p)
             for which in range(3):
-                a, b, c = f0[which], f1[which], f2[which]
-                bend = a - 2.0 * b + c
-                if bend >= 0.0 or not abs(c - a) < -2.4 * bend:  # turns (0.1 of the piece or more) outside it
+                a = f0[which]
+                if not turning(a, f1[which], f2[which], peaks[which]):
                     continue
-                if b - 0.125 * (c - a) * (c - a) / bend + MARGIN * (max(a, b, c) - min(a, b, c)) <= peaks[which]:
-                    continue
+                if not known:
+                    return f0, False
                 before, now = -np.inf, a
                 for j in range(1, n + 1):
                     theta = (i + j / n) / pieces
@@ -236,4 +279,4 @@ def efforts(
                     peaks[which] = max(peaks[which], top)
                     before, now = now, after
         f0 = f2
-    return f0
+    return f0, True
