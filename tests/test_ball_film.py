@@ -111,6 +111,7 @@ def test_frames_followed_in_a_row_are_those_measured_one_by_one(monkeypatch, str
         images.append(camera(image, 3.0, rng))
     how = settings(seed=(xs[0], ys[0]), streak=streak, exposure_fraction=0.2 if streak else 0.0)
     counted = []
+    monkeypatch.setattr("jumpvision.vision.ball.film.WORTHWHILE", 10)
     follow = BallTracker.follow
     monkeypatch.setattr(BallTracker, "follow", lambda *a: counted.append(follow(*a)) or counted[-1])
     quick = track_film(images, how, scene=True)[0]

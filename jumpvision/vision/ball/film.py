@@ -28,6 +28,7 @@ VIEWS = 100  # frames that all count for the scene; of the next 100 every second
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
 SAMPLES = 16  # frames of each kind
 MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
+WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 SAME = 0.5  # diameters: two balls nearer than this are one
@@ -113,7 +114,7 @@ class FilmTracker:
 
     def _follow(self, image: NDArray[Any]) -> None:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
-        plain = self._trackers[0].next(image) if len(self._trackers) == 1 else None
+        plain = self._trackers[0].next(image) if len(self._trackers) == 1 and i >= WORTHWHILE else None
         found = [plain] if plain else together(self._trackers, [View.of(image) for _ in self._trackers], None)
         self._found.append(found)
         self._samples.see(i, image, found[0])
@@ -182,7 +183,7 @@ class FilmTracker:
             if i < len(out):  # followed with those before
                 continue
             if i >= end:
-                block, begin = self._block(i), i
+                block, begin = self._block(i) if len(self._found) > WORTHWHILE else None, i
                 end = i + (len(block.windows) if block else 1)
             if block:
                 out += [[f] for f in trackers[0].follow(block, i - begin, self.shape, scene)]
