@@ -400,10 +400,10 @@ def test_the_model_of_a_diagnosis_outlives_a_stage_run_with_it(tmp_path):
 
 
 def test_a_first_run_is_known_by_its_cache(tmp_path, monkeypatch):
-    from jumpvision.base.storage import uncompiled
+    from jumpvision.cli.folders import _uncompiled
 
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert uncompiled("physics/sand/compiled", "_solver")
+    assert _uncompiled()
     (tmp_path / "sand_0").mkdir()
     (tmp_path / "sand_0" / "compiled._solver.locals.solve-139.py311.nbi").touch()
-    assert not uncompiled("physics/sand/compiled", "_solver")
+    assert not _uncompiled()

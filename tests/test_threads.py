@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import subprocess
 import sys
 import threading
@@ -128,30 +127,3 @@ def test_a_worker_works_with_one_thread():
     finally:
         WORKERS.reset(token)
     assert {n for n, _ in found} == {1} and all(name != "MainProcess" for _, name in found)
-
-
-@pytest.mark.long
-def test_what_is_compiled_ahead_is_what_a_film_needs(tmp_path):
-    """With an empty cache: after `compile_last` a match of two pictures and its gradients compile nothing more."""
-    code = """
-import numba.core.event as event
-from jumpvision.inputs.parameters import PivParams
-from jumpvision.stages.grains.piv import compile_last, matching
-from jumpvision.vision.piv.engine import piv_pair
-from jumpvision.grains.gradients import gradients
-import numpy as np
-compile_last()
-seen = []
-class Listener(event.Listener):
-    def on_start(self, e): seen.append(e.data["dispatcher"].py_func.__qualname__)
-    def on_end(self, e): pass
-a = np.random.default_rng(1).integers(0, 255, (150, 140), np.uint8)
-with event.install_listener("numba:compile", Listener()):
-    f = piv_pair(a, np.roll(a, 2, 1), **matching(PivParams()))
-    ok = np.ones(f.u.shape, bool)
-    gradients(f.u, f.v, f.x, f.y, f.u_sigma, f.v_sigma, ok, half_width=1, correlation_length=2.0)
-print(seen)
-"""
-    alone = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=alone)
-    assert run.stdout.strip() == "[]"

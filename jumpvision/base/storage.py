@@ -242,13 +242,3 @@ def _zombie(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
     except OSError:  # no /proc on this system, or gone by now
         return False
-
-
-def uncompiled(module: str, kernel: str) -> bool:
-    """Whether a kernel of a module, as "physics/sand/compiled", has never been compiled; False where that cannot be
-    seen from its folder."""
-    given, here = os.environ.get("NUMBA_CACHE_DIR"), (Path(__file__).parents[1] / module).parent
-    if not given and not os.access(here, os.W_OK):
-        return False  # numba keeps it in a folder of the user's
-    folders = Path(given).glob(f"{here.name}_*") if given else [here / "__pycache__"]
-    return not any(True for f in folders for _ in f.glob(f"{Path(module).name}.{kernel}*.nbi"))

@@ -8,14 +8,13 @@ import functools
 import hashlib
 import io
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from jumpvision.base.progress import one_thread, processes
 from jumpvision.base.schema import FileSection, InputError
-from jumpvision.base.storage import uncompiled, write_aside
+from jumpvision.base.storage import write_aside
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.sections import GrainVideo, MotorLog
@@ -184,12 +183,6 @@ class _Early:
         from .diagnose import begin
 
         self.look = self.thread.submit(begin, self.campaign, outcomes, workers=self.workers, say=self.say)
-        if uncompiled("vision/piv/scatter", "_products"):
-            from jumpvision.stages.grains.piv import compile_last
-
-            pool = ProcessPoolExecutor(1, mp_context=processes(), initializer=one_thread)
-            pool.submit(compile_last)
-            pool.shutdown(wait=False)
 
     def begun(self) -> Begun | None:
         """What came of it; None where it was not begun, or where nothing can be asked, as the question itself says."""

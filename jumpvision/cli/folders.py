@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping
@@ -51,7 +52,6 @@ def work(
     ask: bool | None = None,
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
-    from jumpvision.base.storage import uncompiled
     from jumpvision.campaign.folder import as_campaign, results_of, run_folder
     from jumpvision.inputs.experiment import Campaign, Experiment, folder_of
     from jumpvision.report.figures import PICTURES, drawn_diagnosis
@@ -80,11 +80,7 @@ def work(
         prepare(plan)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
     on_sand = [e for e in as_campaign(opened).experiments if e.ground == "granular" and "model" in e.sections]
-    if (
-        on_sand
-        and (plan.stages is None or "simulate" in plan.stages)
-        and uncompiled("physics/sand/compiled", "_solver")
-    ):
+    if on_sand and (plan.stages is None or "simulate" in plan.stages) and _uncompiled():
         terminal.line(
             "compiling for this machine, this once: half a minute of the first run, a minute where films are matched"
         )
@@ -114,6 +110,15 @@ def _say_left_out(path: Path) -> None:
         terminal.line(
             f"left out: {', '.join(others)}: folders of experiments below {path}; name them one by one, or run"
         )
+
+
+def _uncompiled() -> bool:
+    """Whether the jumper on sand has never been compiled; False where that cannot be seen from its folder."""
+    given, here = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parents[1] / "physics" / "sand"
+    if not given and not os.access(here, os.W_OK):
+        return False  # numba keeps it in a folder of the user's
+    folders = Path(given).glob("sand_*") if given else [here / "__pycache__"]
+    return not any(True for f in folders for _ in f.glob("compiled._solver*.nbi"))
 
 
 def show(done: Run, options: Options, *, page: bool = False) -> int:

@@ -17,14 +17,13 @@ from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import KEEPER, SHARE, WORKERS, Shared, in_parts, share_of, watch
 from jumpvision.frames import Film
-from jumpvision.grains.gradients import gradients
 from jumpvision.grains.grid import VectorGrid
 from jumpvision.inputs.parameters import PivParams, of_keywords
 from jumpvision.inputs.sections import Calibration, GrainMask, GrainVideo, PivField, Robot
 from jumpvision.results.fields import Piv
 from jumpvision.stages.recordings import open_grains
 from jumpvision.vision.foot_face import FootTrack, track_foot
-from jumpvision.vision.piv.engine import best_prefilter, compile_errors, length_of_errors, piv_film, vector_places
+from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, vector_places
 from jumpvision.vision.piv.pair import MEASURED, REASONS, VectorField, packed, unpacked
 from jumpvision.workflow.stage import StageWarning, stage
 
@@ -193,13 +192,6 @@ def _opened(given: GrainVideo, calibration: Calibration | None) -> tuple[Film, G
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StageWarning)  # said where the film was opened first
         return open_grains(given, calibration)
-
-
-def compile_last() -> None:
-    """Compiles what a film needs last, gradients and errors, beside the process that compiles what it needs first."""
-    one = np.ones((4, 4))
-    gradients(one, one, one[0].cumsum(), one[0].cumsum(), one, one, one > 0, half_width=1, correlation_length=1.0)
-    compile_errors(**matching(PivParams()))
 
 
 def matching(p: PivParams) -> dict[str, Any]:

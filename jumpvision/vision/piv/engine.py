@@ -213,24 +213,9 @@ def length_of_errors(window: int, step: int, preset: str) -> float:
     return error_length(window, step, STIFFNESS, TIMES[preset])
 
 
-def compile_errors(**settings: Any) -> None:
-    """Compiles what a match needs last, its errors, before what it needs first."""
-    s = Settings(**settings)
-    image = np.random.default_rng(1).integers(0, 255, (4 * s.window, 4 * s.window), np.uint8)
-    pairs = [(_ready(image, None, s, LIGHT), _ready(image, None, s, LIGHT))]
-    grid = _grid(pairs, s)
-    refine(pairs, grid, np.zeros((2, grid.y.size, grid.x.size)), s.min_texture, None, True, None)
-    _match(pairs, s)
-
-
-def _grid(pairs: Pairs, s: Settings) -> Grid:
-    x, y = (vector_places(n, s.window, s.step) for n in pairs[0][0].grey.shape[::-1])
-    return Grid(x, y, s.step, s.window, STIFFNESS)
-
-
 def _match(pairs: Pairs, s: Settings) -> VectorField:
-    grid = _grid(pairs, s)
-    x, y = grid.x, grid.y
+    x, y = (vector_places(n, s.window, s.step) for n in pairs[0][0].grey.shape[::-1])
+    grid = Grid(x, y, s.step, s.window, STIFFNESS)
     times = TIMES[s.preset]
 
     start = np.mean([flow(a.grey, b.grey, x, y, s.step) for a, b in pairs], axis=0)
