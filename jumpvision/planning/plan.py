@@ -34,6 +34,7 @@ CORRECTIONS = 4
 PUNCTUAL = 2e-4  # s, of the time above an obstacle
 SOUGHT, BOLD = 16, 2.0  # jumps tried for that time; steps beyond what free flight asks, to have it between two
 STRAY = 0.02  # of the apex, by which a re-simulation may miss it, or move after a landing that sticks
+TAKE_OFF = 0.98  # of the planned time before take-off
 FINER = (1, 2, 3)  # times the usual intervals, until a plan is kept to
 TRIES = 3  # starts before the highest apex is asked for
 
@@ -109,21 +110,34 @@ class Planner:
 
         Between the points of a coarse mesh a foot may lift off unasked; under weak gravity little is enough for that.
         """
+        near: Plan | None = None
         try:
             for self._finer in FINER:
                 plan = self._planned(apex)
-                if plan.status != "solved" or not self._astray(plan):
-                    return plan
+                if plan.status != "solved":
+                    return near or plan
+                if not self._astray(plan):
+                    if not self._unasked(plan):
+                        return plan
+                    near = near or plan
                 self.say("the re-simulated motion leaves the plan")
         finally:
             self._finer = 1
-        return replace(plan, status="failed")
+        return near or replace(plan, status="failed")
 
     def _astray(self, plan: Plan) -> bool:
         """Whether the re-simulation misses the apex, or does not stand still after a landing that sticks."""
         m = plan.motion
         after = np.ptp(m.rod[m.t > plan.command.stop]) if self.motion == "stick" else 0.0
         return max(abs(plan.resimulated_apex - plan.apex), after) > STRAY * plan.apex
+
+    def _unasked(self, plan: Plan) -> bool:
+        """Whether the foot of a landing that is to stick lifts off, however little, before the plan has it so: what
+        plays the plan lands at another time than the re-simulation that was corrected for it."""
+        if self.motion != "stick":
+            return False
+        first = next(float(e["time"]) for e in plan.motion.events if e["kind"] == "lift_off")
+        return first < TAKE_OFF * float(plan.durations[: self.sequence.index(AIR)].sum())
 
     def _planned(self, apex: float) -> Plan:
         began = time.perf_counter()
