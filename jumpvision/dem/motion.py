@@ -21,7 +21,7 @@ from .discs import Block, Box, Discs, Law, Plate
 from .packing import pack
 
 SKIN = 0.3  # of the mean diameter: neighbours are listed so much farther than they touch
-BAND, MOST_BANDS = 2500, 16  # discs of a band at least, bands at most
+BAND, MOST_BANDS = 2000, 16  # discs of a band at least, bands at most
 STEPS_PER_CONTACT = 30.0  # time step = the shortest contact time over this: energy of an elastic contact within 0.1 %
 
 
