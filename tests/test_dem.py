@@ -11,9 +11,9 @@ import pytest
 
 from jumpvision.base.threads import at_most
 from jumpvision.dem import motion
-from jumpvision.dem.contacts import neighbours
 from jumpvision.dem.discs import Block, Box, Discs, Law, Plate
 from jumpvision.dem.motion import forces, integrate, packed, time_step
+from jumpvision.dem.neighbours import neighbours
 from jumpvision.dem.packing import pack, sizes
 
 D = 1e-3  # m, mean diameter

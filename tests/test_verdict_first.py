@@ -12,6 +12,7 @@ from jumpvision.inputs.experiment import open_folder
 from jumpvision.report.figures import PICTURES
 from jumpvision.results.fields import Piv
 from jumpvision.results.tables import RodMotion
+from jumpvision.workflow import many
 from jumpvision.workflow import run as engine
 from jumpvision.workflow.run import Plan
 
@@ -97,7 +98,7 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
 
     opened = open_folder(campaign)
     plan = Plan(results, results / ".cache")
-    last = engine.run_campaign(opened, plan, workers=2, done=lambda o: ended.append(o.name), jumps=known)
+    last = many.run_campaign(opened, plan, workers=2, done=lambda o: ended.append(o.name), jumps=known)
     [(names, before, outcome, rod)] = heard
     assert names == {"film", "jump-0000", "jump-0001"} and "film" not in before
     assert outcome.made(RodMotion) and not outcome.made(Piv) and not any(o.errors for o in last)
@@ -105,21 +106,21 @@ def test_the_jumps_are_known_before_a_film_is_matched(tmp_path):
     assert all(s.state == "computed" for s in whole.steps)
     assert whole.made(RodMotion) and whole.made(Piv) and ended.count("film") == 1
     assert RodMotion.load(whole.results).table.equals(rod)
-    engine.run_campaign(opened, plan, workers=2, done=lambda o: None, jumps=known)  # all is in the cache
+    many.run_campaign(opened, plan, workers=2, done=lambda o: None, jumps=known)  # all is in the cache
     assert len(heard) == 1
 
 
 def test_pictures_are_drawn_beside_the_diagnosis_and_not_twice(tmp_path):
     campaign, results = write_campaign(tmp_path / "campaign", 4), tmp_path / "results"
     opened, plan = open_folder(campaign), Plan(results, results / ".cache", pictures=PICTURES)
-    outcomes = engine.run_campaign(opened, plan, workers=2, done=lambda o: None)
+    outcomes = many.run_campaign(opened, plan, workers=2, done=lambda o: None)
     assert all(o.undrawn for o in outcomes)
-    with engine.drawn_beside(plan, opened, outcomes, workers=2):
+    with many.drawn_beside(plan, opened, outcomes, workers=2):
         deadline = time.monotonic() + 60.0
         while all(o.undrawn for o in outcomes) and time.monotonic() < deadline:
             time.sleep(0.02)
     drawn = [o for o in outcomes if not o.undrawn]
     assert drawn and all((o.results / "jump.png").exists() and not o.errors for o in drawn)
     made = {o.name: (o.results / "jump.png").stat().st_mtime_ns for o in drawn}
-    assert not any(o.undrawn for o in engine.draw(opened, plan, outcomes, workers=2))
+    assert not any(o.undrawn for o in many.draw(opened, plan, outcomes, workers=2))
     assert {n: (results / n / "jump.png").stat().st_mtime_ns for n in made} == made

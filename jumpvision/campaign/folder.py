@@ -20,9 +20,10 @@ from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.sections import GrainVideo, MotorLog
 from jumpvision.results import plain
 from jumpvision.results.values import CraterShape, Intrusion
+from jumpvision.workflow.many import draw as draw_experiments
+from jumpvision.workflow.many import drawn_beside, run_campaign
 from jumpvision.workflow.provenance import digest_of_results, settle_tables
-from jumpvision.workflow.run import Outcome, Plan, drawn_beside, run_campaign, run_single
-from jumpvision.workflow.run import draw as draw_experiments
+from jumpvision.workflow.run import Outcome, Plan, run_single
 
 if TYPE_CHECKING:
     from jumpvision.results.diagnosis import Diagnosis

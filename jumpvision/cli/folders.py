@@ -55,7 +55,8 @@ def work(
     from jumpvision.campaign.folder import as_campaign, results_of, run_folder
     from jumpvision.inputs.experiment import Campaign, Experiment, folder_of
     from jumpvision.report.figures import PICTURES, drawn_diagnosis
-    from jumpvision.workflow.run import Pipeline, Plan, prepare, read_pipeline
+    from jumpvision.workflow.many import prepare
+    from jumpvision.workflow.run import Pipeline, Plan, read_pipeline
 
     from . import terminal
 

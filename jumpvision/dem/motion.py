@@ -16,7 +16,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
 from jumpvision.base.threads import at_once, threads
 
-from . import contacts
+from . import contacts, march, neighbours
 from .discs import Block, Box, Discs, Law, Plate
 from .packing import pack
 
@@ -72,7 +72,7 @@ def integrate(
     dt [s]: greatest time step (`time_step`); each interval is cut into equal steps no longer than it. foot moves up
     and down by the cubic spline through foot_y [m] (height of its face) at foot_t [s], whatever the discs do.
     Second order in dt while contacts last; a dashpot opens and closes with a jump of its force, which costs an order.
-    The bits of the result do not depend on the number of threads, which share the discs in bands (`contacts.march`).
+    The bits of the result do not depend on the number of threads, which share the discs in bands (`march.march`).
     """
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or not np.all(np.diff(times) > 0.0):
@@ -96,7 +96,7 @@ def integrate(
         h = (times[k] - times[k - 1]) / steps
         impulse = bands.march(rules, walls, plate, h, height(at), rising(at))
         out[:, k, order] = bands.state[0, :4, :n]
-        spin[k, order] = bands.state[0, contacts.SPIN, :n]
+        spin[k, order] = bands.state[0, neighbours.SPIN, :n]
         force[k] = impulse / (times[k] - times[k - 1])
     seen = (height(times), rising(times)) if foot is not None else (np.full(times.size, np.nan),) * 2
     return Motion(
@@ -117,12 +117,12 @@ class Bands:
         whole = state.shape[1]
         places = np.empty(whole, np.int64), np.empty(4 * whole + 16, np.int64), np.empty(whole, np.int64)
         self.binned = *places, np.empty(2, np.int64)
-        self.sync = np.zeros(contacts.CLAIM + bands, np.int64)
+        self.sync = np.zeros(march.CLAIM + bands, np.int64)
         self.lists = tuple(self.listed(0) for _ in range(2))
         self.room(4 * n // bands + 16)
 
     def listed(self, pairs: int) -> tuple[NDArray[Any], ...]:
-        """Empty lists of `contacts.listed`, by band, without springs where nothing rubs."""
+        """Empty lists of `neighbours.listed`, by band, without springs where nothing rubs."""
         shape = (len(self.edges) - 1, 2, pairs)
         sprung = shape if self.held.size else (*shape[:2], 0)
         of_disc = np.zeros((2, self.n), np.uint32), np.zeros((2, self.n), np.uint32)
@@ -150,19 +150,19 @@ class Bands:
         path: Array,
         speed: Array,
     ) -> Array:
-        """`contacts.march` on all threads; the impulses (4,) [N s] and the work of friction [J], as one array."""
+        """`march.march` on all threads; the impulses (4,) [N s] and the work of friction [J], as one array."""
         bands, sync = len(self.edges) - 1, self.sync
         about, results = np.zeros(3), np.zeros((bands, 16))
-        sync[contacts.STEP] = 0
+        sync[march.STEP] = 0
         while True:
-            sync[contacts.PHASE], sync[contacts.DONE], sync[contacts.TASKS] = 0, 0, 1
-            sync[contacts.KIND], sync[contacts.FULL] = contacts.SORT, 0
-            sync[contacts.CLAIM :] = [0] + [contacts.NEVER] * (bands - 1)
+            sync[march.PHASE], sync[march.DONE], sync[march.TASKS] = 0, 0, 1
+            sync[march.KIND], sync[march.FULL] = march.SORT, 0
+            sync[march.CLAIM :] = [0] + [march.NEVER] * (bands - 1)
             shared = (sync, about, self.state, self.size, self.f, self.edges, self.n, rules, walls, plate, h, path)
             lists = (speed, self.skin, self.binned, self.lists, self.close, results, self.rough, self.held)
             crew = min(threads(), bands)
-            at_once([functools.partial(contacts.march, me * bands // crew, *shared, *lists) for me in range(crew)])
-            if not sync[contacts.FULL]:
+            at_once([functools.partial(march.march, me * bands // crew, *shared, *lists) for me in range(crew)])
+            if not sync[march.FULL]:
                 break
             self.room(2 * self.lists[0][2].shape[2])
         steps = len(path) - 1
@@ -180,7 +180,7 @@ def forces(discs: Discs, law: Law, box: Box) -> Array:
     walls, none = (box.left, box.right, box.bottom, box.top), (-math.inf, 0.0)
     bands.march(rules, walls, none, 1.0, np.zeros(1), np.zeros(1))  # no step: the lists
     now, new = bands.state
-    begin, end, partner, slide, seen = bands.lists[bands.sync[contacts.BUFFER]]
+    begin, end, partner, slide, seen = bands.lists[bands.sync[march.BUFFER]]
     *close, found = bands.close
     for b, (low, high) in enumerate(itertools.pairwise(bands.edges)):
         h = 1.0  # s: the half kick of a step of 2 s is the acceleration
@@ -208,7 +208,7 @@ def forces(discs: Discs, law: Law, box: Box) -> Array:
             0,
         )
     out = np.empty((n, 2))
-    out[order] = ((new - now)[contacts.UX : contacts.UY + 1] / size[1]).T
+    out[order] = ((new - now)[neighbours.UX : neighbours.UY + 1] / size[1]).T
     return out
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .contacts import neighbours
 from .discs import Box, Discs
+from .neighbours import neighbours
 
 BIDISPERSE = 1.4  # ratio of the two diameters, in equal numbers: the usual one, which does not crystallise
 

@@ -172,13 +172,13 @@ class Problem:
         )
         left = np.arange(len(free))
         for h in (steps, -steps):
+            if not left.size:
+                break
             sets = [dict(zip(names, (values + h * (np.arange(len(free)) == i)).tolist())) for i in left]
             there, followed = self.residuals_each(mechanisms, sets, which, frame)
             for o, a, b in zip(out, at, there):
                 o[:, left[followed]] = (a[:, None] - b[:, followed]) / h[left[followed]]
             left = left[~followed]
-            if not left.size:
-                break
         return out
 
     def residuals_each(
@@ -207,10 +207,10 @@ class Problem:
         frame: Frame | None = None,
     ) -> float:
         """chi^2 of residuals and priors at some values, without a fit; inf where the model cannot be followed."""
-        free = parameters(self.system, mechanisms)
-        r = self.residuals(mechanisms, {p.name: values.get(p.name, p.start) for p in free}, which, frame)
-        pull = known(free, self.measured).pull(np.array([values.get(p.name, p.start) for p in free]))
-        return math.inf if r is None else float(sum(a @ a for a in r) + pull @ pull)
+        if frame is None:
+            own = {p.name: values.get(p.name, p.start) for p in parameters(self.system, mechanisms)}
+            frame = self.frame(mechanisms, own, which)
+        return float(self.costs(mechanisms, [values], which, frame)[0])
 
     def costs(
         self,

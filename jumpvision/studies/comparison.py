@@ -33,7 +33,8 @@ from jumpvision.results.tables import RodMotion
 from jumpvision.stages.recordings import shared_of
 from jumpvision.stages.simulate import simulate
 from jumpvision.stages.summary import simulated_height
-from jumpvision.workflow.run import Outcome, Plan, run_campaign
+from jumpvision.workflow.many import run_campaign
+from jumpvision.workflow.run import Outcome, Plan
 from jumpvision.workflow.stage import StageWarning
 from jumpvision.workflow.workspace import Workspace
 

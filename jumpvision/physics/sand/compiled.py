@@ -18,7 +18,7 @@ from jumpvision.mechanisms import registry
 from jumpvision.physics import forcing
 from jumpvision.physics.hard.jump import RESULTS as HARD_RESULTS
 
-from . import events, granular, kernel, modes, program, scalar, step, within
+from . import events, granular, kernel, modes, program, scalar, step, trial, within
 
 STEPS_PER_PERIOD = 4  # of the spring, at least: events are looked for twice a step
 LONGEST_TAIL = 30.0  # s, simulated after the motor stops at most
@@ -57,7 +57,7 @@ def tolerances(p: Any, size: int, atol: float) -> tuple[float, Array]:
     rate = math.sqrt(p.k_s / p.M)
     out = np.full(size, atol)
     out[granular.W] *= rate
-    out[granular.VF] *= rate if p.massless == 1 else math.sqrt(p.k_s * (1.0 / p.M + 1.0 / p.m_f))
+    out[granular.VF] *= trial.foot_rate(p.k_s, p.M, p.m_f)
     for i in range(granular.V, size):
         out[i] *= rate
     return rate, out
@@ -128,7 +128,7 @@ def jump(constants: Any, law: Array, tail: float, rtol: float, atol: float, out:
     out[FORCE], out[POWER], out[SPEED], out[DEPTH] = peaks[0], peaks[1], peaks[2], depth
 
 
-PARTS = (events, forcing, granular, kernel, modes, program, scalar, step, within)
+PARTS = (events, forcing, granular, kernel, modes, program, scalar, step, trial, within)
 
 
 @functools.cache

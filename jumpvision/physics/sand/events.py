@@ -27,7 +27,6 @@ from . import scalar
 from .granular import (
     AIR,
     ASKED,
-    BENDS,
     CONTACT,
     HARD,
     INTRUDE,
@@ -38,7 +37,6 @@ from .granular import (
     STUCK,
     VF,
     XF,
-    Guards,
     V,
     W,
     Y,
@@ -51,7 +49,7 @@ from .granular import (
     rod,
     settling,
 )
-from .kernel import OPTIONS, kernel, kernel_of, number
+from .kernel import OPTIONS, kernel_of, number
 from .modes import grip, guards, held_between, limit, rail_force, room, settle
 from .program import NEVER
 from .step import (
@@ -72,6 +70,7 @@ from .step import (
     middle,
     step,
 )
+from .trial import above, first_step, holds, positive, share_to_bend, time_to_bend
 from .within import dips, efforts, fastest, heights, inside, locate, paces, peak, sample, spares
 
 LIFT_OFF, LANDING, YIELD, STOP, RAIL_STICK, RAIL_SLIP, MOTOR_HELD, MOTOR_FREE = range(8)
@@ -79,76 +78,12 @@ KINDS = ("lift_off", "landing", "intrude", "stop", "rail_stick", "rail_slip", "m
 MAX_EVENTS = 4000
 MAX_STEPS = 30_000  # a second, and as many beside: thirty times those of a jump; a motion that runs away has more
 RESOLVE = 1e-6  # s, a motion not seen to begin within this time has not begun
-NEAR = 0.05  # of a guard at the ends of a step: a middle value below it is looked at with the dense output
-ON = 1e-9  # m, so near to a kink of a law a step begins or ends on it
 ASTRAY = 100.0  # error of a step over its tolerance: where it ends says nothing of the kinks on the way
 SMALL = 1e-6  # error of a step over its tolerance: the next may be five times as long
 NOISE = 1e-14  # m or m/s, rounding of a guard that starts at zero
 STABLE = 5.0  # decays along the real axis in which a step does not grow: 6.1
 STILL = 1e-9  # m/s, a slower carriage is at rest when the forcing changes piece
 OK, TOO_MANY_EVENTS, STEP_TOO_SMALL, CANNOT_CARRY = 0, 1, 2, 3
-
-
-@kernel
-def positive(g: Guards) -> bool:
-    """Whether no guard has fallen."""
-    return g[0] > 0.0 and g[1] > 0.0 and g[2] > 0.0 and g[3] > 0.0
-
-
-@kernel
-def holds(a: Guards, b: Guards, fall: float, mode: int, p: Any) -> bool:
-    """Whether the guards of an arc, a and b at the ends of a step, stay above zero: between, they are at most `fall`
-    below the straight line."""
-    return min(a[0], b[0]) > fall and (mode == AIR or p.static == HARD or min(a[1], b[1]) > fall)
-
-
-@kernel
-def above(half: Guards, a: Guards, b: Guards) -> bool:
-    """Whether the guards in the middle of a step are well above zero, measured by those at its ends."""
-    return (
-        half[0] > NEAR * max(a[0], b[0])
-        and half[1] > NEAR * max(a[1], b[1])
-        and half[2] > NEAR * max(a[2], b[2])
-        and half[3] > NEAR * max(a[3], b[3])
-    )
-
-
-@kernel
-def time_to_bend(s: Array, acceleration: float, p: Any) -> float:
-    """When [s] the foot will reach the first kink of a law, as it slows down now; inf without one."""
-    z, v, at = -s[XF], -s[VF], np.inf
-    for i in range(BENDS):
-        if z + ON < p.bends[i] < at:
-            at = p.bends[i]
-    root = v * v - 2.0 * acceleration * (at - z)
-    return 2.0 * (at - z) / (v + np.sqrt(root)) if 0.0 <= root < np.inf else np.inf
-
-
-@kernel
-def share_to_bend(s: Array, s1: Array, h: float, p: Any) -> float:
-    """Share of a step from s to s1 at which the foot reaches the first kink of a law, by the cubic through both; 1.0
-    without one."""
-    z, z1, at = -s[XF], -s1[XF], np.inf
-    for i in range(BENDS):
-        if z + ON < p.bends[i] < min(z1 - ON, at):
-            at = p.bends[i]
-    if at == np.inf:
-        return 1.0
-    lo, hi, rise, a, b = 0.0, 1.0, z1 - z, -h * s[VF], -h * s1[VF]
-    for _ in range(30):
-        share = 0.5 * (lo + hi)
-        if z + share * (a + share * (3.0 * rise - 2.0 * a - b + share * (a + b - 2.0 * rise))) < at:
-            lo = share
-        else:
-            hi = share
-    return hi
-
-
-@kernel
-def first_step(s: Array, acceleration: float, p: Any) -> float:
-    """Step [s] to begin an intrusion with: a share of the time in which drag stops the foot or a spring would."""
-    swing = 0.6 * np.sqrt(p.m_f / p.k_s)
-    return min(swing, 2.0 * abs(s[VF] / acceleration)) if s[VF] < 0.0 and acceleration > 0.0 else swing
 
 
 @register_jitable(error_model="numpy")

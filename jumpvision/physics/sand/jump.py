@@ -17,7 +17,7 @@ from jumpvision.mechanisms.registry import STATIC
 from jumpvision.physics.forcing import Forcing, Loop, Segments
 from jumpvision.physics.model import ROBOT, Model
 
-from . import compiled, events, granular, program, within
+from . import compiled, events, granular, program, trial, within
 
 MODES = ("air", "rest", "intrude")
 OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
@@ -103,7 +103,7 @@ def follow(
     rate = math.sqrt(model.k_s / model.M)
     tolerance = np.full(n, atol)
     tolerance[granular.W] *= rate
-    tolerance[granular.VF] *= math.sqrt(model.k_s * (1.0 / model.M + 1.0 / model.m_f)) if model.m_f else rate
+    tolerance[granular.VF] *= trial.foot_rate.py_func(model.k_s, model.M, model.m_f)
     tolerance[granular.V : granular.N_MOTION] *= rate
     tolerance[granular.N_MOTION :] *= model.M * model.g
     status, count, depth, before, after, top = compiled.solver()(

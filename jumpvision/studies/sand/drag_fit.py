@@ -20,7 +20,8 @@ from jumpvision.studies.comparison import law_of, problem
 from jumpvision.studies.compute import ATOL, RTOL, dataset
 from jumpvision.studies.machine import machine
 from jumpvision.studies.study import Found, Measured, Sweep, study
-from jumpvision.workflow.run import Plan, run_campaign
+from jumpvision.workflow.many import run_campaign
+from jumpvision.workflow.run import Plan
 
 from .beds import kink
 

@@ -17,7 +17,8 @@ from jumpvision.results.fields import as_attributes
 from jumpvision.studies.compute import Setting
 from jumpvision.studies.sand.compaction import LEAST, NAMES, Compaction, fit_compaction
 from jumpvision.studies.study import Found, Measured, Row, study
-from jumpvision.workflow.run import Plan, run_campaign
+from jumpvision.workflow.many import run_campaign
+from jumpvision.workflow.run import Plan
 
 TARGETS = np.arange(0.50, 0.701, 0.005)  # volume fractions that pulses are told for, within those measured
 CURVE = 120  # places of the drawn law
