@@ -6,6 +6,7 @@ allowed), so that a folder is mended in one go.
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -58,12 +59,15 @@ class Campaign:
     experiments: tuple[Experiment, ...]
     excluded: Mapping[str, str] = field(default_factory=dict)  # experiment name -> reason
 
+    @functools.cached_property
+    def _by_name(self) -> dict[str, Experiment]:
+        return {e.name: e for e in self.experiments}
+
     def __getitem__(self, name: str) -> Experiment:
         """The experiment of this name."""
-        for e in self.experiments:
-            if e.name == name:
-                return e
-        raise InputError([f"{self.path}: no experiment '{name}'{closest(name, [e.name for e in self.experiments])}"])
+        if name not in self._by_name:
+            raise InputError([f"{self.path}: no experiment '{name}'{closest(name, self._by_name)}"])
+        return self._by_name[name]
 
     def __iter__(self) -> Iterator[Experiment]:
         return iter(self.experiments)
