@@ -25,9 +25,10 @@ from jumpvision.campaign.document import document
 from jumpvision.diagnosis.diagnose import Findings, diagnose, fit_baseline
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Jump, Measured, Shared
+from jumpvision.diagnosis.jumper.jumps import Jump, Shared
 from jumpvision.diagnosis.naming import best_starts, race
 from jumpvision.diagnosis.noise.learning import Learned
+from jumpvision.diagnosis.priors import Measured
 from jumpvision.diagnosis.system import Parameter
 from jumpvision.lab.blind import campaign
 from jumpvision.lab.seal import answer_of, score

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.diagnosis.jumper.jumps import Measured
+from jumpvision.diagnosis.priors import Measured
 from jumpvision.lab.blind import ROBOTS, Setting, draw
 
 Array = NDArray[np.float64]

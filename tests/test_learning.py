@@ -15,11 +15,12 @@ from jumpvision.diagnosis.diagnose import fit_baseline
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper import jumps as apparatus
 from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Measured, Shared, known
+from jumpvision.diagnosis.jumper.jumps import Shared
 from jumpvision.diagnosis.noise import readings
 from jumpvision.diagnosis.noise.learning import learn_noise
 from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
 from jumpvision.diagnosis.noise.whitening import axes, joined
+from jumpvision.diagnosis.priors import Measured, known
 from jumpvision.diagnosis.system import Parameter
 from jumpvision.lab.blind import Nuisance, campaign, draw
 

@@ -11,7 +11,7 @@ from diagnosis_sample import diagnosis
 from jumpvision.campaign.document import confirmed
 from jumpvision.campaign.films import CONTRADICT, compared
 from jumpvision.campaign.jumps import CONE, _read, _together
-from jumpvision.diagnosis.jumper.jumps import Measured
+from jumpvision.diagnosis.priors import Measured
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.results.values import Fits
 

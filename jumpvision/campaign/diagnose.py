@@ -20,8 +20,9 @@ from jumpvision.diagnosis.diagnose import Findings, explain, foretell, look
 from jumpvision.diagnosis.fitting import Problem
 from jumpvision.diagnosis.jumper.forms import Shaped
 from jumpvision.diagnosis.jumper.jumper import Jumper, content
-from jumpvision.diagnosis.jumper.jumps import Jump, Measured
+from jumpvision.diagnosis.jumper.jumps import Jump
 from jumpvision.diagnosis.noise.learning import Learned, learn_noise
+from jumpvision.diagnosis.priors import Measured
 from jumpvision.diagnosis.unexplained import unexplained
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.model import Considered

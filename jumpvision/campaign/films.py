@@ -11,7 +11,7 @@ import numpy as np
 from jumpvision.diagnosis.diagnose import Findings
 from jumpvision.diagnosis.fitting import Fit, Problem
 from jumpvision.diagnosis.jumper.jumper import Jumper, of_jump
-from jumpvision.diagnosis.jumper.jumps import Measured
+from jumpvision.diagnosis.priors import Measured
 from jumpvision.grains.momentum import ANGLE, peak_momentum
 from jumpvision.mechanisms.cone import cone_mass
 from jumpvision.mechanisms.registry import ModelParameters

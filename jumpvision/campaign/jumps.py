@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.schema import InputError, read
-from jumpvision.diagnosis.jumper.jumps import Jump, Measured, Shared
+from jumpvision.diagnosis.jumper.jumps import Jump, Shared
+from jumpvision.diagnosis.priors import Measured
 from jumpvision.inputs.experiment import Campaign, Experiment
 from jumpvision.inputs.model import ModelSpec
 from jumpvision.inputs.parameters import SimulateParams

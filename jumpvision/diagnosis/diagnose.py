@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.diagnosis.jumper.jumps import Measured
 from jumpvision.diagnosis.noise.noise import Noise
+from jumpvision.diagnosis.priors import Measured
 
 from .detect import Cell, Detectable, Detection, detect, detectable, directions, locate
 from .fitting import Fit, Problem

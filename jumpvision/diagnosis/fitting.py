@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, log_box
 from jumpvision.base.threads import at_once
-from jumpvision.diagnosis.jumper.jumps import Known, Measured, known
 from jumpvision.diagnosis.noise.noise import Noise
 from jumpvision.diagnosis.noise.whitening import Whitening, axes, joined
+from jumpvision.diagnosis.priors import Known, Measured, known
 
 from .system import Costly, CostlyPart, Parameter, Part, System, at_a_time, parameters, predict_each
 

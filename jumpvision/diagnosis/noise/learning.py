@@ -21,7 +21,7 @@ from .noise import TOP, Noise, Stretch, estimate, frame_of, of_rounded, rounding
 from .quiet import STEPS, differences, flights, rest, ring_of, steadied
 from .readings import half_width
 from .readings import kurtosis as kurtosis_of
-from .sources import FEWEST, Source, combined, of_statements, of_stretches, only_stated, stated_by, with_stated
+from .sources import FEWEST, Source, combined, of_statements, of_stretches, only_stated, with_stated
 
 ENOUGH = 8  # jumps that tell the frequency of the foot in flight
 FINEST = 1.0 / 3.0  # of the typical noise: what all tracks share, as the motor's log, is not seen at rest or in flight
@@ -45,6 +45,24 @@ class Learned:
     sources: Mapping[str, Source | None]
     warnings: tuple[str, ...]
     outliers: tuple[tuple[str, float, float], ...]
+
+
+def stated_by(system: Jumper, warnings: list[str]) -> Array:
+    """Noise that each track states [m], NaN where it states none."""
+    out = np.full(len(system.jumps), np.nan)
+    for i, j in enumerate(system.jumps):
+        if j.sigma is None:
+            continue
+        good = np.isfinite(j.sigma) & (j.sigma > 0)
+        if not good.all():
+            k = int(np.flatnonzero(~good)[0])
+            warnings.append(
+                f"{j.name}: the stated sigma at {j.t[k]:.4g} s is {j.sigma[k]:g} m; it must be above 0: what this "
+                "track states is left out"
+            )
+        else:
+            out[i] = float(np.median(j.sigma))
+    return out
 
 
 def learn_noise(system: Jumper) -> Learned:

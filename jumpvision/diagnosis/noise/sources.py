@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.diagnosis.jumper.jumper import Jumper
 
 from .noise import Noise, Stretch, estimate, samples, whitened
 
@@ -27,24 +26,6 @@ class Source:
     sigma: float
     log_sigma: float
     n: int
-
-
-def stated_by(system: Jumper, warnings: list[str]) -> Array:
-    """Noise that each track states [m], NaN where it states none."""
-    out = np.full(len(system.jumps), np.nan)
-    for i, j in enumerate(system.jumps):
-        if j.sigma is None:
-            continue
-        good = np.isfinite(j.sigma) & (j.sigma > 0)
-        if not good.all():
-            k = int(np.flatnonzero(~good)[0])
-            warnings.append(
-                f"{j.name}: the stated sigma at {j.t[k]:.4g} s is {j.sigma[k]:g} m; it must be above 0: what this "
-                "track states is left out"
-            )
-        else:
-            out[i] = float(np.median(j.sigma))
-    return out
 
 
 def of_stretches(stretches: Sequence[Stretch], noise: Noise, kurtosis: float) -> Source | None:

@@ -18,7 +18,7 @@ import scipy
 from jumpvision.base.arrays import Array
 from jumpvision.diagnosis.detect import LEVEL, POWER
 from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumps import known
+from jumpvision.diagnosis.priors import known
 from jumpvision.diagnosis.system import Parameter
 
 TIMES = 3.0  # of the strength that shows: a rival from which such an effect is not told is a twin
