@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import jumpvision as jv
-from jumpvision.dem import discs as jv_discs
-from jumpvision.dem import motion as dem
+from jumpvision.laboratory.dem import discs as jv_discs
+from jumpvision.laboratory.dem import motion as dem
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ HOPPER = ("leg_damping", 1.0), ("leg_stiffening", 3000.0), ("air_drag", 0.05), (
 HOPPER += (("height_scale", 1.01),)
 
 
-# -- the discs of jumpvision.dem under a foot --
+# -- the discs of jumpvision.laboratory.dem under a foot --
 R, M, ROWS = 2e-3, 1e-3, (3, 2, 3, 2, 3)  # m, kg; discs of a triangular packing from below
 DEEP, RISE = 3e-4, 0.03  # m, s: the foot goes down so far in that time, then trembles
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.stages.track import of_arrays
-from jumpvision.vision.ball.track import track_ball
+from jumpvision.experiment.stages.track import of_arrays
+from jumpvision.films.vision.ball.track import track_ball
 
 BACK, CONTRAST, PSF, FINE = 30.0, 150.0, 0.6, 8
 Positions = tuple[NDArray[np.float64], NDArray[np.float64]]

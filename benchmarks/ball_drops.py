@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from jumpvision.diagnosis.diagnose import Findings, diagnose
-from jumpvision.diagnosis.fitting import Fit
-from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.diagnosis.study.particle import LAW, SENSOR, Body
-from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+from jumpvision.engine.diagnose import Findings, diagnose
+from jumpvision.engine.fitting import Fit
+from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.study.particle import LAW, SENSOR, Body
+from jumpvision.engine.system import Candidate, Observation, Parameter
 
 from .diagnosis_real import GRAVITY, PEER, Array, best_of, drops, repeats
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from benchmarks.ball import BACK, CONTRAST, disc_image
-from jumpvision.frames import open_frames
-from jumpvision.vision.ball.film import FilmTracker, track_film
-from jumpvision.vision.ball.track import BallSettings
+from jumpvision.films.frames import open_frames
+from jumpvision.films.vision.ball.film import FilmTracker, track_film
+from jumpvision.films.vision.ball.track import BallSettings
 
 SHAPE, D, N = (480, 640), 19.0, 600
 PERIOD = 200  # frames drawn; the film repeats them

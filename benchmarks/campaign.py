@@ -50,9 +50,9 @@ def timed(campaign: Path, results: Path, *options: str) -> tuple[float, float, f
 
 def overhead(campaign: Path, results: Path) -> float:
     """Processor time of a run of cached experiments in one process, a stage [ms]: what the pipeline adds."""
-    from jumpvision.inputs.experiment import open_campaign
-    from jumpvision.workflow.many import run_campaign
-    from jumpvision.workflow.run import Plan
+    from jumpvision.experiment.inputs.experiment import open_campaign
+    from jumpvision.experiment.workflow.many import run_campaign
+    from jumpvision.experiment.workflow.run import Plan
 
     plan = Plan(results, results / ".cache")
     found = open_campaign(campaign)

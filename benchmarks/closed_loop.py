@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from jumpvision.lab.films.discs import DiscCamera
-from jumpvision.results.fields import Column
-from jumpvision.stages.grains.cone import broader_than_column, cone_fits, front_line, pushing, sides
+from jumpvision.experiment.results.fields import Column
+from jumpvision.experiment.stages.grains.cone import broader_than_column, cone_fits, front_line, pushing, sides
+from jumpvision.laboratory.films.discs import DiscCamera
 
 sys.path.insert(0, "tests")
 import dem_scene as loop

@@ -20,19 +20,19 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Z90
-from jumpvision.campaign import films
-from jumpvision.campaign.document import document
-from jumpvision.diagnosis.diagnose import Findings, diagnose, fit_baseline
-from jumpvision.diagnosis.fitting import Fit, Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Jump, Shared
-from jumpvision.diagnosis.naming import best_starts, race
-from jumpvision.diagnosis.noise.learning import Learned
-from jumpvision.diagnosis.priors import Measured
-from jumpvision.diagnosis.system import Parameter
-from jumpvision.lab.blind import campaign
-from jumpvision.lab.seal import answer_of, score
-from jumpvision.results.findings import Unexplained
+from jumpvision.engine.diagnose import Findings, diagnose, fit_baseline
+from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.naming import best_starts, race
+from jumpvision.engine.priors import Measured
+from jumpvision.engine.system import Parameter
+from jumpvision.experiment.campaign import films
+from jumpvision.experiment.campaign.document import document
+from jumpvision.experiment.results.findings import Unexplained
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import Jump, Shared
+from jumpvision.jumper.question.learning import Learned
+from jumpvision.laboratory.blind import campaign
+from jumpvision.laboratory.seal import answer_of, score
 
 from .diagnosis import jumps_of
 from .noise import questioned

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.signal import savgol_filter
 
-from jumpvision.lab.films.bed import laser_picture
-from jumpvision.lab.films.optics import record
-from jumpvision.vision.laser_line import laser_line
+from jumpvision.films.vision.laser_line import laser_line
+from jumpvision.laboratory.films.bed import laser_picture
+from jumpvision.laboratory.films.optics import record
 
 Array = NDArray[np.float64]
 NX, ROWS, PICTURES = 500, 160, 3

@@ -18,7 +18,7 @@ import pandas as pd
 from scipy.interpolate import CubicSpline
 
 from jumpvision.cli import main
-from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
+from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
 
 TRUTH = {"k1": 2100.0, "k2": 2100.0, "delta": 0.01, "b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.pi / 3}
 MEMORY = {"s_p": 1000.0, "lam": 0.005}  # what the model in question does not have

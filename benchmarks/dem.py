@@ -18,9 +18,9 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.threads import at_most, threads
-from jumpvision.dem import motion
-from jumpvision.dem.discs import Block, Box, Discs, Law, Plate
-from jumpvision.dem.packing import pack
+from jumpvision.laboratory.dem import motion
+from jumpvision.laboratory.dem.discs import Block, Box, Discs, Law, Plate
+from jumpvision.laboratory.dem.packing import pack
 
 sys.path.insert(0, "tests")
 import lammps_peer

@@ -18,22 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.campaign.diagnose import leftover
-from jumpvision.campaign.document import document
-from jumpvision.diagnosis.detect import detect, directions
-from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Jump
-from jumpvision.diagnosis.naming import confidence_set
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.inputs.sections import Actuation
-from jumpvision.lab.blind import ROBOTS, Nuisance, Recorded, Setting, campaign, choices, draw
-from jumpvision.lab.seal import answer_of, score
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import from_motion
-from jumpvision.physics.model import Model
-from jumpvision.stages.rod import commanded
+from jumpvision.engine.detect import detect, directions
+from jumpvision.engine.diagnose import diagnose, fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.naming import confidence_set
+from jumpvision.experiment.campaign.diagnose import leftover
+from jumpvision.experiment.campaign.document import document
+from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.stages.rod import commanded
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.forcing import from_motion
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import Jump
+from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.laboratory.blind import ROBOTS, Nuisance, Recorded, Setting, campaign, choices, draw
+from jumpvision.laboratory.seal import answer_of, score
 
 ENCODER = 6.25e-6  # m
 NOISES = {  # nuisance of the false-alarm table: rho, rounding step [m]

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.diagnosis.detect import directions
-from jumpvision.diagnosis.diagnose import Findings, diagnose
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
-from jumpvision.diagnosis.study.particle import Body, quiet
-from jumpvision.diagnosis.system import Candidate, Observation, Parameter
+from jumpvision.engine.detect import directions
+from jumpvision.engine.diagnose import Findings, diagnose
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.noise.noise import Noise, Stretch, coefficients, estimate, spread_of
+from jumpvision.engine.study.particle import Body, quiet
+from jumpvision.engine.system import Candidate, Observation, Parameter
 
 Array = NDArray[np.float64]
 

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.rows import Row, gather
-from jumpvision.diagnosis.diagnose import fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.diagnosis.system import parameters
-from jumpvision.lab.blind import Nuisance, campaign, draw
+from jumpvision.engine.diagnose import fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.system import parameters
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 from .diagnosis import jumps_of
 

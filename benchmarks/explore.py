@@ -19,20 +19,20 @@ import numpy as np
 
 from benchmarks.diagnosis import jumps_of
 from benchmarks.rows import Row, gather, share
-from jumpvision.campaign.explore.offers import Way, every, limits_of, offer
-from jumpvision.diagnosis.detect import detect, directions
-from jumpvision.diagnosis.diagnose import fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.naming import Naming, name
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.diagnosis.worth.design import Held, batch, belief, prospect
-from jumpvision.diagnosis.worth.rehearse import log10_odds
-from jumpvision.inputs.sections import Actuation
-from jumpvision.lab.blind import AMPLITUDE, Recorded, Setting, campaign, choices, draw
-from jumpvision.lab.jumper import Law
-from jumpvision.lab.protocol_keys import Jump, JumpSweep
-from jumpvision.lab.protocol_keys import jumps_of as lab_jumps
+from jumpvision.engine.detect import detect, directions
+from jumpvision.engine.diagnose import fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.naming import Naming, name
+from jumpvision.engine.worth.design import Held, batch, belief, prospect
+from jumpvision.engine.worth.rehearse import log10_odds
+from jumpvision.experiment.campaign.explore.offers import Way, every, limits_of, offer
+from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.laboratory.blind import AMPLITUDE, Recorded, Setting, campaign, choices, draw
+from jumpvision.laboratory.jumper import Law
+from jumpvision.laboratory.protocol_keys import Jump, JumpSweep
+from jumpvision.laboratory.protocol_keys import jumps_of as lab_jumps
 
 LEVEL = 0.95
 STEPS = 6  # jumps made at most

@@ -18,14 +18,14 @@ import numpy as np
 import xarray as xr
 
 from jumpvision.cli import main as command
-from jumpvision.lab import write
-from jumpvision.lab.films.flow import Cone
-from jumpvision.lab.films.grain_record import write_grain_film
-from jumpvision.lab.films.optics import GrainCamera
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.protocol_keys import GrainFilm
-from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
-from jumpvision.lab.write import Recording
+from jumpvision.laboratory import write
+from jumpvision.laboratory.films.flow import Cone
+from jumpvision.laboratory.films.grain_record import write_grain_film
+from jumpvision.laboratory.films.optics import GrainCamera
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.protocol_keys import GrainFilm
+from jumpvision.laboratory.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
+from jumpvision.laboratory.write import Recording
 
 PHI, DENSITY, FRAMES, C = 0.57, 1000.0, 30, 2.7
 FILMS: tuple[tuple[float, float, GrainCamera], ...] = (  # theta [deg], mu, camera

@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from jumpvision.mechanisms.cone import cone_mass
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.batch import jump_batch
-from jumpvision.physics.energy import energy_ledger
-from jumpvision.physics.forcing import Segments, sinusoid
-from jumpvision.physics.hard.jump import sine_rows
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import equilibrium, simulate
+from jumpvision.jumper.mechanisms.cone import cone_mass
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.batch import jump_batch
+from jumpvision.jumper.physics.energy import energy_ledger
+from jumpvision.jumper.physics.forcing import Segments, sinusoid
+from jumpvision.jumper.physics.hard.jump import sine_rows
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import equilibrium, simulate
 
 ROBOT = {
     "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,

@@ -23,8 +23,8 @@ from numba import get_num_threads
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.hard.jump import hard_jump, hard_map, hard_sweep
+from jumpvision.jumper.physics.forcing import sinusoid
+from jumpvision.jumper.physics.hard.jump import hard_jump, hard_map, hard_sweep
 
 THESIS = {
     "motor_mass": 1.003,

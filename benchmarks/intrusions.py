@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.inputs.parameters import IntrusionParams
-from jumpvision.lab.intrusions import Arm, Grains, Move, log
-from jumpvision.stages.bed.intrusion import curves_of
+from jumpvision.experiment.inputs.parameters import IntrusionParams
+from jumpvision.experiment.stages.bed.intrusion import curves_of
+from jumpvision.laboratory.intrusions import Arm, Grains, Move, log
 
 Array = NDArray[np.float64]
 THETA, DEEPEST, START = math.pi / 3, 0.06, -0.006  # rad, m, m

@@ -10,14 +10,14 @@ from tempfile import TemporaryDirectory
 import cv2
 import numpy as np
 
-from jumpvision.dem.motion import discs_under_foot
-from jumpvision.lab import blind
-from jumpvision.lab.campaign import jump_of, write_campaign
-from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainScene, QuickGrainScene, View
-from jumpvision.lab.films.optics import Camera, record, record_bright
-from jumpvision.lab.films.rod import write_rod_film
-from jumpvision.lab.protocol_keys import RodFilm
+from jumpvision.laboratory import blind
+from jumpvision.laboratory.campaign import jump_of, write_campaign
+from jumpvision.laboratory.dem.motion import discs_under_foot
+from jumpvision.laboratory.films.flow import Flow
+from jumpvision.laboratory.films.grains import GrainScene, QuickGrainScene, View
+from jumpvision.laboratory.films.optics import Camera, record, record_bright
+from jumpvision.laboratory.films.rod import write_rod_film
+from jumpvision.laboratory.protocol_keys import RodFilm
 
 
 def grain_rate(quick: bool, *, frames: int = 30) -> float:

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.diagnosis import jumps_of
-from jumpvision.campaign.explore.lift_off import Threshold, Trial, threshold, trial
-from jumpvision.lab.blind import Nuisance, campaign, draw
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.protocol import Protocol
-from jumpvision.lab.protocol_keys import Jump
+from jumpvision.experiment.campaign.explore.lift_off import Threshold, Trial, threshold, trial
+from jumpvision.laboratory.blind import Nuisance, campaign, draw
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.protocol import Protocol
+from jumpvision.laboratory.protocol_keys import Jump
 
 PHASES = {"single": 1.5 * math.pi, "stutter": 0.5 * math.pi}
 

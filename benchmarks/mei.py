@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.vision.piv.engine import piv_pair
+from jumpvision.films.vision.piv.engine import piv_pair
 from tests.test_piv import SETTINGS, camera
 
 Array = NDArray[np.float64]

@@ -18,18 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from jumpvision.campaign.document import document
-from jumpvision.diagnosis.detect import Detection, detect, directions
-from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Jump
-from jumpvision.diagnosis.noise.learning import Learned, learn_noise
-from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.lab.blind import Nuisance, Recorded, Setting, campaign, choices, draw
-from jumpvision.lab.recordings import NU
-from jumpvision.lab.seal import answer_of, score
-from jumpvision.results.findings import Unexplained
+from jumpvision.engine.detect import Detection, detect, directions
+from jumpvision.engine.diagnose import diagnose, fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.noise.noise import Noise
+from jumpvision.experiment.campaign.document import document
+from jumpvision.experiment.results.findings import Unexplained
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import Jump
+from jumpvision.jumper.question.learning import Learned, learn_noise
+from jumpvision.laboratory.blind import Nuisance, Recorded, Setting, campaign, choices, draw
+from jumpvision.laboratory.recordings import NU
+from jumpvision.laboratory.seal import answer_of, score
 
 from .diagnosis import jumps_of
 from .oracle import Oracle, Unreachable, level_for

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.lab.blind import DT, EFFECTS, EVERY, Recorded, Setting, track_of
-from jumpvision.lab.campaign import jump_of
-from jumpvision.lab.jumper import AT_THE_CAMERA, STATIC
-from jumpvision.lab.protocol import CAMERA_PARAMETERS, Protocol
-from jumpvision.lab.protocol_keys import RodTrack
-from jumpvision.lab.recordings import NU, SHARE, slow
+from jumpvision.laboratory.blind import DT, EFFECTS, EVERY, Recorded, Setting, track_of
+from jumpvision.laboratory.campaign import jump_of
+from jumpvision.laboratory.jumper import AT_THE_CAMERA, STATIC
+from jumpvision.laboratory.protocol import CAMERA_PARAMETERS, Protocol
+from jumpvision.laboratory.protocol_keys import RodTrack
+from jumpvision.laboratory.recordings import NU, SHARE, slow
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
-from jumpvision.vision.piv.engine import piv_pair
+from jumpvision.films.vision.piv.engine import piv_pair
 from tests.test_piv import FIELDS, SETTINGS, camera, grains, spots
 
 Array = NDArray[np.float64]

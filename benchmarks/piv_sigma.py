@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.piv import Array, Truth
-from jumpvision.vision.piv.engine import piv_pair
-from jumpvision.vision.piv.pair import MEASURED
+from jumpvision.films.vision.piv.engine import piv_pair
+from jumpvision.films.vision.piv.pair import MEASURED
 from tests.test_piv import FIELDS, SETTINGS, camera, grains, spots
 
 SHAPE = (256, 328)

@@ -25,14 +25,14 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
-from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.physics.model import Model
-from jumpvision.planning.jumper import Drive
-from jumpvision.planning.plan import Plan, Planner, drawn
-from jumpvision.planning.solve import guessed, starts
-from jumpvision.planning.transcription import Limits
-from jumpvision.studies.plan import rigid, samples
+from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.planning.jumper import Drive
+from jumpvision.jumper.planning.plan import Plan, Planner, drawn
+from jumpvision.jumper.planning.solve import guessed, starts
+from jumpvision.jumper.planning.transcription import Limits
+from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
+from jumpvision.thesis.studies.plan import rigid, samples
 
 ROBOT = {
     "motor_mass": 1.125, "rod_mass": 0.175, "foot_mass": 0.04, "spring_stiffness": 3300.0, "spring_damping": 1.2,

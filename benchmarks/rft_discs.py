@@ -18,10 +18,10 @@ import numpy as np
 
 from benchmarks.rows import Row, gather
 from jumpvision.base.arrays import Array
-from jumpvision.dem.discs import Block, Box, Discs, Law
-from jumpvision.dem.motion import integrate, time_step
-from jumpvision.dem.packing import pack
-from jumpvision.physics.rft import Grains, Map, generic_2d, generic_3d, gridded, of_plane, push
+from jumpvision.jumper.physics.rft import Grains, Map, generic_2d, generic_3d, gridded, of_plane, push
+from jumpvision.laboratory.dem.discs import Block, Box, Discs, Law
+from jumpvision.laboratory.dem.motion import integrate, time_step
+from jumpvision.laboratory.dem.packing import pack
 
 SPEED, GRAVITY, RUB = 0.3, 9.81, 0.5  # m/s; m/s^2; coefficient of friction
 WIDE = 15.0  # grains: length of a bar

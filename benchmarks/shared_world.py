@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.diagnosis.priors import Measured
-from jumpvision.lab.blind import ROBOTS, Setting, draw
+from jumpvision.engine.priors import Measured
+from jumpvision.laboratory.blind import ROBOTS, Setting, draw
 
 Array = NDArray[np.float64]
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.cli import main
-from jumpvision.lab import recordings as logs
-from jumpvision.lab import write
-from jumpvision.lab.blind import ROBOTS
-from jumpvision.lab.jumper import Motor, Samples, motion_of
-from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.laboratory import recordings as logs
+from jumpvision.laboratory import write
+from jumpvision.laboratory.blind import ROBOTS
+from jumpvision.laboratory.jumper import Motor, Samples, motion_of
 
 PHI, DENSITY = 0.571, 1000.0  # volume fraction, kg/m^3
 MODEL = {"k1": 2100.0, "k2": 2100.0, "delta": 0.012, "b": 17.2, "C": 2.7, "mu": 2.0, "theta": math.pi / 3}

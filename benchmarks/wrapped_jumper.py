@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import jumpvision as jv
-from jumpvision.diagnosis.diagnose import diagnose
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.noise.learning import Learned, learn_noise
-from jumpvision.diagnosis.system import Parameter
-from jumpvision.lab.blind import Nuisance, campaign, draw
+from jumpvision.engine.diagnose import diagnose
+from jumpvision.engine.system import Parameter
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.learning import Learned, learn_noise
+from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 from .diagnosis import jumps_of
 

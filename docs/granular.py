@@ -8,8 +8,8 @@ from typing import Any
 
 from PIL import Image
 
-from jumpvision.report.studies.sweeps import picture
-from jumpvision.studies.study import Call, run, studies
+from jumpvision.thesis.figures.sweeps import picture
+from jumpvision.thesis.studies.study import Call, run, studies
 
 PAGE = Path(__file__).with_name("granular.md")
 IMAGES = PAGE.parent / "images"

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from jumpvision.lab import recordings as logs
-from jumpvision.lab import write
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.samples import HARD_ROBOT
-from jumpvision.report.studies.sweeps import picture
-from jumpvision.studies.comparison import compare
-from jumpvision.studies.study import Call, run, studies
+from jumpvision.laboratory import recordings as logs
+from jumpvision.laboratory import write
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.samples import HARD_ROBOT
+from jumpvision.thesis.figures.sweeps import picture
+from jumpvision.thesis.studies.comparison import compare
+from jumpvision.thesis.studies.study import Call, run, studies
 
 IMAGES = Path(__file__).with_name("images")
 WIDTH, COLOURS = 1000, 256  # of a picture: the width of a page, and a palette that keeps its maps

@@ -12,10 +12,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 
 from benchmarks.plan import LIMITS, LOOP, SAND
-from jumpvision.planning.plan import Planner
+from jumpvision.jumper.planning.plan import Planner
 from jumpvision.report.figures.pictures import png
 from jumpvision.report.style import MEASURED, MODEL, styled
-from jumpvision.studies.plan import rigid
+from jumpvision.thesis.studies.plan import rigid
 
 OUT = Path(__file__).parent / "images" / "planning.png"
 LADDER = (0.02, 0.03, 0.04, 0.05, 0.06)

@@ -11,9 +11,9 @@ from typing import Any
 import jumpvision
 from jumpvision.api import without_folder
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import Campaign, Experiment
-from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.workflow.stage import results_stages
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.experiment.workflow.stage import results_stages
 
 TARGET = Path(__file__).with_name("api.md")
 ROOT = Path(jumpvision.__file__).parent

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from jumpvision.base.schema import table_of
-from jumpvision.frames.opening import READERS
-from jumpvision.inputs.parameters import PARAMS
-from jumpvision.inputs.sections import SECTIONS, Header, RobotSigma, Section
-from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.physics.model import GROUNDS
-from jumpvision.studies.study import listed
-from jumpvision.workflow.stage import Input, results_stages
+from jumpvision.experiment.inputs.parameters import PARAMS
+from jumpvision.experiment.inputs.sections import SECTIONS, Header, RobotSigma, Section
+from jumpvision.experiment.workflow.stage import Input, results_stages
+from jumpvision.films.frames.opening import READERS
+from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.jumper.physics.model import GROUNDS
+from jumpvision.thesis.studies.study import listed
 
 TARGET = Path(__file__).with_name("keys.md")
 
@@ -39,7 +39,7 @@ def films() -> list[dict[str, str]]:
     suffixes: dict[tuple[str, str], list[str]] = {}
     for suffix, reader in READERS.items():
         suffixes.setdefault(reader, []).append(suffix)
-    classes = {r: getattr(importlib.import_module(f"jumpvision.frames.{r[0]}"), r[1]) for r in suffixes}
+    classes = {r: getattr(importlib.import_module(f"jumpvision.films.frames.{r[0]}"), r[1]) for r in suffixes}
     return [
         {"suffix": " ".join(of), "film": " ".join(inspect.getdoc(classes[reader]).split("\n\n")[0].split())}
         for reader, of in suffixes.items()

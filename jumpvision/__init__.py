@@ -62,5 +62,5 @@ def __dir__() -> list[str]:
 
 
 def _stages() -> tuple[str, ...]:
-    names: dict[str, Any] = import_module("jumpvision.workflow.stage").declared()
+    names: dict[str, Any] = import_module("jumpvision.experiment.workflow.stage").declared()
     return tuple(names)

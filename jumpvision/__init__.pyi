@@ -15,22 +15,22 @@ from .api import Study as Study
 from .api import Parameter as Parameter
 from .api import Mechanism as Mechanism
 from .api import Channel as Channel
-from jumpvision.results.values import BedHeight
-from jumpvision.results.values import CraterShape
-from jumpvision.results.values import Geometry
-from jumpvision.results.values import Intrusion
-from jumpvision.results.fields import Piv
-from jumpvision.results.fields import Flow
-from jumpvision.results.fields import Column
-from jumpvision.results.tables import Paths
-from jumpvision.results.fields import Statistics
-from jumpvision.results.tables import Profiles
-from jumpvision.results.values import SpringTest
-from jumpvision.results.tables import Track
-from jumpvision.results.tables import RodMotion
-from jumpvision.results.values import Fits
-from jumpvision.results.tables import Simulation
-from jumpvision.results.values import Summary
+from jumpvision.experiment.results.values import BedHeight
+from jumpvision.experiment.results.values import CraterShape
+from jumpvision.experiment.results.values import Geometry
+from jumpvision.experiment.results.values import Intrusion
+from jumpvision.experiment.results.fields import Piv
+from jumpvision.experiment.results.fields import Flow
+from jumpvision.experiment.results.fields import Column
+from jumpvision.experiment.results.tables import Paths
+from jumpvision.experiment.results.fields import Statistics
+from jumpvision.experiment.results.tables import Profiles
+from jumpvision.experiment.results.values import SpringTest
+from jumpvision.experiment.results.tables import Track
+from jumpvision.experiment.results.tables import RodMotion
+from jumpvision.experiment.results.values import Fits
+from jumpvision.experiment.results.tables import Simulation
+from jumpvision.experiment.results.values import Summary
 
 __version__: str
 __all__: list[str]

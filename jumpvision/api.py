@@ -25,28 +25,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from jumpvision.base.schema import InputError
-from jumpvision.campaign.folder import Run, results_of, run_folder
-from jumpvision.diagnosis.study.processes import How
-from jumpvision.diagnosis.study.study import Channel as Channel
-from jumpvision.diagnosis.study.study import Mechanism as Mechanism
-from jumpvision.diagnosis.study.study import Parameter as Parameter
-from jumpvision.diagnosis.study.study import Recording as Recording
-from jumpvision.diagnosis.study.study import Study as Study
-from jumpvision.inputs.experiment import Campaign, Experiment, open_folder
-from jumpvision.inputs.overrides import overrides_of
-from jumpvision.inputs.sections import NotApplicable
+from jumpvision.engine.study.processes import How
+from jumpvision.engine.study.study import Channel as Channel
+from jumpvision.engine.study.study import Mechanism as Mechanism
+from jumpvision.engine.study.study import Parameter as Parameter
+from jumpvision.engine.study.study import Recording as Recording
+from jumpvision.engine.study.study import Study as Study
+from jumpvision.experiment.campaign.folder import Run, results_of, run_folder
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment, open_folder
+from jumpvision.experiment.inputs.overrides import overrides_of
+from jumpvision.experiment.inputs.sections import NotApplicable
+from jumpvision.experiment.results import Record
+from jumpvision.experiment.workflow.provenance import settle
+from jumpvision.experiment.workflow.run import Plan
+from jumpvision.experiment.workflow.stage import STAGES
+from jumpvision.experiment.workflow.workspace import Workspace
 from jumpvision.report.figures import PICTURES, drawn_diagnosis
-from jumpvision.results import Record
-from jumpvision.workflow.provenance import settle
-from jumpvision.workflow.run import Plan
-from jumpvision.workflow.stage import STAGES
-from jumpvision.workflow.workspace import Workspace
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from jumpvision.results.diagnosis import Diagnosis
+    from jumpvision.experiment.results.diagnosis import Diagnosis
 
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
@@ -73,7 +73,7 @@ def open(
 def stage_function(name: str) -> Callable[..., Record]:
     """The stage of this name as a function of an opened folder, or of its path: `jv.track(experiment)`."""
     from jumpvision.base.schema import table_of
-    from jumpvision.workflow.stage import stage_named
+    from jumpvision.experiment.workflow.stage import stage_named
 
     made = stage_named(name)
     of_arrays = without_folder(name)
@@ -103,7 +103,7 @@ def stage_function(name: str) -> Callable[..., Record]:
 
 def without_folder(name: str) -> Callable[..., Any] | None:
     """A stage's function of arrays: `of_arrays` of its module; None where it has none."""
-    from jumpvision.workflow.stage import stage_named
+    from jumpvision.experiment.workflow.stage import stage_named
 
     module = importlib.import_module(stage_named(name).function.__module__)
     found: Callable[..., Any] | None = getattr(module, "of_arrays", None)
@@ -120,8 +120,8 @@ def ringdown(time_s: Any, x: Any, sigma: Any = None) -> pd.DataFrame:
 
     Example: jv.ringdown(time_s, height_m).loc["zeta", ["value", "sigma"]]
     """
-    from jumpvision.results.values import Fits
-    from jumpvision.stages.fit import ringdown_of_arrays
+    from jumpvision.experiment.results.values import Fits
+    from jumpvision.experiment.stages.fit import ringdown_of_arrays
 
     return Fits(ringdown_of_arrays(time_s, x, sigma)).table
 
@@ -152,7 +152,7 @@ def triangulate(
 
     Example: jv.triangulate(jv.track(film_a, frame_rate=500), jv.track(film_b, frame_rate=500), marks, seen_a, seen_b)
     """
-    from jumpvision.stages.bodies import triangulate as in_space
+    from jumpvision.experiment.stages.bodies import triangulate as in_space
 
     seen = (seen_first, seen_second)
     return in_space(first, second, marks, seen, offset=offset, ball_diameter=ball_diameter, lens=lens, window=window)
@@ -201,7 +201,7 @@ def diagnose(
     if study is not None:
         how = How(workers or 0, limit, budget, _path(keep), avoid, progress)
         return _diagnose_study(asked, study, how, _path(results))
-    from jumpvision.campaign.folder import DIAGNOSED
+    from jumpvision.experiment.campaign.folder import DIAGNOSED
 
     if not isinstance(asked, Experiment | Campaign | str | os.PathLike):
         raise InputError(["diagnose: recordings need the study that simulates them: jv.diagnose(recordings, study)"])
@@ -212,7 +212,7 @@ def diagnose(
 
 
 def _diagnose_study(asked: Any, study: Study, how: How, results: Path | None) -> Diagnosis:
-    from jumpvision.campaign.study import question_study
+    from jumpvision.experiment.campaign.study import question_study
     from jumpvision.report.figures.diagnosis import study_picture
     from jumpvision.report.pages.study import write_study
 
@@ -263,8 +263,8 @@ def sweep(
 
     Example: jv.sweep("hard", frequency=(5, 15, 41), phase=1.57).jump_height_m
     """
-    from jumpvision.studies.study import Call
-    from jumpvision.studies.study import run as run_sweep
+    from jumpvision.thesis.studies.study import Call
+    from jumpvision.thesis.studies.study import run as run_sweep
 
     given = {k: ":".join(map(str, v)) if isinstance(v, tuple | list) else str(v) for k, v in axes.items()}
     call = Call(
@@ -298,7 +298,7 @@ def plan(
 
     Example: command, numbers = jv.plan("hard", apex=0.02)
     """
-    from jumpvision.studies.plan import check_call, make_plan, planned_robot, samples, seeded
+    from jumpvision.thesis.studies.plan import check_call, make_plan, planned_robot, samples, seeded
 
     check_call(ground, apex, limits)
     tables = {n: t for n, t in overrides_of(tuple(set)).items() if t}

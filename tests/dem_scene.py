@@ -14,16 +14,16 @@ import numpy as np
 import xarray as xr
 
 from jumpvision.cli import main
-from jumpvision.dem.discs import Discs
-from jumpvision.dem.motion import Friction, Motion, discs_under_foot
-from jumpvision.lab import write
-from jumpvision.lab.films.discs import DiscCamera, disc_momentum
-from jumpvision.lab.films.grains import View
-from jumpvision.lab.jumper import Law as Drive
-from jumpvision.lab.jumper import motion_of
-from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
-from jumpvision.results.fields import Piv
-from jumpvision.stages.grains.vectors import field_of_discs
+from jumpvision.experiment.results.fields import Piv
+from jumpvision.experiment.stages.grains.vectors import field_of_discs
+from jumpvision.laboratory import write
+from jumpvision.laboratory.dem.discs import Discs
+from jumpvision.laboratory.dem.motion import Friction, Motion, discs_under_foot
+from jumpvision.laboratory.films.discs import DiscCamera, disc_momentum
+from jumpvision.laboratory.films.grains import View
+from jumpvision.laboratory.jumper import Law as Drive
+from jumpvision.laboratory.jumper import motion_of
+from jumpvision.laboratory.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH, START
 
 RATE, EXPOSURE, INSTANTS = 500.0, 2e-4, 3
 DENSITY, PHI = 1000.0, 0.57  # kg/m^3 of the grains and volume fraction that the analysis is told

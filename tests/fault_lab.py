@@ -158,9 +158,9 @@ RUN = [sys.executable, "-c", "import sys; from jumpvision.cli import main; sys.e
 
 def write_whole_campaign(root: Path) -> Path:
     """Four jumps to be diagnosed, a filmed one, and a grain film whose parts are kept as they come."""
-    from jumpvision.lab import write
-    from jumpvision.lab.blind import Nuisance, draw
-    from jumpvision.lab.campaign import carry_out, defaults
+    from jumpvision.laboratory import write
+    from jumpvision.laboratory.blind import Nuisance, draw
+    from jumpvision.laboratory.campaign import carry_out, defaults
 
     setting = draw(np.random.default_rng(3), ground="hard", hidden=[], nuisance=Nuisance(1e-4, 0.0, 0.0))
     jumps = [j for j in setting.protocol.jumps if j.law.delay == 0][:4]

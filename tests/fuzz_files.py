@@ -129,16 +129,16 @@ polarity = "dark"
 def reader(name: str) -> Callable[[Path], None]:
     """What reads a file of this name; returning or a clear error is right, all else is a finding."""
     if name == "experiment.toml":
-        from jumpvision.inputs.experiment import open_experiment
+        from jumpvision.experiment.inputs.experiment import open_experiment
 
         return lambda path: open_experiment(path.parent) and None  # type: ignore[return-value]
     if name.startswith("motor"):
-        from jumpvision.inputs.logs import read_log
+        from jumpvision.experiment.inputs.logs import read_log
 
         return lambda path: read_log(path, "time_s", "position_m") is None and None  # type: ignore[return-value]
     if name.startswith("map."):
-        from jumpvision.inputs.sections import CraterDepth
-        from jumpvision.stages.bed.crater import read_map
+        from jumpvision.experiment.inputs.sections import CraterDepth
+        from jumpvision.experiment.stages.bed.crater import read_map
 
         return lambda path: read_map(CraterDepth(file=path.name, path=path)) is None and None  # type: ignore[return-value]
     return read_film
@@ -146,7 +146,7 @@ def reader(name: str) -> Callable[[Path], None]:
 
 def read_film(path: Path) -> None:
     """Opens a film, checks what it promises and reads its first and last frame."""
-    from jumpvision.frames import open_frames
+    from jumpvision.films.frames import open_frames
 
     with open_frames(path, frame_rate=100.0) as film:
         assert 1 <= len(film) == len(film.time), "frames without times"
@@ -161,7 +161,7 @@ def worker(folder: Path, name: str, first: int, last: int) -> None:
     import resource
 
     from jumpvision.base.schema import InputError
-    from jumpvision.frames import FrameError
+    from jumpvision.films.frames import FrameError
 
     warnings.simplefilter("ignore")
     warnings.filterwarnings("error", category=RuntimeWarning, module="jumpvision")
@@ -220,8 +220,8 @@ def bear() -> None:
     """What it does: takes calls from stdin, says how each ended."""
     import numba
 
-    import jumpvision.frames.tiff
-    import jumpvision.frames.video
+    import jumpvision.films.frames.tiff
+    import jumpvision.films.frames.video
 
     assert numba is not None and jumpvision is not None
     for line in sys.stdin:

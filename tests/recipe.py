@@ -29,14 +29,17 @@ def package_with(
     others are links, so that their compiled code is known.
     """
     added, edited = added or {}, edited or {}
-    changed = {Path(name).parts[0] for name in (*new, *added, *edited)} | {*copied}
+    changed = {Path(*Path(name).parts[:-1][:2]) for name in (*new, *added, *edited)} | {Path(name) for name in copied}
     copy = place / "jumpvision"
-    copy.mkdir()
-    for part in ROOT.iterdir():
-        if part.name not in changed:
-            (copy / part.name).symlink_to(part)
-        elif part.is_dir():
-            shutil.copytree(part, copy / part.name, ignore=shutil.ignore_patterns("__pycache__"))
+    for folder in {Path(), *(p for room in changed for p in room.parents)}:  # the wings of the rooms that change
+        (copy / folder).mkdir(parents=True, exist_ok=True)
+    for folder in [p.relative_to(copy) for p in (copy, *copy.iterdir())]:
+        for part in (ROOT / folder).iterdir():
+            here = folder / part.name
+            if here in changed:
+                shutil.copytree(part, copy / here, ignore=shutil.ignore_patterns("__pycache__"))
+            elif not (copy / here).exists() and part.name != "__pycache__":
+                (copy / here).symlink_to(part)
     for name, text in new.items():
         assert not (copy / name).exists()
         (copy / name).write_text(text, encoding="utf-8")

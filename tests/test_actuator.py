@@ -9,7 +9,7 @@ from scipy.signal import lsim
 
 from jumpvision.cli import main
 from jumpvision.estimate.robot import bandwidth, follow, motor_power, response
-from jumpvision.lab import write
+from jumpvision.laboratory import write
 
 STEP = 6.25e-6  # m, encoder
 

@@ -7,14 +7,14 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
-from jumpvision.physics.hard.analysis import (
+from jumpvision.jumper.physics.hard.analysis import (
     energy_after_one_cycle,
     minimum_amplitude,
     stutter_by_fall_and_push,
     stutter_by_half_fall,
     stutter_by_three_parts,
 )
-from jumpvision.physics.hard.jump import HardRobot, hard_map
+from jumpvision.jumper.physics.hard.jump import HardRobot, hard_map
 
 THESIS = {"motor_mass": 1.003, "rod_mass": 0.175, "stiffness": 5760.6, "damping": 1.368, "gravity": 0.276 * 9.81}
 ROBOT = HardRobot(**THESIS)

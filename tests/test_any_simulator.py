@@ -20,9 +20,9 @@ import jumpvision as jv
 from benchmarks import any_simulator, servo_axis
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.diagnosis.study.runs import SimulatorError
-from jumpvision.diagnosis.study.walk import as_walk
-from jumpvision.results.diagnosis import Diagnosis
+from jumpvision.engine.study.runs import SimulatorError
+from jumpvision.engine.study.walk import as_walk
+from jumpvision.experiment.results.diagnosis import Diagnosis
 
 T = np.arange(0.0, 2.0, 0.02)
 
@@ -374,7 +374,7 @@ def test_wrong_calls_say_what_is_allowed():
 
 @pytest.mark.long
 def test_discs_under_a_foot_are_questioned():
-    """Truth: Runge-Kutta of the benchmark; the study's simulator is jumpvision.dem's velocity Verlet."""
+    """Truth: Runge-Kutta of the benchmark; the study's simulator is jumpvision.laboratory.dem's velocity Verlet."""
     asked, whole = any_simulator.trembles({"tilt": 0.5}, np.random.default_rng(1))[:2], any_simulator.discs()
     few = [m for m in whole.mechanisms if m.name in ("tilt", "viscous_drag")]
 

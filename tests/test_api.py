@@ -22,7 +22,7 @@ import jumpvision as jv
 from jumpvision import api
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.workflow.stage import results_stages
+from jumpvision.experiment.workflow.stage import results_stages
 
 PAGE = (ROOT / "docs" / "notebook.md").read_text(encoding="utf-8")
 

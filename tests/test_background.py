@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.lab.films.rod import balls
-from jumpvision.vision.ball.background import Background, SceneSum
-from jumpvision.vision.ball.film import track_film
-from jumpvision.vision.ball.track import BallSettings
+from jumpvision.films.vision.ball.background import Background, SceneSum
+from jumpvision.films.vision.ball.film import track_film
+from jumpvision.films.vision.ball.track import BallSettings
+from jumpvision.laboratory.films.rod import balls
 
 SHAPE, RADIUS, COLUMN = (110, 52), 8.0, 24.3
 SETTINGS = BallSettings(

@@ -7,7 +7,7 @@ import pytest
 from conftest import later
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.vision.ball.track import BallTrack, track_ball
+from jumpvision.films.vision.ball.track import BallTrack, track_ball
 
 BACK, CONTRAST, PSF = 30.0, 150.0, 0.6
 REAL = os.environ.get("JUMPVISION_REAL_DATA", "")

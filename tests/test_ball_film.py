@@ -12,16 +12,16 @@ from scipy.ndimage import gaussian_filter
 from test_ball import BACK, CONTRAST, ball_image, camera
 
 from jumpvision.cli import main
-from jumpvision.frames import open_frames
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.inputs.sections import NotApplicable
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.sections import NotApplicable
+from jumpvision.experiment.results.tables import Track
+from jumpvision.experiment.workflow.stage import results_stages
+from jumpvision.experiment.workflow.workspace import Workspace
+from jumpvision.films.frames import open_frames
+from jumpvision.films.vision.ball import film
+from jumpvision.films.vision.ball.film import FilmTracker, track_film
+from jumpvision.films.vision.ball.track import BallSettings, BallTracker
 from jumpvision.report.figures.overlays import TrackFilm
-from jumpvision.results.tables import Track
-from jumpvision.vision.ball import film
-from jumpvision.vision.ball.film import FilmTracker, track_film
-from jumpvision.vision.ball.track import BallSettings, BallTracker
-from jumpvision.workflow.stage import results_stages
-from jumpvision.workflow.workspace import Workspace
 
 results_stages()  # this file may run alone
 
@@ -111,7 +111,7 @@ def test_frames_followed_in_a_row_are_those_measured_one_by_one(monkeypatch, str
         images.append(camera(image, 3.0, rng))
     how = settings(seed=(xs[0], ys[0]), streak=streak, exposure_fraction=0.2 if streak else 0.0)
     counted = []
-    monkeypatch.setattr("jumpvision.vision.ball.film.WORTHWHILE", 10)
+    monkeypatch.setattr("jumpvision.films.vision.ball.film.WORTHWHILE", 10)
     follow = BallTracker.follow
     monkeypatch.setattr(BallTracker, "follow", lambda *a: counted.append(follow(*a)) or counted[-1])
     quick = track_film(images, how, scene=True)[0]
@@ -224,7 +224,7 @@ def test_a_film_with_lost_frames_is_not_taken_for_what_was_shown(tmp_path):
 def test_windows_that_are_not_kept_are_read_again(monkeypatch):
     frames, *_ = two_balls(np.random.default_rng(5), crossing=False)
     kept = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
-    monkeypatch.setattr("jumpvision.vision.ball.film.MEMORY", 0)
+    monkeypatch.setattr("jumpvision.films.vision.ball.film.MEMORY", 0)
     read = track_film(frames, settings(seed=(38.0, 30.0)), scene=True)[0]
     assert np.allclose(read.y, kept.y, atol=1e-9, equal_nan=True)
 

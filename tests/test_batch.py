@@ -9,13 +9,13 @@ from test_granular import BED, SAND, case
 
 from benchmarks.granular import random_values
 from jumpvision.base.schema import InputError
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.batch import jump_batch, with_gain
-from jumpvision.physics.forcing import Loop, Segments
-from jumpvision.physics.hard.analysis import half_cycle_rows
-from jumpvision.physics.hard.jump import sine_rows
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import simulate
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.batch import jump_batch, with_gain
+from jumpvision.jumper.physics.forcing import Loop, Segments
+from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
+from jumpvision.jumper.physics.hard.jump import sine_rows
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import simulate
 
 
 @pytest.mark.parametrize("name", ["cone", "everything", "hard, foot with mass"])

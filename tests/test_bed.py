@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.lab import write
-from jumpvision.lab.films.bed import bed_picture
-from jumpvision.lab.films.optics import record
+from jumpvision.laboratory import write
+from jumpvision.laboratory.films.bed import bed_picture
+from jumpvision.laboratory.films.optics import record
 
 SCALE, FLOOR = 5e-4, 420.0
 

@@ -11,18 +11,18 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.lab.jumper import Law, Robot, motion_of
-from jumpvision.mechanisms.cone import cone_mass
-from jumpvision.physics.batch import resolve, simulated_points
-from jumpvision.physics.forcing import delayed, sinusoid
-from jumpvision.physics.hard.analysis import SINGLE, STUTTER
-from jumpvision.physics.model import fitted_drag, force_model
-from jumpvision.physics.packing import fit_packing_law
-from jumpvision.physics.sand.jump import simulate
-from jumpvision.studies.axes import EXAMPLE, read_laws
-from jumpvision.studies.machine import machine, remembering
-from jumpvision.studies.sand.beds import DWELL
-from jumpvision.studies.sand.shared import FREQUENCIES, TYPES
+from jumpvision.jumper.mechanisms.cone import cone_mass
+from jumpvision.jumper.physics.batch import resolve, simulated_points
+from jumpvision.jumper.physics.forcing import delayed, sinusoid
+from jumpvision.jumper.physics.hard.analysis import SINGLE, STUTTER
+from jumpvision.jumper.physics.model import fitted_drag, force_model
+from jumpvision.jumper.physics.packing import fit_packing_law
+from jumpvision.jumper.physics.sand.jump import simulate
+from jumpvision.laboratory.jumper import Law, Robot, motion_of
+from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
+from jumpvision.thesis.studies.machine import machine, remembering
+from jumpvision.thesis.studies.sand.beds import DWELL
+from jumpvision.thesis.studies.sand.shared import FREQUENCIES, TYPES
 
 ROBOT = machine("granular", None, {})
 CONE = ROBOT.model

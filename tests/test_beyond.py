@@ -11,14 +11,14 @@ from conftest import later
 
 from benchmarks.beyond import motion as mo
 from benchmarks.beyond import score, worlds
-from jumpvision.inputs.experiment import open_campaign
-from jumpvision.inputs.model import ModelSpec
-from jumpvision.lab.jumper import Law as LabLaw
-from jumpvision.lab.jumper import Robot, motion_of
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import delayed, sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand import jump
+from jumpvision.experiment.inputs.experiment import open_campaign
+from jumpvision.experiment.inputs.model import ModelSpec
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.forcing import delayed, sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand import jump
+from jumpvision.laboratory.jumper import Law as LabLaw
+from jumpvision.laboratory.jumper import Robot, motion_of
 
 T = np.arange(0.0, 1.8, 0.005)
 WRITTEN = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.lab import write
+from jumpvision.laboratory import write
 
 TOML = """
 ground = "hard"

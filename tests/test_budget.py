@@ -21,18 +21,18 @@ from test_crater import write_line
 from test_vectors import folder_of, made
 
 from jumpvision.base.schema import InputError
-from jumpvision.campaign.folder import JUMP_COLUMNS
-from jumpvision.campaign.measured.craters import Crater, zero_crossing
-from jumpvision.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
 from jumpvision.cli import main
 from jumpvision.estimate.estimate import Estimate, independent
 from jumpvision.estimate.flight import Flights
 from jumpvision.estimate.mean import agreement
-from jumpvision.init.measure import Picks, with_picks
-from jumpvision.init.recognise import Recording
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.inputs.parameters import BedParams, FitParams
-from jumpvision.inputs.sections import (
+from jumpvision.experiment.campaign.folder import JUMP_COLUMNS
+from jumpvision.experiment.campaign.measured.craters import Crater, zero_crossing
+from jumpvision.experiment.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
+from jumpvision.experiment.init.measure import Picks, with_picks
+from jumpvision.experiment.init.recognise import Recording
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.parameters import BedParams, FitParams
+from jumpvision.experiment.inputs.sections import (
     Actuation,
     Bed,
     BedImage,
@@ -43,18 +43,25 @@ from jumpvision.inputs.sections import (
     RodTrack,
     RodVideo,
 )
-from jumpvision.lab import write
-from jumpvision.results.fields import Column, ColumnGeometry, Flow, FlowGeometry
-from jumpvision.results.tables import RodMotion, Track
-from jumpvision.results.values import BedHeight, Fits
-from jumpvision.stages.bed.height import bed, packing_common
-from jumpvision.stages.fit import flight_fits, height_fits, ring_fits
-from jumpvision.stages.grains.cone import grown_cone
-from jumpvision.stages.recordings import foreshortening, height_share, other_lens, shared_of, view_of, with_common
-from jumpvision.stages.rod import rod
-from jumpvision.stages.summary import summary
-from jumpvision.stages.track import ball_motion, through, with_rest_zero
-from jumpvision.vision.camera import READING, camera
+from jumpvision.experiment.results.fields import Column, ColumnGeometry, Flow, FlowGeometry
+from jumpvision.experiment.results.tables import RodMotion, Track
+from jumpvision.experiment.results.values import BedHeight, Fits
+from jumpvision.experiment.stages.bed.height import bed, packing_common
+from jumpvision.experiment.stages.fit import flight_fits, height_fits, ring_fits
+from jumpvision.experiment.stages.grains.cone import grown_cone
+from jumpvision.experiment.stages.recordings import (
+    foreshortening,
+    height_share,
+    other_lens,
+    shared_of,
+    view_of,
+    with_common,
+)
+from jumpvision.experiment.stages.rod import rod
+from jumpvision.experiment.stages.summary import summary
+from jumpvision.experiment.stages.track import ball_motion, through, with_rest_zero
+from jumpvision.films.vision.camera import READING, camera
+from jumpvision.laboratory import write
 
 RECORDED = Path(__file__).parents[1] / "data_samples/loose_sand/stutter-7.0Hz-film/rod.avi"
 

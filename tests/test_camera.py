@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jumpvision.vision.camera import camera
+from jumpvision.films.vision.camera import camera
 
 PLAIN = {"scale": 2e-4, "up": "-y", "tilt": 0.0, "marks": (), "k1": 0.0, "k2": 0.0, "centre": (100.0, 50.0)}
 

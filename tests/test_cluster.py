@@ -65,7 +65,7 @@ def test_a_worker_is_killed_and_nothing_is_lost(tmp_path):
 
 
 def test_a_profile_that_is_not_there_is_refused(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("jumpvision.workflow.cluster._snakemake", lambda: "snakemake")
+    monkeypatch.setattr("jumpvision.experiment.workflow.cluster._snakemake", lambda: "snakemake")
     campaign = write_campaign(tmp_path / "campaign", 2)
     call = ["run", str(campaign), "--results", str(tmp_path / "r"), "--profile"]
     assert main([*call, "cloud"]) == 2

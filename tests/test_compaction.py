@@ -10,7 +10,7 @@ import xarray as xr
 from conftest import later
 
 from jumpvision.cli import main
-from jumpvision.studies.sand.compaction import fit_compaction, share
+from jumpvision.thesis.studies.sand.compaction import fit_compaction, share
 
 PULSES = np.repeat([0.0, 1, 3, 10, 30, 100, 300], 3)
 MEASURED, SCATTER = 3e-4, 1e-3  # of volume fraction

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.jumper import Robot as LabRobot
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import simulate
-from jumpvision.planning.jumper import Drive, Jumper, Memory
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.forcing import sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import simulate
+from jumpvision.jumper.planning.jumper import Drive, Jumper, Memory
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.jumper import Robot as LabRobot
 
 K1, S_P, LAM = 2100.0, 150.0, 0.005
 ROBOT = LabRobot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)

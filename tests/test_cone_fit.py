@@ -7,11 +7,11 @@ import pytest
 from conftest import later
 from test_field import window_noise
 
-from jumpvision.grains.cone import fit_mass_curve, mass_curve, solve_cone
-from jumpvision.grains.gradients import gradients, shear_rate, shear_rate_sigma
-from jumpvision.grains.grid import Plane
-from jumpvision.grains.sides import Layer, cone_outline, shear_bands
-from jumpvision.mechanisms.cone import cone_mass
+from jumpvision.films.grains.cone import fit_mass_curve, mass_curve, solve_cone
+from jumpvision.films.grains.gradients import gradients, shear_rate, shear_rate_sigma
+from jumpvision.films.grains.grid import Plane
+from jumpvision.films.grains.sides import Layer, cone_outline, shear_bands
+from jumpvision.jumper.mechanisms.cone import cone_mass
 
 R, C, MU, THETA, DENSITY = 0.0381, 2.7, 2.0, math.radians(60.0), 285.0
 Z = np.linspace(0.004, 0.030, 25)

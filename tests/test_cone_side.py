@@ -9,10 +9,10 @@ from scipy.ndimage import gaussian_filter
 from test_field import window_noise
 
 from jumpvision.estimate.mean import near_the_median
-from jumpvision.grains.grid import Plane
-from jumpvision.grains.sides import Layer, cone_outline, cone_side
-from jumpvision.results.fields import Column, ColumnGeometry
-from jumpvision.stages.grains.cone import cone_fits, sides
+from jumpvision.experiment.results.fields import Column, ColumnGeometry
+from jumpvision.experiment.stages.grains.cone import cone_fits, sides
+from jumpvision.films.grains.grid import Plane
+from jumpvision.films.grains.sides import Layer, cone_outline, cone_side
 
 R, FOOT, STEP, WINDOW = 0.0381, 0.5, 2.4e-3, 7.2e-3
 FINE = 3e-4  # m: the fields are drawn and blurred by 1 mm on this grid, and read off every 8th point

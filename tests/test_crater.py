@@ -15,9 +15,9 @@ from scipy.ndimage import gaussian_filter, gaussian_filter1d
 from jumpvision.cli import main
 from jumpvision.estimate.crater import critical_fraction, line_crater
 from jumpvision.estimate.crater_map import map_crater
-from jumpvision.lab import write
-from jumpvision.lab.films.bed import crater_profile, laser_picture
-from jumpvision.lab.films.optics import record
+from jumpvision.laboratory import write
+from jumpvision.laboratory.films.bed import crater_profile, laser_picture
+from jumpvision.laboratory.films.optics import record
 
 SHAPE = {"depth": 5e-3, "radius": 10e-3, "rim_height": 1.3e-3, "rim_width": 3e-3}
 PITCH = 2e-4

@@ -13,14 +13,14 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 from jumpvision.cli import main
-from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.diagnosis.study.particle import Body
-from jumpvision.diagnosis.system import Observation
+from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.study.particle import Body
+from jumpvision.engine.system import Observation
 from jumpvision.estimate.decay import LAWS, decay_law
 from jumpvision.estimate.flight import Flights, contact_flights, restitution
 from jumpvision.estimate.ringdown import peaks_damping, ring_down
-from jumpvision.stages.fit import decay_fits
-from jumpvision.workflow.stage import StageWarning
+from jumpvision.experiment.stages.fit import decay_fits
+from jumpvision.experiment.workflow.stage import StageWarning
 
 ZETA, F0 = 0.0083, 11.13
 W0 = 2 * math.pi * F0
@@ -194,7 +194,7 @@ def test_a_million_samples_take_a_gigabyte_and_ten_seconds():
 import time
 from pathlib import Path
 import numpy as np
-from jumpvision.stages.fit import ringdown_of_arrays
+from jumpvision.experiment.stages.fit import ringdown_of_arrays
 warm = np.arange(500) * 0.02
 ringdown_of_arrays(warm, np.cos(8 * warm) + np.random.default_rng(0).normal(0, 0.01, 500), 0.01)
 n = 1_000_000

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from jumpvision.base.threads import at_most
-from jumpvision.dem import motion
-from jumpvision.dem.discs import Block, Box, Discs, Law, Plate
-from jumpvision.dem.motion import forces, integrate, packed, time_step
-from jumpvision.dem.neighbours import neighbours
-from jumpvision.dem.packing import pack, sizes
+from jumpvision.laboratory.dem import motion
+from jumpvision.laboratory.dem.discs import Block, Box, Discs, Law, Plate
+from jumpvision.laboratory.dem.motion import forces, integrate, packed, time_step
+from jumpvision.laboratory.dem.neighbours import neighbours
+from jumpvision.laboratory.dem.packing import pack, sizes
 
 D = 1e-3  # m, mean diameter
 BOX = Box(-0.012, 0.012, -0.010, 0.0)

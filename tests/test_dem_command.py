@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 
 from jumpvision.cli import main
-from jumpvision.dem.discs import Box
-from jumpvision.dem.packing import lattice
-from jumpvision.dem.plug import plug_of
+from jumpvision.laboratory.dem.discs import Box
+from jumpvision.laboratory.dem.packing import lattice
+from jumpvision.laboratory.dem.plug import plug_of
 
 SMALL = ["--foot", "0.008", "--half-width", "0.02", "--depth", "0.03", "--stroke", "0.003", "--no-pictures"]
 

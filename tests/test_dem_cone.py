@@ -13,8 +13,8 @@ import pytest
 from dem_scene import INSTANTS, ROUGH, Scene, analysed, run_discs, write_folder
 from dem_truth import boundary, cone_of_discs, crossing, slope
 
-from jumpvision.results.fields import Column
-from jumpvision.stages.grains.cone import pushing
+from jumpvision.experiment.results.fields import Column
+from jumpvision.experiment.stages.grains.cone import pushing
 
 SCENE = Scene(foot=0.024, bed=(0.045, 0.060), shape=(200, 320), **ROUGH)
 N = 16

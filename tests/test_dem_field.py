@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from dem_scene import KINDS, Scene, disc_field, foot_path, run_discs
 
-from jumpvision.dem.discs import Box
-from jumpvision.dem.field import coarse_grain
-from jumpvision.dem.packing import pack
-from jumpvision.inputs.parameters import FlowParams
-from jumpvision.inputs.sections import Bed, GrainVideo
-from jumpvision.stages.grains.flow import flow
-from jumpvision.stages.grains.vectors import field_of_discs
+from jumpvision.experiment.inputs.parameters import FlowParams
+from jumpvision.experiment.inputs.sections import Bed, GrainVideo
+from jumpvision.experiment.stages.grains.flow import flow
+from jumpvision.experiment.stages.grains.vectors import field_of_discs
+from jumpvision.laboratory.dem.discs import Box
+from jumpvision.laboratory.dem.field import coarse_grain
+from jumpvision.laboratory.dem.packing import pack
 
 D = 1e-3
 BED = pack(Box(-0.03, 0.03, -0.04, 0.0), 0.78, diameter=D, density=1.0, rng=np.random.default_rng(0))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jumpvision.lab.films.discs import GAP, LIT, DiscCamera, draw_discs, draw_foot, soften
-from jumpvision.lab.films.optics import blur
+from jumpvision.laboratory.films.discs import GAP, LIT, DiscCamera, draw_discs, draw_foot, soften
+from jumpvision.laboratory.films.optics import blur
 
 
 def camera(n=3, shape=(60, 80), seed=0, **how):

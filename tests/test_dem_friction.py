@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from jumpvision.dem.discs import Block, Box, Discs, Law, Plate
-from jumpvision.dem.motion import integrate, time_step
-from jumpvision.dem.packing import pack
+from jumpvision.laboratory.dem.discs import Block, Box, Discs, Law, Plate
+from jumpvision.laboratory.dem.motion import integrate, time_step
+from jumpvision.laboratory.dem.packing import pack
 
 D = 1e-3  # m, mean diameter
 BOX = Box(-0.012, 0.012, -0.010, 0.0)

@@ -20,8 +20,8 @@ from jumpvision.base.schema import InputError
 from jumpvision.browser.demo import controls
 from jumpvision.browser.demo.server import Server, export, page_files
 from jumpvision.cli import main
-from jumpvision.inputs.sections import SECTIONS
-from jumpvision.physics.hard.jump import hard_map
+from jumpvision.experiment.inputs.sections import SECTIONS
+from jumpvision.jumper.physics.hard.jump import hard_map
 
 ROBOT = {"motor_mass": 1.003, "rod_mass": 0.175, "stiffness": 5760.6, "damping": 1.368, "gravity": 0.276 * 9.81,
          "landing_loss": 0.0}  # fmt: skip

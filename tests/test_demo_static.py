@@ -20,13 +20,13 @@ import jumpvision.browser.demo as demo
 from jumpvision.browser.demo.controls import PRESETS, SAND, SLIDERS, defaults
 from jumpvision.browser.demo.server import page_files
 from jumpvision.cli import main
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.batch import until_landed
-from jumpvision.physics.forcing import Segments
-from jumpvision.physics.hard.analysis import half_cycle_rows
-from jumpvision.physics.hard.jump import hard_jump, sine_rows
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import simulate
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.batch import until_landed
+from jumpvision.jumper.physics.forcing import Segments
+from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
+from jumpvision.jumper.physics.hard.jump import hard_jump, sine_rows
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import simulate
 
 NODE = shutil.which("node")
 STATIC = Path(demo.__file__).parent / "static"

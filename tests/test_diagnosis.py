@@ -12,11 +12,11 @@ from scipy import stats
 from scipy.integrate import simpson
 from scipy.optimize import minimize
 
-from jumpvision.diagnosis.detect import detect, directions
-from jumpvision.diagnosis.diagnose import diagnose, fit_baseline
-from jumpvision.diagnosis.fitting import Problem, log_volume
-from jumpvision.diagnosis.naming import held_out_score, least_doubt
-from jumpvision.diagnosis.noise.noise import (
+from jumpvision.engine.detect import detect, directions
+from jumpvision.engine.diagnose import diagnose, fit_baseline
+from jumpvision.engine.fitting import Problem, log_volume
+from jumpvision.engine.naming import held_out_score, least_doubt
+from jumpvision.engine.noise.noise import (
     Noise,
     Stretch,
     coefficients,
@@ -27,10 +27,10 @@ from jumpvision.diagnosis.noise.noise import (
     spread_of,
     step_apart,
 )
-from jumpvision.diagnosis.noise.whitening import Whitening
-from jumpvision.diagnosis.system import Candidate, Observation, Parameter
-from jumpvision.diagnosis.worth.gain import apex, ratio_interval
-from jumpvision.results.diagnosis import strength
+from jumpvision.engine.noise.whitening import Whitening
+from jumpvision.engine.system import Candidate, Observation, Parameter
+from jumpvision.engine.worth.gain import apex, ratio_interval
+from jumpvision.experiment.results.diagnosis import strength
 
 FRAME = 0.005
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_ball import BACK, CONTRAST, ball_image
 
-from jumpvision.vision.ball import disc
-from jumpvision.vision.ball.film import track_film
-from jumpvision.vision.ball.sums import BLOCK, RES, ROOM, _bell, accumulate, pixels_in_use
-from jumpvision.vision.ball.track import BallSettings
+from jumpvision.films.vision.ball import disc
+from jumpvision.films.vision.ball.film import track_film
+from jumpvision.films.vision.ball.sums import BLOCK, RES, ROOM, _bell, accumulate, pixels_in_use
+from jumpvision.films.vision.ball.track import BallSettings
 
 NOISE = np.array([4.0, 4.0, 0.0])
 

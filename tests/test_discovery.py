@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from test_unexplained import campaign
 
-from jumpvision.campaign.discovered import Law, Laws, discovered_of
-from jumpvision.campaign.document import law_in_words, model_toml
-from jumpvision.diagnosis.detect import detect, directions
-from jumpvision.diagnosis.diagnose import Findings, fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.forms import forms
-from jumpvision.diagnosis.naming import Explanation, Naming
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.inputs.model import read_model
-from jumpvision.mechanisms.own import acts_on, bare, parameters_with, read_own
-from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.physics.model import Model
+from jumpvision.engine.detect import detect, directions
+from jumpvision.engine.diagnose import Findings, fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.naming import Explanation, Naming
+from jumpvision.experiment.campaign.discovered import Law, Laws, discovered_of
+from jumpvision.experiment.campaign.document import law_in_words, model_toml
+from jumpvision.experiment.inputs.model import read_model
+from jumpvision.jumper.mechanisms.own import acts_on, bare, parameters_with, read_own
+from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.question.forms import forms
+from jumpvision.jumper.question.learning import learn_noise
 
 TRUE = 300.0  # N s/m^2, of a drag in proportion to depth and speed
 

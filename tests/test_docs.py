@@ -23,9 +23,9 @@ from test_vectors import CASES
 
 import jumpvision as jv
 from jumpvision.cli import main
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.inputs.logs import read_log
-from jumpvision.studies.study import studies
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.thesis.studies.study import studies
 
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"<!-- (.*?) -->\n```(bash|toml|python)\n(.*?)```(?:\n+```(toml)\n(.*?)```)?", re.S)
@@ -156,7 +156,7 @@ def semicolon(folder: Path) -> None:
 def playback(folder: Path) -> None:
     import cv2
 
-    from jumpvision.frames import open_frames
+    from jumpvision.films.frames import open_frames
 
     with open_frames(SAMPLES / "hard_ground" / "rod.avi") as film:
         out = cv2.VideoWriter(str(folder / "rod.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, film.shape[::-1], False)
@@ -216,7 +216,7 @@ def test_data_of_other_programs(example, tmp_path, monkeypatch):
 
 
 def columns(section: str) -> tuple[str, ...]:
-    from jumpvision.init.recognise import LOGS
+    from jumpvision.experiment.init.recognise import LOGS
 
     return LOGS[section]
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import is_campaign, open_campaign, open_experiment
-from jumpvision.inputs.overrides import overrides_of
-from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, Robot, need
-from jumpvision.workflow.run import Pipeline, read_pipeline
+from jumpvision.experiment.inputs.experiment import is_campaign, open_campaign, open_experiment
+from jumpvision.experiment.inputs.overrides import overrides_of
+from jumpvision.experiment.inputs.sections import Actuation, MissingKey, MotorLog, Robot, need
+from jumpvision.experiment.workflow.run import Pipeline, read_pipeline
 
 LOG = "time_s,position_m\n0,0\n0.001,0\n"
 

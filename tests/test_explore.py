@@ -14,28 +14,37 @@ import numpy as np
 import pytest
 
 from jumpvision.base.schema import InputError
-from jumpvision.campaign.explore import handover, offers
-from jumpvision.campaign.explore.history import FILE, History, Proposed, Round, read_history
-from jumpvision.campaign.explore.lift_off import TRIALS, Trial, threshold, trial
-from jumpvision.campaign.explore.offers import Limits, Way, by_plan, elsewhere, every, limits_of, places, usual
-from jumpvision.campaign.explore.planned import identified, read_planned
 from jumpvision.cli import main
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import of_jump
-from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.diagnosis.system import Candidate, Observation, Parameter
-from jumpvision.diagnosis.worth.design import Held, Prospect, batch, prospect, worth
-from jumpvision.diagnosis.worth.identify import TIMES, information, shortest, shown
-from jumpvision.diagnosis.worth.rehearse import gain, log10_odds
-from jumpvision.inputs.experiment import open_campaign
-from jumpvision.inputs.sections import Actuation, Bed, Motor, Robot
-from jumpvision.lab import seal as seal_module
-from jumpvision.lab import write
-from jumpvision.lab.blind import AMPLITUDE, Nuisance, campaign, draw
-from jumpvision.lab.campaign import carry_out, defaults, write_campaign, written
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.protocol_keys import Jump, JumpSweep, jumps_of
-from jumpvision.lab.seal import answer_of, record_jump, seal, sealed_file
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.system import Candidate, Observation, Parameter
+from jumpvision.engine.worth.design import Held, Prospect, batch, prospect, worth
+from jumpvision.engine.worth.identify import TIMES, information, shortest, shown
+from jumpvision.engine.worth.rehearse import gain, log10_odds
+from jumpvision.experiment.campaign.explore import handover, offers
+from jumpvision.experiment.campaign.explore.history import FILE, History, Proposed, Round, read_history
+from jumpvision.experiment.campaign.explore.lift_off import TRIALS, Trial, threshold, trial
+from jumpvision.experiment.campaign.explore.offers import (
+    Limits,
+    Way,
+    by_plan,
+    elsewhere,
+    every,
+    limits_of,
+    places,
+    usual,
+)
+from jumpvision.experiment.campaign.explore.planned import identified, read_planned
+from jumpvision.experiment.inputs.experiment import open_campaign
+from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, Robot
+from jumpvision.jumper.question.jumper import of_jump
+from jumpvision.laboratory import seal as seal_module
+from jumpvision.laboratory import write
+from jumpvision.laboratory.blind import AMPLITUDE, Nuisance, campaign, draw
+from jumpvision.laboratory.campaign import carry_out, defaults, write_campaign, written
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.protocol_keys import Jump, JumpSweep, jumps_of
+from jumpvision.laboratory.seal import answer_of, record_jump, seal, sealed_file
 
 RNG = np.random.default_rng
 

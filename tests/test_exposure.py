@@ -8,8 +8,8 @@ import pytest
 from test_ball import BACK, CONTRAST, ball_image, camera, track
 
 from jumpvision.estimate.height import exposure_shift, shift_noise, shift_sigma
-from jumpvision.stages.track import at_mid_exposure
-from jumpvision.workflow.stage import StageWarning
+from jumpvision.experiment.stages.track import at_mid_exposure
+from jumpvision.experiment.workflow.stage import StageWarning
 
 RATE, T = 200.0, 0.004  # exposed for 80 % of a frame
 

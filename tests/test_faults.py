@@ -24,9 +24,9 @@ from test_frames_raw import STAMPS_S, STAMPS_US, write_cine, write_mraw, write_s
 from jumpvision.base import storage
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.frames import FrameError, open_frames
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.workflow import cache
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.workflow import cache
+from jumpvision.films.frames import FrameError, open_frames
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs fork and SIGKILL")
 LAB = Path(__file__).with_name("fault_lab.py")
@@ -179,7 +179,7 @@ def empty(file: Path) -> None:
 
 @pytest.mark.parametrize("damage", [flip, cut, empty, Path.unlink])
 @pytest.mark.parametrize("where", [".cache/[!h]*/*/*", ".cache/hashes/*", ".cache/*/*/receipt.json", "jump*/[!p]*"])
-@pytest.mark.filterwarnings("ignore::jumpvision.workflow.stage.StageWarning")
+@pytest.mark.filterwarnings("ignore::jumpvision.experiment.workflow.stage.StageWarning")
 def test_damaged_cache_and_result_files_are_made_again(work, calm, damage, where):
     files = [f for f in (work / "results").glob(where) if f.is_file()]
     assert files
@@ -310,8 +310,8 @@ class Bomb:
 
 @pytest.mark.parametrize("suffix", [".npy", ".npz"])
 def test_no_code_from_data_files(tmp_path, monkeypatch, suffix):
-    from jumpvision.inputs.sections import CraterDepth
-    from jumpvision.stages.bed.crater import read_map
+    from jumpvision.experiment.inputs.sections import CraterDepth
+    from jumpvision.experiment.stages.bed.crater import read_map
 
     monkeypatch.chdir(tmp_path)
     path = tmp_path / f"a{suffix}"
@@ -394,7 +394,7 @@ def test_a_wrong_cache_call_is_refused(work, call, capsys):
 
 def test_an_entry_pruned_while_it_is_used_is_computed_again(work, calm, monkeypatch):
     """Each entry vanishes once between reading it and copying its files."""
-    from jumpvision.workflow.workspace import Workspace
+    from jumpvision.experiment.workflow.workspace import Workspace
 
     true, gone = Workspace._publish, set()
 

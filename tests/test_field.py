@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import later
 
-from jumpvision.grains.gradients import (
+from jumpvision.films.grains.gradients import (
     axisymmetric_divergence,
     correlated_variance,
     divergence,
@@ -18,8 +18,8 @@ from jumpvision.grains.gradients import (
     vorticity,
     vorticity_sigma,
 )
-from jumpvision.grains.grid import Plane
-from jumpvision.grains.momentum import Domain, Foot, added_mass, grain_momentum
+from jumpvision.films.grains.grid import Plane
+from jumpvision.films.grains.momentum import Domain, Foot, added_mass, grain_momentum
 
 DX = 1e-3
 NY, NX = 18, 25

@@ -12,8 +12,8 @@ import pytest
 import jumpvision as jv
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.frames.base import Clock, Film
-from jumpvision.vision.fields import Fields, field, order_of
+from jumpvision.films.frames.base import Clock, Film
+from jumpvision.films.vision.fields import Fields, field, order_of
 
 H, W, FINE = 96, 128, 4
 

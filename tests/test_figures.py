@@ -13,11 +13,11 @@ import xarray as xr
 from test_report import KINDS, campaign_of, diagnosis_of, grains_into
 
 import jumpvision
-from jumpvision.campaign.folder import jumps_table, write_jumps
 from jumpvision.cli import main
-from jumpvision.report.catalogue import available
+from jumpvision.experiment.campaign.folder import jumps_table, write_jumps
 from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, kind_of, lettered, printed, save
 from jumpvision.report.style import KINDS as LOOKS
+from jumpvision.thesis.catalogue import available
 
 POINT = 25.4 / 72  # mm
 PACKAGE = Path(jumpvision.__file__).parent

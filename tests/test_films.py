@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from conftest import SAMPLES
 
-from jumpvision.frames import FrameError, open_frames
-from jumpvision.inputs.parameters import PivParams
-from jumpvision.inputs.sections import GrainVideo, MissingKey, RodVideo
-from jumpvision.lab import write
-from jumpvision.stages.grains.piv import piv
-from jumpvision.stages.recordings import open_film, open_grains
-from jumpvision.workflow.stage import StageWarning
+from jumpvision.experiment.inputs.parameters import PivParams
+from jumpvision.experiment.inputs.sections import GrainVideo, MissingKey, RodVideo
+from jumpvision.experiment.stages.grains.piv import piv
+from jumpvision.experiment.stages.recordings import open_film, open_grains
+from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.frames import FrameError, open_frames
+from jumpvision.laboratory import write
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from conftest import later
 from scipy.special import ndtr
 
 from jumpvision.estimate.estimate import fit_line
-from jumpvision.grains.column import beta, beta_sensitivity, fit_column
-from jumpvision.grains.front import fit_mu, jammed_thickness
+from jumpvision.films.grains.column import beta, beta_sensitivity, fit_column
+from jumpvision.films.grains.front import fit_mu, jammed_thickness
 
 Z = np.arange(0.5, 80.0) * 1e-3
 V, L = 0.5, 0.046  # 46 mm: a^(8 mm) = 0.84, beta 57 deg

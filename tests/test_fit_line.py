@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from jumpvision.estimate.estimate import Estimate, fit_line, least_squares_fit
-from jumpvision.grains.cone import cone_growth
-from jumpvision.grains.front import fit_mu
+from jumpvision.films.grains.cone import cone_growth
+from jumpvision.films.grains.front import fit_mu
 
 
 def test_sigmas_of_a_line_are_its_true_errors():

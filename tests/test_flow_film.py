@@ -9,8 +9,8 @@ import pytest
 import jumpvision as jv
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.frames import FrameError
-from jumpvision.vision.piv.pair import MASKED
+from jumpvision.films.frames import FrameError
+from jumpvision.films.vision.piv.pair import MASKED
 
 SIZE = 128
 RATE, APART = 10.0, 2e-3  # pairs a second; s from A to B

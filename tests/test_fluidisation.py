@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.physics.air import (
+from jumpvision.jumper.physics.air import (
     bed_weight,
     bottom_force,
     bottom_height,
@@ -63,7 +63,7 @@ def test_tortuosity_without_grains_is_one_and_grows():
 
 def test_the_fan_works_where_its_curve_crosses():
     """Drop 1000 v + 1000 v^2 Pa over 1 m, weight 2000 Pa (onset 1 m/s), fan 3000 - 1000 v."""
-    from jumpvision.physics.air import Drop
+    from jumpvision.jumper.physics.air import Drop
 
     drop = Drop(1000.0, 1000.0)
     speed, pressure = np.array([0.0, 3.0]), np.array([3000.0, 0.0])

@@ -11,7 +11,7 @@ import pytest
 from conftest import later
 from scipy import ndimage
 
-from jumpvision.vision.foot_face import track_foot
+from jumpvision.films.vision.foot_face import track_foot
 
 SHAPE = (130, 200)  # rows, columns
 CENTRE, HALF = 100.0, 60.0

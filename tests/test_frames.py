@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from jumpvision.frames import FrameError, open_frames
-from jumpvision.frames.base import clock, luma
-from jumpvision.frames.opening import READERS
+from jumpvision.films.frames import FrameError, open_frames
+from jumpvision.films.frames.base import clock, luma
+from jumpvision.films.frames.opening import READERS
 
 
 def film_of(n: int = 6, shape: tuple[int, ...] = (24, 40), dtype: str = "uint8", seed: int = 1) -> np.ndarray:
@@ -54,7 +54,7 @@ def check_film(film, truth: np.ndarray, time: np.ndarray, seed: int = 2) -> None
 @pytest.mark.parametrize("suffix", sorted(READERS))
 def test_every_registered_reader_refuses_bad_files(suffix, tmp_path):
     module, name = READERS[suffix]
-    assert hasattr(importlib.import_module(f"jumpvision.frames.{module}"), name)
+    assert hasattr(importlib.import_module(f"jumpvision.films.frames.{module}"), name)
     rng = np.random.default_rng(3)
     for label, data in (("missing", None), ("empty", b""), ("text", b"hello\n"), ("noise", rng.bytes(5000))):
         path = tmp_path / f"{label}{suffix}"
@@ -83,7 +83,9 @@ def test_wrong_calls(tmp_path):
 
 def test_opening_imports_no_decoder():
     """The heavy libraries come only with the first film that needs them."""
-    code = "import sys, jumpvision.frames; print([m for m in ('av', 'cv2', 'h5py', 'tifffile') if m in sys.modules])"
+    code = (
+        "import sys, jumpvision.films.frames; print([m for m in ('av', 'cv2', 'h5py', 'tifffile') if m in sys.modules])"
+    )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
 

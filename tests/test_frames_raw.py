@@ -19,7 +19,7 @@ import pytest
 import tifffile
 from test_frames import check_film, film_of
 
-from jumpvision.frames import FrameError, open_frames
+from jumpvision.films.frames import FrameError, open_frames
 
 REAL = os.environ.get("JUMPVISION_REAL_DATA", "")
 needs_real = pytest.mark.skipif(not REAL, reason="set JUMPVISION_REAL_DATA to the folder of real recordings")

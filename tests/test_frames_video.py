@@ -18,9 +18,9 @@ import numpy as np
 import pytest
 from test_frames import check_film, film_of
 
-from jumpvision.frames import FrameError, open_frames, scan
-from jumpvision.frames.base import luma
-from jumpvision.frames.scan import spoiled
+from jumpvision.films.frames import FrameError, open_frames, scan
+from jumpvision.films.frames.base import luma
+from jumpvision.films.frames.scan import spoiled
 
 LOSSLESS_H264 = {"qp": "0", "g": "12", "bf": "3", "preset": "veryfast", "x264-params": "threads=1:scenecut=0"}
 
@@ -338,7 +338,7 @@ def test_damage_gives_frames_or_a_frame_error(tmp_path, suffix):
     path = write_film(tmp_path / f"film{suffix}", images, codec, pixels, options={"g": "4"})
     code = f"""
 import time, numpy as np
-from jumpvision.frames import FrameError, open_frames
+from jumpvision.films.frames import FrameError, open_frames
 good = np.fromfile({str(path)!r}, np.uint8)
 rng = np.random.default_rng(4)
 read = refused = 0

@@ -22,7 +22,7 @@ print(float(field.v.median()), float((field.reason == 0).mean()))
 """
 TRACK = """
 import jumpvision as jv
-from jumpvision.frames import open_frames
+from jumpvision.films.frames import open_frames
 path = jv.track([frame for frame in open_frames("{FOLDER}/rod.avi")][:100], frame_rate=200)
 print(float(path.sigma_px.median()), float((path.flag == "").mean()))
 """

@@ -17,16 +17,16 @@ from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.parameters import FitParams
-from jumpvision.inputs.sections import MotorLog
-from jumpvision.results.values import CraterShape, Values
-from jumpvision.workflow import entries, provenance, workspace
-from jumpvision.workflow import stage as stage_module
-from jumpvision.workflow.run import Outcome
-from jumpvision.workflow.stage import StageWarning, stage
-from jumpvision.workflow.workspace import Workspace
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.parameters import FitParams
+from jumpvision.experiment.inputs.sections import MotorLog
+from jumpvision.experiment.results.values import CraterShape, Values
+from jumpvision.experiment.workflow import entries, provenance, workspace
+from jumpvision.experiment.workflow import stage as stage_module
+from jumpvision.experiment.workflow.run import Outcome
+from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.experiment.workflow.workspace import Workspace
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +164,7 @@ def test_tables_of_a_campaign_do_not_outlive_its_experiments(work, capsys):
 
 
 def test_a_stale_crater_is_in_no_table(tmp_path):
-    from jumpvision.campaign.measured.craters import measured_in
+    from jumpvision.experiment.campaign.measured.craters import measured_in
 
     CraterShape({"volume_m3": 1.0, "sigma_m3": 0.1}).save(tmp_path)
     assert measured_in([Outcome("a", tmp_path)]) == []
@@ -302,7 +302,7 @@ def test_versions_are_those_that_made_the_results(work, monkeypatch, capsys):
     then = entries.versions()
     now = {**then, "numpy": "99.0"}
     monkeypatch.setattr(entries, "versions", lambda: now)
-    for name in ("jumpvision.workflow.provenance.versions", "jumpvision.workflow.run.versions"):
+    for name in ("jumpvision.experiment.workflow.provenance.versions", "jumpvision.experiment.workflow.run.versions"):
         monkeypatch.setattr(name, lambda: now)
     assert run_here(work / "campaign", work / "results") == 0
     err = capsys.readouterr().err
@@ -331,7 +331,7 @@ def test_versions_are_those_that_made_the_results(work, monkeypatch, capsys):
 @pytest.fixture
 def asking(tmp_path, monkeypatch):
     """(ask, entry): a diagnosis whose answer is given; `ask` says how often it had to be found."""
-    from jumpvision.campaign import diagnose
+    from jumpvision.experiment.campaign import diagnose
 
     found = []
 

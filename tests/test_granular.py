@@ -14,13 +14,13 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.granular import EVERYTHING
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.batch import jump_batch
-from jumpvision.physics.forcing import Segments, Spline, delayed, from_motion, sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand import granular, modes, step
-from jumpvision.physics.sand.jump import equilibrium, filmed_height, simulate
-from jumpvision.physics.sand.jump import pack as packed
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.batch import jump_batch
+from jumpvision.jumper.physics.forcing import Segments, Spline, delayed, from_motion, sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand import granular, modes, step
+from jumpvision.jumper.physics.sand.jump import equilibrium, filmed_height, simulate
+from jumpvision.jumper.physics.sand.jump import pack as packed
 
 SAND = {
     "motor_mass": 1.125,

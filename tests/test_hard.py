@@ -13,10 +13,10 @@ import pytest
 from scipy.integrate import simpson, solve_ivp
 from scipy.interpolate import CubicSpline
 
-from jumpvision.physics.forcing import Segments, Spline, delayed, sincos, sinusoid
-from jumpvision.physics.hard.arc import GAMMA, JERK, KIND, W2, evaluate, make_arc
-from jumpvision.physics.hard.flow import safe_step
-from jumpvision.physics.hard.jump import hard_jump, hard_map, hard_sweep
+from jumpvision.jumper.physics.forcing import Segments, Spline, delayed, sincos, sinusoid
+from jumpvision.jumper.physics.hard.arc import GAMMA, JERK, KIND, W2, evaluate, make_arc
+from jumpvision.jumper.physics.hard.flow import safe_step
+from jumpvision.jumper.physics.hard.jump import hard_jump, hard_map, hard_sweep
 
 THESIS = {
     "motor_mass": 1.003,

@@ -14,12 +14,12 @@ from scipy import stats
 
 from jumpvision.cli import main
 from jumpvision.estimate.mean import agreement, excess_scatter, holm
-from jumpvision.lab import recordings as logs
-from jumpvision.lab import write
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.samples import HARD_ROBOT
-from jumpvision.studies.comparison import compare
-from jumpvision.studies.study import Call, run
+from jumpvision.laboratory import recordings as logs
+from jumpvision.laboratory import write
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.samples import HARD_ROBOT
+from jumpvision.thesis.studies.comparison import compare
+from jumpvision.thesis.studies.study import Call, run
 
 NOISE = 1e-4  # m, of a track at 200 frames a second
 SIGMA = {"spring_stiffness": 40.0, "gravity": 0.01}  # of the robot's values

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from jumpvision.physics.hard.analysis import SINGLE, STUTTER, best_by_alpha, energy_after_one_cycle
-from jumpvision.physics.hard.jump import hard_sweep, sine_rows
-from jumpvision.studies.machine import machine
-from jumpvision.studies.motions import best_jumps, grid
-from jumpvision.studies.scaling import SEARCH
-from jumpvision.studies.study import Sweep, studies
+from jumpvision.jumper.physics.hard.analysis import SINGLE, STUTTER, best_by_alpha, energy_after_one_cycle
+from jumpvision.jumper.physics.hard.jump import hard_sweep, sine_rows
+from jumpvision.thesis.studies.machine import machine
+from jumpvision.thesis.studies.motions import best_jumps, grid
+from jumpvision.thesis.studies.scaling import SEARCH
+from jumpvision.thesis.studies.study import Sweep, studies
 
 PAGE = (ROOT / "docs" / "hard_ground.md").read_text(encoding="utf-8")
 ROWS = [

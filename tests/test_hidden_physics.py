@@ -10,7 +10,7 @@ from benchmarks.diagnosis import jumps_of
 from benchmarks.hidden_physics.__main__ import outcome
 from benchmarks.hidden_physics.entries import Answer, Task, ours
 from benchmarks.hidden_physics.worlds import Truth, _foreign, made, sealed, truth
-from jumpvision.lab.blind import Nuisance, campaign, draw
+from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 
 def test_the_truths_are_those_that_were_sealed():

@@ -9,76 +9,50 @@ import resource
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
-from house_counts import BOUNDS, ROOT, counts, floors
+from house_counts import ROOT, circles, imports, modules, upward, wings
 
-FLOORS = floors()  # the table of docs/architecture.md
-LEVEL = {name: i for i, floor in enumerate(FLOORS) for name in floor}
-CORE = FLOORS[1] | FLOORS[2]
-
-
-def module_imports(file: Path) -> list[str]:
-    """Top names of jumpvision that a file imports, anywhere in it."""
-    package = ["jumpvision", *file.relative_to(ROOT).parent.parts]
-    out = []
-    for node in ast.walk(ast.parse(file.read_text())):
-        if isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else []
-            full = [*base, *(node.module.split(".") if node.module else [])]
-            names = [full] if len(full) > 1 else [[*full, a.name] for a in node.names]
-            out += [n[1] for n in names if n[0] == "jumpvision" and len(n) > 1]
-        elif isinstance(node, ast.Import):
-            out += [a.name.split(".")[1] for a in node.names if a.name.startswith("jumpvision.")]
-    return out
+CORE = [n for n in modules() if n.split(".")[1:2] and 2 <= wings()[n.split(".")[1]].floor <= 4]
+LABORATORY = [n for n in modules() if n.startswith("jumpvision.laboratory") and ".dem" not in n]
 
 
-FILES = sorted(ROOT.rglob("*.py"))
+def test_imports_point_down():
+    assert list(upward()) == []
 
 
-@pytest.mark.parametrize("file", FILES, ids=lambda f: str(f.relative_to(ROOT)))
-def test_imports_point_down(file):
-    here = file.relative_to(ROOT).parts[0].removesuffix(".py")
-    if here == "__init__" or here == "__main__":
-        return
-    for name in module_imports(file):
-        if name in ("__version__",):
-            continue
-        if here == "lab":
-            assert name in ("lab", "base"), f"the laboratory imports {name}: an error there would cancel"
-            continue
-        assert name in LEVEL, f"{name} has no floor: add it to docs/architecture.md"
-        if name == "lab":
-            assert here == "cli", f"{here} imports the laboratory"
-        else:
-            assert name == here or LEVEL[name] < LEVEL[here], f"{here} imports {name}, which is not below it"
+def test_every_room_has_its_place_in_the_table():
+    assert {n.split(".")[1] for n in modules() if "." in n} == set(wings())
+    for name, wing in wings().items():
+        if wing.rooms:
+            assert {n.split(".")[2] for n in modules() if n.startswith(f"jumpvision.{name}.")} == set(wing.rooms)
+
+
+def test_no_two_modules_import_each_other():
+    assert circles() == []
+
+
+@pytest.mark.parametrize("name", LABORATORY)
+def test_the_laboratory_shares_nothing_with_the_analysis(name):
+    """An error in both would cancel: what draws recordings imports `base` alone, only the command line imports it."""
+    assert all(i in LABORATORY or i.startswith("jumpvision.base") for i in imports(name) - {"jumpvision"})
+    users = [n for n in modules() if name in imports(n)]
+    assert all(n in LABORATORY or n.startswith("jumpvision.cli") for n in users)
 
 
 def test_only_what_shows_reads_a_truth():
     """The reader of truth.json is named by the two files that show it, and where it stands."""
-    ours = [f for f in FILES if f.relative_to(ROOT).parts[0] != "lab"]
+    ours = [f for f in modules().values() if f.relative_to(ROOT).parts[0] != "laboratory"]
     readers = {str(f.relative_to(ROOT)) for f in ours if "truth_of" in f.read_text()}
-    assert readers == {"campaign/truth.py", "report/pages/made.py"}
+    assert readers == {"experiment/campaign/truth.py", "report/pages/made.py"}
 
 
-@pytest.mark.parametrize("file", [f for f in FILES if f.relative_to(ROOT).parts[0] in CORE], ids=lambda f: f.stem)
-def test_the_core_neither_prints_nor_plots(file):
-    tree = ast.parse(file.read_text())
-    calls = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
-    assert "print" not in calls
-    assert "matplotlib" not in file.read_text()
-
-
-def test_every_folder_below_the_package_has_a_floor():
-    names = {f.relative_to(ROOT).parts[0].removesuffix(".py") for f in FILES} - {"__init__", "__main__"}
-    assert names == set(LEVEL)
-
-
-@pytest.mark.parametrize("name", BOUNDS)
-def test_counts_of_the_house(name):
-    """Bounds and aims are in house_counts.py; a bound that is not reached any more is to be lowered there."""
-    assert counts()[name] <= BOUNDS[name].now
+@pytest.mark.parametrize("name", CORE)
+def test_the_core_neither_prints_nor_plots(name):
+    text = modules()[name].read_text()
+    calls = {n.func.id for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
+    assert name in LABORATORY or "print" not in calls
+    assert "matplotlib" not in text
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ import pytest
 from conftest import SAMPLES
 
 from jumpvision.cli import main
-from jumpvision.frames import open_frames
-from jumpvision.init.measure import law
-from jumpvision.init.recognise import recordings
-from jumpvision.inputs.experiment import open_experiment
+from jumpvision.experiment.init.measure import law
+from jumpvision.experiment.init.recognise import recordings
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.films.frames import open_frames
 
 FILM = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
 

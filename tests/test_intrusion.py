@@ -8,15 +8,15 @@ import pandas as pd
 import pytest
 from conftest import later
 
-from jumpvision.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws
 from jumpvision.cli import main
 from jumpvision.estimate.mean import correlation_time
 from jumpvision.estimate.strokes import deep_ripple
-from jumpvision.inputs.parameters import IntrusionParams
-from jumpvision.lab import write
-from jumpvision.lab.intrusions import Arm, Grains, log
-from jumpvision.stages.bed.intrusion import curves_of
-from jumpvision.studies.axes import read_laws
+from jumpvision.experiment.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws
+from jumpvision.experiment.inputs.parameters import IntrusionParams
+from jumpvision.experiment.stages.bed.intrusion import curves_of
+from jumpvision.laboratory import write
+from jumpvision.laboratory.intrusions import Arm, Grains, log
+from jumpvision.thesis.studies.axes import read_laws
 
 ARM = Arm(surface=0.0007)
 DOWN = [("to", 0.06)]

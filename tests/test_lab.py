@@ -15,17 +15,17 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from jumpvision.base.schema import InputError
-from jumpvision.frames.opening import open_frames
-from jumpvision.inputs.experiment import open_campaign, open_experiment
-from jumpvision.lab import samples, write
-from jumpvision.lab.films.bed import bed_height, bed_picture
-from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainScene, View, splat
-from jumpvision.lab.films.optics import blur, record
-from jumpvision.lab.films.rod import balls, exposure_times
-from jumpvision.lab.jumper import MECHANISMS, Law, Motion, Robot, motion_of
-from jumpvision.lab.recordings import ENCODER_STEP, contact_log, motor_log, rod_track
-from jumpvision.lab.samples import write_samples
+from jumpvision.experiment.inputs.experiment import open_campaign, open_experiment
+from jumpvision.films.frames.opening import open_frames
+from jumpvision.laboratory import samples, write
+from jumpvision.laboratory.films.bed import bed_height, bed_picture
+from jumpvision.laboratory.films.flow import Flow
+from jumpvision.laboratory.films.grains import GrainScene, View, splat
+from jumpvision.laboratory.films.optics import blur, record
+from jumpvision.laboratory.films.rod import balls, exposure_times
+from jumpvision.laboratory.jumper import MECHANISMS, Law, Motion, Robot, motion_of
+from jumpvision.laboratory.recordings import ENCODER_STEP, contact_log, motor_log, rod_track
+from jumpvision.laboratory.samples import write_samples
 
 HARD, SAND = samples.HARD_ROBOT, samples.SAND_ROBOT
 CONE = samples.SAND_TRUTH
@@ -528,13 +528,13 @@ def test_laboratory_shares_nothing_with_the_analysis():
         "base64",
         "zlib",
     }
-    for file in (Path(__file__).parents[1] / "jumpvision" / "lab").rglob("*.py"):
+    for file in (Path(__file__).parents[1] / "jumpvision" / "laboratory").rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Import):
                 found = {a.name.split(".")[0] for a in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level != 1:
                 # the laboratory itself, and what lies below both: the shape of error messages, progress, array types
-                own = (node.module or "").startswith(("jumpvision.lab", "jumpvision.base."))
+                own = (node.module or "").startswith(("jumpvision.laboratory", "jumpvision.base."))
                 found = set() if own else {(node.module or "").split(".")[0]}
             else:
                 continue

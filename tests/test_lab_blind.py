@@ -10,10 +10,10 @@ import pytest
 from conftest import later
 
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import open_campaign
-from jumpvision.lab import blind, seal
-from jumpvision.lab.jumper import AT_THE_CAMERA, MECHANISMS, OUTSIDE, truth_of
-from jumpvision.mechanisms.registry import MECHANISMS as VOCABULARY
+from jumpvision.experiment.inputs.experiment import open_campaign
+from jumpvision.jumper.mechanisms.registry import MECHANISMS as VOCABULARY
+from jumpvision.laboratory import blind, seal
+from jumpvision.laboratory.jumper import AT_THE_CAMERA, MECHANISMS, OUTSIDE, truth_of
 
 
 def rng(seed: int = 1) -> np.random.Generator:

@@ -12,13 +12,13 @@ import xarray as xr
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.dem.motion import discs_under_foot
-from jumpvision.frames.opening import open_frames
-from jumpvision.inputs.experiment import open_campaign
-from jumpvision.lab.campaign import write_campaign
-from jumpvision.lab.films.optics import Lens, distorted, lens_of, margin, reflection, shade
-from jumpvision.lab.intrusions import scaled
-from jumpvision.lab.protocol import protocol_of
+from jumpvision.experiment.inputs.experiment import open_campaign
+from jumpvision.films.frames.opening import open_frames
+from jumpvision.laboratory.campaign import write_campaign
+from jumpvision.laboratory.dem.motion import discs_under_foot
+from jumpvision.laboratory.films.optics import Lens, distorted, lens_of, margin, reflection, shade
+from jumpvision.laboratory.intrusions import scaled
+from jumpvision.laboratory.protocol import protocol_of
 
 SLOW = """
 [robot]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jumpvision.lab import samples
-from jumpvision.lab.jumper import Law, Motion, Motor, Samples, motion_of
+from jumpvision.laboratory import samples
+from jumpvision.laboratory.jumper import Law, Motion, Motor, Samples, motion_of
 
 HARD, SAND = samples.HARD_ROBOT, samples.SAND_ROBOT
 

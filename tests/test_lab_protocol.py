@@ -14,13 +14,13 @@ from scipy.stats import ncx2
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.frames.opening import open_frames
-from jumpvision.inputs.experiment import open_campaign, open_experiment
-from jumpvision.lab import write
-from jumpvision.lab.campaign import carry_out, write_campaign
-from jumpvision.lab.films.optics import Lens, seen_places
-from jumpvision.lab.films.rod import balls, rod_film
-from jumpvision.lab.protocol import protocol_of, read_protocol
+from jumpvision.experiment.inputs.experiment import open_campaign, open_experiment
+from jumpvision.films.frames.opening import open_frames
+from jumpvision.laboratory import write
+from jumpvision.laboratory.campaign import carry_out, write_campaign
+from jumpvision.laboratory.films.optics import Lens, seen_places
+from jumpvision.laboratory.films.rod import balls, rod_film
+from jumpvision.laboratory.protocol import protocol_of, read_protocol
 
 SMALL = """
 ground = "granular"
@@ -309,7 +309,7 @@ def test_shading_and_reflections():
 @pytest.mark.parametrize(("bits", "step"), [(8, 1.0), (12, 1 / 16), (16, 1 / 256)])
 def test_noise_of_deeper_pixels(bits, step):
     """mean/gain + read^2 + step^2/12, in 8-bit grey levels; 200,000 pixels give it to 0.3 %, asked within 2 %."""
-    from jumpvision.lab.films.optics import record
+    from jumpvision.laboratory.films.optics import record
 
     image = record(np.full((400, 500), 90.0), electrons_per_grey=45.0, read_noise=0.5, bits=bits,
                    rng=np.random.default_rng(3))  # fmt: skip

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.lab.films.flow import Flow
-from jumpvision.lab.films.grains import GrainScene, QuickGrainScene, View, carry
-from jumpvision.lab.films.optics import record_bright
+from jumpvision.laboratory.films.flow import Flow
+from jumpvision.laboratory.films.grains import GrainScene, QuickGrainScene, View, carry
+from jumpvision.laboratory.films.optics import record_bright
 
 VIEW = View((220, 310), 3e-4, 42.0, 150.0)
 

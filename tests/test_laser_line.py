@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from conftest import later
 
-from jumpvision.lab.films.bed import laser_picture
-from jumpvision.lab.films.optics import record
-from jumpvision.vision.laser_line import laser_line
+from jumpvision.films.vision.laser_line import laser_line
+from jumpvision.laboratory.films.bed import laser_picture
+from jumpvision.laboratory.films.optics import record
 
 NX, ROWS = 500, 160
 

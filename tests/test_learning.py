@@ -10,19 +10,19 @@ import pytest
 from conftest import later
 
 from benchmarks.diagnosis import jumps_of
-from jumpvision.diagnosis.detect import Span, detect, directions
-from jumpvision.diagnosis.diagnose import fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper import jumps as apparatus
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Shared
-from jumpvision.diagnosis.noise import readings
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.diagnosis.noise.noise import Noise, Stretch, powers
-from jumpvision.diagnosis.noise.whitening import axes, joined
-from jumpvision.diagnosis.priors import Measured, known
-from jumpvision.diagnosis.system import Parameter
-from jumpvision.lab.blind import Nuisance, campaign, draw
+from jumpvision.engine.detect import Span, detect, directions
+from jumpvision.engine.diagnose import fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.noise import readings
+from jumpvision.engine.noise.noise import Noise, Stretch, powers
+from jumpvision.engine.noise.whitening import axes, joined
+from jumpvision.engine.priors import Measured, known
+from jumpvision.engine.system import Parameter
+from jumpvision.jumper.question import jumps as apparatus
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import Shared
+from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 FRAME = 0.005
 NOISE = 5e-5  # m

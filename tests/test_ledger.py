@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from test_granular import HARD, SAND, case
 
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.energy import energy_ledger
-from jumpvision.physics.forcing import Loop, delayed, sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import simulate
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.energy import energy_ledger
+from jumpvision.jumper.physics.forcing import Loop, delayed, sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import simulate
 
 
 def random_model(rng, loop):

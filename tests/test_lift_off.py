@@ -7,9 +7,9 @@ import numpy as np
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import contact_flights, final_flight, flight_height
 from jumpvision.estimate.height import jump_height, rest_height
-from jumpvision.lab import recordings as logs
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.samples import HARD_ROBOT
+from jumpvision.laboratory import recordings as logs
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.samples import HARD_ROBOT
 
 
 def test_contact_and_video_heights_of_hard_ground_jumps_agree():

@@ -12,10 +12,10 @@ from test_broken_folders import folder, sound  # noqa: F401  (fixtures)
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.init.recognise import recognised
-from jumpvision.inputs.channels import READERS
-from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.recordings import MotorLog, SpringLog
+from jumpvision.experiment.init.recognise import recognised
+from jumpvision.experiment.inputs.channels import READERS
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.recordings import MotorLog, SpringLog
 
 T = np.arange(12) / 250.0 + 0.5
 X = 4e-3 * np.sin(9.0 * T)
@@ -179,7 +179,7 @@ def test_a_mat_file_that_unpacks_to_gigabytes_is_refused(tmp_path, monkeypatch):
     """8 MB of zeros pack to 8 kB; the cap is lowered to 1 MB for it."""
     file = write(tmp_path / "bomb.mat", {"time_s": np.zeros(10**6), "position_m": np.zeros(10**6)})
     assert file.stat().st_size < 1e5
-    monkeypatch.setattr("jumpvision.inputs.channels.UNPACKED", 1e6)
+    monkeypatch.setattr("jumpvision.experiment.inputs.channels.UNPACKED", 1e6)
     with pytest.raises(InputError, match=r"more than 0\.001 GB when unpacked"):
         read_log(motor(file), "time_s", "position_m")
 
@@ -204,7 +204,7 @@ def test_an_index_beside_a_tdms_file_is_not_believed(tmp_path):
 
 
 def test_a_spring_in_mat(tmp_path):
-    from jumpvision.stages.spring import spring
+    from jumpvision.experiment.stages.spring import spring
 
     x = np.linspace(0.0, 0.004, 40)
     rng = np.random.default_rng(3)

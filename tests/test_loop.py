@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from test_granular import HARD, SAND, case
 
-from jumpvision.lab import samples
-from jumpvision.lab.jumper import Law, Motor, motion_of
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import Loop, delayed, sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import simulate
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.forcing import Loop, delayed, sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import simulate
+from jumpvision.laboratory import samples
+from jumpvision.laboratory.jumper import Law, Motor, motion_of
 
 
 def test_stiff_loop_moves_as_the_law_to_first_order():

@@ -10,13 +10,13 @@ import pytest
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.base.schema import InputError
-from jumpvision.campaign.document import model_files
-from jumpvision.campaign.document import values as values_of
-from jumpvision.diagnosis.diagnose import diagnose
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.lab.blind import Nuisance, campaign, draw
+from jumpvision.engine.diagnose import diagnose
+from jumpvision.engine.fitting import Problem
+from jumpvision.experiment.campaign.document import model_files
+from jumpvision.experiment.campaign.document import values as values_of
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 QUIET = Nuisance(5e-5, 0.0, 0.0)
 

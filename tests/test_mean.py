@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jumpvision.estimate.mean import difference_noise, weighted_mean
-from jumpvision.grains.column import central_column
+from jumpvision.films.grains.column import central_column
 
 
 def test_the_sigma_of_a_mean_is_its_error():

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from diagnosis_sample import diagnosis
 
-from jumpvision.campaign.document import confirmed
-from jumpvision.campaign.films import CONTRADICT, compared
-from jumpvision.campaign.jumps import CONE, _read, _together
-from jumpvision.diagnosis.priors import Measured
+from jumpvision.engine.priors import Measured
 from jumpvision.estimate.estimate import Estimate
-from jumpvision.results.values import Fits
+from jumpvision.experiment.campaign.document import confirmed
+from jumpvision.experiment.campaign.films import CONTRADICT, compared
+from jumpvision.experiment.campaign.jumps import CONE, _read, _together
+from jumpvision.experiment.results.values import Fits
 
 FITS = Fits(
     {

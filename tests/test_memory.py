@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from jumpvision.vision.piv import engine, refine
+from jumpvision.films.vision.piv import engine, refine
 
 LIMIT = 4 * 1000**3  # bytes of address space, the interpreter, its libraries and threads included
 WIDE, HIGH = 7680, 4320  # px

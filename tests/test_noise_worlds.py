@@ -14,13 +14,13 @@ import pytest
 from scipy import stats
 
 from benchmarks import oracle, shared_world
-from jumpvision.lab import blind
-from jumpvision.lab import recordings as logs
-from jumpvision.lab import recordings as track_noise
-from jumpvision.lab.campaign import write_campaign
-from jumpvision.lab.jumper import Motion, truth_of
-from jumpvision.lab.protocol import protocol_of
-from jumpvision.lab.protocol_keys import Records, RodTrack
+from jumpvision.laboratory import blind
+from jumpvision.laboratory import recordings as logs
+from jumpvision.laboratory import recordings as track_noise
+from jumpvision.laboratory.campaign import write_campaign
+from jumpvision.laboratory.jumper import Motion, truth_of
+from jumpvision.laboratory.protocol import protocol_of
+from jumpvision.laboratory.protocol_keys import Records, RodTrack
 
 N, TRACKS, NOISE = 400, 250, 2e-4  # samples of a track, tracks, m
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.lab.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH
-from jumpvision.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
+from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.laboratory.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH
 
 M = SAND_ROBOT.motor_mass + SAND_ROBOT.rod_mass
 SPRING = SAND_ROBOT.spring_stiffness, SAND_ROBOT.foot_mass, M

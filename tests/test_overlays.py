@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from jumpvision.grains.grid import VectorGrid
+from jumpvision.films.grains.grid import VectorGrid
 from jumpvision.report.figures import overlays
 from jumpvision.report.figures.overlays import FIELDS, LINES, STRIP, Drawing, webm
 from jumpvision.report.figures.pictures import shrunk

@@ -13,19 +13,19 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jumpvision.base.schema import InputError
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.inputs.model import read_model
-from jumpvision.mechanisms.expression import LawError, check_dimension, parse
-from jumpvision.mechanisms.own import drawn, mechanism, parameters_with, read_own
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.batch import jump_batch
-from jumpvision.physics.energy import energy_ledger
-from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.passivity import is_passive
-from jumpvision.physics.sand.jump import beyond_seen, simulate
-from jumpvision.planning.jumper import INTRUDE, Drive, Memory, State
-from jumpvision.planning.jumper import Jumper as Planned
+from jumpvision.engine.laws.expression import LawError, check_dimension, parse
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.model import read_model
+from jumpvision.jumper.mechanisms.own import drawn, mechanism, parameters_with, read_own
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.batch import jump_batch
+from jumpvision.jumper.physics.energy import energy_ledger
+from jumpvision.jumper.physics.forcing import sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.passivity import is_passive
+from jumpvision.jumper.physics.sand.jump import beyond_seen, simulate
+from jumpvision.jumper.planning.jumper import INTRUDE, Drive, Memory, State
+from jumpvision.jumper.planning.jumper import Jumper as Planned
 
 CREEP = {
     "acts_on": "foot",

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.noise.noise import Noise
-from jumpvision.diagnosis.study.particle import LONGEST, UNDRIVEN, Body, path
-from jumpvision.diagnosis.system import Observation, Parameter
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.study.particle import LONGEST, UNDRIVEN, Body, path
+from jumpvision.engine.system import Observation, Parameter
 
 TIMES = np.arange(0.0, 2.0, 0.02)
 

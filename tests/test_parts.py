@@ -17,8 +17,8 @@ from scipy import ndimage
 
 from jumpvision.base.progress import WORKERS, in_parts
 from jumpvision.cli import main
-from jumpvision.stages.grains import piv as piv_module
-from jumpvision.workflow import entries
+from jumpvision.experiment.stages.grains import piv as piv_module
+from jumpvision.experiment.workflow import entries
 
 
 @pytest.fixture

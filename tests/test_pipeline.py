@@ -16,14 +16,14 @@ from pathlib import Path
 import pytest
 
 from jumpvision.base import storage
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.inputs.parameters import BedParams, FitParams
-from jumpvision.inputs.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
-from jumpvision.results.values import Values
-from jumpvision.workflow import stage as stage_module
-from jumpvision.workflow import workspace as pipeline
-from jumpvision.workflow.stage import STAGES, StageWarning, stage
-from jumpvision.workflow.workspace import NotCached, Workspace
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.parameters import BedParams, FitParams
+from jumpvision.experiment.inputs.sections import Actuation, MissingKey, MotorLog, NotApplicable, need
+from jumpvision.experiment.results.values import Values
+from jumpvision.experiment.workflow import stage as stage_module
+from jumpvision.experiment.workflow import workspace as pipeline
+from jumpvision.experiment.workflow.stage import STAGES, StageWarning, stage
+from jumpvision.experiment.workflow.workspace import NotCached, Workspace
 
 CALLS: list[str] = []
 
@@ -250,11 +250,11 @@ def test_two_stages_for_one_record_are_refused():
 
 KILLED = textwrap.dedent("""
     import sys, os, time, pathlib
-    from jumpvision.workflow.workspace import Workspace
-    from jumpvision.workflow.stage import stage
-    from jumpvision.results.values import Values
-    from jumpvision.inputs.experiment import open_experiment
-    from jumpvision.inputs.sections import MotorLog
+    from jumpvision.experiment.workflow.workspace import Workspace
+    from jumpvision.experiment.workflow.stage import stage
+    from jumpvision.experiment.results.values import Values
+    from jumpvision.experiment.inputs.experiment import open_experiment
+    from jumpvision.experiment.inputs.sections import MotorLog
 
     class Slow(Values):
         file = "slow.json"

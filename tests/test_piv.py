@@ -15,13 +15,22 @@ import cv2
 import numpy as np
 import pytest
 
-from jumpvision.vision.piv import engine
-from jumpvision.vision.piv.engine import best_prefilter, length_of_errors, piv_film, piv_pair
-from jumpvision.vision.piv.frame import LIGHT, STRONG, prepare, sharp, white
-from jumpvision.vision.piv.pair import INTERPOLATED, MASKED, MEASURED, NO_TEXTURE, REASONS, VALID, Backend, Settings
-from jumpvision.vision.piv.predict import correlate, peaks
-from jumpvision.vision.piv.refine import Grid, refine
-from jumpvision.vision.piv.validate import noise_within, normalised_median, unresolved
+from jumpvision.films.vision.piv import engine
+from jumpvision.films.vision.piv.engine import best_prefilter, length_of_errors, piv_film, piv_pair
+from jumpvision.films.vision.piv.frame import LIGHT, STRONG, prepare, sharp, white
+from jumpvision.films.vision.piv.pair import (
+    INTERPOLATED,
+    MASKED,
+    MEASURED,
+    NO_TEXTURE,
+    REASONS,
+    VALID,
+    Backend,
+    Settings,
+)
+from jumpvision.films.vision.piv.predict import correlate, peaks
+from jumpvision.films.vision.piv.refine import Grid, refine
+from jumpvision.films.vision.piv.validate import noise_within, normalised_median, unresolved
 
 SETTINGS = {"window": 24, "step": 8, "passes": (64, 32), "min_correlation": 0.3, "min_texture": 2.0, "outlier": 2.0}
 SHAPE = (168, 232)  # rows, columns

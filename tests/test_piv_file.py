@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jumpvision.results import RecordError
-from jumpvision.results.fields import TOGETHER, Piv, Planes
+from jumpvision.experiment.results import RecordError
+from jumpvision.experiment.results.fields import TOGETHER, Piv, Planes
 
 N = 2 * TOGETHER + 3
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks import mei
-from jumpvision.vision.piv.engine import piv_pair
+from jumpvision.films.vision.piv.engine import piv_pair
 
 
 @pytest.mark.parametrize("length", [5.0, 8.0, 15.0])

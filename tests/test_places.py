@@ -22,13 +22,13 @@ from test_frames_raw import STAMPS_S, write_cine
 from jumpvision.base import storage
 from jumpvision.base.schema import InputError, harmless
 from jumpvision.cli import main
-from jumpvision.frames import FrameError, open_frames
-from jumpvision.frames.tiff import MOST_PAGES
-from jumpvision.inputs.experiment import open_campaign, open_experiment
-from jumpvision.inputs.logs import LARGEST, read_log
-from jumpvision.inputs.overrides import overrides_of
-from jumpvision.inputs.sections import CraterDepth, RodVideo
-from jumpvision.stages.bed.crater import read_map
+from jumpvision.experiment.inputs.experiment import open_campaign, open_experiment
+from jumpvision.experiment.inputs.logs import LARGEST, read_log
+from jumpvision.experiment.inputs.overrides import overrides_of
+from jumpvision.experiment.inputs.sections import CraterDepth, RodVideo
+from jumpvision.experiment.stages.bed.crater import read_map
+from jumpvision.films.frames import FrameError, open_frames
+from jumpvision.films.frames.tiff import MOST_PAGES
 
 posix = pytest.mark.skipif(os.name == "nt", reason="needs pipes and devices in the file system")
 SECONDS = 10.0  # what no file may take
@@ -192,7 +192,7 @@ def test_a_large_log_is_refused_with_its_size(tmp_path):
 
 
 def test_an_unpacked_map_has_a_cap(tmp_path, monkeypatch):
-    monkeypatch.setattr("jumpvision.stages.bed.crater.LARGEST", 10**6)
+    monkeypatch.setattr("jumpvision.experiment.stages.bed.crater.LARGEST", 10**6)
     np.savez_compressed(tmp_path / "a.npz", depth=np.zeros((1000, 1000)))
     with pytest.raises(ValueError, match="bytes unpacked; at most 1000000"):
         read_map(CraterDepth(file="a.npz", path=tmp_path / "a.npz"))
@@ -254,7 +254,7 @@ def test_hdf5_that_lies_in_other_files_is_refused(tmp_path):
     ],
 )
 def test_lists_of_films_that_call_themselves_a_film_are_refused(tmp_path, script):
-    from jumpvision.lab import write
+    from jumpvision.laboratory import write
 
     write.film(tmp_path / "film.avi", np.zeros((5, 32, 32), np.uint8), rate=100.0)
     (tmp_path / "list.mkv").write_text(script)
@@ -272,7 +272,7 @@ def test_small_stacks_are_read_as_ever(tmp_path):
 def test_a_package_that_cannot_be_written_and_no_home(tmp_path):
     """Compiled code goes to a folder of the user's own among the temporary files."""
     package = Path(storage.__file__).parents[2]
-    code = "import os, jumpvision.frames.packed; print(os.environ['NUMBA_CACHE_DIR'])"
+    code = "import os, jumpvision.films.frames.packed; print(os.environ['NUMBA_CACHE_DIR'])"
     gone = {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"}
     env = {k: v for k, v in os.environ.items() if k not in gone}
     env |= {"HOME": "/proc/none", "TMPDIR": str(tmp_path), "PYTHONPATH": str(package)}
@@ -290,7 +290,7 @@ def test_a_package_without_its_wheel_is_unknown_not_a_failure(monkeypatch):
     """conda-forge has OpenCV by another name."""
     import importlib.metadata as metadata
 
-    from jumpvision.workflow.entries import versions
+    from jumpvision.experiment.workflow.entries import versions
 
     known = metadata.version
 

@@ -21,19 +21,19 @@ from test_granular import SAND
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.lab.jumper import Motor, Robot, Samples, motion_of
-from jumpvision.mechanisms.registry import MECHANISMS, ModelParameters
-from jumpvision.physics.model import Model
-from jumpvision.studies.plan import rigid, samples
+from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
+from jumpvision.jumper.physics.model import Model
+from jumpvision.laboratory.jumper import Motor, Robot, Samples, motion_of
+from jumpvision.thesis.studies.plan import rigid, samples
 
 casadi = pytest.importorskip("casadi", reason="planning needs CasADi: pip install 'jumpvision[plan]'")
 
-from jumpvision.planning import transcription  # noqa: E402
-from jumpvision.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory, State  # noqa: E402
-from jumpvision.planning.ladder import CONTINUOUS, changed, follow, ladder  # noqa: E402
-from jumpvision.planning.plan import Planner, above, apexes, drawn  # noqa: E402
-from jumpvision.planning.solve import guessed, starts  # noqa: E402
-from jumpvision.planning.transcription import Limits  # noqa: E402
+from jumpvision.jumper.planning import transcription  # noqa: E402
+from jumpvision.jumper.planning.jumper import AIR, INTRUDE, STUCK, Drive, Jumper, Memory, State  # noqa: E402
+from jumpvision.jumper.planning.ladder import CONTINUOUS, changed, follow, ladder  # noqa: E402
+from jumpvision.jumper.planning.plan import Planner, above, apexes, drawn  # noqa: E402
+from jumpvision.jumper.planning.solve import guessed, starts  # noqa: E402
+from jumpvision.jumper.planning.transcription import Limits  # noqa: E402
 
 P = ModelParameters(k1=2100.0, k2=2100.0, delta=0.01, C=2.7, mu=2.0, theta=math.pi / 3, b=17.2, alpha=73.0, k=2000.0,
                     sigma_cone=3e5, s=200.0, s_p=200.0, lam=0.01, c_v=0.5, k_3=2e6, factor=1.3, F_c=1.0,

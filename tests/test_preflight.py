@@ -14,9 +14,9 @@ from test_broken_folders import BROKEN, GRAINS, edit, folder, sound  # noqa: F40
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.stages.preflight import preflight
-from jumpvision.stages.rod import other_spring
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.stages.preflight import preflight
+from jumpvision.experiment.stages.rod import other_spring
 
 
 def said(path: Path) -> list[str]:

@@ -11,11 +11,11 @@ import pytest
 from conftest import later
 from scipy.special import ndtr
 
-from jumpvision.init.recognise import by_picture
-from jumpvision.stages.track import of_arrays
-from jumpvision.vision.ball.moving import moving_paths, still_scene
-from jumpvision.vision.ball.proof import proved
-from jumpvision.vision.ball.track import BallSettings, track_ball
+from jumpvision.experiment.init.recognise import by_picture
+from jumpvision.experiment.stages.track import of_arrays
+from jumpvision.films.vision.ball.moving import moving_paths, still_scene
+from jumpvision.films.vision.ball.proof import proved
+from jumpvision.films.vision.ball.track import BallSettings, track_ball
 
 H, W, D = 200, 300, 14.0
 FINE = 5

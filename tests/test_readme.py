@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT
 
 from jumpvision.cli import main, with_commands
-from jumpvision.workflow.stage import results_stages
+from jumpvision.experiment.workflow.stage import results_stages
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SHOWN = (ROOT / "docs" / "samples.md").read_text(encoding="utf-8")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from recipe import package_with
 from test_ball import BACK, CONTRAST, ball_image
 
 import jumpvision
@@ -61,9 +61,9 @@ import json, sys
 from pathlib import Path
 sys.path.append(sys.argv[1])
 from jumpvision.cli import main
-from jumpvision.frames import FrameError, open_frames
-from jumpvision.init.recognise import recordings
-import jumpvision.frames as frames
+from jumpvision.films.frames import FrameError, open_frames
+from jumpvision.experiment.init.recognise import recordings
+import jumpvision.films.frames as frames
 
 assert frames.__file__.startswith(sys.argv[2]), frames.__file__
 with open_frames("experiment/rod.recipe") as film:
@@ -92,18 +92,9 @@ def rows_of_ball() -> np.ndarray:
 def place(tmp_path_factory):
     """A folder with the package (its other rooms linked, so that their compiled code is known) and films."""
     place = tmp_path_factory.mktemp("recipe")
-    package = place / "jumpvision"
-    package.mkdir()
-    for part in PACKAGE.iterdir():
-        if part.name != "frames":
-            (package / part.name).symlink_to(part)
-    shutil.copytree(PACKAGE / "frames", package / "frames")
-    (package / "frames" / "recipe.py").write_text(READER)
-    opening = package / "frames" / "opening.py"
-    text, before = opening.read_text(), '    ".seq": ('
-    assert text.count(before) == 1
-    opening.write_text(text.replace(before, LINE + before))
-
+    before = '    ".seq": ('
+    opening = {"films/frames/opening.py": {before: LINE + before}}
+    package_with(place, {"films/frames/recipe.py": READER}, edited=opening)
     rng = np.random.default_rng(5)
     pixels = [
         (BACK + CONTRAST * ball_image(SHAPE, 45.3, row, 40.0)[0] + rng.normal(0.0, 1.0, SHAPE)).round().astype(np.uint8)

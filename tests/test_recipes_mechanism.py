@@ -45,15 +45,15 @@ SCRIPT = """
 import json, sys
 from types import SimpleNamespace as Some
 import numpy as np
-import jumpvision.mechanisms.registry as registry
-from jumpvision.campaign.document import sentence
-from jumpvision.diagnosis.jumper.jumper import candidates
-from jumpvision.inputs.model import model_of
-from jumpvision.physics.energy import energy_ledger
-from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import simulate
-from jumpvision.planning.jumper import Drive, Jumper
+import jumpvision.jumper.mechanisms.registry as registry
+from jumpvision.experiment.campaign.document import sentence
+from jumpvision.jumper.question.jumper import candidates
+from jumpvision.experiment.inputs.model import model_of
+from jumpvision.jumper.physics.energy import energy_ledger
+from jumpvision.jumper.physics.forcing import sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import simulate
+from jumpvision.jumper.planning.jumper import Drive, Jumper
 
 assert registry.__file__.startswith(sys.argv[1]), registry.__file__
 robot = json.loads(sys.argv[2])
@@ -99,7 +99,10 @@ def out(tmp_path_factory):
         "        robot.TIME_OFFSET,\n": "        robot.TIME_OFFSET,\n        recipe.BED_DAMPING,\n",
     }
     package_with(
-        place, {"mechanisms/recipe.py": RECORDS}, edited={"mechanisms/registry.py": lines}, copied=("physics",)
+        place,
+        {"jumper/mechanisms/recipe.py": RECORDS},
+        edited={"jumper/mechanisms/registry.py": lines},
+        copied=("jumper/physics",),
     )
     return run_there(place, SCRIPT, str(place), json.dumps(ROBOT))
 

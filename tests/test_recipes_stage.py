@@ -7,11 +7,11 @@ from recipe import DOCS, package_with, run_there
 
 STAGE = '''"""Slip: how long the robot does not touch the ground (a stage of the recipe)."""
 
-from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.parameters import SlipParams
-from jumpvision.inputs.sections import ContactLog
-from jumpvision.results.values import Slip
-from jumpvision.workflow.stage import stage
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.parameters import SlipParams
+from jumpvision.experiment.inputs.sections import ContactLog
+from jumpvision.experiment.results.values import Slip
+from jumpvision.experiment.workflow.stage import stage
 
 
 @stage(version=1)
@@ -75,7 +75,11 @@ print(json.dumps(out))
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
     place = tmp_path_factory.mktemp("recipe")
-    package_with(place, {"stages/slip.py": STAGE}, {"results/values.py": RECORD, "inputs/parameters.py": PARAMS})
+    package_with(
+        place,
+        {"experiment/stages/slip.py": STAGE},
+        {"experiment/results/values.py": RECORD, "experiment/inputs/parameters.py": PARAMS},
+    )
     folder = place / "experiment"
     folder.mkdir()
     rows = [f"{0.01 * i:.2f},{int(not 20 <= i < 50)}" for i in range(101)]  # 0.3 s in the air

@@ -2,13 +2,13 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import xarray as xr
+from recipe import package_with
 
 import jumpvision
 
@@ -18,7 +18,7 @@ STUDY = '''"""Heights against gravity (a study of the recipe)."""
 
 import numpy as np
 
-from jumpvision.physics.hard.jump import hard_sweep, sine_rows
+from jumpvision.jumper.physics.hard.jump import hard_sweep, sine_rows
 
 from .compute import dataset
 from .study import Found, Sweep, study
@@ -36,8 +36,8 @@ def weight(s: Sweep) -> Found:
 '''
 FIGURE = '''"""Figure of a study of the recipe."""
 
-from jumpvision.report.studies.sweeps import figure_of
-from jumpvision.studies.weight import weight
+from jumpvision.thesis.figures.sweeps import figure_of
+from jumpvision.thesis.studies.weight import weight
 
 
 @figure_of(weight)
@@ -77,15 +77,7 @@ print(json.dumps(out))
 def place(tmp_path_factory):
     """A folder with the package and the new study; its other rooms are linked, so that their compiled code is known."""
     place = tmp_path_factory.mktemp("recipe")
-    copy = place / "jumpvision"
-    copy.mkdir()
-    for part in ROOT.iterdir():
-        if part.name in ("studies", "report"):
-            shutil.copytree(part, copy / part.name, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            (copy / part.name).symlink_to(part)
-    (copy / "studies" / "weight.py").write_text(STUDY, encoding="utf-8")
-    (copy / "report" / "studies" / "weight.py").write_text(FIGURE, encoding="utf-8")
+    package_with(place, {"thesis/studies/weight.py": STUDY, "thesis/figures/weight.py": FIGURE})
     return place
 
 

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from test_camera import GRID, PLAIN, oblique
 
 from jumpvision.cli import main
-from jumpvision.vision.camera import camera, straight_map, straight_points
+from jumpvision.films.vision.camera import camera, straight_map, straight_points
 
 SHAPE = (160, 200)
 CENTRE = np.array([99.5, 79.5])

@@ -20,24 +20,25 @@ from hypothesis import strategies as st
 
 from jumpvision.base.arrays import measured, plain_number
 from jumpvision.base.storage import write_aside
-from jumpvision.campaign.folder import jumps_table
 from jumpvision.cli import main
 from jumpvision.estimate.estimate import Estimate
-from jumpvision.grains.grid import VectorGrid
-from jumpvision.inputs.experiment import open_campaign
+from jumpvision.experiment.campaign.folder import jumps_table
+from jumpvision.experiment.files import REPORT
+from jumpvision.experiment.inputs.experiment import open_campaign
+from jumpvision.experiment.results.fields import Column, ColumnGeometry
+from jumpvision.experiment.results.findings import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
+from jumpvision.experiment.results.values import Fits
+from jumpvision.experiment.workflow.run import Outcome
+from jumpvision.experiment.workflow.workspace import Step
+from jumpvision.films.grains.grid import VectorGrid
 from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
 from jumpvision.report.pages.charts import heights_chart, marked
-from jumpvision.report.pages.made import NAME, write_report
+from jumpvision.report.pages.made import write_report
 from jumpvision.report.pages.quantities import fit_rows, small, typeset
 from jumpvision.report.pages.words import INK as PEN
 from jumpvision.report.pages.words import drawing, experiment_words
 from jumpvision.report.style import MEASURED
-from jumpvision.results.fields import Column, ColumnGeometry
-from jumpvision.results.findings import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
-from jumpvision.results.values import Fits
-from jumpvision.workflow.run import Outcome
-from jumpvision.workflow.workspace import Step
 
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
 SENTENCE = "The simulation over-predicts stutter jumps by 14.0 ± 0.1 mm because it lacks: added mass."
@@ -182,7 +183,7 @@ def charts(page):
 
 
 def test_the_figures_hold_the_numbers_of_the_files(pages):
-    shown = charts(pages / "stutter-1" / NAME)["The jump"]
+    shown = charts(pages / "stutter-1" / REPORT)["The jump"]
     rod = pd.read_csv(pages / "stutter-1" / "rod.csv")
     model, measured = shown["panels"][0]["series"]
     # five significant figures: half of the last digit is 5e-6 of 20 mm and of 34 mm
@@ -193,10 +194,10 @@ def test_the_figures_hold_the_numbers_of_the_files(pages):
     )
     ((start, stop, _),) = shown["panels"][0]["spans"]
     assert start == 0.1 and stop == pytest.approx(0.1 + 1 / 6.0)
-    grains = charts(pages / "stutter-1" / NAME)["The grains"]["panels"]
+    grains = charts(pages / "stutter-1" / REPORT)["The grains"]["panels"]
     np.testing.assert_allclose(grains[1]["series"][0]["y"], 5.0 * np.arange(12))  # g
     np.testing.assert_allclose(np.array(grains[2]["series"][1]["y"]), 2.0 * np.array(grains[2]["series"][1]["x"]))  # mu
-    heights = charts(pages / NAME)["Jump heights"]["panels"][0]["series"]
+    heights = charts(pages / REPORT)["Jump heights"]["panels"][0]["series"]
     assert {s["name"]: s["y"] for s in heights} == {
         "single, measured": [40.0, 40.0], "single, model": [42.0, 42.0],
         "stutter, measured": [20.0, 20.0], "stutter, model": [34.0, 34.0],
@@ -204,7 +205,7 @@ def test_the_figures_hold_the_numbers_of_the_files(pages):
 
 
 def test_the_first_screen_says_the_verdict_and_three_numbers(pages):
-    text = (pages / NAME).read_text(encoding="utf-8")
+    text = (pages / REPORT).read_text(encoding="utf-8")
     assert re.search(r"<h1[^>]*>" + re.escape(SENTENCE) + "</h1>", text)
     assert re.findall(r"<dd>([^<]*)", text) == ["9.9 ", "43×", "4 "]
     said, facts = experiment_words(
@@ -299,7 +300,7 @@ def test_the_noise_stands_with_its_sources_and_its_warnings_at_the_head(tmp_path
 
 
 def test_every_page_stands_alone(pages):
-    found = sorted(pages.rglob(NAME))
+    found = sorted(pages.rglob(REPORT))
     assert len(found) == 5
     for page in found:
         text = page.read_text(encoding="utf-8")
@@ -322,7 +323,7 @@ def test_the_campaigns_page_does_not_hold_the_experiments_pictures(tmp_path):
         write_report(campaign, outcomes, rows, results, single=False)
         peak[n] = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        size[n] = (results / NAME).stat().st_size
+        size[n] = (results / REPORT).stat().st_size
     assert len(picture) > 300_000
     assert size[16] - size[4] < 12 * 1000
     assert peak[16] - peak[4] < len(picture)
@@ -334,7 +335,7 @@ def test_pages_are_written_again_only_where_results_changed(tmp_path):
 
     def written():
         write_report(campaign, outcomes, rows, results, single=False)
-        return {p.parent.name: p.stat().st_mtime_ns for p in results.rglob(NAME)}
+        return {p.parent.name: p.stat().st_mtime_ns for p in results.rglob(REPORT)}
 
     first, again = written(), written()
     assert first == again
@@ -343,7 +344,7 @@ def test_pages_are_written_again_only_where_results_changed(tmp_path):
     assert {n for n in first if first[n] != changed[n]} == {"single-2", "results"}
     outcomes[3].errors.append("rod.avi: truncated")
     assert written()["stutter-3"] != first["stutter-3"]
-    assert "rod.avi: truncated" in (results / NAME).read_text()
+    assert "rod.avi: truncated" in (results / REPORT).read_text()
 
 
 def test_the_cone_film_shows_shear_where_it_is_below_the_foot():
@@ -460,7 +461,7 @@ INK = """() => [...document.querySelectorAll('.plot')].map(p => [...p.querySelec
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [1280, 390])
-@pytest.mark.parametrize("which", [NAME, f"stutter-1/{NAME}"])
+@pytest.mark.parametrize("which", [REPORT, f"stutter-1/{REPORT}"])
 def test_every_figure_is_drawn_at_every_width_and_in_both_schemes(pages, open_page, which, width, scheme):
     page = open_page(pages / which, width, color_scheme=scheme)
     drawn = page.evaluate(INK)
@@ -473,7 +474,7 @@ def test_every_figure_is_drawn_at_every_width_and_in_both_schemes(pages, open_pa
 
 
 def test_pointing_reads_the_value_and_dragging_zooms_both_panels(pages, open_page):
-    page = open_page(pages / "stutter-1" / NAME)
+    page = open_page(pages / "stutter-1" / REPORT)
     plots = page.locator(".stacked .plot")
     box = plots.nth(0).bounding_box()
     page.mouse.move(box["x"] + 400, box["y"] + 100)
@@ -495,7 +496,7 @@ def test_pointing_reads_the_value_and_dragging_zooms_both_panels(pages, open_pag
 
 
 def test_the_keyboard_reaches_reads_zooms_and_hides(pages, open_page):
-    page = open_page(pages / NAME)
+    page = open_page(pages / REPORT)
     for _ in range(30):
         page.keyboard.press("Tab")
         if page.evaluate("document.activeElement.className") == "plot":
@@ -525,7 +526,7 @@ def test_the_keyboard_reaches_reads_zooms_and_hides(pages, open_page):
 
 
 def test_the_table_behind_a_figure_has_its_numbers(pages, open_page):
-    page = open_page(pages / "stutter-1" / NAME)
+    page = open_page(pages / "stutter-1" / REPORT)
     details = page.locator("figure.chart details.data").first
     details.locator("summary").click()
     until(page, "document.querySelectorAll('figure.chart details.data')[0].querySelectorAll('table').length === 2")
@@ -546,7 +547,7 @@ def test_a_sweeps_map_reads_its_values(tmp_path, open_page, capsys):
     assert main(["report", str(tmp_path / "sweep.nc")]) == 0
     with xr.open_dataset(tmp_path / "sweep.nc") as data:
         height = data.com_height_m.transpose("frequency", "phase").values * 1e3
-    page = open_page(tmp_path / NAME)
+    page = open_page(tmp_path / REPORT)
     best = f"{height.max():.4g}"
     assert best in page.inner_text("h1")
     box = page.locator(".plot image").first.bounding_box()  # 5 cells up, 4 to the right, frequency upwards
@@ -562,7 +563,7 @@ def test_a_sweeps_map_reads_its_values(tmp_path, open_page, capsys):
 
 
 def test_the_films_play_and_print_shows_a_frame(pages, open_page):
-    page = open_page(pages / "stutter-1" / NAME)
+    page = open_page(pages / "stutter-1" / REPORT)
     assert page.locator("video").count() == 2
     page.evaluate("document.querySelectorAll('video').forEach(v => v.play())")
     until(page, "[...document.querySelectorAll('video')].every(v => v.videoWidth === 96 && v.currentTime > 0)")
@@ -575,7 +576,7 @@ def test_the_films_play_and_print_shows_a_frame(pages, open_page):
 VISIBLE = "document.querySelectorAll('script, pre').forEach(e => e.remove()), document.body.innerText"
 
 
-@pytest.mark.parametrize("which", [NAME, f"stutter-1/{NAME}"])
+@pytest.mark.parametrize("which", [REPORT, f"stutter-1/{REPORT}"])
 def test_a_reader_sees_words_and_sensible_digits(pages, open_page, which):
     """No name of a variable, no number as the machine has it: what every reader would trip over."""
     text = open_page(pages / which).evaluate(VISIBLE)
@@ -586,7 +587,7 @@ def test_a_reader_sees_words_and_sensible_digits(pages, open_page, which):
 
 def test_the_verdict_has_three_levels_and_paper_has_no_folds(pages, browser, tmp_path):
     page = browser.new_page()
-    page.goto((pages / NAME).as_uri())
+    page.goto((pages / REPORT).as_uri())
     assert page.locator("h1").is_visible() and page.locator("figure.chart").first.is_visible()
     inside = page.locator("details.fold figure.chart")
     assert inside.count() == 1 and not inside.first.is_visible()
@@ -605,7 +606,7 @@ def test_plots_are_dark_where_the_page_is(tmp_path, open_page):
     assert main(["report", str(tmp_path / "sweep.nc")]) == 0
     ink = "getComputedStyle(document.querySelector('.drawn svg')).fill"
     shades = [
-        sum(map(int, re.findall(r"\d+", open_page(tmp_path / NAME, color_scheme=scheme).evaluate(ink))))
+        sum(map(int, re.findall(r"\d+", open_page(tmp_path / REPORT, color_scheme=scheme).evaluate(ink))))
         for scheme in ("light", "dark")
     ]
     assert shades[0] < 200 < 600 < shades[1]
@@ -620,7 +621,7 @@ def test_plots_are_dark_where_the_page_is(tmp_path, open_page):
 )
 def test_no_finding_of_axe(pages, open_page, width, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="pip install axe-playwright-python")
-    for which in (NAME, f"stutter-1/{NAME}"):
+    for which in (REPORT, f"stutter-1/{REPORT}"):
         page = open_page(pages / which, width, 800, color_scheme=scheme)
         page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
         page.wait_for_timeout(300)
@@ -629,6 +630,6 @@ def test_no_finding_of_axe(pages, open_page, width, scheme):
 
 
 def test_residuals_have_ticks_to_be_read_by(pages, open_page):
-    page = open_page(pages / "stutter-1" / NAME)
+    page = open_page(pages / "stutter-1" / REPORT)
     across = "[...document.querySelectorAll('.plot')].map(p => p.querySelectorAll('path.grid[d*=H]').length)"
     assert min(page.evaluate(across)) >= 3

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from jumpvision.cli import main
-from jumpvision.physics.rft import Grains, cut, faces, generic_2d, generic_3d, of_plane, push
-from jumpvision.physics.shapes import box, cone, disc, read_stl, sphere, tilted, volume
+from jumpvision.jumper.physics.rft import Grains, cut, faces, generic_2d, generic_3d, of_plane, push
+from jumpvision.jumper.physics.shapes import box, cone, disc, read_stl, sphere, tilted, volume
 
 DOWN = (0.0, 0.0, -1.0)
 PLANE = of_plane(generic_2d)

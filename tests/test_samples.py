@@ -23,8 +23,8 @@ from diagnosis_sample import diagnosis, parameter
 
 import jumpvision as jv
 from jumpvision.cli import main
-from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.findings import (
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.experiment.results.findings import (
     Closest,
     Coefficient,
     CommonError,
@@ -463,7 +463,7 @@ def test_the_diagnosis_of_a_notebook_is_that_of_the_command(asked, monkeypatch):
     kept = {name: (results / name).read_bytes() for name in ("model.toml", "diagnosis.json")}
     for name in kept:
         (results / name).unlink()
-    monkeypatch.setattr("jumpvision.campaign.diagnose._answer", None)
+    monkeypatch.setattr("jumpvision.experiment.campaign.diagnose._answer", None)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         jv.diagnose(SAMPLES / "loose_sand", results=results, workers=1)

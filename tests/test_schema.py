@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import pytest
 
 from jumpvision.base.schema import InputError, param, read, table_of
-from jumpvision.inputs.parameters import PARAMS
-from jumpvision.inputs.sections import SECTIONS, Header, RodVideo
-from jumpvision.mechanisms.registry import ModelParameters
+from jumpvision.experiment.inputs.parameters import PARAMS
+from jumpvision.experiment.inputs.sections import SECTIONS, Header, RodVideo
+from jumpvision.jumper.mechanisms.registry import ModelParameters
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jumpvision.grains import gradients as strain
-from jumpvision.grains.gradients import Gradients, gradients
-from jumpvision.grains.steady import Memory, Velocities, steady
+from jumpvision.films.grains import gradients as strain
+from jumpvision.films.grains.gradients import Gradients, gradients
+from jumpvision.films.grains.steady import Memory, Velocities, steady
 
 N, SHAPE = 400, (6, 7)
 UU, VV, UV = 0.04, 0.01, -0.012  # m^2/s^2

@@ -8,8 +8,8 @@ import pytest
 
 import jumpvision as jv
 from jumpvision.base.schema import InputError
-from jumpvision.vision.stereo import FAR, at_times, pinhole, triangulate
-from jumpvision.workflow.stage import StageWarning
+from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.vision.stereo import FAR, at_times, pinhole, triangulate
 
 FOCAL, MIDDLE = 1500.0, (640.0, 512.0)
 

@@ -7,9 +7,9 @@ import pytest
 from conftest import later
 from scipy.ndimage import gaussian_filter
 
-from jumpvision.lab.films.bed import bed_picture
-from jumpvision.lab.films.optics import record
-from jumpvision.vision.surface import Surface, bed_height, bed_surface, volume_fraction
+from jumpvision.films.vision.surface import Surface, bed_height, bed_surface, volume_fraction
+from jumpvision.laboratory.films.bed import bed_picture
+from jumpvision.laboratory.films.optics import record
 
 FLOOR = 170.0
 

@@ -21,21 +21,21 @@ from scipy.integrate import solve_ivp
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.physics.batch import hard_points, resolve, simulated_points
-from jumpvision.physics.energy import powers
-from jumpvision.physics.forcing import Segments, delayed, sinusoid
-from jumpvision.physics.hard.analysis import crossing, half_cycle_rows
-from jumpvision.physics.hard.hopper import apexes, cycles_in_a_row, distinct, ringing_rows, scattered
-from jumpvision.physics.hard.jump import HardRobot, hard_jump, hard_sweep, sine_rows
-from jumpvision.physics.model import Model
-from jumpvision.physics.oscillator import best_jump
-from jumpvision.physics.sand.jump import simulate
-from jumpvision.report.studies.sweeps import picture
-from jumpvision.studies.axes import AXES, read_axes
-from jumpvision.studies.compute import RESULTS, write
-from jumpvision.studies.machine import machine
-from jumpvision.studies.study import Call, run, studies
-from jumpvision.studies.thresholds import catapult
+from jumpvision.jumper.physics.batch import hard_points, resolve, simulated_points
+from jumpvision.jumper.physics.energy import powers
+from jumpvision.jumper.physics.forcing import Segments, delayed, sinusoid
+from jumpvision.jumper.physics.hard.analysis import crossing, half_cycle_rows
+from jumpvision.jumper.physics.hard.hopper import apexes, cycles_in_a_row, distinct, ringing_rows, scattered
+from jumpvision.jumper.physics.hard.jump import HardRobot, hard_jump, hard_sweep, sine_rows
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.oscillator import best_jump
+from jumpvision.jumper.physics.sand.jump import simulate
+from jumpvision.thesis.figures.sweeps import picture
+from jumpvision.thesis.studies.axes import AXES, read_axes
+from jumpvision.thesis.studies.compute import RESULTS, write
+from jumpvision.thesis.studies.machine import machine
+from jumpvision.thesis.studies.study import Call, run, studies
+from jumpvision.thesis.studies.thresholds import catapult
 
 THESIS = {
     "motor_mass": 1.003,

@@ -22,18 +22,18 @@ from conftest import later
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.lab import samples
-from jumpvision.lab.jumper import Law, motion_of
-from jumpvision.physics.batch import resolve, simulated_points
-from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.model import fitted_drag, fitted_parameter, force_model
-from jumpvision.physics.packing import Laws, PackingLaw, fit_packing_law
-from jumpvision.physics.sand.jump import simulate
-from jumpvision.report.studies.sweeps import picture
-from jumpvision.studies.axes import EXAMPLE, read_laws
-from jumpvision.studies.compute import write
-from jumpvision.studies.machine import machine
-from jumpvision.studies.study import Call, run, studies
+from jumpvision.jumper.physics.batch import resolve, simulated_points
+from jumpvision.jumper.physics.forcing import sinusoid
+from jumpvision.jumper.physics.model import fitted_drag, fitted_parameter, force_model
+from jumpvision.jumper.physics.packing import Laws, PackingLaw, fit_packing_law
+from jumpvision.jumper.physics.sand.jump import simulate
+from jumpvision.laboratory import samples
+from jumpvision.laboratory.jumper import Law, motion_of
+from jumpvision.thesis.figures.sweeps import picture
+from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
+from jumpvision.thesis.studies.compute import write
+from jumpvision.thesis.studies.machine import machine
+from jumpvision.thesis.studies.study import Call, run, studies
 
 SMALL = {  # fewer points where the defaults are for a figure
     "height-phi": {"frequency": "5:11:7", "phi": "0.57:0.63:5"},

@@ -13,11 +13,11 @@ import pytest
 from scipy.integrate import quad
 
 from jumpvision.base.schema import InputError
-from jumpvision.mechanisms import cone
-from jumpvision.mechanisms.record import STATE, Body, symbols
-from jumpvision.mechanisms.registry import MECHANISMS, STATIC, ModelParameters
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand import granular, scalar  # noqa: F401  the first makes the laws known to numba
+from jumpvision.jumper.mechanisms import cone
+from jumpvision.jumper.mechanisms.record import STATE, Body, symbols
+from jumpvision.jumper.mechanisms.registry import MECHANISMS, STATIC, ModelParameters
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand import granular, scalar  # noqa: F401  the first makes the laws known to numba
 
 LAWS = {n: m.law for n, m in MECHANISMS.items() if m.law}
 FIELDS = ModelParameters.__dataclass_fields__

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import Loop, delayed, from_log, sinusoid
-from jumpvision.physics.model import Model
-from jumpvision.physics.sand.jump import Tracks, simulate
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.forcing import Loop, delayed, from_log, sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import Tracks, simulate
 
 ROBOT = {"motor_mass": 0.5, "rod_mass": 0.7, "foot_mass": 0.05, "spring_stiffness": 3300.0, "spring_damping": 1.2,
          "gravity": 9.81, "foot_radius": 0.0254}  # fmt: skip

@@ -14,7 +14,8 @@ from conftest import SAMPLES
 from diagnosis_sample import causes, confirmation, diagnosis, parameter
 
 from jumpvision.base.arrays import measured
-from jumpvision.campaign.truth import (
+from jumpvision.cli import terminal as show
+from jumpvision.experiment.campaign.truth import (
     Truth,
     confirmation_rows,
     coverage_words,
@@ -22,12 +23,11 @@ from jumpvision.campaign.truth import (
     true_added_mass,
     true_mass,
 )
-from jumpvision.cli import terminal as show
-from jumpvision.inputs.experiment import open_campaign
+from jumpvision.experiment.inputs.experiment import open_campaign
+from jumpvision.experiment.results.fields import Flow
+from jumpvision.experiment.results.findings import Cause
+from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.report.pages.page import causes_shown
-from jumpvision.results.fields import Flow
-from jumpvision.results.findings import Cause
-from jumpvision.workflow.run import Outcome
 
 SAND = SAMPLES / "loose_sand"
 FILM = "stutter-7.0Hz-film"

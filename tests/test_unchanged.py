@@ -14,9 +14,9 @@ import pytest
 from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.base import storage
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.workflow import cache, run, unchanged
-from jumpvision.workflow.run import Plan, run_experiment
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.workflow import cache, run, unchanged
+from jumpvision.experiment.workflow.run import Plan, run_experiment
 
 PLAN = {"stages": None, "command": "jumpvision run"}
 
@@ -105,7 +105,7 @@ def cut(file: Path) -> None:
 
 @pytest.mark.parametrize("settled", [False, True])
 @pytest.mark.parametrize("what", CHANGES)
-@pytest.mark.filterwarnings("ignore::jumpvision.workflow.stage.StageWarning")
+@pytest.mark.filterwarnings("ignore::jumpvision.experiment.workflow.stage.StageWarning")
 def test_a_change_is_seen(place, monkeypatch, what, settled):
     change, computed = CHANGES[what]
     asked(place, monkeypatch)
@@ -199,7 +199,7 @@ def test_entries_of_a_run_that_looked_into_nothing_count_as_used(place, monkeypa
 
 def test_the_table_of_jumps_is_that_of_pandas(made):
     """Written without it: its import takes longer than a run in which nothing changed."""
-    from jumpvision.campaign.folder import write_jumps
+    from jumpvision.experiment.campaign.folder import write_jumps
 
     rows = [
         {"experiment": 'a "quoted", name', "n": 2, "x": 0.1 + 0.2, "problem": None},

@@ -7,19 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from jumpvision.campaign.document import unexplained_of
-from jumpvision.diagnosis.detect import detect, directions
-from jumpvision.diagnosis.diagnose import fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.forms import Shaped
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Jump
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.diagnosis.unexplained import unexplained
-from jumpvision.lab.jumper import Law, Robot, motion_of
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.physics.forcing import sinusoid
-from jumpvision.physics.model import Model
+from jumpvision.engine.detect import detect, directions
+from jumpvision.engine.diagnose import fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.unexplained import unexplained
+from jumpvision.experiment.campaign.document import unexplained_of
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.jumper.physics.forcing import sinusoid
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.question.forms import Shaped
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import Jump
+from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.laboratory.jumper import Law, Robot, motion_of
 
 ROBOT = Robot(1.125, 0.175, 0.04, 3300.0, 1.2, 0.0381, 9.81)
 BED = {"k1": 2100.0, "k2": 1500.0, "delta": 0.012, "alpha": 40.0}

@@ -10,12 +10,12 @@ from scipy.io import savemat
 
 from jumpvision.base.schema import InputError
 from jumpvision.cli import main
-from jumpvision.grains.column import follow_plug, scatter_sigma
-from jumpvision.grains.gradients import correlated_variance
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.results.fields import Flow, Piv
-from jumpvision.workflow.stage import results_stages
-from jumpvision.workflow.workspace import Workspace
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.results.fields import Flow, Piv
+from jumpvision.experiment.workflow.stage import results_stages
+from jumpvision.experiment.workflow.workspace import Workspace
+from jumpvision.films.grains.column import follow_plug, scatter_sigma
+from jumpvision.films.grains.gradients import correlated_variance
 
 results_stages()  # registers them
 

@@ -7,14 +7,14 @@ import time
 import pytest
 from fault_lab import grain_film, results_of, write_campaign
 
-from jumpvision.campaign.folder import run_folder
-from jumpvision.inputs.experiment import open_folder
+from jumpvision.experiment.campaign.folder import run_folder
+from jumpvision.experiment.inputs.experiment import open_folder
+from jumpvision.experiment.results.fields import Piv
+from jumpvision.experiment.results.tables import RodMotion
+from jumpvision.experiment.workflow import many
+from jumpvision.experiment.workflow import run as engine
+from jumpvision.experiment.workflow.run import Plan
 from jumpvision.report.figures import PICTURES
-from jumpvision.results.fields import Piv
-from jumpvision.results.tables import RodMotion
-from jumpvision.workflow import many
-from jumpvision.workflow import run as engine
-from jumpvision.workflow.run import Plan
 
 
 class Watching:

@@ -25,14 +25,14 @@ from jumpvision.browser.workbench.logs import POINTS, thinned
 from jumpvision.browser.workbench.running import Running
 from jumpvision.browser.workbench.server import Server
 from jumpvision.cli import main
-from jumpvision.init.edit import edited
-from jumpvision.init.measure import tilt_of
-from jumpvision.inputs.experiment import open_experiment
-from jumpvision.inputs.parameters import TrackParams
-from jumpvision.inputs.sections import Calibration, RodCorrections, RodVideo
-from jumpvision.stages.grains.piv import of_arrays
-from jumpvision.stages.track import track
-from jumpvision.vision.camera import READING, camera
+from jumpvision.experiment.init.edit import edited
+from jumpvision.experiment.init.measure import tilt_of
+from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.inputs.parameters import TrackParams
+from jumpvision.experiment.inputs.sections import Calibration, RodCorrections, RodVideo
+from jumpvision.experiment.stages.grains.piv import of_arrays
+from jumpvision.experiment.stages.track import track
+from jumpvision.films.vision.camera import READING, camera
 
 HARD = SAMPLES / "hard_ground"
 SAND = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
@@ -163,7 +163,9 @@ def test_a_run_is_stopped_where_it_is_and_its_rows_stay(hard, monkeypatch):
     shown = threading.Event()
     one = type(b.bench.film("rod_video").film).__getitem__
     slow = lambda self, i: (shown.set(), time.sleep(0.002), one(self, i))[2]  # noqa: E731
-    monkeypatch.setattr("jumpvision.frames.base.Film.__iter__", lambda self: (slow(self, i) for i in range(len(self))))
+    monkeypatch.setattr(
+        "jumpvision.films.frames.base.Film.__iter__", lambda self: (slow(self, i) for i in range(len(self)))
+    )
     b.bench.follow(draft_of({}))
     until(lambda: len(b.bench.followed(0)[0]) >= 32)
     b.bench.following.stop()

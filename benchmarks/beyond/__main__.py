@@ -27,9 +27,9 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from benchmarks.rows import Row, gather, share
-from jumpvision.lab import write
-from jumpvision.lab.blind import Nuisance, choices, draw
-from jumpvision.lab.campaign import carry_out, defaults
+from jumpvision.laboratory import write
+from jumpvision.laboratory.blind import Nuisance, choices, draw
+from jumpvision.laboratory.campaign import carry_out, defaults
 
 from . import peers
 from .fit import Seen, bounds, fit, predicted, seen

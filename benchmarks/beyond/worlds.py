@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jumpvision.lab import write
-from jumpvision.lab.seal import Answer, seal
+from jumpvision.laboratory import write
+from jumpvision.laboratory.seal import Answer, seal
 
 from . import motion as mo
 from .motion import Array, Command, Jumper, Law, Motion

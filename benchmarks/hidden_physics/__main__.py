@@ -13,10 +13,10 @@ import numpy as np
 
 from benchmarks.diagnosis import jumps_of
 from benchmarks.rows import Row, gather, share
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.lab.blind import Setting
+from jumpvision.engine.fitting import Problem
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.laboratory.blind import Setting
 
 from .claims import claims
 from .entries import Answer, Task, entry

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.diagnosis import jumps_of
-from jumpvision.lab.blind import EFFECTS, ONCE, Setting, campaign
-from jumpvision.lab.protocol import checked
-from jumpvision.lab.protocol_keys import JumpSweep
-from jumpvision.lab.protocol_keys import jumps_of as jumps_drawn
+from jumpvision.laboratory.blind import EFFECTS, ONCE, Setting, campaign
+from jumpvision.laboratory.protocol import checked
+from jumpvision.laboratory.protocol_keys import JumpSweep
+from jumpvision.laboratory.protocol_keys import jumps_of as jumps_drawn
 
 from .entries import Answer, Task
 from .worlds import Truth

@@ -8,17 +8,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from jumpvision.campaign.diagnose import leftover
-from jumpvision.campaign.discovered import Laws, law_gain
-from jumpvision.campaign.document import document
-from jumpvision.campaign.findings import told
-from jumpvision.diagnosis.detect import detect, directions
-from jumpvision.diagnosis.diagnose import NEIGHBOURS, explain, fit_baseline, foretell, look
-from jumpvision.diagnosis.fitting import Fit, Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import Jump
-from jumpvision.diagnosis.noise.learning import learn_noise
-from jumpvision.diagnosis.worth.gain import gain, searched
+from jumpvision.engine.detect import detect, directions
+from jumpvision.engine.diagnose import NEIGHBOURS, explain, fit_baseline, foretell, look
+from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.worth.gain import gain, searched
+from jumpvision.experiment.campaign.diagnose import leftover
+from jumpvision.experiment.campaign.discovered import Laws, law_gain
+from jumpvision.experiment.campaign.document import document
+from jumpvision.experiment.campaign.findings import told
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import Jump
+from jumpvision.jumper.question.learning import learn_noise
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.diagnosis.diagnose import fit_baseline
-from jumpvision.diagnosis.fitting import Problem
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.noise.learning import learn_noise
+from jumpvision.engine.diagnose import fit_baseline
+from jumpvision.engine.fitting import Problem
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.learning import learn_noise
 
 from .entries import Answer, Task
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from jumpvision.lab.blind import EFFECTS, Nuisance, Recorded, Setting, campaign, choices, draw
+from jumpvision.laboratory.blind import EFFECTS, Nuisance, Recorded, Setting, campaign, choices, draw
 
 from .foreign import LAWS, NAMES, seen
 

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 
 from jumpvision import __version__
 
+from .codes import BAD_CALL, DONE, FAILED
 from .listing import listed, page
 
 if TYPE_CHECKING:
     from cyclopts import App
-
-DONE, FAILED, BAD_CALL = 0, 1, 2  # exit codes
 
 # before NumPy is imported: the matrices are small, threads of BLAS wait for each other and round by their number
 for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

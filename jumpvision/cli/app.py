@@ -11,9 +11,9 @@ from cyclopts import App, Parameter
 
 from jumpvision import __version__
 
-from . import BAD_CALL as BAD_CALL
-from . import DONE as DONE
-from . import FAILED as FAILED
+from .codes import BAD_CALL as BAD_CALL
+from .codes import DONE as DONE
+from .codes import FAILED as FAILED
 from .listing import ABOUT
 
 app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__)

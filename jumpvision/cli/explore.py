@@ -13,9 +13,9 @@ from .app import DONE, OPTIONS, Options, app, cores
 from .folders import work
 
 if TYPE_CHECKING:
-    from jumpvision.campaign.diagnose import Question
-    from jumpvision.campaign.explore.offers import Changes
-    from jumpvision.campaign.explore.rounds import Rules
+    from jumpvision.experiment.campaign.diagnose import Question
+    from jumpvision.experiment.campaign.explore.offers import Changes
+    from jumpvision.experiment.campaign.explore.rounds import Rules
 
 SEED = 1  # of what the laboratory records, beside the number of the folder
 
@@ -105,7 +105,7 @@ def explore(
 
 def _rules(given: RuleOptions) -> Rules:
     from jumpvision.base.schema import InputError
-    from jumpvision.campaign.explore.rounds import KINDS, Rules
+    from jumpvision.experiment.campaign.explore.rounds import KINDS, Rules
 
     problems = [
         f"explore --{name} {x}: must be {allowed}"
@@ -135,7 +135,7 @@ def _rules(given: RuleOptions) -> Rules:
 def _changes(text: str) -> Changes:
     """Of --elsewhere. Raises InputError for what is no setting."""
     from jumpvision.base.schema import InputError
-    from jumpvision.inputs.overrides import overrides_of
+    from jumpvision.experiment.inputs.overrides import overrides_of
 
     try:
         return {table: values for table, values in overrides_of(tuple(text.split(","))).items() if values}
@@ -145,10 +145,10 @@ def _changes(text: str) -> Changes:
 
 def _asked(path: Path, options: Options) -> tuple[Question, list[Path], Path]:
     """(what the campaign lets one ask, recordings taken in that are there; folders that wait; the results)."""
-    from jumpvision.campaign.diagnose import asked_of
-    from jumpvision.campaign.explore.handover import returned
-    from jumpvision.campaign.folder import DIAGNOSED, results_of
-    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.experiment.campaign.diagnose import asked_of
+    from jumpvision.experiment.campaign.explore.handover import returned
+    from jumpvision.experiment.campaign.folder import DIAGNOSED, results_of
+    from jumpvision.experiment.inputs.experiment import folder_of
 
     from . import terminal
 
@@ -167,9 +167,9 @@ def _asked(path: Path, options: Options) -> tuple[Question, list[Path], Path]:
 
 def _round(path: Path, rules: Rules, options: Options) -> list[Path]:
     """Says what is believed, and prepares what is to be done: its folders."""
-    from jumpvision.campaign.explore.history import read_history
-    from jumpvision.campaign.explore.rounds import continued
-    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.experiment.campaign.explore.history import read_history
+    from jumpvision.experiment.campaign.explore.rounds import continued
+    from jumpvision.experiment.inputs.experiment import folder_of
     from jumpvision.report.pages.explore import write_exploration
 
     from . import terminal
@@ -188,7 +188,7 @@ def _round(path: Path, rules: Rules, options: Options) -> list[Path]:
 def _lift_off(path: Path, asked_for: str, options: Options) -> list[Path]:
     """The smallest amplitude that lifts off, as far as the trials say: the folder of the next."""
     from jumpvision.base.schema import InputError
-    from jumpvision.campaign.explore.lift_off import FILE, KINDS, search
+    from jumpvision.experiment.campaign.explore.lift_off import FILE, KINDS, search
 
     from . import terminal
 
@@ -212,8 +212,8 @@ def _perform(path: Path, folders: list[Path]) -> None:
     """The recordings of prepared folders, by the virtual laboratory."""
     import tomllib
 
-    from jumpvision.inputs.experiment import folder_of
-    from jumpvision.lab.seal import record_jump
+    from jumpvision.experiment.inputs.experiment import folder_of
+    from jumpvision.laboratory.seal import record_jump
 
     from . import terminal
 
@@ -227,9 +227,9 @@ def _perform(path: Path, folders: list[Path]) -> None:
 
 def _planned(path: Path, before: Path, tell: tuple[str, ...], options: Options) -> int:
     """What a planned protocol can tell."""
-    from jumpvision.campaign.explore.planned import identified, read_planned
-    from jumpvision.campaign.folder import results_of
-    from jumpvision.inputs.experiment import folder_of
+    from jumpvision.experiment.campaign.explore.planned import identified, read_planned
+    from jumpvision.experiment.campaign.folder import results_of
+    from jumpvision.experiment.inputs.experiment import folder_of
 
     from . import terminal
 

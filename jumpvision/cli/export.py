@@ -30,8 +30,8 @@ def export(
     """
     from jumpvision.base.schema import InputError
     from jumpvision.base.storage import aside_folder, sweep_leftovers
-    from jumpvision.campaign.folder import results_of
-    from jumpvision.inputs.experiment import EXPERIMENT, folder_of, is_campaign
+    from jumpvision.experiment.campaign.folder import results_of
+    from jumpvision.experiment.inputs.experiment import EXPERIMENT, folder_of, is_campaign
     from jumpvision.report.export.crate import write_crate
     from jumpvision.report.export.images import write_images
     from jumpvision.report.export.matlab import write_matlab

@@ -15,20 +15,20 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
-from jumpvision.workflow.stage import Declared, declared
+from jumpvision.experiment.workflow.stage import Declared, declared
 
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
 from .listing import STAGES
 
 if TYPE_CHECKING:
-    from jumpvision.campaign.folder import Run
-    from jumpvision.inputs.experiment import Campaign, Experiment
-    from jumpvision.workflow.run import Plan
+    from jumpvision.experiment.campaign.folder import Run
+    from jumpvision.experiment.inputs.experiment import Campaign, Experiment
+    from jumpvision.experiment.workflow.run import Plan
 
 
 def open_folder(path: Path, options: Options) -> Campaign:
     """The campaign at `path` with the options' values over it; a single experiment is a campaign of one."""
-    from jumpvision.campaign.folder import as_campaign
+    from jumpvision.experiment.campaign.folder import as_campaign
 
     return as_campaign(_opened(path, options))
 
@@ -36,8 +36,8 @@ def open_folder(path: Path, options: Options) -> Campaign:
 def _opened(
     path: Path, options: Options, params: Mapping[str, Mapping[str, object]] | None = None
 ) -> Experiment | Campaign:
-    from jumpvision.inputs import experiment
-    from jumpvision.inputs.overrides import overrides_of
+    from jumpvision.experiment.inputs import experiment
+    from jumpvision.experiment.inputs.overrides import overrides_of
 
     return experiment.open_folder(path, model=options.model, pipeline=params, overrides=overrides_of(options.set))
 
@@ -52,11 +52,11 @@ def work(
     ask: bool | None = None,
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
-    from jumpvision.campaign.folder import as_campaign, results_of, run_folder
-    from jumpvision.inputs.experiment import Campaign, Experiment, folder_of
+    from jumpvision.experiment.campaign.folder import as_campaign, results_of, run_folder
+    from jumpvision.experiment.inputs.experiment import Campaign, Experiment, folder_of
+    from jumpvision.experiment.workflow.many import prepare
+    from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
     from jumpvision.report.figures import PICTURES, drawn_diagnosis
-    from jumpvision.workflow.many import prepare
-    from jumpvision.workflow.run import Pipeline, Plan, read_pipeline
 
     from . import terminal
 
@@ -102,7 +102,7 @@ def work(
 
 def _say_left_out(path: Path) -> None:
     """Names the campaigns below a folder that only `run` takes."""
-    from jumpvision.inputs.experiment import folders_below
+    from jumpvision.experiment.inputs.experiment import folders_below
 
     from . import terminal
 
@@ -168,9 +168,9 @@ def _hand_over(
 ) -> dict[str, list[str]]:
     """Let Snakemake compute the experiments; the reasons of those that failed, by name."""
     from jumpvision.base.schema import InputError
-    from jumpvision.campaign.folder import grain_frames
-    from jumpvision.inputs.experiment import Experiment
-    from jumpvision.workflow.cluster import hand_over
+    from jumpvision.experiment.campaign.folder import grain_frames
+    from jumpvision.experiment.inputs.experiment import Experiment
+    from jumpvision.experiment.workflow.cluster import hand_over
 
     if isinstance(opened, Experiment):
         raise InputError([f"--profile {profile}: {opened.path} is one experiment; give a campaign, or leave it out"])
@@ -184,9 +184,9 @@ def _hand_over(
 def _share(path: Path, text: str, options: Options, pipeline: Path | None) -> int:
     """One of several shares of a long grain film's pairs."""
     from jumpvision.base.schema import InputError
-    from jumpvision.campaign.folder import results_of
-    from jumpvision.inputs.experiment import Experiment, folder_of
-    from jumpvision.workflow.run import Pipeline, Plan, read_pipeline, run_share
+    from jumpvision.experiment.campaign.folder import results_of
+    from jumpvision.experiment.inputs.experiment import Experiment, folder_of
+    from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline, run_share
 
     from . import terminal
 
@@ -238,8 +238,8 @@ def run(
     """
     if share:
         return _share(path, share, options, pipeline)
-    from jumpvision.campaign.folder import results_of
-    from jumpvision.inputs.experiment import folder_of, folders_below
+    from jumpvision.experiment.campaign.folder import results_of
+    from jumpvision.experiment.inputs.experiment import folder_of, folders_below
 
     from . import terminal
 
@@ -311,9 +311,9 @@ def check(path: Path, /, *, options: Options = OPTIONS) -> int:
     rows = [{"experiment": e.name, "ground": e.ground, "sections": ", ".join(e.sections)} for e in campaign.experiments]
     rows += [{"experiment": n, "ground": "", "sections": f"excluded: {why}"} for n, why in campaign.excluded.items()]
     from jumpvision.base.schema import InputError
-    from jumpvision.inputs.experiment import exact_scales
-    from jumpvision.stages.bed.geometry import check_geometry
-    from jumpvision.stages.preflight import preflight
+    from jumpvision.experiment.inputs.experiment import exact_scales
+    from jumpvision.experiment.stages.bed.geometry import check_geometry
+    from jumpvision.experiment.stages.preflight import preflight
 
     before = {e.name: preflight(e) for e in campaign.experiments}
     odd = [f"{n}: {text}" for n, (_, texts) in before.items() for text in texts]
@@ -373,8 +373,8 @@ def diagnose(
         With --simulator: most runs.
     """
     from jumpvision.base.schema import InputError
-    from jumpvision.campaign.folder import DIAGNOSED
-    from jumpvision.inputs.experiment import folder_of, is_campaign
+    from jumpvision.experiment.campaign.folder import DIAGNOSED
+    from jumpvision.experiment.inputs.experiment import folder_of, is_campaign
 
     from . import terminal
 
@@ -392,8 +392,8 @@ def diagnose(
 
 def _foreign(path: Path, simulator: str, limit: float, budget: int | None, options: Options) -> int:
     """A simulator that is not ours, on the tracks of a campaign."""
-    from jumpvision.campaign.study import question_study, recordings_of
-    from jumpvision.diagnosis.study.processes import How, outside
+    from jumpvision.engine.study.processes import How, outside
+    from jumpvision.experiment.campaign.study import question_study, recordings_of
     from jumpvision.report.pages.study import write_study
 
     from . import terminal
@@ -421,7 +421,7 @@ def report(path: Path, /, *, options: Options = OPTIONS) -> int:
     Example: jumpvision report data_samples/hard_ground
     """
     if path.suffix == ".nc":
-        from jumpvision.report.pages.sweep import write_sweep
+        from jumpvision.thesis.page import write_sweep
 
         from . import terminal
 

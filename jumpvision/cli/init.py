@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from .app import DONE, app, cores
 
 if TYPE_CHECKING:
-    from jumpvision.init.measure import Picks
+    from jumpvision.experiment.init.measure import Picks
 
 
 def _which(text: str) -> Parameter:
@@ -84,7 +84,7 @@ def init(
         Machine-readable result on stdout.
     """
     from jumpvision.base.schema import InputError
-    from jumpvision.init.text import NEW, Choices, init, still_open
+    from jumpvision.experiment.init.text import NEW, Choices, init, still_open
 
     from . import terminal as show
 
@@ -108,7 +108,7 @@ def init(
 def _picks(eye: Eye) -> dict[str, Picks]:
     """Picks by section from the options. InputError for every one that cannot be read."""
     from jumpvision.base.schema import InputError, closest
-    from jumpvision.init.measure import Picks
+    from jumpvision.experiment.init.measure import Picks
 
     if eye.marks_in not in SECTIONS:
         raise InputError([f"--marks-in {eye.marks_in}: unknown{closest(eye.marks_in, SECTIONS)}"])
@@ -158,7 +158,7 @@ def synth(
     from . import terminal as show
 
     if kind == "reveal":
-        from jumpvision.lab.seal import reveal
+        from jumpvision.laboratory.seal import reveal
 
         score = reveal(out)
         show.result(score, [{"what": k, "value": v} for k, v in score.items()], as_json=False)
@@ -171,19 +171,19 @@ def synth(
             token = HOOK.set(progress.frames)
             try:
                 if kind == "blind":
-                    from jumpvision.lab.seal import write_blind
+                    from jumpvision.laboratory.seal import write_blind
 
                     write_blind(out, seed=seed, ground=ground, workers=workers or cores())
                 else:
-                    from jumpvision.dem.motion import discs_under_foot
-                    from jumpvision.lab.campaign import write_campaign
+                    from jumpvision.laboratory.campaign import write_campaign
+                    from jumpvision.laboratory.dem.motion import discs_under_foot
 
                     write_campaign(Path(kind), out, seed=seed, workers=workers or cores(), discs=discs_under_foot)
             finally:
                 HOOK.reset(token)
         show.line(f"wrote {out}")
         return DONE
-    from jumpvision.lab import samples
+    from jumpvision.laboratory import samples
 
     folders = samples.write_samples(kind, out, seed=seed)
     show.line(f"wrote {', '.join(str(f) for f in folders)}")

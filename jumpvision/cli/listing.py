@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from jumpvision.workflow.stage import declared, functions_under
+from jumpvision.experiment.workflow.stage import declared, functions_under
 
 ABOUT = (
     "From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",

@@ -51,7 +51,7 @@ def params(stage: str | None = None, *, json: bool = False) -> int:
     Example: jumpvision params piv
     """
     from jumpvision.base.schema import InputError, closest, table_of
-    from jumpvision.inputs.parameters import PARAMS
+    from jumpvision.experiment.inputs.parameters import PARAMS
 
     from . import terminal as show
 
@@ -89,7 +89,7 @@ def cache(
     json
         Machine-readable result on stdout.
     """
-    from jumpvision.workflow import cache as store
+    from jumpvision.experiment.workflow import cache as store
 
     from . import terminal as show
 

@@ -71,7 +71,7 @@ def dem(
     from jumpvision.base.progress import HOOK
     from jumpvision.base.schema import InputError
     from jumpvision.base.storage import write_bytes_aside
-    from jumpvision.studies.sand.discs import checked, measured, run_beds, write_discs
+    from jumpvision.thesis.studies.sand.discs import checked, measured, run_beds, write_discs
 
     from . import terminal as show
 
@@ -90,7 +90,7 @@ def dem(
     files = write_discs(runs, bed, results, "jumpvision " + shlex.join(sys.argv[1:]))
     numbers = measured(runs)
     if output.pictures:
-        from jumpvision.report.figures.matter import disc_picture
+        from jumpvision.thesis.figures.matter import disc_picture
 
         files.append(results / "dem.png")
         write_bytes_aside(files[-1], disc_picture(runs, bed, numbers))
@@ -145,7 +145,7 @@ def rft(
 
     from jumpvision.base.progress import HOOK
     from jumpvision.base.storage import write_bytes_aside
-    from jumpvision.studies.sand import feet
+    from jumpvision.thesis.studies.sand import feet
 
     from . import terminal as show
 
@@ -167,7 +167,7 @@ def rft(
     told = feet.told_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
     files = feet.write_forces(found, told, [f for f in (stl, table) if f], results)
     if output.pictures:
-        from jumpvision.report.figures.matter import foot_picture
+        from jumpvision.thesis.figures.matter import foot_picture
 
         files.append(results / "rft.png")
         write_bytes_aside(files[-1], foot_picture(triangles, found, foot))

@@ -95,11 +95,11 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
     from dataclasses import asdict
 
     from jumpvision.base.progress import HOOK
-    from jumpvision.campaign.folder import results_of
-    from jumpvision.inputs.experiment import folder_of
-    from jumpvision.inputs.overrides import overrides_of
-    from jumpvision.studies.compute import keep_other, write
-    from jumpvision.studies.study import Call, listed, run, studies
+    from jumpvision.experiment.campaign.folder import results_of
+    from jumpvision.experiment.inputs.experiment import folder_of
+    from jumpvision.experiment.inputs.overrides import overrides_of
+    from jumpvision.thesis.studies.compute import keep_other, write
+    from jumpvision.thesis.studies.study import Call, listed, run, studies
 
     from . import terminal as show
 
@@ -134,7 +134,7 @@ def sweep(ground: str, /, *, axes: SweepAxes = SweepAxes(), options: SweepOption
         show.line(f"{name} held another sweep; that one is kept as {kept}")
     files = [write(data, results, name)]
     if o.pictures:
-        from jumpvision.report.studies.sweeps import picture
+        from jumpvision.thesis.figures.sweeps import picture
 
         files.append(files[0].with_suffix(".png"))
         files[1].write_bytes(picture(data))
@@ -177,9 +177,9 @@ def figures(
         Machine-readable result on stdout.
     """
     from jumpvision.base.schema import InputError
-    from jumpvision.campaign.folder import results_of
-    from jumpvision.inputs.experiment import is_campaign
-    from jumpvision.report.catalogue import available, draw
+    from jumpvision.experiment.campaign.folder import results_of
+    from jumpvision.experiment.inputs.experiment import is_campaign
+    from jumpvision.thesis.catalogue import available, draw
 
     from . import terminal as show
 
@@ -270,8 +270,8 @@ def plan(
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # the solver's small matrices: threads cost three times the time
     from dataclasses import asdict
 
-    from jumpvision.inputs.overrides import overrides_of
-    from jumpvision.studies.plan import check_call, make_plan, message, obstacle_of, planned_robot, seeded, write
+    from jumpvision.experiment.inputs.overrides import overrides_of
+    from jumpvision.thesis.studies.plan import check_call, make_plan, message, obstacle_of, planned_robot, seeded, write
 
     from . import terminal as show
 
@@ -286,7 +286,7 @@ def plan(
     results, numbers = output.results, asdict(planned.numbers)
     files = write(planned, results)
     if output.pictures:
-        from jumpvision.report.figures.plan import plan_animation, plan_picture
+        from jumpvision.thesis.figures.plan import plan_animation, plan_picture
 
         files += [results / "plan.png", results / "plan.html"]
         files[-2].write_bytes(plan_picture(planned))

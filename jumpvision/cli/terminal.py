@@ -11,18 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from jumpvision.base.schema import harmless
-from jumpvision.results import plain
+from jumpvision.experiment.results import plain
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from jumpvision.base.local_page import LocalServer
-    from jumpvision.campaign.explore.history import Round
-    from jumpvision.campaign.folder import Run
-    from jumpvision.inputs.experiment import Campaign
-    from jumpvision.results.diagnosis import Diagnosis
-    from jumpvision.results.values import GeometryValues
-    from jumpvision.workflow.run import Outcome
+    from jumpvision.experiment.campaign.explore.history import Round
+    from jumpvision.experiment.campaign.folder import Run
+    from jumpvision.experiment.inputs.experiment import Campaign
+    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.experiment.results.values import GeometryValues
+    from jumpvision.experiment.workflow.run import Outcome
 
 
 def line(text: str) -> None:
@@ -147,7 +147,7 @@ def verdict(diagnosis: Diagnosis) -> list[str]:
 
 def beside_truth(diagnosis: Diagnosis, campaign: Campaign) -> None:
     """The parameters of the named mechanisms, and what films or tests measure of them, each beside the truth."""
-    from jumpvision.campaign.truth import confirmation_rows, parameter_rows
+    from jumpvision.experiment.campaign.truth import confirmation_rows, parameter_rows
 
     for title, rows in (
         ("parameters of the named mechanisms", parameter_rows(diagnosis, campaign)),
@@ -285,7 +285,7 @@ def outcome(
 
 def tables(campaign: Campaign, outcomes: list[Outcome], diagnosis: Diagnosis | None) -> None:
     """Heights and details beside their truth, then what the diagnosis says, on stdout."""
-    from jumpvision.campaign.truth import coverage_words, details, overview
+    from jumpvision.experiment.campaign.truth import coverage_words, details, overview
 
     if any(o.summary for o in outcomes):
         rows_of_heights = overview(campaign, [o for o in outcomes if o.summary or o.errors])

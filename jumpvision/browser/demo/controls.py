@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass
 from importlib.resources import files
 from typing import Any
 
-from jumpvision.inputs.sections import PHASES, Actuation, Bed, Robot
-from jumpvision.mechanisms.registry import ModelParameters
-from jumpvision.studies.machine import THESIS
+from jumpvision.experiment.inputs.sections import PHASES, Actuation, Bed, Robot
+from jumpvision.jumper.mechanisms.registry import ModelParameters
+from jumpvision.thesis.studies.machine import THESIS
 
 SECTIONS: dict[str, Any] = {"robot": Robot, "actuation": Actuation, "bed": Bed, "model": ModelParameters}
 GROUNDS = ("hard", "granular")

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.schema import InputError
-from jumpvision.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
-from jumpvision.init.text import PICKED, RESULTS, Choices, drafted
-from jumpvision.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
-from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.model import read_toml
-from jumpvision.inputs.parameters import BedParams, PivParams, TrackParams
-from jumpvision.inputs.sections import SECTIONS, BedImage, Calibration, GrainVideo, RodVideo
+from jumpvision.experiment.init.recognise import ANY_RATE, FILMS, Recording, ball, recognised, recordings
+from jumpvision.experiment.init.text import PICKED, RESULTS, Choices, drafted
+from jumpvision.experiment.inputs.experiment import CAMPAIGN, EXPERIMENT, folder_of
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.model import read_toml
+from jumpvision.experiment.inputs.parameters import BedParams, PivParams, TrackParams
+from jumpvision.experiment.inputs.sections import SECTIONS, BedImage, Calibration, GrainVideo, RodVideo
 
 from .draft import CORRECTIONS, HEAD, Composed, Draft, composed
 from .films import Shown

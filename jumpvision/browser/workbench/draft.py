@@ -16,13 +16,13 @@ from typing import Any
 
 from jumpvision.base.schema import InputError, Section, read
 from jumpvision.base.storage import write_aside
-from jumpvision.init.edit import Edits, difference, edited
-from jumpvision.init.measure import Picks, Values, picks_of, tilt_of, with_picks
-from jumpvision.init.recognise import Recording
-from jumpvision.inputs.experiment import EXPERIMENT, merged
-from jumpvision.inputs.parameters import PARAMS, Params
-from jumpvision.inputs.sections import SECTIONS
-from jumpvision.vision.camera import READING
+from jumpvision.experiment.init.edit import Edits, difference, edited
+from jumpvision.experiment.init.measure import Picks, Values, picks_of, tilt_of, with_picks
+from jumpvision.experiment.init.recognise import Recording
+from jumpvision.experiment.inputs.experiment import EXPERIMENT, merged
+from jumpvision.experiment.inputs.parameters import PARAMS, Params
+from jumpvision.experiment.inputs.sections import SECTIONS
+from jumpvision.films.vision.camera import READING
 
 CORRECTIONS = "corrections.csv"
 HEAD = "frame,x_px,y_px,sigma_px"

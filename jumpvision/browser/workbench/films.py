@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.schema import InputError
-from jumpvision.frames import Film
-from jumpvision.init.recognise import opened
+from jumpvision.experiment.init.recognise import opened
+from jumpvision.films.frames import Film
 
 KEPT = 256 * 2**20  # bytes of encoded frames
 AHEAD = 48  # frames made ahead of the one that was asked for

@@ -8,14 +8,14 @@ import warnings
 from dataclasses import replace
 
 from jumpvision.base.progress import HOOK
-from jumpvision.frames import FrameError
-from jumpvision.inputs.parameters import TrackParams
-from jumpvision.inputs.sections import Calibration, RodVideo
-from jumpvision.stages.recordings import SCALE_OF_PIXELS, open_film, view_of
-from jumpvision.stages.track import BallFilm
-from jumpvision.vision.ball.measure import Found
-from jumpvision.vision.ball.track import BallTrack
-from jumpvision.workflow.stage import StageWarning
+from jumpvision.experiment.inputs.parameters import TrackParams
+from jumpvision.experiment.inputs.sections import Calibration, RodVideo
+from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS, open_film, view_of
+from jumpvision.experiment.stages.track import BallFilm
+from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.frames import FrameError
+from jumpvision.films.vision.ball.measure import Found
+from jumpvision.films.vision.ball.track import BallTrack
 
 Row = tuple[float | None, float | None, float | None, str]  # x, y, sigma [px], flag
 

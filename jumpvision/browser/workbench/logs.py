@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.sections import ContactLog, MotorLog, RodTrack
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.sections import ContactLog, MotorLog, RodTrack
 
 from .draft import Composed
 

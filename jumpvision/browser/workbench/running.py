@@ -8,7 +8,7 @@ import threading
 from collections import deque
 from pathlib import Path
 
-from jumpvision.workflow.cluster import SELF
+from jumpvision.experiment.workflow.cluster import SELF
 
 LINES = 200  # kept
 COUNTED = re.compile(r"\[(\d+)/(\d+)\]")

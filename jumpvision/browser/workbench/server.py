@@ -15,8 +15,8 @@ from pathlib import Path
 
 from jumpvision.base.local_page import LocalHandler, LocalServer, Refused, static_files
 from jumpvision.base.schema import InputError
-from jumpvision.frames import FrameError
-from jumpvision.results import plain
+from jumpvision.experiment.results import plain
+from jumpvision.films.frames import FrameError
 
 from .bench import Benches
 from .draft import draft_of

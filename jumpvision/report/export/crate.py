@@ -9,7 +9,7 @@ from typing import Any
 
 from jumpvision import __version__
 from jumpvision.base.schema import InputError
-from jumpvision.workflow.provenance import NAME, TABLES
+from jumpvision.experiment import files
 
 from .results import Results
 
@@ -51,7 +51,7 @@ def write_crate(found: list[Results], out: Path) -> list[str]:
     )
     for r in found:
         prefix = f"{r.name}/" if len(found) > 1 and r.name else ""
-        listed = NAME if r.name else TABLES
+        listed = files.PROVENANCE if r.name else files.CAMPAIGN
         made = [
             crate.add_file(
                 r.folder / f,

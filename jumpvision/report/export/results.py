@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import sha256
-from jumpvision.workflow.provenance import NAME, TABLES, read_provenance
+from jumpvision.experiment import files
+from jumpvision.experiment.workflow.provenance import read_provenance
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,14 +37,14 @@ def results_in(folder: Path) -> list[Results]:
     Raises InputError where there are none, or where a file is not what its run has written.
     """
     found = []
-    if (folder / NAME).is_file():
+    if (folder / files.PROVENANCE).is_file():
         found = [_of_experiment(folder, folder.absolute().name)]
-    elif (folder / TABLES).is_file():
+    elif (folder / files.CAMPAIGN).is_file():
         try:
-            told = json.loads((folder / TABLES).read_text(encoding="utf-8"))
+            told = json.loads((folder / files.CAMPAIGN).read_text(encoding="utf-8"))
             tables, names = dict(told["tables"]), list(told["experiments"])
         except (OSError, ValueError, TypeError, KeyError, RecursionError):
-            raise InputError([f"{folder / TABLES}: damaged; run the campaign again"]) from None
+            raise InputError([f"{folder / files.CAMPAIGN}: damaged; run the campaign again"]) from None
         found = [Results("", folder, tables, {"command": told.get("command", "")})]
         found += [_of_experiment(folder / n, n) for n in names if (folder / n).is_dir()]
     if not any(r.outputs for r in found):
@@ -57,7 +58,7 @@ def results_in(folder: Path) -> list[Results]:
 def _of_experiment(folder: Path, name: str) -> Results:
     told = read_provenance(folder)
     if not told:
-        raise InputError([f"{folder / NAME}: missing or damaged; run again, then export"])
+        raise InputError([f"{folder / files.PROVENANCE}: missing or damaged; run again, then export"])
     return Results(name, folder, told["outputs"], told)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jumpvision.diagnosis.diagnose import Findings
-    from jumpvision.diagnosis.jumper.jumper import Jumper
-    from jumpvision.results.diagnosis import Diagnosis
+    from jumpvision.engine.diagnose import Findings
+    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.jumper.question.jumper import Jumper
 
 DRAWN = "pictures", "grains", "flows", "bed", "logs", "overlays"
 PICTURES = tuple(f"jumpvision.report.figures.{module}" for module in DRAWN)  # whose import registers figures as stages

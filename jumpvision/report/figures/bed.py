@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import measured
-from jumpvision.campaign.measured.craters import Crater
 from jumpvision.estimate.crater import ZeroCrossing
-from jumpvision.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
-from jumpvision.physics.air import Drop
+from jumpvision.experiment.campaign.measured.craters import Crater
+from jumpvision.experiment.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
+from jumpvision.experiment.results.values import CraterShape, CraterValues, Geometry
+from jumpvision.experiment.stages.bed.crater import read_map
+from jumpvision.experiment.stages.recordings import open_pictures
+from jumpvision.experiment.workflow.stage import stage
+from jumpvision.jumper.physics.air import Drop
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
-from jumpvision.results.values import CraterShape, CraterValues, Geometry
-from jumpvision.stages.bed.crater import read_map
-from jumpvision.stages.recordings import open_pictures
-from jumpvision.workflow.stage import stage
 
 from .pictures import Picture, png, show_frame
 

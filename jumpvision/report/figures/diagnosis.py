@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Z95
-from jumpvision.diagnosis.detect import LEVEL
-from jumpvision.diagnosis.diagnose import Findings
-from jumpvision.diagnosis.jumper.jumper import Jumper
-from jumpvision.diagnosis.jumper.jumps import PARTS
-from jumpvision.mechanisms.expression import parse
-from jumpvision.mechanisms.own import LONG_AGO
-from jumpvision.mechanisms.record import STATE
+from jumpvision.engine.detect import LEVEL
+from jumpvision.engine.diagnose import Findings
+from jumpvision.engine.laws.expression import parse
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.experiment.results.findings import Cell, Discovered
+from jumpvision.jumper.mechanisms.own import LONG_AGO
+from jumpvision.jumper.mechanisms.record import STATE
+from jumpvision.jumper.question.jumper import Jumper
+from jumpvision.jumper.question.jumps import PARTS
 from jumpvision.report.style import (
     ACCENT,
     GREEN,
@@ -28,8 +30,6 @@ from jumpvision.report.style import (
     spoken,
     styled,
 )
-from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.findings import Cell, Discovered
 
 from .pictures import png
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.campaign.explore.history import Round
+from jumpvision.experiment.campaign.explore.history import Round
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 
 from .pictures import png

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.inputs.sections import NotApplicable
+from jumpvision.experiment.inputs.sections import NotApplicable
+from jumpvision.experiment.results.fields import Piv, Statistics
+from jumpvision.experiment.results.tables import Paths, Profiles
+from jumpvision.experiment.workflow.stage import stage
+from jumpvision.films.vision.piv.pair import MASKED, REASONS
 from jumpvision.report.style import MAP, MEASURED, MODEL, QUIET, SIGNED, styled
-from jumpvision.results.fields import Piv, Statistics
-from jumpvision.results.tables import Paths, Profiles
-from jumpvision.vision.piv.pair import MASKED, REASONS
-from jumpvision.workflow.stage import stage
 
 from .pictures import Picture, png
 

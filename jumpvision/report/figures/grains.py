@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.inputs.sections import Calibration, GrainVideo, PivField
+from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, PivField
+from jumpvision.experiment.results.fields import Column, Flow, Piv
+from jumpvision.experiment.results.values import Fits
+from jumpvision.experiment.stages.recordings import open_grains
+from jumpvision.experiment.workflow.stage import stage
 from jumpvision.report.style import ACCENT, FOOT, MAP, MEASURED, QUIET, kind_of, styled
-from jumpvision.results.fields import Column, Flow, Piv
-from jumpvision.results.values import Fits
-from jumpvision.stages.recordings import open_grains
-from jumpvision.workflow.stage import stage
 
 from .flows import maps
 from .pictures import COLUMN_PANELS, Data, Picture, draw_cone, draw_sides, png, show_frame

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import measured
-from jumpvision.campaign.measured.actuator import Driven
-from jumpvision.campaign.measured.intrusions import IntrusionLaws, SlowIntrusion
 from jumpvision.estimate.estimate import Estimate, finite
 from jumpvision.estimate.robot import Bandwidth
-from jumpvision.inputs.logs import read_log
-from jumpvision.inputs.sections import Actuation, MotorLog, NotApplicable
+from jumpvision.experiment.campaign.measured.actuator import Driven
+from jumpvision.experiment.campaign.measured.intrusions import IntrusionLaws, SlowIntrusion
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable
+from jumpvision.experiment.results.values import Fits, Intrusion, SpringTest
+from jumpvision.experiment.stages.rod import commanded, read_motor
+from jumpvision.experiment.workflow.stage import stage
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
-from jumpvision.results.values import Fits, Intrusion, SpringTest
-from jumpvision.stages.rod import commanded, read_motor
-from jumpvision.workflow.stage import stage
 
 from .pictures import Picture, png
 

@@ -14,13 +14,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
-from jumpvision.grains.grid import VectorGrid
-from jumpvision.inputs.parameters import OverlayParams
-from jumpvision.inputs.sections import Calibration, GrainVideo, NotApplicable, RodVideo
-from jumpvision.results.fields import Column, Flow, Piv, Planes
-from jumpvision.results.tables import Track
-from jumpvision.stages.recordings import open_film, open_grains
-from jumpvision.workflow.stage import stage
+from jumpvision.experiment.inputs.parameters import OverlayParams
+from jumpvision.experiment.inputs.sections import Calibration, GrainVideo, NotApplicable, RodVideo
+from jumpvision.experiment.results.fields import Column, Flow, Piv, Planes
+from jumpvision.experiment.results.tables import Track
+from jumpvision.experiment.stages.recordings import open_film, open_grains
+from jumpvision.experiment.workflow.stage import stage
+from jumpvision.films.grains.grid import VectorGrid
 
 from .pictures import Picture, shrunk
 

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import measured
-from jumpvision.grains.cone import mass_curve
-from jumpvision.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
+from jumpvision.experiment.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
+from jumpvision.experiment.results import Record
+from jumpvision.experiment.results.fields import Column, Flow
+from jumpvision.experiment.results.tables import RodMotion, Simulation, Track
+from jumpvision.experiment.results.values import BedHeight, Fits
+from jumpvision.experiment.stages.recordings import open_film, open_pictures
+from jumpvision.experiment.workflow.stage import stage
+from jumpvision.films.grains.cone import mass_curve
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
-from jumpvision.results import Record
-from jumpvision.results.fields import Column, Flow
-from jumpvision.results.tables import RodMotion, Simulation, Track
-from jumpvision.results.values import BedHeight, Fits
-from jumpvision.stages.recordings import open_film, open_pictures
-from jumpvision.workflow.stage import stage
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from typing import Any, NotRequired, TypedDict, Unpack
 
 import numpy as np
 
-from jumpvision.diagnosis.detect import LEVEL
-from jumpvision.diagnosis.jumper.jumps import PARTS
+from jumpvision.engine.detect import LEVEL
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.experiment.results.findings import Cell, Gain
+from jumpvision.experiment.results.values import Fits
+from jumpvision.jumper.question.jumps import PARTS
 from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.style import kind_of, spoken
-from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.findings import Cell, Gain
-from jumpvision.results.values import Fits
 
 from .quantities import mechanism_words, typeset
 

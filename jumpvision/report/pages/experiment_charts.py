@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.results.fields import Column
-from jumpvision.results.tables import RodMotion, Simulation
-from jumpvision.results.values import Intrusion
+from jumpvision.experiment.results.fields import Column
+from jumpvision.experiment.results.tables import RodMotion, Simulation
+from jumpvision.experiment.results.values import Intrusion
 
 from .charts import MOST, Chart, Rule, Series, axis, chart, fits_of, panel, series
 from .quantities import HALF, WHOLE
@@ -75,7 +75,7 @@ def grains_chart(results: Path) -> Chart | None:
     """Momentum of the grains against time; added mass and jammed front against depth."""
     import xarray as xr
 
-    from jumpvision.grains.cone import mass_curve
+    from jumpvision.films.grains.cone import mass_curve
 
     if not (results / "flow.nc").exists():
         return None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside, write_bytes_aside
-from jumpvision.campaign.explore.history import History, Proposed, Round
+from jumpvision.experiment.campaign.explore.history import History, Proposed, Round
 from jumpvision.report.figures.explore import exploration_picture
 
 from .page import static, template

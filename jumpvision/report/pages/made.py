@@ -5,22 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 from functools import cache
-from importlib.resources import files
+from importlib.resources import files as resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jumpvision import __version__
-from jumpvision.campaign.truth import coverage_words, truth_of
-from jumpvision.inputs.experiment import Campaign
-from jumpvision.inputs.sections import Actuation
-from jumpvision.results import plain
-from jumpvision.workflow.run import Outcome
+from jumpvision.experiment import files
+from jumpvision.experiment.campaign.truth import coverage_words, truth_of
+from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.results import plain
+from jumpvision.experiment.workflow.run import Outcome
+
+from .page import MADE_FROM
 
 if TYPE_CHECKING:
-    from jumpvision.results.diagnosis import Diagnosis
-
-NAME = "report.html"
-KEY = '<meta name="made-from" content="{}">'
+    from jumpvision.experiment.results.diagnosis import Diagnosis
 
 
 def write_report(
@@ -39,26 +39,26 @@ def write_report(
         if not o.results.is_dir():
             continue
         try:
-            keys.append(_experiment(o, laws.get(o.name), back="" if single else f"../{NAME}"))
+            keys.append(_experiment(o, laws.get(o.name), back="" if single else f"../{files.REPORT}"))
         except OSError as e:
-            o.errors.append(f"{o.results / NAME}: {e.strerror or e}; free or change it and run again")
+            o.errors.append(f"{o.results / files.REPORT}: {e.strerror or e}; free or change it and run again")
     if single:
-        return outcomes[0].results / NAME
+        return outcomes[0].results / files.REPORT
     true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
     key = digest_of([*keys, json.dumps(plain([rows, diagnosis and diagnosis.values, dict(campaign.excluded), true]))])
-    if not made_from(results / NAME, key):
+    if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 
         write_campaign(campaign, outcomes, rows, results, diagnosis, key)
-    return results / NAME
+    return results / files.REPORT
 
 
 def _experiment(outcome: Outcome, law: Any, *, back: str) -> str:
     """The page of one experiment, unless the one there was made from the same results; the digest of these."""
-    provenance = outcome.results / "provenance.json"
+    provenance = outcome.results / files.PROVENANCE
     receipt = provenance.read_text(encoding="utf-8") if provenance.exists() else ""
     key = digest_of([back, *outcome.errors, *outcome.warnings, *outcome.not_run, receipt])
-    if not made_from(outcome.results / NAME, key):
+    if not made_from(outcome.results / files.REPORT, key):
         from .page import write_experiment
 
         write_experiment(outcome, law, back, receipt, key)
@@ -73,7 +73,7 @@ def digest_of(texts: list[str]) -> str:
 @cache
 def _code() -> str:
     """Digest of the pages' own files."""
-    here = files(__package__)
+    here = resources(__package__)
     own = [f for folder in ("", "static", "templates") for f in here.joinpath(folder).iterdir() if f.is_file()]
     return hashlib.sha256(__version__.encode() + b"".join(f.read_bytes() for f in sorted(own, key=str))).hexdigest()
 
@@ -83,4 +83,4 @@ def made_from(page: Path, key: str) -> bool:
     if not page.exists():
         return False
     with page.open(encoding="utf-8", errors="replace") as f:
-        return KEY.format(key) in f.read(400)
+        return MADE_FROM.format(key) in f.read(400)

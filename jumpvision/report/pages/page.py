@@ -9,13 +9,15 @@ from __future__ import annotations
 import json
 import math
 from functools import cache
-from importlib.resources import files
+from importlib.resources import files as resources
 from pathlib import Path
 from typing import Any
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
-from jumpvision.campaign.truth import (
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.experiment import files
+from jumpvision.experiment.campaign.truth import (
     Truth,
     confirmation_rows,
     coverage_words,
@@ -23,16 +25,14 @@ from jumpvision.campaign.truth import (
     overview,
     true_parameters,
 )
-from jumpvision.estimate.estimate import Estimate
-from jumpvision.inputs.experiment import Campaign
-from jumpvision.mechanisms.registry import PARAMETERS
-from jumpvision.results.diagnosis import Diagnosis, strength
-from jumpvision.results.values import Fits, Intrusion
-from jumpvision.workflow.run import Outcome
+from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.results.diagnosis import Diagnosis, strength
+from jumpvision.experiment.results.values import Fits, Intrusion
+from jumpvision.experiment.workflow.run import Outcome
+from jumpvision.jumper.mechanisms.registry import PARAMETERS
 
 from .charts import diagnosis_charts, fits_of, heights_chart, json_of
 from .experiment_charts import experiment_charts, whole_disc
-from .made import KEY, NAME
 from .quantities import HALF, WHOLE, fit_rows, mechanism_words, small, typeset
 from .words import campaign_words, drawing, experiment_words, film, inline, noise_words, poster, preview
 
@@ -59,6 +59,8 @@ FILMS = {
 }
 PREVIEWS = ("flow.png", "piv.png", "bed.png", "track.png", "crater.png", "intrusion.png")  # of one experiment at most
 
+MADE_FROM = '<meta name="made-from" content="{}">'  # at the head of a page: the digest of what it was made from
+
 
 def write_campaign(
     campaign: Campaign,
@@ -69,9 +71,9 @@ def write_campaign(
     key: str,
 ) -> None:
     """The page of a campaign."""
-    from jumpvision.campaign.measured.actuator import actuator_bandwidth, driven
-    from jumpvision.campaign.measured.craters import measured_in, zero_crossing
-    from jumpvision.campaign.measured.intrusions import intrusion_laws, slow_intrusions
+    from jumpvision.experiment.campaign.measured.actuator import actuator_bandwidth, driven
+    from jumpvision.experiment.campaign.measured.craters import measured_in, zero_crossing
+    from jumpvision.experiment.campaign.measured.intrusions import intrusion_laws, slow_intrusions
     from jumpvision.report.figures.bed import critical
     from jumpvision.report.figures.diagnosis import discovered_law
     from jumpvision.report.figures.logs import actuator, resistances
@@ -89,7 +91,7 @@ def write_campaign(
     cone = shown.results / "cone.webm" if shown is not None else None
     moving = {"src": film(cone), "poster": poster(cone)} if cone is not None and cone.exists() else None
     text = template("campaign.html.j2").render(
-        key=KEY.format(key),
+        key=MADE_FROM.format(key),
         style=static("page.css"),
         script=static("plot.js") + static("page.js"),
         title=campaign.path.absolute().name,
@@ -98,8 +100,8 @@ def write_campaign(
         facts=facts,
         heights=heights,
         charts=diagnosis_charts(diagnosis),
-        diagnosis=inline((results / "diagnosis.png").read_bytes())
-        if diagnosis and (results / "diagnosis.png").exists()
+        diagnosis=inline((results / files.PICTURE).read_bytes())
+        if diagnosis and (results / files.PICTURE).exists()
         else None,
         law=drawing(discovered_law, diagnosis.discovered) if diagnosis and diagnosis.discovered else None,
         causes=causes_shown(diagnosis, truth) if diagnosis else [],
@@ -128,7 +130,7 @@ def write_campaign(
         done=sum(not o.errors for o in outcomes),
         count=len(outcomes),
     )
-    write_aside(results / NAME, text)
+    write_aside(results / files.REPORT, text)
 
 
 def typeset_rows(rows: list[dict[str, str]]) -> list[dict[str, str]]:
@@ -186,7 +188,7 @@ def write_experiment(outcome: Outcome, law: Any, back: str, receipt: str, key: s
     charts = experiment_charts(folder, law)
     made = json.loads(receipt or "{}")
     text = template("experiment.html.j2").render(
-        key=KEY.format(key),
+        key=MADE_FROM.format(key),
         style=static("page.css"),
         script=static("plot.js") + static("page.js"),
         title=outcome.name,
@@ -213,7 +215,7 @@ def write_experiment(outcome: Outcome, law: Any, back: str, receipt: str, key: s
             k: made[k] for k in ("citation", "license", "command", "versions", "inputs", "parameters") if k in made
         },
     )
-    write_aside(folder / NAME, text)
+    write_aside(folder / files.REPORT, text)
 
 
 def richest(outcomes: list[Outcome]) -> Outcome | None:
@@ -227,7 +229,7 @@ def linked(table: list[dict[str, Any]], outcomes: list[Outcome]) -> list[dict[st
     return [
         {
             "cells": row,
-            "href": f"{row['experiment']}/{NAME}" if by_name[row["experiment"]].results.is_dir() else "",
+            "href": f"{row['experiment']}/{files.REPORT}" if by_name[row["experiment"]].results.is_dir() else "",
             "errors": by_name[row["experiment"]].errors,
         }
         for row in table
@@ -250,4 +252,4 @@ def template(name: str) -> Any:
 @cache
 def static(name: str) -> str:
     """A file of the page's own, to be put inside it."""
-    return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+    return resources(__package__).joinpath("static", name).read_text(encoding="utf-8")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from jumpvision.base.arrays import measured
 from jumpvision.estimate.estimate import Estimate
-from jumpvision.mechanisms.registry import MECHANISMS
+from jumpvision.jumper.mechanisms.registry import MECHANISMS
 from jumpvision.report.style import FOOT
 
 HALF, WHOLE = FOOT["half"], FOOT["full"]

@@ -8,26 +8,25 @@ from pathlib import Path
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
+from jumpvision.experiment import files
+from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.report.figures.diagnosis import study_picture
-from jumpvision.results.diagnosis import Diagnosis
 
 from .page import static, template
 from .words import inline
-
-PICTURE, PAGE = "diagnosis.png", "report.html"
 
 
 def write_study(d: Diagnosis, folder: Path, title: str, *, pictures: bool = True) -> list[Path]:
     """diagnosis.json, samples.csv, diagnosis.png and report.html in a folder; their paths."""
     folder.mkdir(parents=True, exist_ok=True)
     d.save(folder)
-    write_aside(folder / "samples.csv", d.samples.to_csv(index=False, lineterminator="\n"))
-    made = [folder / d.file, folder / "samples.csv"]
+    write_aside(folder / files.SAMPLES, d.samples.to_csv(index=False, lineterminator="\n"))
+    made = [folder / d.file, folder / files.SAMPLES]
     if pictures:
         png = study_picture(d)
-        (folder / PICTURE).write_bytes(png)
-        write_aside(folder / PAGE, page(d, png, title))
-        made += [folder / PICTURE, folder / PAGE]
+        (folder / files.PICTURE).write_bytes(png)
+        write_aside(folder / files.REPORT, page(d, png, title))
+        made += [folder / files.PICTURE, folder / files.REPORT]
     return made
 
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from jumpvision.base.arrays import measured
 from jumpvision.estimate.crater import ZeroCrossing
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.experiment.results.findings import Noise
+from jumpvision.experiment.results.values import Fits
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
-from jumpvision.results.diagnosis import Diagnosis
-from jumpvision.results.findings import Noise
-from jumpvision.results.values import Fits
 
 from .charts import column
 from .quantities import HALF, WHOLE

@@ -1,0 +1,1 @@
+"""Laws of force as text: read, checked, and turned into functions."""

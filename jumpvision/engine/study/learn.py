@@ -1,0 +1,156 @@
+"""The noise of every channel: as stated, or from repeats and from how smooth the readings are, without the model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import InputError
+from jumpvision.engine.noise.noise import Noise, Stretch, estimate, frame_of, powers, rounding_step, whitened
+from jumpvision.engine.noise.readings import kurtosis, learn, reach_of
+from jumpvision.engine.noise.sources import Source
+
+from .study import Channel, Recording, Study
+
+STATED = 0.05  # relative standard uncertainty of a stated noise
+DEGREE = 5  # of the polynomial that a smooth course is over a window
+WINDOWS = (14, 20, 28, 40, 56, 80)  # samples
+FIRST = 0.01  # of the spread of the readings
+ROUGH = 6.0  # times the median power: a window with a kink, which tells nothing of the noise
+MORE = 1.3  # times the power of the shortest windows: over a longer one the course is no such polynomial
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The noise of every channel, in its own unit. noise: what a test has to know of all of it together.
+
+    sources: by channel, what it was learned from. warnings: what a reader must know.
+    """
+
+    channels: tuple[Noise, ...]
+    noise: Noise
+    sources: tuple[dict[str, Source], ...]
+    warnings: tuple[str, ...]
+
+    def scaled(self, channel: int, unit: float) -> Noise:
+        """The noise of a channel in other units."""
+        n = self.channels[channel]
+        return replace(n, s=n.s / unit, drift=n.drift / unit)
+
+
+def learn_readings(study: Study, recordings: Sequence[Recording]) -> Readings:
+    """The noise of every channel. Raises InputError where it is neither stated nor to be learned."""
+    warnings: list[str] = []
+    noises, sources, samples = [], [], []
+    for k, c in enumerate(study.channels):
+        tracks = []
+        for r in recordings:
+            y = r.of_channels(r.values, study.channels)[:, k]
+            read = np.isfinite(y)
+            sigma = None if r.sigma is None else r.of_channels(r.sigma, study.channels, "sigma")[:, k][read]
+            tracks.append((r.t[read], y[read], r.group or r.name, sigma))
+        usable = [t for t in tracks if t[0].size >= 4]
+        if not usable:
+            raise InputError([f"channel {c.name!r}: no recording has four readings of it"])
+        noise, source = _channel(c, usable, warnings)
+        noises.append(noise)
+        sources.append(source)
+        samples.append(sum(t[0].size for t in usable))
+    total = noises[0] if len(noises) == 1 else together(noises, samples)
+    return Readings(tuple(noises), total, tuple(sources), tuple(warnings))
+
+
+Track = tuple[Array, Array, str, Array | None]
+
+
+def _channel(c: Channel, tracks: Sequence[Track], warnings: list[str]) -> tuple[Noise, dict[str, Source]]:
+    frame = frame_of([t for t, *_ in tracks])
+    if c.process:  # until it is learned from how the simulation errs: what a fit by least squares needs
+        return Noise(FIRST * float(np.std(np.concatenate([y for _, y, *_ in tracks]))) or 1.0, 0.0, frame), {}
+    stated = [s for *_, s in tracks if s is not None]
+    if c.noise is not None or stated:
+        s = c.noise if c.noise is not None else float(np.median(np.concatenate(stated)))
+        noise = Noise(s, c.correlation, frame, log_sigma=2 * STATED, log_power=2 * STATED)
+        noise = replace(noise, drift=c.wander, reach=reach_of([t for t, *_ in tracks]))
+        return noise, {"stated": Source(s, STATED, 0)}
+    least = max(rounding_step(y) for _, y, *_ in tracks) / np.sqrt(12.0)
+    pairs = _differences(tracks)
+    from_pairs = len(pairs) > 0
+    stretches = _smooth(pairs or [(t, y) for t, y, *_ in tracks])
+    try:
+        noise = estimate(stretches, frame, floor=max(least, np.finfo(float).tiny))
+    except ValueError:
+        raise InputError(
+            [
+                f"channel {c.name!r}: its noise is not stated and the readings are too few or too rough to learn it "
+                f"(a polynomial over {WINDOWS[0]} samples); give Channel({c.name!r}, noise=...)"
+            ]
+        ) from None
+    tails = kurtosis(stretches, noise)
+    reach = reach_of([t for t, *_ in tracks])
+    noise = replace(noise, kurtosis=tails, log_power=float(np.sqrt((tails - 1.0) / max(noise.n, 1))), reach=reach)
+    still = [Stretch(t, y, np.ones((t.size, 1)), np.ones(t.size)) for t, y in pairs]
+    noise = replace(noise, drift=max(learn(still, noise, reach) if from_pairs else 0.0, c.wander))
+    how = "repeats" if from_pairs else "smoothness"
+    if not from_pairs:
+        warnings.append(
+            f"the noise of {c.name} ({noise.s:.2g} {c.unit}) was learned from how smooth its readings are over "
+            f"{WINDOWS[0]} to {WINDOWS[-1]} samples: slower errors are not known; state it, or repeat a recording "
+            "(same `group`)"
+        )
+    return noise, {how: Source(noise.s, noise.log_sigma / 2, noise.n)}
+
+
+def _differences(tracks: Sequence[Track]) -> list[tuple[Array, Array]]:
+    """Differences of each recording and the next of its group, over root 2, where their times are the same."""
+    out = []
+    for k, (t, y, group, _) in enumerate(tracks):
+        like = next((x for x in tracks[k + 1 :] if x[2] == group and np.array_equal(x[0], t)), None)
+        if like is not None:
+            out.append((t, (y - like[1]) / np.sqrt(2.0)))
+    return out
+
+
+def _smooth(tracks: Sequence[tuple[Array, Array]]) -> list[Stretch]:
+    """Windows over which the course is a polynomial: as long as they may be, those with a kink left out."""
+    best: list[Stretch] = []
+    first = 0.0
+    for window in WINDOWS:
+        pieces = [x for t, y in tracks for x in _pieces(t, y, window)]
+        power = np.array([_power(x) for x in pieces])
+        if not power.size:
+            break
+        typical = float(np.median(power))
+        first = first or typical
+        if best and typical > MORE * first:
+            break
+        best = [x for x, p in zip(pieces, power) if p <= ROUGH * typical]
+    return best
+
+
+def _pieces(t: Array, y: Array, window: int) -> list[Stretch]:
+    parts = np.array_split(np.arange(t.size), max(1, round(t.size / window)))
+    return [Stretch(t[p], y[p], powers(t[p], DEGREE), np.ones(p.size)) for p in parts if p.size > DEGREE + 3]
+
+
+def _power(x: Stretch) -> float:
+    white, _ = whitened(x, 0.0, 1.0)
+    return float(white @ white) / (x.t.size - x.design.shape[1])
+
+
+def together(noises: Sequence[Noise], samples: Sequence[int]) -> Noise:
+    """What a test has to know of all channels' noise together, in units of each one's own."""
+    share = np.array(samples, float) / sum(samples)
+    doubt = [n.log_power**2 or (2.0 / n.n if n.n else 0.0) for n in noises]
+    return Noise(
+        1.0,
+        0.0,
+        1.0,
+        log_sigma=float(np.sqrt(np.sum(share**2 * np.square([n.log_sigma for n in noises])))),
+        n=sum(n.n for n in noises),
+        log_power=float(np.sqrt(np.sum(share**2 * doubt))),
+        kurtosis=float(np.sum(share * np.array([n.kurtosis for n in noises]))),
+    )

@@ -1,0 +1,338 @@
+"""What a user hands over to have a simulator questioned: recordings, and a study of the function that simulates them.
+
+    study = Study(simulate, [Parameter("length", 0.2, (0.1, 0.4), unit="m")], [Mechanism("drag", ...)])
+
+`simulate(parameters, recording)` gives the values of every channel at `recording.t`; `parameters` is a dict with every
+name of the study, those of absent mechanisms at the value at which they do nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import InputError
+from jumpvision.engine.laws.expression import Expression, LawError, parse
+from jumpvision.engine.system import Parameter as Free
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Simulate = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One measured motion: values of every channel at the times t (n,) [s], increasing.
+
+    values: (n,), (n, channels), or a dict or table by the names of the channels; NaN where a channel was not read.
+    inputs: anything the simulator needs (a logged force, a start), by name. labels: by which a misfit is told (kind of
+    motion, mass, ...). group: recordings of one condition made alike (default: its own); condition: what is held out
+    together (default: the group). sigma: stated noise of every reading, shaped as the values.
+    parts: (n,) name of the part of the motion of each sample.
+
+    Example: jv.Recording("swing 1", time_s, angle, inputs={"start": 0.3}, group="small")
+    """
+
+    name: str
+    t: Array
+    values: Any
+    inputs: Mapping[str, Any] = field(default_factory=dict)
+    labels: Mapping[str, Any] = field(default_factory=dict)
+    group: str = ""
+    condition: str = ""
+    sigma: Any = None
+    parts: Any = None
+
+    def __post_init__(self) -> None:
+        try:
+            object.__setattr__(self, "t", np.asarray(self.t, float))
+        except (TypeError, ValueError):
+            raise InputError([f"recording {self.name!r}: t must be numbers [s]"]) from None
+        if self.t.ndim != 1 or self.t.size < 4 or not np.all(np.diff(self.t) > 0):
+            raise InputError(
+                [f"recording {self.name!r}: t must be four or more increasing times [s], one axis, not {self.t.shape}"]
+            )
+        if self.parts is not None and np.shape(self.parts) != self.t.shape:
+            raise InputError([f"recording {self.name!r}: parts must name each of the {self.t.size} samples"])
+
+    @classmethod
+    def of_table(
+        cls, table: pd.DataFrame, channels: Sequence[str], *, by: str = "recording", time: str = "time_s", **more: Any
+    ) -> list[Self]:
+        """The recordings in a long table: a row a sample, the column `by` says of which recording. more: group=,
+        condition= name columns too; labels= and constants= (inputs) are lists of columns of which the first row counts,
+        inputs= of those that are given whole, (n,)."""
+        out = []
+        for name, rows in table.groupby(by, sort=False):
+            labels = {c: rows[c].iloc[0] for c in more.get("labels", ())}
+            inputs = {c: rows[c].to_numpy() for c in more.get("inputs", ())}
+            inputs |= {c: rows[c].iloc[0] for c in more.get("constants", ())}
+            like = {k: str(rows[c].iloc[0]) for k, c in more.items() if k in ("group", "condition")}
+            out.append(cls(str(name), rows[time].to_numpy(), rows[list(channels)].to_numpy(), inputs, labels, **like))
+        return out
+
+    def of_channels(self, values: Any, channels: Sequence[Channel], what: str = "values") -> Array:
+        """Values as (n, channels). Raises InputError where their shape is another."""
+        names = [c.name for c in channels]
+        if hasattr(values, "columns") or isinstance(values, Mapping):
+            if missing := [n for n in names if n not in values]:
+                raise InputError([f"recording {self.name!r}: {what} lack the channels {', '.join(missing)}"])
+            values = np.stack([np.asarray(values[n], float) for n in names], axis=-1)
+        array = np.asarray(values, float)
+        wanted = (self.t.size, len(names))
+        array = array[:, None] if array.ndim == 1 and len(names) == 1 else array
+        if array.shape != wanted:
+            raise InputError(
+                [
+                    f"recording {self.name!r}: {what} of shape {np.shape(values)}; expected {wanted}: a row for each "
+                    f"of the {self.t.size} times, a column for each channel ({', '.join(names)})"
+                ]
+            )
+        return array
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the simulator that may be re-fitted, or belongs to a mechanism.
+
+    start: first value. range: physically possible values; sigma: how well `start` is known (a Gaussian prior); one of
+    the two is needed. scale: a change that matters (default: sigma, or a tenth of the range). log: positive, changed by
+    factors. each: every recording has its own (a start angle): it is no property of the model, sigma says how far its
+    own start value may be off, and start may be a function of the recording.
+
+    Example: jv.Parameter("W", 50.0, range=(30, 90), unit="1/s^2")
+    """
+
+    name: str
+    start: float | Callable[[Recording], float] = 0.0
+    range: tuple[float, float] | None = None
+    sigma: float | None = None
+    unit: str = ""
+    words: str = ""
+    scale: float | None = None
+    log: bool = False
+    each: bool = False
+
+    def problems(self) -> list[str]:
+        """What is wrong with it."""
+        where, out = f"parameter {self.name!r}", []
+        if not self.name.isidentifier():
+            out.append(f"{where}: a name must be letters, digits and _, as it is a key and a column")
+        if self.each:
+            return (
+                out if self.sigma else [*out, f"{where}: each=True needs sigma, how far a recording's start may be off"]
+            )
+        if callable(self.start):
+            return [*out, f"{where}: start may be a function of the recording only with each=True"]
+        if self.range is None and not self.sigma:
+            out.append(f"{where}: give range=(low, high) or sigma; a number that is exact belongs in the simulator")
+        elif self.range is not None and not self.range[0] < self.range[1]:
+            out.append(f"{where}: range = {self.range}: low must be below high")
+        elif self.range is not None and not self.range[0] <= self.start <= self.range[1]:
+            out.append(f"{where}: start = {self.start:g} lies outside its range {self.range[0]:g} to {self.range[1]:g}")
+        if self.log and (self.range is None or self.range[1] <= 0):
+            out.append(f"{where}: log=True needs a range of positive numbers")
+        return out
+
+    def free(self) -> Free:
+        """As a fit takes it."""
+        assert not callable(self.start)
+        spread = self.sigma or math.inf
+        low, high = self.range or (self.start - 8 * spread, self.start + 8 * spread)
+        scale = self.scale or min(0.1 * (high - low), spread)
+        return Free(self.name, float(self.start), float(low), float(high), scale, spread, self.unit, self.log)
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A cause that may be missing from the simulator.
+
+    parameters: the first is its strength, absent at `null`; the others its shape. words: what is lacking, as in "it
+    lacks ...". shapes: sets of shape parameters at which its effect is tried first. function: another `simulate` that
+    takes the place of the study's (then there is no null; it may have no parameter at all). law: a force in one line
+    of its parameters and of the study's `symbols`, as in [mechanism.NAME] of a campaign, that `simulate` asks for.
+
+    Example: jv.Mechanism("dry", [jv.Parameter("dry", 0.0, (0, 3))], "dry friction in the bearing")
+    """
+
+    name: str
+    parameters: Sequence[Parameter] = ()
+    words: str = ""
+    null: float = 0.0
+    shapes: Sequence[Sequence[float]] = ((),)
+    function: Simulate | None = None
+    law: str = ""
+
+    @property
+    def lacks(self) -> str:
+        """What is missing, in words."""
+        return self.words or self.name.replace("_", " ")
+
+    def problems(self) -> list[str]:
+        """What is wrong with it."""
+        where = f"mechanism {self.name!r}"
+        out = [f"{where}: {p}" for x in self.parameters for p in x.problems()]
+        if self.function is None and not self.parameters:
+            out.append(f"{where}: needs a parameter (its strength, absent at null) or a function of its own")
+        elif self.function is not None and self.law:
+            out.append(f"{where}: give a law, or a function of its own, not both")
+        elif self.function is None and self.parameters and not out:
+            first = self.parameters[0].free()
+            if not first.low <= self.null <= first.high:
+                out.append(
+                    f"{where}: null = {self.null:g}, at which {first.name} does nothing, lies outside its range "
+                    f"{first.low:g} to {first.high:g}"
+                )
+        if any(len(s) not in (0, len(self.parameters) - 1) for s in self.shapes):
+            out.append(f"{where}: each of shapes gives the {len(self.parameters) - 1} parameters after the strength")
+        return out
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity, and the law of its instrument: reading = scale * value(t - delay) + zero + noise.
+
+    noise: standard deviation of a reading [unit]; None: learned from repeats (recordings of one `group`) or from how
+    smooth the readings are. correlation: of the noise from one sample to the next, where noise is given.
+    zero_sigma: how well the zero of a record is known (inf: not at all). scale_sigma, delay_sigma [s]: how well the
+    instrument's scale and clock are known, for all recordings alike. consider: "scale", "delay": may be the cause.
+    process: the simulation itself errs by a random walk, as small random forces make it over a long record: learned
+    from repeats, each less its own simulation (in place of `noise`).
+
+    Example: jv.Channel("angle", "rad", noise=1e-3)
+    """
+
+    name: str = "value"
+    unit: str = ""
+    noise: float | None = None
+    correlation: float = 0.0
+    wander: float = 0.0
+    zero_sigma: float = 0.0
+    scale_sigma: float = 0.0
+    delay_sigma: float = 0.0
+    consider: Sequence[str] = ()
+    process: bool = False
+
+    def problems(self) -> list[str]:
+        """What is wrong with it."""
+        where, out = f"channel {self.name!r}", []
+        if self.process and self.noise is not None:
+            out.append(f"{where}: process=True learns the noise; leave noise out")
+        if self.noise is not None and not self.noise > 0:
+            out.append(f"{where}: noise = {self.noise!r} must be > 0 [{self.unit or 'its unit'}], or None to learn it")
+        if not 0 <= self.correlation < 1:
+            out.append(f"{where}: correlation = {self.correlation!r} must be from 0 to below 1")
+        if wrong := [c for c in self.consider if c not in INSTRUMENT]:
+            out.append(f"{where}: consider = {wrong}: must be of {', '.join(INSTRUMENT)}")
+        return out
+
+    def name_of(self, law: str) -> str:
+        """The parameter of a law of the instrument."""
+        return f"{self.name}_{law}"
+
+
+INSTRUMENT = {"scale": (1.0, (0.5, 2.0), 0.02), "delay": (0.0, (-0.2, 0.2), 2e-3)}  # null, range, a change that matters
+DELAYS = 2.0  # samples: a change of the clock that matters
+
+
+@dataclass(frozen=True)
+class Study:
+    """A simulator in question.
+
+    simulate(parameters, recording) -> values (n,), (n, channels) or a dict by channel. parameters: what the baseline
+    may re-fit; mechanisms: what may be missing. batch: simulate takes lists, of parameters and of recordings, and gives
+    a list. step: of a derivative, as a share of a parameter's scale: larger where the simulator is rough. version:
+    change it when the simulator's numbers change, so that kept runs of the former one are not used.
+    symbols: the state by which laws are written, as ("x", "v"); simulate then takes a third argument, the force of all
+    laws that are present, which it calls as force(x=..., v=...).
+
+    Example: jv.Study(simulate, [jv.Parameter("W", 50.0, range=(30, 90))], [dry], [jv.Channel("angle", "rad")])
+    """
+
+    simulate: Simulate
+    parameters: Sequence[Parameter] = ()
+    mechanisms: Sequence[Mechanism] = ()
+    channels: Sequence[Channel] = (Channel(),)
+    name: str = ""
+    batch: bool = False
+    step: float = 1e-3
+    version: str = ""
+    symbols: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        problems = [] if callable(self.simulate) else [f"study: simulate = {self.simulate!r} is no function"]
+        given: list[Parameter | Mechanism | Channel] = [*self.parameters, *self.mechanisms, *self.channels]
+        problems += [t for x in given for t in x.problems()]
+        problems += ["study: channels is empty"] if not self.channels else []
+        problems += ["study: symbols: a batch takes no forces; leave batch out"] if self.symbols and self.batch else []
+        for m in self.mechanisms:
+            try:
+                self.law_of(m)
+            except LawError as e:
+                known = ", ".join(self.symbols) or "none: give Study(symbols=...)"
+                problems.append(f"mechanism {m.name!r}: law = {m.law!r}: {e} (symbols of the study: {known})")
+        shared = [*(p.name for p in self.parameters), *(c.name_of(n) for c in self.channels for n in INSTRUMENT)]
+        own = [p.name for m in self.mechanisms for p in m.parameters]
+        for what, names in (
+            ("parameters", shared),
+            ("mechanisms", [m.name for m in self.vocabulary]),
+            ("channels", [c.name for c in self.channels]),
+        ):
+            problems += [f"study: two {what} are called {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1]
+        problems += [f"study: {n!r} is a parameter of a mechanism and of the baseline" for n in set(own) & set(shared)]
+        if problems:
+            raise InputError(problems)
+
+    def law_of(self, m: Mechanism) -> Expression | None:
+        """The law of a mechanism; None where it has none. Raises LawError."""
+        names = [*self.symbols, *(p.name for p in m.parameters)]
+        return parse(m.law, dict(zip(names, names))) if m.law else None
+
+    def arguments(self, parameters: Mapping[str, float], recording: Recording) -> tuple[Any, ...]:
+        """What the simulator is called with."""
+        given = dict(parameters)
+        if not self.symbols:
+            return given, recording
+        laws = [(m, law) for m in self.mechanisms if (law := self.law_of(m)) is not None]
+        present = [law for m, law in laws if given[m.parameters[0].name] != m.null]
+
+        def force(**state: float) -> float:
+            known = {**given, **state}
+            return float(sum(law(np, **{n: known[n] for n in law.symbols}) for law in present))
+
+        return given, recording, force
+
+    @property
+    def functions(self) -> tuple[Simulate, ...]:
+        """The simulator, and those that take its place, in the order of the mechanisms."""
+        return (self.simulate, *(m.function for m in self.mechanisms if m.function is not None))
+
+    @property
+    def vocabulary(self) -> tuple[Mechanism, ...]:
+        """The mechanisms, and the laws of instruments that may be the cause."""
+        out = list(self.mechanisms)
+        for c in self.channels:
+            for law in c.consider:
+                null, limits, scale = INSTRUMENT[law]
+                unit = "s" if law == "delay" else "1"
+                p = Parameter(c.name_of(law), null, limits, unit=unit, scale=scale)
+                what = {"scale": f"another scale of the {c.name}", "delay": f"a delay of the {c.name}"}[law]
+                out.append(Mechanism(c.name_of(law), (p,), what, null=null))
+        return tuple(out)
+
+    def without_functions(self) -> Study:
+        """The same without its functions, for a process that must not import them."""
+        plain = [dataclasses.replace(m, function=None if m.function is None else _elsewhere) for m in self.mechanisms]
+        return dataclasses.replace(self, simulate=_elsewhere, mechanisms=tuple(plain))
+
+
+def _elsewhere(*_: object) -> ArrayLike:
+    raise RuntimeError("this simulator runs in another process")

@@ -1,0 +1,419 @@
+"""A study as a system that can be questioned: predictions from few runs, derivatives kept and mended between them.
+
+A derivative that was had by differences at one point serves at another where the linear prediction from there agrees
+with the run that was made here; Broyden's rank-one update (Math. Comp. 19, 577, 1965) takes up what is left.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy
+
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import InputError
+from jumpvision.engine.noise.whitening import Whitening, axes
+from jumpvision.engine.system import Block, Candidate, Observation, Parameter
+
+from .learn import Readings
+from .processes import Ask
+from .runs import Runs
+from .study import DELAYS, INSTRUMENT, Mechanism, Recording, Study
+
+SCOUTS = 2  # recordings over which first values are compared
+FAR = 3.0  # scales: a derivative from further off does not serve
+AGREES, DROWNED = 0.1, 0.5  # share of a change, and noise units, that a linear prediction may miss
+OLD = 6  # times that a derivative is handed on
+STARTS, NEAR = 4, 0.3  # rounds that fit what each recording has for itself; noise units of a change that is left
+LITTLE = 0.03  # of the misfit: a smaller change is taken as linear
+LEAP = 3.0  # sigmas that its values may move in a round
+DUMMY = "chosen_"  # an alternative function without parameters has one that does nothing
+
+
+@dataclass
+class _Point:
+    """A run of one recording: at x (by the names of `Studied`), values y (n, channels), derivatives, their age."""
+
+    x: Array
+    y: Array
+    columns: dict[int, Array] = field(default_factory=dict)
+    age: dict[int, int] = field(default_factory=dict)
+
+
+class Studied:
+    """System of a study and its recordings. readings: the noise of their channels.
+
+    Several channels are compared in units of their own noise, one channel in its own unit.
+    """
+
+    def __init__(self, study: Study, recordings: Sequence[Recording], readings: Readings, runs: Runs) -> None:
+        self.study, self.recordings, self.runs, self.readings = study, list(recordings), runs, readings
+        self.units = [c.s for c in readings.channels] if len(study.channels) > 1 else [1.0]
+        self.each = tuple(p for p in study.parameters if p.each)
+        frame = float(np.median(np.concatenate([np.diff(r.t) for r in recordings])))
+        self.baseline = tuple(p.free() for p in study.parameters if not p.each) + self._instruments()
+        self.mechanisms = {m.name: m for m in study.vocabulary}
+        self.candidates = {m.name: self._candidate(m, frame) for m in study.vocabulary}
+        self.rest = self._rest()  # of the simulator's parameters, mechanisms absent
+        self.names = [*self.rest, *(p.name for p in self.each)]
+        free = [*self.baseline, *(p for c in self.candidates.values() for p in c.parameters)]
+        self.tops = {p.name: p.high for p in free}
+        scales = {p.name: p.scale for p in free}
+        scales |= {p.name: float(p.scale or p.sigma or 1.0) for p in self.each}
+        self.scales = np.array([scales[n] for n in self.names])
+        self.masks = [np.isfinite(r.of_channels(r.values, study.channels)) for r in self.recordings]
+        self.observations = [self._observation(i) for i in range(len(self.recordings))]
+        self.white = [Whitening(readings.noise, o) for o in self.observations]
+        self.steady = [axes(w.wander) for w in self.white]
+        self.points: dict[tuple[int, int, bytes], _Point] = {}
+        self.donors: dict[tuple[int, int], list[_Point]] = {}  # points with derivatives
+        self.first = [np.array([_start(p.start, r) for p in self.each]) for r in self.recordings]
+        self.settled: dict[tuple[Any, ...], tuple[_Point, Array | float]] = {}
+        self.starts: dict[tuple[int, tuple[str, ...]], tuple[float, Array]] = {}  # the best so far: chi^2, values
+
+    @property
+    def scatter_sigma(self) -> dict[str, float]:
+        """How far what each recording has for itself may be from its first value."""
+        return {p.name: float(p.sigma or 0.0) for p in self.each}
+
+    def _instruments(self) -> tuple[Parameter, ...]:
+        """What is known of scales and clocks, as parameters with a prior."""
+        out = []
+        for c in self.study.channels:
+            for law, sigma in (("scale", c.scale_sigma), ("delay", c.delay_sigma)):
+                null = INSTRUMENT[law][0]
+                if sigma > 0:
+                    unit = "s" if law == "delay" else "1"
+                    out.append(Parameter(c.name_of(law), null, null - 8 * sigma, null + 8 * sigma, sigma, sigma, unit))
+        return tuple(out)
+
+    def _candidate(self, m: Mechanism, frame: float) -> Candidate:
+        free = [p.free() for p in m.parameters]
+        if any(m.name == c.name_of("delay") for c in self.study.channels):
+            span = 0.1 * float(np.median([r.t[-1] - r.t[0] for r in self.recordings]))
+            free = [dataclasses.replace(free[0], low=-span, high=span, scale=min(DELAYS * frame, span))]
+        if m.function is not None and not free:
+            free = [Parameter(DUMMY + m.name, 0.0, -1.0, 1.0, 1.0)]
+        shapes = tuple(tuple(float(x) for x in s) for s in m.shapes)
+        return Candidate(tuple(free), m.null, shapes, replaces="simulate" if m.function is not None else "")
+
+    def _rest(self) -> dict[str, float]:
+        """Every parameter that the simulator is given, mechanisms at what makes them absent."""
+        out = {p.name: float(p.start) for p in self.study.parameters if not p.each and not callable(p.start)}
+        for m in self.study.mechanisms:
+            for k, p in enumerate(m.parameters):
+                absent = k == 0 and m.function is None
+                out[p.name] = m.null if absent else p.free().start
+        return out
+
+    def _observation(self, i: int) -> Observation:
+        r, channels = self.recordings[i], self.study.channels
+        values, mask = r.of_channels(r.values, channels), self.masks[i]
+        sigma = None if r.sigma is None else r.of_channels(r.sigma, channels, "sigma")
+        t, y, spread, parts, blocks, at = [], [], [], [], [], 0
+        for k, (c, unit, noise) in enumerate(zip(channels, self.units, self.readings.channels)):
+            here = mask[:, k]
+            if (n := int(here.sum())) < 2:
+                continue
+            t.append(r.t[here])
+            y.append(values[here, k] / unit)
+            spread.append(np.ones(n) if sigma is None else sigma[here, k] / noise.s)
+            blocks.append(Block(slice(at, at + n), self.readings.scaled(k, unit), c.zero_sigma / unit))
+            at += n
+            part = np.asarray(thirds(r.t) if r.parts is None else r.parts).astype(str)[here]
+            parts.append(np.char.add(f"{c.name}, ", part) if len(channels) > 1 else part)
+        if not t:
+            raise InputError([f"recording {r.name!r}: no channel has two readings"])
+        group = r.group or r.name
+        labels = {"kind": "recordings", **r.labels}
+        return Observation(
+            r.name,
+            np.concatenate(t),
+            np.concatenate(y),
+            group,
+            r.condition or group,
+            labels,
+            np.concatenate(spread),
+            np.concatenate(parts),
+            tuple(blocks),
+        )
+
+    def asked(self, mechanisms: Sequence[str], values: Mapping[str, float]) -> tuple[int, Array] | None:
+        """(function, its parameters) of a model; None where two mechanisms take the place of one function."""
+        functions = [m.name for m in self.study.mechanisms if m.function is not None]
+        chosen = [m for m in mechanisms if m in functions]
+        if len(chosen) > 1:
+            return None
+        own = {p.name for p in self.baseline} | {p.name for m in mechanisms for p in self.candidates[m].parameters}
+        full = [values.get(n, self.rest[n]) if n in own else self.rest[n] for n in self.rest]
+        return (1 + functions.index(chosen[0]) if chosen else 0), np.array(full)
+
+    def predict(self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]) -> list[Array]:
+        """Readings of these recordings, from the starts that suit each best; NaN where a run is to be avoided."""
+        if (asked := self.asked(mechanisms, values)) is None:
+            return [np.full(self.observations[i].t.size, np.nan) for i in which]
+        found = self._found(asked, mechanisms, values, which)
+        return [self._turned(i, found[i][0].y, mechanisms, values) + found[i][1] for i in which]
+
+    def _found(
+        self, asked: tuple[int, Array], mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> dict[int, tuple[_Point, Array | float]]:
+        """The run of each recording from the start that suits it, and the small change of its readings that is left."""
+        function, x = asked
+        key = (function, mechanisms, tuple(sorted(values.items())))
+        known = {i: self.settled[i, *key] for i in which if (i, *key) in self.settled}
+        at = {i: self._point(i, function, x, mechanisms) for i in which if i not in known}
+        if self.each:
+            at = {i: self._foreseen(i, function, full, mechanisms, values) for i, full in at.items()}
+        found = dict(zip(at, self._run([(i, function, full) for i, full in at.items()])))
+        left = self._settle(found, function, mechanisms, values) if self.each and found else {}
+        new = {i: (p, left.get(i, 0.0)) for i, p in found.items()}
+        self.settled |= {(i, *key): p for i, p in new.items()}
+        return known | new
+
+    def _point(self, i: int, function: int, x: Array, mechanisms: tuple[str, ...]) -> Array:
+        _, own = self.starts.get((i, mechanisms)) or self.starts.get((i, ())) or (math.inf, self.first[i])
+        return np.concatenate([x, own])
+
+    def _foreseen(
+        self, i: int, function: int, x: Array, mechanisms: tuple[str, ...], values: Mapping[str, float]
+    ) -> Array:
+        """x with what the recording has for itself as it will fit best, linearly from a point nearby."""
+        own = list(range(len(self.rest), len(self.names)))
+        donor = self._donor(i, function, x, own)
+        if donor is None:
+            return x
+        first, sigma = len(self.rest), np.array(list(self.scatter_sigma.values()))
+        shift = x - donor.x
+        there = donor.y + sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift).tolist())
+        step = self._best_step(i, x, there, [donor.columns[k] for k in own], mechanisms, values)[0]
+        return np.concatenate([x[:first], x[first:] + sigma * step])
+
+    def _best_step(
+        self,
+        i: int,
+        x: Array,
+        y: Array,
+        columns: Sequence[Array],
+        mechanisms: tuple[str, ...],
+        values: Mapping[str, float],
+    ) -> tuple[Array, Array, Array, Array]:
+        """(step of what the recording has for itself [sigma], whitened residual, whitened columns, columns)."""
+        first, sigma = len(self.rest), np.array(list(self.scatter_sigma.values()))
+        r = self._whitened(i, self.observations[i].y - self._turned(i, y, mechanisms, values))
+        small = np.stack([self._turned(i, c, mechanisms, values) for c in columns], axis=1) * sigma
+        j = self._whitened(i, small)
+        off = (x[first:] - self.first[i]) / sigma
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(j))):
+            return np.zeros(sigma.size), r, j, small
+        rows, wanted = np.vstack([j, np.eye(sigma.size)]), np.concatenate([r, -off])
+        return np.clip(np.linalg.lstsq(rows, wanted, rcond=None)[0], -LEAP, LEAP), r, j, small
+
+    def _settle(
+        self, found: dict[int, _Point], function: int, mechanisms: tuple[str, ...], values: Mapping[str, float]
+    ) -> dict[int, Array]:
+        """Move what each recording has for itself to where it fits best, by Gauss-Newton; the change of the readings
+        (n,) that is left to it, which is small and linear."""
+        first, sigma = len(self.rest), np.array(list(self.scatter_sigma.values()))
+        open_, left = set(found), {}
+        for _ in range(STARTS):
+            places = list(range(first, len(self.names)))
+            columns = self._columns(found, function, sorted(open_), places)
+            moved = {}
+            for i in sorted(open_):
+                p = found[i]
+                if not np.all(np.isfinite(p.y)):
+                    continue
+                step, r, j, small = self._best_step(i, p.x, p.y, columns[i], mechanisms, values)
+                if float(np.linalg.norm(j @ step)) > max(NEAR, LITTLE * float(np.linalg.norm(r))):
+                    moved[i] = np.concatenate([p.x[:first], p.x[first:] + sigma * step])
+                left[i] = small @ step
+            open_ = set(moved)
+            if not open_:
+                break
+            again = self._run([(i, function, x) for i, x in moved.items()])
+            for i, p in zip(list(moved), again):
+                if self._misfit(i, p, mechanisms, values) < self._misfit(i, found[i], mechanisms, values):
+                    found[i] = p
+                else:  # no way on: it stays where it is
+                    open_.discard(i)
+                    left.pop(i)
+        for i in open_:
+            left.pop(i)  # not known at the last point
+        for i, p in found.items():
+            if (chi2 := self._misfit(i, p, mechanisms, values)) < self.starts.get((i, mechanisms), (math.inf,))[0]:
+                self.starts[i, mechanisms] = chi2, p.x[first:]
+        return left
+
+    def _misfit(self, i: int, p: _Point, mechanisms: tuple[str, ...], values: Mapping[str, float]) -> float:
+        """chi^2 of a recording and of how far its own parameters are off; inf where a run failed."""
+        if not np.all(np.isfinite(p.y)):
+            return math.inf
+        r = self._whitened(i, self.observations[i].y - self._turned(i, p.y, mechanisms, values))
+        off = (p.x[len(self.rest) :] - self.first[i]) / np.array(list(self.scatter_sigma.values()))
+        return float(r @ r + off @ off)
+
+    def scatter(
+        self, mechanisms: tuple[str, ...], values: Mapping[str, float], which: Sequence[int]
+    ) -> dict[str, list[Array]]:
+        """d(reading)/d(what each recording has for itself)."""
+        if not self.each or (asked := self.asked(mechanisms, values)) is None:
+            return {}
+        found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which).items()}
+        places = list(range(len(self.rest), len(self.names)))
+        columns = self._columns(found, asked[0], list(which), places)
+        return {
+            p.name: [self._turned(i, columns[i][k], mechanisms, values) for i in which] for k, p in enumerate(self.each)
+        }
+
+    def derivatives(
+        self, mechanisms: tuple[str, ...], free: Sequence[Parameter], values: Mapping[str, float], which: Sequence[int]
+    ) -> list[Array]:
+        """d(reading)/d(parameter) (n, k); laws of the instruments need no run."""
+        asked = self.asked(mechanisms, values)
+        assert asked is not None
+        found = {i: p for i, (p, _) in self._found(asked, mechanisms, values, which).items()}
+        inside = [p.name for p in free if p.name in self.rest]
+        columns = self._columns(found, asked[0], list(which), [self.names.index(n) for n in inside])
+        out = []
+        for i in which:
+            here = dict(zip(inside, columns[i]))
+            turned = [
+                self._turned(i, here[p.name], mechanisms, values)
+                if p.name in here
+                else self._instrument(i, found[i].y, p, mechanisms, values)
+                for p in free
+            ]
+            out.append(np.nan_to_num(np.stack(turned, axis=1)))
+        return out
+
+    def scouts(self, which: Sequence[int]) -> Sequence[int]:
+        """The first, and those evenly after it."""
+        return [which[k] for k in np.unique(np.linspace(0, len(which) - 1, SCOUTS).round().astype(int))]
+
+    def _run(self, wanted: Sequence[tuple[int, int, Array]]) -> list[_Point]:
+        """The runs (recording, function, x) as points of the memory."""
+        keys = [(i, function, x.tobytes()) for i, function, x in wanted]
+        new = {k: w for k, w in zip(keys, wanted) if k not in self.points}
+        asked = [Ask(f, i, dict(zip(self.names, x.tolist()))) for i, f, x in new.values()]
+        for (key, (_, _, x)), y in zip(new.items(), self.runs.many(asked)):
+            self.points[key] = _Point(x, y)
+        return [self.points[k] for k in keys]
+
+    def _columns(
+        self, found: Mapping[int, _Point], function: int, which: Sequence[int], places: Sequence[int]
+    ) -> dict[int, list[Array]]:
+        """d(values)/d(x[place]) (n, channels) at the points found: remembered, handed on, or by differences."""
+        wanted, steps = [], []
+        for i in which:
+            here = found[i]
+            missing = [k for k in places if k not in here.columns]
+            if not np.all(np.isfinite(here.y)):
+                here.columns.update({k: np.zeros_like(here.y) for k in missing})
+                missing = []
+            if missing:
+                missing = self._handed_on(i, function, here, missing)
+            for k in missing:
+                x = here.x.copy()
+                x[k] += self._step(k, x[k])
+                wanted.append((i, function, x))
+                steps.append((here, k, x[k] - here.x[k]))
+        for (here, k, step), there in zip(steps, self._run(wanted)):
+            here.columns[k], here.age[k] = (there.y - here.y) / step, 0
+        for i in which:
+            if (near := self.donors.setdefault((i, function), [])) and near[-1] is found[i]:
+                continue
+            near.append(found[i])
+        return {i: [found[i].columns[k] for k in places] for i in which}
+
+    def _step(self, k: int, value: float) -> float:
+        """Step of a difference, away from the upper end of the range."""
+        h = self.study.step * float(self.scales[k])
+        high = self.tops.get(self.names[k], math.inf)
+        return -h if value + h > high else h
+
+    def _handed_on(self, i: int, function: int, here: _Point, missing: list[int]) -> list[int]:
+        """Take derivatives over from the nearest point that foretells this one; those that no point can give."""
+        if (donor := self._donor(i, function, here.x, missing, here)) is None:
+            return missing
+        shift = here.x - donor.x
+        change = here.y - donor.y
+        left = change - sum(donor.columns[k] * shift[k] for k in np.flatnonzero(shift).tolist())
+        size, all_of_it = self._size(i, left), self._size(i, change)
+        if not size <= max(AGREES * all_of_it, DROWNED):
+            return missing
+        scaled = shift / self.scales
+        for k in missing:
+            update = left * (scaled[k] / self.scales[k] / float(scaled @ scaled))
+            here.columns[k], here.age[k] = donor.columns[k] + update, donor.age[k] + 1
+        return []
+
+    def _donor(
+        self, i: int, function: int, x: Array, wanted: Sequence[int], but: _Point | None = None
+    ) -> _Point | None:
+        """The nearest point that has the derivatives wanted, and those along the way to x."""
+        best: tuple[float, _Point] | None = None
+        for p in self.donors.get((i, function), ()):
+            away = np.abs(x - p.x) / self.scales
+            if p is but or away.max() > FAR or any(k not in p.columns for k in np.flatnonzero(away)):
+                continue
+            if all(p.age.get(k, OLD) < OLD for k in wanted) and (best is None or away.max() < best[0]):
+                best = (float(away.max()), p)
+        return None if best is None else best[1]
+
+    def _size(self, i: int, y: Array) -> float:
+        """Length of a change of the values (n, channels) in noise units."""
+        return float(np.linalg.norm(self._whitened(i, self._flat(i, y))))
+
+    def _whitened(self, i: int, r: Array) -> Array:
+        """Columns of an observation (n,) or (n, k) as independent numbers of unit variance."""
+        return self.white[i].whitened(r, self.steady[i])
+
+    def _flat(self, i: int, y: Array) -> Array:
+        """Values (n, channels) as the readings of an observation, one channel after the other."""
+        mask = self.masks[i]
+        each = [y[mask[:, k], k] / u for k, u in enumerate(self.units) if mask[:, k].sum() >= 2]
+        return np.concatenate(each)
+
+    def _turned(self, i: int, y: Array, mechanisms: Sequence[str], values: Mapping[str, float]) -> Array:
+        """Values (n, channels), or a change of them, as the instruments show them."""
+        own = {p.name for p in self.baseline} | {p.name for m in mechanisms for p in self.candidates[m].parameters}
+        shown = y
+        for k, c in enumerate(self.study.channels):
+            law = {n: values.get(c.name_of(n), v[0]) if c.name_of(n) in own else v[0] for n, v in INSTRUMENT.items()}
+            if law["delay"] or law["scale"] != 1.0:
+                shown = shown.copy() if shown is y else shown
+                shown[:, k] = law["scale"] * later(self.recordings[i].t, y[:, k], law["delay"])
+        return self._flat(i, shown)
+
+    def _instrument(
+        self, i: int, y: Array, p: Parameter, mechanisms: Sequence[str], values: Mapping[str, float]
+    ) -> Array:
+        """d(reading)/d(a parameter that the simulator does not have)."""
+        h = self.study.step * p.scale
+        at = values.get(p.name, p.start)
+        ends = [self._turned(i, y, mechanisms, {**values, p.name: at + s * h}) for s in (1.0, -1.0)]
+        return (ends[0] - ends[1]) / (2.0 * h)
+
+
+def _start(start: object, recording: Recording) -> float:
+    return float(start(recording)) if callable(start) else float(start)  # type: ignore[arg-type]
+
+
+def later(t: Array, y: Array, delay: float) -> Array:
+    """y (n,) a delay [s] later, by a cubic spline; beyond the record as it was at its end."""
+    if delay == 0.0 or not np.all(np.isfinite(y)):
+        return y
+    return np.asarray(scipy.interpolate.CubicSpline(t, y)(np.clip(t - delay, t[0], t[-1])))
+
+
+def thirds(t: Array) -> Array:
+    """The names of the thirds of a record, for where a misfit is."""
+    names = np.array(["first third", "second third", "last third"])
+    place = np.minimum((3 * (t - t[0]) / (t[-1] - t[0])).astype(int), 2)
+    return np.asarray(names[place])

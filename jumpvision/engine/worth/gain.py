@@ -1,0 +1,193 @@
+"""What the extended model gains on conditions held out in turn."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy
+
+from jumpvision.base.arrays import Array
+from jumpvision.engine.detect import detect, directions
+from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.search import Search
+
+FOLDS = 4
+REFIT = 6  # iterations, from the full fit
+FEW_GROUPS = 3  # groups below which an interval is not stated
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Root mean squares of measured minus predicted on held-out motions, by the baseline and by the extended model.
+
+    ratio: of the track's, before / after; ratio_ci95: by leaving out groups of trials in turn. held_out: names of the
+    motions. selection: sets of mechanisms with how often each was chosen over the folds; () where none was chosen anew.
+    """
+
+    held_out: tuple[str, ...]
+    height_before: float
+    height_after: float
+    track_before: float
+    track_after: float
+    ratio: float
+    ratio_ci95: tuple[float, float]
+    selection: tuple[tuple[tuple[str, ...], int], ...] = ()
+
+    @property
+    def claimed(self) -> bool:
+        """The interval excludes no gain."""
+        return self.ratio_ci95[0] > 1.0
+
+
+def apex(t: Array, y: Array, after: float, half: int = 5) -> float:
+    """Greatest height after a time [unit of y]: the vertex of a parabola through the samples about the largest."""
+    late = np.flatnonzero(t >= after)
+    if late.size < 3:
+        return math.nan
+    top = late[int(np.argmax(y[late]))]
+    near = slice(max(top - half, late[0]), min(top + half + 1, y.size))
+    if t[near].size < 4:
+        return float(y[top])
+    a, b, c = np.polyfit(t[near] - t[top], y[near], 2)
+    at = -b / (2 * a) if a < 0 else 0.0
+    return float(c + b * at + a * at * at) if abs(at) <= (t[near][-1] - t[near][0]) else float(y[top])
+
+
+Begin = Callable[[Problem, np.random.Generator], Fit]  # the baseline, from its own values
+Choose = Callable[[Problem, Fit, np.random.Generator], Fit]
+
+
+def gain(
+    problem: Problem,
+    begin: Begin,
+    stops: Sequence[float],
+    rng: np.random.Generator,
+    order: Sequence[str] = (),
+    choose: Choose | None = None,
+) -> Gain | None:
+    """Gain over all conditions, a block of them held out at a time; None when there is but one condition.
+
+    Without the held-out ones everything is done anew: the baseline fitted from its own values, mechanisms searched for
+    (one route), the likeliest set taken. stops: (observations,) time after which an apex counts [s]. order: labels by
+    which conditions are neighbours; neighbours are held out together. choose: in place of the search.
+    """
+    observations = problem.system.observations
+    place = {o.condition: [_place(o.labels.get(n)) for n in order] for o in observations}
+    conditions = sorted(place, key=lambda c: place[c])
+    if len(conditions) < 2:
+        return None
+    folds = [list(f) for f in np.array_split(np.array(conditions, dtype=object), min(FOLDS, len(conditions)))]
+
+    def without(fold: list[str], rng: np.random.Generator) -> tuple[tuple[str, ...], dict[int, Row]] | None:
+        held = [i for i, o in enumerate(observations) if o.condition in fold]
+        part = problem.over([i for i in problem.all if i not in held])
+        try:
+            base = begin(part, rng)
+        except ValueError:
+            return None
+        best = (choose or searched)(part, base, rng)
+        return best.mechanisms, _errors(problem, base, best, held, stops)
+
+    found = problem.each(partial(without, fold, own) for fold, own in zip(folds, rng.spawn(len(folds))))
+    if None in found:
+        return None
+    rows: dict[int, Row] = {}
+    chosen: Counter[tuple[str, ...]] = Counter()
+    for mechanisms, errors in filter(None, found):
+        chosen[mechanisms] += 1
+        rows |= errors
+    return _summed(problem, rows, tuple(chosen.most_common()))
+
+
+def searched(problem: Problem, base: Fit, rng: np.random.Generator) -> Fit:
+    """The set of mechanisms that one route of the search ends with."""
+    search = Search(problem, base, detect(problem, base, directions(problem, base), rng), rng, quick=True)
+    search.run()
+    return search.fits[next(iter(search.passing()), max(search.fits, key=search.log_probability))]
+
+
+def _place(label: Any) -> tuple[float, str]:
+    """Order of labels: numbers by their size, before texts."""
+    return (float(label), "") if isinstance(label, int | float) else (math.inf, str(label))
+
+
+def extrapolation(problem: Problem, before: Fit, after: Fit, label: str, stops: Sequence[float]) -> dict[str, Gain]:
+    """The gain on each value of a label (a kind of jump, a volume fraction) when none of it was fitted."""
+    observations = problem.system.observations
+    values = list(dict.fromkeys(str(o.labels.get(label)) for o in observations))
+    if len(values) < 2:
+        return {}
+    out = {}
+    for value in values:
+        held = [i for i, o in enumerate(observations) if str(o.labels.get(label)) == value]
+        if (found := _score(problem, before, after, [held], stops)) is not None:
+            out[value] = found
+    return out
+
+
+def _score(
+    problem: Problem,
+    before: Fit,
+    after: Fit,
+    folds: Sequence[Sequence[int]],
+    stops: Sequence[float],
+) -> Gain | None:
+    rows: dict[int, Row] = {}
+    for held in folds:
+        rest = [i for i in problem.all if i not in set(held)]
+        fits = [f for g in (before, after) if (f := problem.fit(g.mechanisms, g.named, rest, iterations=REFIT))]
+        if len(fits) < 2:
+            return None
+        rows |= _errors(problem, fits[0], fits[1], held, stops)
+    return _summed(problem, rows, ())
+
+
+Row = tuple[float, float, int, float, float]  # of an observation: sums of squares of both models, samples, apexes
+
+
+def _errors(problem: Problem, before: Fit, after: Fit, held: Sequence[int], stops: Sequence[float]) -> dict[int, Row]:
+    """Squared errors of the motions held out, by either model."""
+    predicted = [problem.system.predict(f.mechanisms, f.named, held) for f in (before, after)]
+    rows: dict[int, Row] = {}
+    for k, i in enumerate(held):
+        o = problem.system.observations[i]
+        r = [o.y - p[k] for p in predicted]
+        tops = [apex(o.t, p[k], stops[i]) - apex(o.t, o.y, stops[i]) for p in predicted]
+        rows[i] = (float(r[0] @ r[0]), float(r[1] @ r[1]), o.t.size, tops[0] ** 2, tops[1] ** 2)
+    return rows
+
+
+def _summed(problem: Problem, rows: Mapping[int, Row], selection: tuple[tuple[tuple[str, ...], int], ...]) -> Gain:
+    observations = problem.system.observations
+    groups: dict[str, list[int]] = {}
+    for i in rows:
+        groups.setdefault(observations[i].group, []).append(i)
+    sums = np.array([np.sum([rows[i][:2] for i in g], axis=0) for g in groups.values()])
+    table = np.array(list(rows.values()))
+    n = table[:, 2].sum()
+    track = [math.sqrt(table[:, k].sum() / n) for k in (0, 1)]
+    height = [float(np.sqrt(np.nanmean(table[:, k]))) for k in (3, 4)]
+    names = tuple(observations[i].name for i in sorted(rows))
+    ratio = track[0] / track[1]
+    return Gain(names, height[0], height[1], track[0], track[1], ratio, ratio_interval(sums), selection)
+
+
+def ratio_interval(sums: Array, level: float = 0.95) -> tuple[float, float]:
+    """Interval of sqrt(sum of column 0 / sum of column 1) over groups (n, 2): its logarithm by the jackknife, with
+    Student's t of n - 1 degrees of freedom; (0, inf) for fewer than FEW_GROUPS."""
+    n = len(sums)
+    if n < FEW_GROUPS:
+        return 0.0, math.inf
+    total = sums.sum(axis=0)
+    whole = 0.5 * math.log(total[0] / total[1])
+    rest = total - sums
+    each = 0.5 * np.log(rest[:, 0] / rest[:, 1])
+    pseudo = n * whole - (n - 1) * each
+    half = float(scipy.stats.t.ppf(0.5 + 0.5 * level, n - 1)) * float(np.std(pseudo, ddof=1)) / math.sqrt(n)
+    return math.exp(whole - half), math.exp(whole + half)

@@ -1,0 +1,1 @@
+"""A folder of recordings becomes numbers: inputs, stages with a cache, campaigns, result files."""

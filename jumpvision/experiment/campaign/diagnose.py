@@ -1,0 +1,280 @@
+"""`jumpvision diagnose`: the jumps of a campaign questioned, with the files that say what came out."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jumpvision import __version__
+from jumpvision.base.schema import InputError
+from jumpvision.base.storage import ChangedFile, copy_aside
+from jumpvision.base.threads import at_most
+from jumpvision.engine.diagnose import Findings, explain, foretell, look
+from jumpvision.engine.fitting import Problem
+from jumpvision.engine.priors import Measured
+from jumpvision.engine.unexplained import unexplained
+from jumpvision.experiment import files
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
+from jumpvision.experiment.inputs.model import Considered
+from jumpvision.experiment.inputs.sections import Actuation
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.experiment.results.findings import Unexplained, WithoutFilms
+from jumpvision.experiment.workflow import entries
+from jumpvision.experiment.workflow.run import Outcome
+from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.jumper.mechanisms.record import Mechanism
+from jumpvision.jumper.question.forms import Shaped
+from jumpvision.jumper.question.jumper import Jumper, content
+from jumpvision.jumper.question.jumps import Jump
+from jumpvision.jumper.question.learning import Learned, learn_noise
+
+from .discovered import Laws, law_gain
+from .document import document, model_files, unexplained_of, values
+from .explore.offers import Way, offer, usual
+from .films import Film, confirmation, energies, films, jumps_alone
+from .findings import told
+from .jumps import load_jumps, measurements, questioned, spec_of
+
+SEED = 1  # of the simulated noise: the same data give the same answer
+VERSION = 13  # of the method: another one asks again
+STAGE = "diagnose"
+
+Say = Callable[[str], None]
+Draw = Callable[[Findings, Jumper, Diagnosis], bytes]
+
+
+class Question(NamedTuple):
+    """What a campaign is asked: its jumps, what may be re-fitted, and what films and tests measure beside them.
+
+    ranges, priors: of parameters by name (low and high; sigma). phi: volume fraction of the bed, or None.
+    """
+
+    experiments: list[Experiment]
+    jumps: list[Jump]
+    ranges: Mapping[str, tuple[float, float]]
+    priors: Mapping[str, float]
+    films: list[Film]
+    measured: list[Measured]
+    own: tuple[Mechanism, ...]
+
+    def digest(self) -> str:
+        """Of everything that the diagnosis depends on."""
+        own = [(m.name, m.acts_on, m.written, m.rate, m.parameters) for m in self.own]
+        measured = [(m.names, m.source, m.values.tobytes(), m.covariance.tobytes()) for m in self.measured]
+        beside = [repr(x) for x in (self.films, measured, own)]
+        digest = hashlib.sha256(f"{VERSION} {__version__} {self.ranges} {self.priors} {beside}".encode())
+        for j in self.jumps:
+            said = (j.name, j.model, j.stop, j.group, j.condition, j.law, sorted(j.labels.items()))
+            arrays = (j.t, j.y, j.sigma, j.shared.lens)
+            digest.update(repr(said).encode() + b"".join(b"-" if a is None else a.tobytes() for a in arrays))
+            digest.update(content(j.forcing) + repr(replace(j.shared, lens=None)).encode())
+        return digest.hexdigest()
+
+
+def question(
+    campaign: Campaign,
+    outcomes: Mapping[str, Outcome],
+    results: Path,
+    cache: Path,
+    *,
+    workers: int,
+    draw: Draw,
+    pictured: bool = True,
+    say: Say,
+    fresh: bool = False,
+    begun: Begun | None = None,
+) -> tuple[Diagnosis, list[Path]]:
+    """(the diagnosis, the files written into `results`); from the cache when nothing has changed.
+
+    begun: by `begin`, before all was known. pictured: its picture is among them; it is drawn and kept in any case, for
+    whoever asks the same again with it. fresh: not where other versions of the packages made it. Raises InputError when
+    there is too little to question.
+    """
+    asked = asked_of(campaign, outcomes, say)
+    digest = asked.digest()
+    for attempt in range(entries.ATTEMPTS):
+        held = _kept(cache, digest, fresh=fresh)
+        if held is None:
+            with at_most(workers):
+                if begun is None or not begun.holds(asked):
+                    begun = _begun(asked, campaign.path, workers, say)
+                answer, begun = _answer(asked, begun, draw, say), None
+            held = _keep(cache, digest, answer, fresh=fresh), answer.data
+        receipt, data = held
+        names = [n for n in receipt["outputs"] if pictured or n != files.PICTURE]
+        try:
+            for n in names:
+                copy_aside(entries.place(cache, STAGE, receipt["key"]) / n, results / n, receipt["outputs"][n])
+            break
+        except (FileNotFoundError, ChangedFile):  # pruned, or mended by another run, in between
+            if attempt == entries.ATTEMPTS - 1:
+                raise
+    for warning in data.noise.warnings:
+        say(f"warning: {warning}")
+    return data, [results / n for n in names]
+
+
+def _kept(cache: Path, asked: str, *, fresh: bool) -> tuple[entries.Receipt, Diagnosis] | None:
+    """The answer of an earlier run, where it is whole."""
+    key = _key(asked)
+    try:
+        with entries.opened(cache, STAGE, key) as receipt:
+            found = receipt, Diagnosis.load(entries.place(cache, STAGE, key))
+        return None if fresh and receipt["versions"] != entries.versions() else found
+    except FileNotFoundError:
+        return None
+    except entries.CorruptEntry as e:
+        warnings.warn(f"{e}; asked again", StageWarning, stacklevel=3)
+        return None
+
+
+def _key(asked: str) -> str:
+    return hashlib.sha256(asked.encode()).hexdigest()
+
+
+def asked_of(campaign: Campaign, outcomes: Mapping[str, Outcome], say: Say) -> Question:
+    """What the campaign's results let one ask. Raises InputError when that is too little."""
+    experiments = questioned(campaign)
+    if not experiments:
+        raise InputError(
+            [
+                f"{campaign.path}: no experiment with [robot], a motor ([actuation] or [motor_log]), a track "
+                "([rod_video] or [rod_track]) and, on granular ground, a [model]: nothing to diagnose"
+            ]
+        )
+    jumps, left_out = load_jumps(experiments, outcomes)
+    for why in left_out:
+        say(f"left out: {why}")
+    robot = experiments[0].sections["robot"]
+    priors = {n: s for n, s in asdict(robot.sigma).items() if s}
+    ranges: dict[str, tuple[float, float]] = {}
+    for spec in {e.ground: spec_of(e) for e in reversed(experiments)}.values():  # one on each ground
+        priors = {**spec.sigma, **priors}
+        ranges |= {n: (low, high) for n, (low, high) in spec.fit.items()}
+    phi = next((j.model.volume_fraction for j in jumps if j.model.volume_fraction is not None), None)
+    beside = measurements(campaign.experiments, outcomes, robot, phi)
+    section = experiments[0].section(Considered)
+    own = tuple(m for m in section.mechanisms if m.name not in spec.terms) if section else ()
+    return Question(experiments, jumps, ranges, priors, films(outcomes), beside, own)
+
+
+class Answer(NamedTuple):
+    """What the files of a diagnosis hold. models: model.toml, and another on another ground; picture: a PNG."""
+
+    data: Diagnosis
+    models: Mapping[str, str]
+    picture: bytes
+
+
+def _keep(cache: Path, asked: str, answer: Answer, *, fresh: bool) -> entries.Receipt:
+    """Keep the files in the cache."""
+
+    def fill(folder: Path) -> None:
+        (folder / Diagnosis.file).write_text(answer.data.text, encoding="utf-8", newline="\n")
+        for name, text in answer.models.items():
+            (folder / name).write_text(text, encoding="utf-8", newline="\n")
+        (folder / files.PICTURE).write_bytes(answer.picture)
+
+    return entries.keep(
+        cache,
+        STAGE,
+        _key(asked),
+        fill,
+        version=VERSION,
+        warnings=[],
+        not_applicable=[],
+        good=lambda: _kept(cache, asked, fresh=fresh) is not None,
+    )
+
+
+class Begun(NamedTuple):
+    """What needs no grain film: the noise, and the first look at the baseline. asked: the question as it was known;
+    rng: as far as it has been drawn from."""
+
+    asked: Question
+    learned: Learned
+    found: Findings
+    rng: np.random.Generator
+
+    def holds(self, asked: Question) -> bool:
+        """Whether nothing has become known since that tells of the jumps or of the baseline's parameters."""
+        free = {p.name for p in self.learned.system.baseline}
+        now, then = ([m for m in a.measured if free & set(m.names)] for a in (asked, self.asked))
+        jumps = [a._replace(films=[], measured=m).digest() for a, m in ((asked, now), (self.asked, then))]
+        return jumps[0] == jumps[1]
+
+
+BY = ("kind",)
+
+
+def begin(campaign: Campaign, outcomes: Mapping[str, Outcome], *, workers: int, say: Say) -> Begun:
+    """The first look at a campaign whose grain films are still being matched. Raises InputError as `question` does."""
+    with at_most(workers):
+        return _begun(asked_of(campaign, outcomes, lambda _: None), campaign.path, workers, say)
+
+
+def _begun(asked: Question, path: Path, workers: int, say: Say) -> Begun:
+    try:
+        learned = learn_noise(Jumper(asked.jumps, asked.ranges, asked.priors, workers, asked.own))
+    except ValueError as e:
+        raise InputError([f"{path}: {e}"]) from None
+    rng = np.random.default_rng(SEED)
+    problem = Problem(learned.system, learned.noise, learned.scatter, asked.measured)
+    return Begun(asked, learned, look(problem, rng, by=BY, say=say), rng)
+
+
+def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
+    learned, rng = begun.learned, begun.rng
+    system = learned.system
+    problem = Problem(system, learned.noise, learned.scatter, asked.measured)
+    laws = Laws(problem, system, say)
+    found = explain(problem, begun.found, rng, say=say, enough=laws.alone)
+    law = laws.law(found)
+    left = None if law else leftover(found, problem, system, say)
+    if not found.adequate:
+        say(document(found, learned, left, law=law).sentence)
+    driven = [a for e in asked.experiments if (a := e.section(Actuation)) is not None and a.moves]
+    found = foretell(
+        problem,
+        found,
+        rng,
+        by=BY,
+        stops=[j.stop for j in asked.jumps],
+        offered=lambda: offer(
+            problem, system, [Way(law) for law in usual(driven)], asked.ranges, asked.priors, asked.own
+        ),
+        say=say,
+        gained=partial(law_gain, law, problem) if law else None,
+    )
+    alone = jumps_alone(told(found), problem)
+    rows = confirmation(alone, system, asked.films, asked.measured)
+    apart = asked.measured and any(r.contradicts for r in rows)
+    data = document(
+        found,
+        learned,
+        left,
+        energy=energies(found, system),
+        confirmation=rows,
+        without_films=WithoutFilms(values(alone, system), alone.chi2) if apart else None,
+        law=law,
+    )
+    known = law.system if law else system
+    models = model_files(law.fit if law else told(found), known, data.sentence + " Made by jumpvision diagnose.")
+    return Answer(data, models, draw(found, system, data))
+
+
+def leftover(d: Findings, problem: Problem, system: Jumper, say: Say) -> Unexplained | None:
+    """Generic forces that describe what no mechanism explains; None where one does, or where no cause is likeliest."""
+    if d.naming is None or d.naming.status == "complete" or d.naming.by_chance:
+        return None
+    say("no mechanism explains all of it: describing what is left by generic forces")
+    return unexplained_of(
+        unexplained(problem, [d.baseline, d.naming.best.fit], Shaped(system), np.random.default_rng(SEED))
+    )

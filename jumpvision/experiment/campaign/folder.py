@@ -1,0 +1,301 @@
+"""One way to run a folder, for command line, notebook and pipeline: its experiments, then what only many show."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import functools
+import hashlib
+import io
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from jumpvision.base.schema import FileSection, InputError
+from jumpvision.base.storage import write_aside
+from jumpvision.experiment import files
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
+from jumpvision.experiment.inputs.model import ModelSpec
+from jumpvision.experiment.inputs.sections import GrainVideo, MotorLog
+from jumpvision.experiment.results import plain
+from jumpvision.experiment.results.values import CraterShape, Intrusion
+from jumpvision.experiment.workflow.many import draw as draw_experiments
+from jumpvision.experiment.workflow.many import drawn_beside, run_campaign
+from jumpvision.experiment.workflow.provenance import digest_of_results, settle_tables
+from jumpvision.experiment.workflow.run import Outcome, Plan, run_single
+
+if TYPE_CHECKING:
+    from jumpvision.experiment.results.diagnosis import Diagnosis
+
+    from .diagnose import Begun, Draw
+
+DIAGNOSED = ("rod", "bed", "flow", "fit")  # stages whose results a diagnosis reads
+
+
+class Watcher(Protocol):
+    """Who is told how far a run is."""
+
+    def frames(self, what: str, done: int, total: int | None) -> None:
+        """A long film of a single experiment."""
+
+    def experiment(self, outcome: Outcome) -> None:
+        """One experiment of a campaign has ended."""
+
+    def found(self, run: Run) -> None:
+        """All numbers of a campaign are known; the pictures of its experiments may be left."""
+
+
+@dataclass
+class Run:
+    """What became of a folder. files: what was written for the campaign, beside the experiments' results."""
+
+    campaign: Campaign
+    single: bool
+    plan: Plan
+    outcomes: list[Outcome]
+    diagnosis: Diagnosis | None = None
+    files: list[Path] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)  # on what earlier runs left
+    told: bool = False  # the watcher has shown what was found
+
+    @functools.cached_property
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows of jumps.csv."""
+        return jumps_table(self.campaign, self.outcomes)
+
+    @property
+    def failed(self) -> bool:
+        """Whether something of an experiment failed; its outcome says what."""
+        return any(o.errors for o in self.outcomes)
+
+
+def results_of(path: Path) -> Path:
+    """Where results lie by default: results/NAME beside the folder."""
+    return path.absolute().parent / "results" / path.absolute().name
+
+
+def as_campaign(opened: Experiment | Campaign) -> Campaign:
+    """A single experiment is a campaign of one, or of none where it is excluded."""
+    if isinstance(opened, Campaign):
+        return opened
+    if opened.header.exclude:
+        return Campaign(opened.path, (), {opened.name: opened.header.exclude})
+    return Campaign(opened.path, (opened,))
+
+
+def run_folder(
+    opened: Experiment | Campaign,
+    plan: Plan,
+    *,
+    workers: int,
+    watcher: Watcher | None = None,
+    elsewhere: Mapping[str, list[str]] | None = None,
+    ask: bool | None = None,
+    draw: Draw,
+    pictured: bool = True,
+    say: Callable[[str], None],
+) -> Run:
+    """Run the plan on every experiment, write what only a campaign shows, question its model; then draw the pictures.
+
+    workers: processes at a time; of a single experiment they share a long film. elsewhere: as in run_campaign.
+    ask: question the model; None: where everything is run and there are enough jumps. draw: of the diagnosis' picture;
+    pictured: whether it is put among the results.
+    say: is told what the questioning finds on its way.
+    """
+    campaign = as_campaign(opened)
+    _apart(campaign, plan.results, single=isinstance(opened, Experiment))
+    single = isinstance(opened, Experiment)
+    asks = not single and (ask or (ask is None and plan.whole and plan.stages is None and _worth_asking(campaign)))
+    early = _Early(campaign, workers, say) if asks else None
+    run = Run(campaign, single, plan, _outcomes(opened, plan, workers, watcher, elsewhere, early))
+    if run.single:
+        return run
+    written = _tables(run)
+    try:
+        if asks:
+            from .diagnose import question
+
+            told = {o.name: o for o in run.outcomes}
+            with drawn_beside(plan, campaign, run.outcomes, workers=workers):
+                run.diagnosis, run.files = question(
+                    campaign,
+                    told,
+                    plan.results,
+                    plan.cache,
+                    workers=workers,
+                    draw=draw,
+                    pictured=pictured,
+                    say=say,
+                    fresh=plan.fresh,
+                    begun=early.begun() if early else None,
+                )
+        run.files += _craters(run)
+        if watcher is not None:
+            watcher.found(run)
+        run.outcomes = draw_experiments(campaign, plan, run.outcomes, workers=workers)
+    finally:
+        made_of = {o.name: _digest(campaign[o.name], o) for o in run.outcomes}
+        names = [f.name for f in (*written, *run.files)]
+        lasting = () if plan.whole else (files.MODEL, files.PICTURE, files.DIAGNOSIS)
+        run.notes = settle_tables(plan.results, made_of, names, plan.command, lasting=lasting)
+    return run
+
+
+def _apart(campaign: Campaign, results: Path, *, single: bool) -> None:
+    """Recordings and results may not lie in one folder: a table of ours would take the place of a recording."""
+    there = {results.resolve()} if single else {(results / e.name).resolve() for e in campaign.experiments}
+    both = [e.path for e in campaign.experiments if e.path.resolve() in there]
+    if both:
+        raise InputError([f"--results {results}: {both[0]} holds recordings; name another folder for results"])
+
+
+def _digest(e: Experiment, o: Outcome) -> str:
+    """Of all of an experiment that tables of a campaign may show."""
+    sections = {n: replace(s, path=Path()) if isinstance(s, FileSection) else s for n, s in e.sections.items()}
+    told = [repr(sorted(sections.items())), repr(e.params), repr(e.header), *o.errors]
+    return hashlib.sha256("\n".join([*told, digest_of_results(o.results)]).encode()).hexdigest()
+
+
+def _outcomes(
+    opened: Experiment | Campaign,
+    plan: Plan,
+    workers: int,
+    watcher: Watcher | None,
+    elsewhere: Mapping[str, list[str]] | None,
+    early: _Early | None,
+) -> list[Outcome]:
+    if isinstance(opened, Experiment):
+        runs = as_campaign(opened).experiments
+        return [run_single(e, plan, workers=workers, hook=watcher.frames if watcher else None) for e in runs]
+    done = watcher.experiment if watcher else lambda outcome: None
+    return run_campaign(opened, plan, workers=workers, done=done, elsewhere=elsewhere, jumps=early)
+
+
+class _Early:
+    """Begins to question a campaign, beside its grain films, when all of its jumps are known."""
+
+    def __init__(self, campaign: Campaign, workers: int, say: Callable[[str], None]) -> None:
+        self.campaign, self.workers, self.say = campaign, workers, say
+        self.thread = ThreadPoolExecutor(1)
+        self.look: Future[Begun] | None = None
+
+    def __call__(self, outcomes: Mapping[str, Outcome]) -> None:
+        from .diagnose import begin
+
+        self.look = self.thread.submit(begin, self.campaign, outcomes, workers=self.workers, say=self.say)
+
+    def begun(self) -> Begun | None:
+        """What came of it; None where it was not begun, or where nothing can be asked, as the question itself says."""
+        try:
+            return self.look.result() if self.look else None
+        except ValueError:  # InputError among them
+            return None
+        finally:
+            self.thread.shutdown()
+
+
+def _worth_asking(campaign: Campaign) -> bool:
+    if not any(e.section(ModelSpec) for e in campaign.experiments):  # the imports would take longer
+        return False
+    from .jumps import worth_asking
+
+    return worth_asking(campaign)
+
+
+def _tables(run: Run) -> list[Path]:
+    """What the experiments show together, for programs: jumps, intrusions, the actuator."""
+    results = run.plan.results
+    written = [write_jumps(run.rows, results)] if run.plan.whole else []
+    if any(o.made(Intrusion) for o in run.outcomes):
+        from .measured.intrusions import write_intrusions
+
+        written += write_intrusions(run.campaign, run.outcomes, results)
+    if any(e.section(MotorLog) for e in run.campaign.experiments):
+        from .measured.actuator import write_actuator
+
+        written += write_actuator(run.campaign, run.outcomes, results)
+    return written
+
+
+def _craters(run: Run) -> list[Path]:
+    """The critical packing, for people."""
+    asked = run.plan.whole or "crater" in (run.plan.stages or ())
+    if not asked or not any(o.made(CraterShape) for o in run.outcomes):
+        return []
+    from .measured.craters import measured_in, write_craters, zero_crossing
+
+    craters = measured_in(run.outcomes)
+    return write_craters(craters, zero_crossing(craters), run.plan.results)
+
+
+JUMP_COLUMNS = (
+    "jump_height_m",
+    "sigma_m",
+    "sigma_common_m",
+    "simulated_height_m",
+    "flight_height_m",
+    "flight_height_m_sigma",
+    "flight_height_m_sigma_common",
+    "flight_time_s",
+    "lift_off_s",
+    "n_jumps",
+    "mu",
+    "mu_sigma",
+    "mu_sigma_common",
+    "beta_deg",
+    "beta_deg_sigma",
+    "beta_deg_sigma_common",
+    "added_mass_kg",
+    "added_mass_kg_sigma",
+    "added_mass_kg_sigma_common",
+    "sigma_volume_fraction",
+    "sigma_common_volume_fraction",
+)
+
+
+def jumps_table(campaign: Campaign, outcomes: list[Outcome]) -> list[dict[str, Any]]:
+    """One row an experiment, failed and excluded ones with their reason."""
+    by_name = {o.name: o for o in outcomes}
+    rows = []
+    for e in campaign.experiments:
+        a, o = e.sections.get("actuation"), by_name[e.name]
+        rows.append(
+            {
+                "experiment": e.name,
+                "group": e.header.group or None,
+                "kind": a.kind if a else None,
+                "frequency_hz": a.frequency if a else None,
+                "delay_s": a.delay if a else None,
+                "volume_fraction": o.summary.get("volume_fraction"),
+                **{c: o.summary.get(c) for c in JUMP_COLUMNS},
+                "problem": o.errors[0] if o.errors else None,
+            }
+        )
+    rows += [{"experiment": n, "problem": f"excluded: {why}"} for n, why in campaign.excluded.items()]
+    return rows
+
+
+def write_jumps(rows: list[dict[str, Any]], results: Path) -> Path:
+    """jumps.csv; the file."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(dict.fromkeys(c for row in rows for c in row)), lineterminator="\n")
+    table.writeheader()
+    table.writerows(plain(rows))
+    write_aside(results / files.JUMPS, text.getvalue())
+    return results / files.JUMPS
+
+
+def grain_frames(campaign: Campaign) -> dict[str, int]:
+    """Frames of the grain films, by experiment; of one that cannot be read its run says why."""
+    from jumpvision.experiment.stages.recordings import open_film
+
+    found = {}
+    for e in campaign.experiments:
+        film = e.section(GrainVideo)
+        with contextlib.suppress(OSError, ValueError):
+            if film is not None:
+                with open_film(film) as frames:
+                    found[e.name] = len(frames)
+    return found

@@ -1,0 +1,277 @@
+"""Which recording is what: by the section it was given to, its name, its columns, or its first picture."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.schema import InputError
+from jumpvision.experiment.inputs.channels import READERS as CHANNELS
+from jumpvision.films.frames import Film, FrameError, open_frames
+from jumpvision.films.frames.opening import READERS
+from jumpvision.films.frames.pictures import SUFFIXES
+
+LOGS = {  # section: the columns of its table
+    "motor_log": ("time_s", "position_m"),
+    "contact_log": ("time_s", "contact"),
+    "intrusion_log": ("time_s", "depth_m", "force_N"),
+    "rod_track": ("time_s", "height_m"),
+    "spring_log": ("displacement_m", "force_N"),
+}
+WORDS = {  # section: words in the name of a film or picture
+    "bed_image": r"bed|pack|surface|backlit|back-lit",
+    "crater_image": r"crater|laser",
+    "grain_video": r"grain|piv|sand|seed|wall",
+    "rod_video": r"rod|ball|marker",
+}
+FILMS = ("rod_video", "grain_video")
+PICTURES = ("bed_image", "crater_image")
+FIELDS = (".nc", ".mat")
+TABLES = (".xls", ".xlsx", ".ods", ".lvm", ".dat")
+IGNORED = ("", ".toml", ".json", ".md", ".cih", ".cihx", ".py", ".ipynb", ".html", ".pdf", ".docx")
+GUESSED = "guessed from what it shows: write another section if it is something else"
+DARK_SHARE = 0.1  # of bright pixels, below which a picture is a laser line in the dark
+SHOWN = 12  # channels named in a message
+SERIES = 3  # numbered pictures that make a film
+ANY_RATE = 1.0  # Hz, to open pictures that carry no clock
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording and what it says itself. values: key -> (value, where it comes from)."""
+
+    section: str
+    file: str
+    facts: str
+    values: Mapping[str, tuple[Any, str]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+
+def recordings(folder: Path, given: Mapping[str, str]) -> tuple[list[Recording], list[str]]:
+    """The recordings of a folder, one a section, and notes on what was left out.
+
+    given: section -> file, over what names and contents say. Raises InputError for a given file that is not there.
+    """
+    if absent := [
+        f"{folder}: --{s.split('_')[0]} {f}: no such file here"
+        for s, f in given.items()
+        if not (folder / f).exists() and not list(folder.glob(f))
+    ]:
+        raise InputError(absent)
+    roles = {f: s for s, f in given.items()}
+    found: dict[str, Recording] = {}
+    notes: list[str] = []
+    names = [*roles, *(n for n in candidates(folder) if n not in roles)]
+    for name in names:
+        try:
+            recording = recognised(folder, name, roles.get(name))
+        except (FrameError, InputError) as e:
+            notes.append(f"{name}: not used: {str(e).removeprefix(f'{folder / name}: ')}")
+            continue
+        if recording.section not in found:
+            found[recording.section] = recording
+        else:
+            notes.append(f"{name}: also looks like a [{recording.section}]; {found[recording.section].file} was taken")
+    return list(found.values()), notes
+
+
+def candidates(folder: Path) -> Iterator[str]:
+    """Films, series of pictures (folders, patterns), tables and fields, named as an experiment.toml names them."""
+    files = sorted(f for f in folder.iterdir() if not f.name.startswith("."))
+    series: dict[str, list[Path]] = {}
+    for f in files:
+        if f.is_dir():
+            kinds = {g.suffix.lower() for g in f.iterdir() if g.is_file() and not g.name.startswith(".")}
+            if (kinds and kinds <= {*SUFFIXES}) or kinds == {".txt"}:
+                yield f.name
+        elif m := re.fullmatch(r"(.*?)[0-9]+", f.stem):
+            series.setdefault(f"{m[1]}*{f.suffix}", []).append(f)
+    numbered = {
+        f
+        for p, s in series.items()
+        if len(s) >= SERIES and set(folder.glob(p)) == set(s) and s[0].suffix.lower() in (*SUFFIXES, ".txt")
+        for f in s
+    }
+    yield from (pattern for pattern, s in series.items() if s[0] in numbered)
+    yield from (f.name for f in files if f.is_file() and f not in numbered and f.suffix.lower() not in IGNORED)
+
+
+def recognised(folder: Path, name: str, section: str | None) -> Recording:
+    """What one of the candidates is. InputError or FrameError where it cannot be used."""
+    path, suffix = folder / name, Path(name).suffix.lower()
+    if suffix == ".csv":
+        return _table(path, name)
+    if suffix in CHANNELS and (suffix not in FIELDS or not _is_field(path)):
+        return _channels(path, name)
+    if suffix in FIELDS or suffix == ".txt" or (path.is_dir() and any(path.glob("*.txt"))):
+        return _field(path, name)
+    if suffix == ".npz" or _is_map(path, suffix):
+        return Recording("crater_depth", name, "depth map")
+    if suffix in TABLES:
+        raise InputError([f"a table? Save it as CSV: {_headers()} (docs/bring_your_own_data.md)"])
+    if path.is_file() and suffix not in READERS:
+        raise InputError([f"'{suffix}' is no known recording"])
+    return _film(path, name, section)
+
+
+def _table(path: Path, name: str) -> Recording:
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as f:
+        first = f.readline().strip()
+    header = [c.strip() for c in next(csv.reader([first]), [])]
+    if (section := _log_with(header)) is not None:
+        return Recording(section, name, f"columns {', '.join(header)}")
+    raise InputError([f"its first line is '{first[:60]}'; known headers: {_headers()} (SI units, comma separated)"])
+
+
+def _log_with(columns: Collection[str]) -> str | None:
+    """The section that a log with these columns is; None where it is none."""
+    return next((section for section, own in LOGS.items() if set(own) <= set(columns)), None)
+
+
+def _channels(path: Path, name: str) -> Recording:
+    """A log in a file of channels: a channel may be called as its column, in a group or not; TDMS may give its rate in
+    place of a time."""
+    read = CHANNELS[path.suffix.lower()]
+    names = read(path, ()).names
+    bare = {n.rsplit("/", 1)[-1] for n in names} if path.suffix.lower() == ".tdms" else set(names)
+    timed = {"time_s"} if any(c.clock is not None for c in read(path, names).channels.values()) else set()
+    if (section := _log_with(bare | timed)) is not None:
+        return Recording(section, name, f"channels {', '.join(names)}")
+    raise InputError(
+        [
+            f"its channels are {', '.join(names[:SHOWN])}; known: {_headers()}; name them in its section, for example "
+            f"columns.time_s = '{names[0] if names else 't'}' (docs/bring_your_own_data.md)"
+        ]
+    )
+
+
+def _is_field(path: Path) -> bool:
+    """Whether a MAT file holds a velocity field."""
+    try:
+        _field(path, path.name)
+    except InputError:
+        return False
+    return True
+
+
+def _headers() -> str:
+    return "; ".join(f"[{s}] {','.join(c)}" for s, c in LOGS.items())
+
+
+def _field(path: Path, name: str) -> Recording:
+    from jumpvision.experiment.inputs.vectors import read_vectors
+
+    v = read_vectors(path)
+    units = f"lengths in {v.length or 'an unnamed unit'}, speeds in {v.speed or 'an unnamed unit'}"
+    return Recording("piv_field", name, f"{v.u.shape[2]} fields of {v.u.shape[1]} x {v.u.shape[0]} vectors, {units}")
+
+
+def _is_map(path: Path, suffix: str) -> bool:
+    """A .npy with one plane: a film has three dimensions."""
+    if suffix != ".npy":
+        return False
+    import numpy as np
+
+    return np.load(path, mmap_mode="r").ndim == 2
+
+
+def opened(path: Path) -> tuple[Film, bool]:
+    """(the film, whether the file knows its times)."""
+    try:
+        return open_frames(path), True
+    except FrameError:
+        return open_frames(path, frame_rate=ANY_RATE), False
+
+
+LOOKED, FEWEST, MOST = 24, 6, 0.25  # frames looked at for a moving ball, least, share of them it must be seen in
+CHANGED, MOVING = 0.15, 0.05  # of the scene's range of grey; share of the pixels that a ball may change so much
+
+
+def _film(path: Path, name: str, section: str | None) -> Recording:
+    import numpy as np
+
+    film, timed = opened(path)
+    with film:
+        n, shape, bits = len(film), film.shape, film.meta.get("bit_depth")
+        known_as = section or _by_name(name, n)
+        section = known_as or by_picture(film)
+        known = {k: film.meta[k] for k in ("exposure_s", "camera") if film.meta.get(k)}
+        rate = 1.0 / float(np.median(np.diff(film.time))) if timed and n > 1 else None
+        facts = f"{n} frames of " if n > 1 else "picture of "
+        facts += f"{shape[1]} x {shape[0]} px (columns x rows)" + (f", {bits} bit" if bits else "")
+        facts += f", {rate:.6g} Hz by the file" if rate else ""
+        facts += f", {known['camera']}" if "camera" in known else ""
+        values: dict[str, tuple[Any, str]] = {}
+        if rate and section in FILMS:
+            values["frame_rate"] = (float(f"{rate:.6g}"), "by the file's own time stamps")
+        if section == "rod_video" and "exposure_s" in known:
+            values["exposure"] = (float(known["exposure_s"]), "by the file")
+        notes = tuple(w.removeprefix(f"{path}: ") for w in film.warnings) + (() if known_as else (GUESSED,))
+    if rate and rate <= 60 and section in FILMS:
+        notes += ('a playback rate? If the film was recorded faster, give its rate and clock = "declared"',)
+    return Recording(section, name, facts, values, notes)
+
+
+def _by_name(name: str, n: int) -> str | None:
+    allowed = (*FILMS, *PICTURES) if n > 1 else PICTURES
+    return next((s for s in allowed if re.search(WORDS[s], name.lower())), None)
+
+
+def by_picture(film: Film) -> str:
+    """What a nameless film or picture shows: a ball, in one of three frames or moving through them, or grains; a laser
+    line or a bed."""
+    import numpy as np
+
+    n = len(film)
+    if n > 1:
+        shown = any(ball(film[i]) for i in sorted({0, n // 2, n - 1}))
+        return "rod_video" if shown or moving_ball(film) else "grain_video"
+    image = np.asarray(film[0], float)
+    low, high = np.nanpercentile(image, 1), np.nanmax(image)
+    return "crater_image" if (image > (low + high) / 2).mean() < DARK_SHARE else "bed_image"
+
+
+def moving_ball(film: Film) -> tuple[int, str, float, float, float] | None:
+    """(frame, polarity, column, row, diameter [px]) where a ball that moves through a film is seen first, or None."""
+    import numpy as np
+
+    from jumpvision.films.vision.ball.moving import moving_paths, still_scene
+    from jumpvision.films.vision.ball.track import MIN_DIAMETER
+
+    head = [np.asarray(film[i]) for i in range(min(len(film), LOOKED))]
+    if len(head) < FEWEST:
+        return None
+    scene = still_scene(head)
+    grey = float(np.ptp(np.percentile(scene, (0.1, 99.9))))
+    if np.mean([np.abs(f - scene) > CHANGED * grey for f in head[:: len(head) // FEWEST]]) > MOVING:
+        return None  # the scene itself moves: grains
+    for polarity in ("bright", "dark"):
+        found = moving_paths(head, scene, None, polarity, MIN_DIAMETER)
+        if found and len(found[0]) >= MOST * len(head):
+            first = found[0][0]
+            return first.i, polarity, first.x, first.y, first.d
+    return None
+
+
+def ball(first: Any, seed: tuple[float, float] | None = None) -> tuple[str, float, float, float] | None:
+    """(polarity, column, row, diameter [px]) of the one ball in a picture, or None."""
+    from jumpvision.films.vision.ball.track import track_ball
+
+    for polarity in ("bright", "dark"):
+        t = track_ball(
+            [first],
+            diameter=None,
+            polarity=polarity,
+            method="disc",
+            search=1.5,
+            seed=seed,
+            streak=False,
+            exposure_fraction=0.0,
+        )
+        if not t.flag[0]:
+            return polarity, float(t.x[0]), float(t.y[0]), float(t.diameter[0])
+    return None

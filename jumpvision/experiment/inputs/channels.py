@@ -1,0 +1,166 @@
+"""Logs in the files of measuring programs, channel by channel: LabVIEW's TDMS and MATLAB's MAT."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.schema import InputError
+
+DEEPEST, MOST = 16, 10_000  # groups within groups, channels of a file
+UNPACKED = 1e9  # bytes of a log in memory, when it is decompressed
+
+
+@dataclass(frozen=True)
+class Channel:
+    """values (n,), numbers or texts, as the file has them. unit: what the file says, "" where it says none. clock (n,)
+    [s]: times of the values, where the file gives their rate."""
+
+    name: str
+    values: NDArray[Any]
+    unit: str = ""
+    clock: NDArray[np.floating[Any]] | None = None
+
+
+class Held(NamedTuple):
+    """Names of all channels in a file, and those that were asked for, by the name they were asked by."""
+
+    names: list[str]
+    channels: Mapping[str, Channel]
+
+
+def tdms(path: Path, asked: Collection[str]) -> Held:
+    """Channels `Group/Channel`, or `Channel` where no other has that name."""
+    try:
+        from nptdms import TdmsFile
+    except ImportError as e:
+        raise InputError([f"{path}: reading TDMS needs nptdms; install it with: pip install 'jumpvision[tdms]'"]) from e
+    try:
+        # an open file, so that no index beside it is believed
+        with path.open("rb") as stream, TdmsFile.open(stream) as file:
+            channels = [c for group in file.groups() for c in group.channels()]
+            full = {f"{c.group_name}/{c.name}": c for c in channels}
+            alone = {c.name: c for c in channels if sum(o.name == c.name for o in channels) == 1}
+            named = {n: (alone | full)[n] for n in asked if n in alone | full}
+            for n, c in named.items():
+                if len(c) > path.stat().st_size:  # a value has a byte at least
+                    raise InputError(
+                        [f"{path}: {n} claims {len(c)} values, which the file does not hold; copy it again"]
+                    )
+            return Held(list(full), {n: _of_tdms(n, c) for n, c in named.items()})
+    except InputError:
+        raise
+    except Exception as e:  # nptdms raises many kinds for what is no TDMS file
+        raise InputError([f"{path}: not a TDMS file, or damaged ({e}); copy it again"]) from None
+
+
+def _of_tdms(name: str, channel: Any) -> Channel:
+    values, told = np.asarray(channel[:]), channel.properties
+    if values.dtype.kind == "M":  # dates: time since the first
+        values = (values - values[:1]) / np.timedelta64(1, "us") * 1e-6
+    step = float(told.get("wf_increment") or 0.0)
+    clock = float(told.get("wf_start_offset") or 0.0) + step * np.arange(len(values)) if step > 0.0 else None
+    return Channel(name, values, str(told.get("unit_string") or "").strip(), clock)
+
+
+def mat(path: Path, asked: Collection[str]) -> Held:
+    """Vectors `t`, fields of structs `log.t` and columns of matrices `data(:,2)`, of every MAT version."""
+    with path.open("rb") as stream:
+        modern = b"MATLAB 7.3" in stream.read(128)
+    try:
+        found = dict(_modern(path) if modern else _classic(path))
+    except InputError:
+        raise
+    except Exception as e:  # scipy and h5py raise many kinds for what is no MAT file
+        raise InputError([f"{path}: not a MAT file, or damaged ({e}); save it again"]) from None
+    return Held(list(found), {n: Channel(n, found[n]) for n in asked if n in found})
+
+
+def _classic(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
+    """MAT files before 7.3."""
+    from scipy.io import loadmat
+
+    if _unpacked(path) > UNPACKED:
+        raise InputError([f"{path}: more than {UNPACKED / 1e9:g} GB when unpacked; keep the part that matters"])
+    content = loadmat(path, simplify_cells=True)
+    yield from _vectors("", {k: v for k, v in content.items() if not k.startswith("__")})
+
+
+def _unpacked(path: Path) -> float:
+    """Bytes of a MAT 5 file when its compressed elements are unpacked, counted up to what is too much."""
+    data, at, total = path.read_bytes(), 128, 0
+    order: Any = "big" if data[126:128] == b"MI" else "little"
+    while at + 8 <= len(data) and total <= UNPACKED:
+        kind, length = (int.from_bytes(data[i : i + 4], order) for i in (at, at + 4))
+        if kind == 15:  # miCOMPRESSED
+            piece, rest = zlib.decompressobj(), data[at + 8 : at + 8 + length]
+            while rest and not piece.eof and total <= UNPACKED:
+                total += len(piece.decompress(rest, 2**24))
+                rest = piece.unconsumed_tail
+            if not piece.eof and total <= UNPACKED:  # its checksum not reached: a reader may fall over what it holds
+                raise InputError([f"{path}: not a MAT file, or damaged (element at byte {at} is cut); save it again"])
+        else:
+            total += length
+        at += 8 + length
+    return total
+
+
+def _vectors(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Leaves of nested structs that are vectors, or matrices column by column."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _vectors(f"{name}.{key}" if name else str(key), inner)
+        return
+    array = np.asarray(value)
+    if array.dtype.kind not in "biuf" or array.ndim not in (1, 2):
+        return
+    if array.ndim == 1 or 1 in array.shape:
+        yield name, array.ravel()
+    else:
+        yield from ((f"{name}(:,{k})", column) for k, column in enumerate(array.T, 1))
+
+
+def _gather(group: Any, h5py: Any, sets: list[Any], path: Path, depth: int = 0) -> None:
+    """The datasets below a group, by its own links alone; such that lead in a circle end at DEEPEST."""
+    if depth > DEEPEST or len(sets) > MOST:
+        raise InputError([f"{path}: more than {DEEPEST} groups deep or {MOST} channels: damaged; save it again"])
+    for name in group:
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        item = group[name]
+        if isinstance(item, h5py.Dataset):
+            sets.append(item)
+        elif isinstance(item, h5py.Group):
+            _gather(item, h5py, sets, path, depth + 1)
+
+
+def _modern(path: Path) -> Iterator[tuple[str, NDArray[Any]]]:
+    """MAT 7.3, which is HDF5 with its dimensions in reverse order."""
+    try:
+        import h5py
+    except ImportError as e:
+        raise InputError(
+            [f"{path}: reading MAT 7.3 needs h5py; install it with: pip install 'jumpvision[hdf5]', or save with -v7"]
+        ) from e
+    from jumpvision.films.frames.arrays import elsewhere
+
+    sets: list[Any] = []
+    with h5py.File(path, "r") as file:
+        _gather(file, h5py, sets, path)
+        plain = [d for d in sets if d.dtype.kind in "biuf" and not d.name.startswith("/#")]
+        if outside := next((o for o in (elsewhere(d, file) for d in plain) if o), ""):
+            raise InputError([f"{path}: lies in another file ({outside}), of which no change would be noticed"])
+        if sum(d.nbytes for d in plain) > UNPACKED:
+            raise InputError([f"{path}: more than {UNPACKED / 1e9:g} GB when unpacked; keep the part that matters"])
+        for d in plain:
+            if "MATLAB_empty" not in d.attrs:
+                yield from _vectors(d.name.strip("/").replace("/", "."), d[()].T)
+
+
+READERS: dict[str, Callable[[Path, Collection[str]], Held]] = {".tdms": tdms, ".mat": mat}

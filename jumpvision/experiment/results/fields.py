@@ -1,0 +1,281 @@
+"""Results that are fields, in NetCDF: velocities of the grains, their strain, the column under the foot.
+
+The attributes of a file are known here alone; everyone else asks `record.geometry`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+from jumpvision.films.grains.grid import VectorGrid
+
+from . import Record, RecordError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+G = TypeVar("G")
+
+
+def attributes_of(kind: type[G], data: xr.Dataset) -> G:
+    """What the attributes of a data set say, as this kind of dataclass. RecordError where one is missing."""
+    known = {f.name: data.attrs[f.name] for f in fields(kind) if f.name in data.attrs}  # type: ignore[arg-type]
+    try:
+        return kind(**known)
+    except TypeError as e:
+        raise RecordError(f"attributes of the data set: {e}") from None
+
+
+def as_attributes(known: object) -> dict[str, object]:
+    """A dataclass as attributes, in its own order; without what is not known. The inverse of attributes_of."""
+    return {k: v for k, v in vars(known).items() if v is not None}
+
+
+def unit_of(values: xr.DataArray) -> str:
+    """The unit that a file states for one of its variables."""
+    return str(values.attrs["units"])
+
+
+@dataclass(frozen=True)
+class Field(Record):
+    """A NetCDF data set over (y, x, t); x right, y up, SI unless the scale is unknown (see the units attributes)."""
+
+    field: xr.Dataset
+    written: Path | None = None  # the file that `field` reads from when asked, where it was written piece by piece
+
+    def save(self, folder: Path) -> None:
+        if self.written is not None:
+            shutil.copyfile(self.written, folder / self.file)
+            return
+        encoding = {v: {"zlib": True, "complevel": 1} for v, d in self.field.data_vars.items() if d.ndim == 3}
+        self.field.to_netcdf(folder / self.file, engine="netcdf4", encoding=encoding)
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        import xarray as xr
+
+        with xr.open_dataset(folder / cls.file, engine="netcdf4", decode_times=False) as d:
+            return cls(d.load())
+
+
+class Piv(Field):
+    """Velocity field (pivpy schema 1) with uncertainties and a reason for every invalid vector.
+
+    `field` is read from its file where it is used, so a long film never lies in memory as a whole.
+    """
+
+    file = "piv.nc"
+
+    @property
+    def geometry(self) -> VectorGrid:
+        """Where the vectors lie."""
+        return attributes_of(VectorGrid, self.field)
+
+    @property
+    def as_matched(self) -> xr.Dataset:
+        """The field with its vectors as they were matched, before they were drawn together: for means, fits and
+        derivatives, whose noise goes by itself, while what smoothing rounds off does not come back."""
+        names = {f"{n}_matched{s}": f"{n}{s}" for n in ("u", "v") for s in ("", "_sigma")}
+        if not names.keys() <= set(self.field.data_vars):  # of another program, or of discs
+            return self.field
+        return self.field.drop_vars(list(names.values())).rename(names)
+
+    @property
+    def face_sigma(self) -> float:
+        """Standard uncertainty of the foot's face that all times share [unit of places]; 0 where not known."""
+        return float(self.field.foot_y_sigma.attrs.get("shared_by_all_times", 0.0))
+
+    @staticmethod
+    def described(data: xr.Dataset, grid: VectorGrid, *, matched: bool, **more: object) -> xr.Dataset:
+        """The data set with the attributes of pivpy schema 1 and ours. matched: by our own piv, not by another program.
+
+        more: files, where, and the settings of who computed it, by the names in ORDER.
+        """
+        known = {"pivpy_schema_version": "1", **as_attributes(grid), **more}
+        return data.assign_attrs({k: known[k] for k in ORDER[matched] if k in known})
+
+    @classmethod
+    def load(cls, folder: Path) -> Self:
+        import xarray as xr
+
+        return cls(
+            xr.open_dataset(folder / cls.file, engine="netcdf4", decode_times=False, cache=False), folder / cls.file
+        )
+
+    @classmethod
+    def write(cls, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> Self:
+        """A field of many times, taken one at a time: head has x, y, t and what is small, planes (y, x) the rest.
+
+        The file lies in the folder for temporary files until the record's field is no longer used.
+        """
+        import xarray as xr
+
+        folder = Path(tempfile.mkdtemp(prefix="jumpvision-"))
+        try:
+            _append(folder / cls.file, head, planes)
+            field = xr.open_dataset(folder / cls.file, engine="netcdf4", decode_times=False, cache=False)
+        except BaseException:
+            shutil.rmtree(folder)
+            raise
+        weakref.finalize(field, shutil.rmtree, folder, ignore_errors=True)
+        return cls(field, folder / cls.file)
+
+
+FIRST = "delta_t", "files", "pivpy_schema_version", "source"
+PLACES = "origin_column_px", "origin_row_px"
+SIZE = "image_rows", "image_columns"
+WINDOWS = "window_px", "step_px"
+SETTINGS = "preset", "smooth", "gap_frames", "stride_frames", "baseline_frames", "ensemble_pairs"
+SCALE = "scale_m_per_px", "scale_share"
+ORDER = {  # of the attributes in the file of a field that our piv matched, and of one that another program did
+    True: (*FIRST, *SCALE, *PLACES, *WINDOWS, *SIZE, *SETTINGS, "error_px", "where", "prefilter_px"),
+    False: (*FIRST, "foot", *SCALE, *WINDOWS, "error_px", *PLACES, *SIZE, "where", "kernel"),
+}
+AXES = "y", "x", "t"
+TOGETHER = 16  # times that are compressed and written at once
+
+
+class Planes(Sequence["xr.Dataset"]):
+    """The times of a field over (y, x, t), a data set (y, x) each: read as they lie in its file, TOGETHER of them at
+    once, so that each is unpacked once where they are asked for in turn.
+
+    names: of the variables that are read; default: all.
+    """
+
+    def __init__(self, field: xr.Dataset, names: Sequence[str] = ()) -> None:
+        self.field, self._first = field[list(names)] if names else field, -1
+        self._block = self.field
+
+    def __len__(self) -> int:
+        return int(self.field.sizes["t"])
+
+    def __getitem__(self, i: Any) -> Any:
+        k = range(len(self))[i]
+        first = k // TOGETHER * TOGETHER
+        if first != self._first:
+            self._block, self._first = self.field.isel(t=slice(first, first + TOGETHER)).load(), first
+        return self._block.isel(t=k - first)
+
+
+def _append(file: Path, head: xr.Dataset, planes: Iterator[xr.Dataset]) -> None:
+    """Write head and then the planes, TOGETHER of them in memory at a time, along t."""
+    import netCDF4
+    import xarray as xr
+
+    head.to_netcdf(file, engine="netcdf4")
+    done, size = 0, (head.sizes["y"], head.sizes["x"], min(TOGETHER, head.sizes["t"]))
+    with netCDF4.Dataset(file, "a") as out:
+        while block := list(itertools.islice(planes, TOGETHER)):
+            cube = xr.concat(block, "t", combine_attrs="override").transpose(*AXES)
+            for key, values in cube.data_vars.items():
+                name = str(key)
+                if name not in out.variables:
+                    empty = math.nan if values.dtype.kind == "f" else False
+                    made = out.createVariable(
+                        name,
+                        values.dtype.str,
+                        AXES,
+                        zlib=True,
+                        complevel=1,
+                        chunksizes=size,
+                        fill_value=empty,
+                        chunk_cache=math.prod(size) * values.dtype.itemsize,  # a chunk is written once: no more is kept
+                    )
+                    made.setncatts(values.attrs)
+                out.variables[name][:, :, done : done + len(block)] = values.values
+            done += len(block)
+    if done != head.sizes["t"]:
+        raise RecordError(f"{file.name}: {done} of {head.sizes['t']} times came")
+
+
+@dataclass(frozen=True)
+class FlowGeometry:
+    """What a flow's values over t rest on, under the names of its file.
+
+    min_speed [m/s]: of the foot, below which there is no added mass. initial_depth_m: of the foot's face in the first
+    frame. disc: "half" (foot flush with the wall) or "full". source: what computed the velocities. scale_share:
+    relative standard uncertainty of lengths. momentum_per_*: relative change of the greatest momentum for a millimetre
+    of the axis, and if the picture ended a vector earlier; None where there is no momentum.
+    """
+
+    min_speed: float
+    initial_depth_m: float
+    disc: str
+    source: str
+    scale_share: float = 0.0
+    momentum_per_mm_of_axis: float | None = None
+    momentum_per_vector_of_window: float | None = None
+
+
+class Flow(Field):
+    """Shear rate, vorticity, divergence over (y, x, t); momentum, added mass and foot motion over t."""
+
+    file = "flow.nc"
+
+    @classmethod
+    def of(cls, data: xr.Dataset, geometry: FlowGeometry) -> Self:
+        """The record of a data set with its geometry."""
+        return cls(data.assign_attrs(as_attributes(geometry)))
+
+    @property
+    def geometry(self) -> FlowGeometry:
+        """What the values over t rest on."""
+        return attributes_of(FlowGeometry, self.field)
+
+    def share(self, name: str) -> float:
+        """Relative standard uncertainty that foot_speed, momentum or added_mass shares with other films."""
+        return float(self.field[name].attrs["share"])
+
+
+class Statistics(Field):
+    """Mean velocities, their fluctuations and stresses over (y, x), of a steady flow."""
+
+    file = "statistics.nc"
+
+    @property
+    def fields(self) -> int:
+        """How many fields it is the mean of."""
+        return int(self.field.attrs["fields"])
+
+
+@dataclass(frozen=True)
+class ColumnGeometry:
+    """Lengths that a column was read with, under the names of its file.
+
+    front: share of the greatest speed that bounds the jammed front. layer_m: thickness that beta is of. half_width_m of
+    the column; blur_m: standard deviation of the Gaussian that blurs the field; axis_off_m: by which the axis was moved
+    to either side. foot_radius_m: NaN where not known. min_speed [m/s], scale_share: of the flow.
+    """
+
+    front: float
+    layer_m: float
+    half_width_m: float
+    blur_m: float
+    axis_off_m: float
+    foot_radius_m: float
+    min_speed: float
+    scale_share: float = 0.0
+
+
+class Column(Field):
+    """Speed profile under the foot over (y, t), its jammed front and exponential decay over t."""
+
+    file = "column.nc"
+
+    @classmethod
+    def of(cls, data: xr.Dataset, geometry: ColumnGeometry) -> Self:
+        """The record of a data set with its geometry."""
+        return cls(data.assign_attrs(as_attributes(geometry)))
+
+    @property
+    def geometry(self) -> ColumnGeometry:
+        """The lengths that it was read with."""
+        return attributes_of(ColumnGeometry, self.field)

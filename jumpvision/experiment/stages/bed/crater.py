@@ -1,0 +1,166 @@
+"""Crater: how much the bed's volume has changed, from a laser line over it or a depth map of it."""
+
+from __future__ import annotations
+
+import math
+import warnings
+import zipfile
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from jumpvision.base.arrays import Array
+from jumpvision.estimate.crater import Crater, line_crater
+from jumpvision.estimate.crater_map import map_crater
+from jumpvision.experiment.inputs.parameters import CraterParams, of_keywords
+from jumpvision.experiment.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, need
+from jumpvision.experiment.results.values import BedHeight, CraterShape
+from jumpvision.experiment.stages.recordings import open_pictures, view_of
+from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.films.frames import open_frames
+from jumpvision.films.vision.laser_line import laser_line
+
+from .height import packing, packing_common
+
+
+@stage(version=2, any_of=("line", "depth"))
+def crater(
+    line: CraterImage | None,
+    depth: CraterDepth | None,
+    calibration: Calibration | None,
+    section: Bed | None,
+    bed: BedHeight | None,
+    *,
+    p: CraterParams,
+) -> CraterShape:
+    """Volume change of a crater [m^3] from [crater_image] or [crater_depth], negative where the bed was compacted.
+
+    A depth map goes before a laser line.
+    """
+    found, share, seen = from_map(depth, p) if depth is not None else from_line(line, calibration, p)  # type: ignore[arg-type]
+    if found.reason:
+        raise ValueError(f"{(depth or line).path}: {found.reason}")  # type: ignore[union-attr]
+    phi, phi_sigma = packing(section, bed)
+    common = share * abs(found.volume)
+    return CraterShape(
+        {
+            "volume_m3": found.volume,
+            "sigma_m3": math.hypot(found.sigma, common),
+            "sigma_common_m3": common,
+            "noise_sigma_m3": found.noise_sigma,
+            "half_difference_m3": found.half_difference,
+            "depth_m": found.depth,
+            "rim_height_m": found.rim_height,
+            "radius_m": found.radius,
+            "axis_m": found.axis,
+            "volume_fraction": phi,
+            "sigma_volume_fraction": phi_sigma,
+            "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
+            "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma},
+            **({} if seen is None else {"line": seen._asdict()}),
+        }
+    )
+
+
+class SeenLine(NamedTuple):
+    """Where the laser line was seen, arrays over the columns [px], under the names of the file."""
+
+    column_px: Array
+    row_px: Array
+    sigma_px: Array
+
+
+def from_line(
+    section: CraterImage, calibration: Calibration | None, p: CraterParams
+) -> tuple[Crater, float, SeenLine | None]:
+    """The crater along the laser line, the relative uncertainty of its volume that others share, and where the line
+    was seen. The one scale gives height and radius."""
+    with open_pictures(section) as frames:
+        view, picture = view_of(calibration, section, frames.shape), frames[0]
+    whole = picture.dtype.kind == "u"
+    limit = section.saturation or (float(np.iinfo(picture.dtype).max) if whole else None)
+    seen = laser_line(picture, saturation=limit)
+    lost = seen.flag != ""
+    if lost.all():
+        raise ValueError(f"{section.path}: {seen.flag[0]}; a bright line on a darker bed is needed")
+    if lost.mean() > 0.2:
+        warnings.warn(f"no line in {lost.sum()} of {lost.size} columns", StageWarning, stacklevel=3)
+    row = np.where(lost, np.interp(seen.column, seen.column[~lost], seen.row[~lost]), seen.row)
+    x = view.across(seen.column, row)
+    rise = 1.0 / math.sin(section.laser_angle)
+    height = np.where(lost, np.nan, view.height(seen.column, row) * rise)
+    axis = None
+    if section.axis_column is not None:
+        axis = float(np.interp(section.axis_column, seen.column, x))
+    # the camera may see the line unevenly spaced: the profile is equally spaced
+    even = np.linspace(x[0], x[-1], x.size)
+    found = line_crater(
+        even, np.interp(even, x, height), np.interp(even, x, seen.sigma * view.scale * rise), axis=axis, radius=p.radius
+    )
+    return found, 3.0 * view.scale_share, SeenLine(seen.column, seen.row, seen.sigma)
+
+
+def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None]:
+    """The crater in a depth map, whose heights do not come from its pixels; the rest as in `from_line`."""
+    (scale,) = need(section, "scale")
+    z = read_map(section) * section.height_scale
+    axis = (section.axis[0] * scale, -section.axis[1] * scale) if section.axis else None
+    return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, None
+
+
+LARGEST = 10**9  # bytes of an unpacked .npz
+
+
+def read_map(section: CraterDepth) -> Array:
+    """The 2-D array of a depth map as it is stored; ValueError where the file holds none, or more than one."""
+    path = section.path
+    if path.suffix.lower() not in (".npy", ".npz"):
+        with open_frames(path, frame_rate=1.0) as film:
+            return film[0].astype(float)
+    try:
+        if path.suffix.lower() == ".npz":
+            with zipfile.ZipFile(path) as packed:
+                claimed = sum(i.file_size for i in packed.infolist())
+            if claimed > LARGEST:
+                raise ValueError(f"{claimed} bytes unpacked; at most {LARGEST} are read: save the map alone")
+        loaded = np.load(path, allow_pickle=False)
+        maps = [loaded] if isinstance(loaded, np.ndarray) else [a for a in map(loaded.get, loaded.files) if a.ndim == 2]
+    except Exception as e:  # of a damaged file numpy, zip and zlib raise what their parsing meets, MemoryError included
+        raise ValueError(
+            f"{path}: not a {path.suffix} file of plain numbers, or damaged ({e}); save it again"
+        ) from None
+    if len(maps) != 1 or maps[0].ndim != 2 or maps[0].dtype.kind not in "fiu":
+        raise ValueError(f"{path}: needs exactly one 2-D array of numbers; found {len(maps)}; save the map alone")
+    return np.asarray(maps[0], dtype=float)
+
+
+def of_arrays(
+    picture: Any, *, scale: float, laser_angle: float | None = None, axis: Any = None, **parameters: Any
+) -> pd.Series:
+    """Volume change of a crater, negative where the bed was compacted, from a map of heights or a laser line.
+
+    picture (H, W): heights up [m], NaN where unknown; with laser_angle [rad], of the laser's plane over the ground, a
+    grey picture of its line from straight above. scale [m/px]. axis: of the crater, (column, row) of a map [px], column
+    of a line; default: found. parameters: those of [params.crater].
+
+    Series: volume_m3, sigma_m3, depth_m, rim_height_m, radius_m. Raises InputError for a parameter, ValueError where
+    there is no crater to be seen, with the reason.
+    """
+    p = of_keywords(CraterParams, parameters, scale=scale, laser_angle=laser_angle)
+    image = np.asarray(picture)
+    if laser_angle is None:
+        at = None if axis is None else (axis[0] * scale, -axis[1] * scale)
+        found = map_crater(image.astype(float), scale, axis=at, radius=p.radius)
+    else:
+        seen = laser_line(image, saturation=float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else None)
+        lost, rise = seen.flag != "", scale / math.sin(laser_angle)
+        if lost.all():
+            raise ValueError(f"crater: {seen.flag[0]}; a bright line on a darker bed is needed")
+        height = np.where(lost, np.nan, -seen.row * rise)
+        middle = None if axis is None else float(axis) * scale
+        found = line_crater(seen.column * scale, height, seen.sigma * rise, axis=middle, radius=p.radius)
+    if found.reason:
+        raise ValueError(f"crater: {found.reason}")
+    values = (found.volume, found.sigma, found.depth, found.rim_height, found.radius)
+    return pd.Series(dict(zip(("volume_m3", "sigma_m3", "depth_m", "rim_height_m", "radius_m"), values)), dtype=float)

@@ -1,0 +1,91 @@
+"""Double exposures: which frames of a film are A and B of a pair, and when."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.experiment.inputs.recordings import GrainVideo
+from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.frames import Film, FrameError, open_frames
+from jumpvision.films.frames.pictures import ImageFilm
+
+EVEN = 0.5  # of the time between frames: a larger gap is a frame that is missing
+MARKS = (re.compile(r"(?<![a-z])[ab](?![a-z])"), re.compile(r"(?<![0-9])[12](?![0-9])"))  # of the two exposures
+
+
+def in_pairs(section: GrainVideo) -> InPairs:
+    """The film of double exposures that a section names; its frame_rate is that of the pairs."""
+    rate = 2.0 * section.frame_rate if section.frame_rate else None
+    return InPairs(open_frames(section.path, frame_rate=rate, start=section.start), section)
+
+
+class InPairs(Film):
+    """A film of double exposures as A, B, A, B, ...: B is taken `pair_time` after its A.
+
+    order: of the frames as recorded. Raises FrameError where the pairs cannot be told.
+    """
+
+    def __init__(self, film: Film, section: GrainVideo) -> None:
+        self.__dict__.update(film.__dict__)
+        self._film = film
+        self.order = by_name(film) if section.pairs == "names" else by_order(film)
+        first = film.time[self.order[::2]]
+        if section.frame_rate is not None:
+            first = section.start + np.arange(first.size) / section.frame_rate
+        apart = float(section.pair_time or 0.0)
+        self.time = np.stack([first, first + apart], axis=1).ravel()
+        if not (np.diff(self.time) > 0.0).all():
+            raise FrameError(
+                f"{film.path}: pair_time = {apart:g} s is longer than from one pair to the next; frame_rate is that of "
+                "the pairs"
+            )
+
+    def _read(self, i: int) -> NDArray[Any]:
+        return self._film[int(self.order[i])]
+
+    def close(self) -> None:
+        self._film.close()
+
+
+def by_order(film: Film) -> NDArray[np.int64]:
+    """Frames 0 and 1, 2 and 3, ... Raises FrameError where one is missing: all later pairs would be torn."""
+    steps = np.diff(film.time)
+    gap = np.flatnonzero(steps > (1.0 + EVEN) * np.median(steps)) if steps.size else np.arange(0)
+    if film.time_source == "declared" and gap.size:
+        raise FrameError(
+            f"{film.path}: a frame is missing after frame {gap[0]}, so their order does not tell the pairs; give "
+            'pairs = "names", or leave out its partner'
+        )
+    if len(film) % 2:
+        warnings.warn(f"the last of {len(film)} frames has no partner", StageWarning, stacklevel=5)
+    return np.arange(len(film) // 2 * 2)
+
+
+def by_name(film: Film) -> NDArray[np.int64]:
+    """A and B of every pair by the names of their pictures. Raises FrameError where they do not tell."""
+    if not isinstance(film, ImageFilm):
+        raise FrameError(f'{film.path}: no pictures with names; give pairs = "order"')
+    for mark in MARKS:
+        found: dict[str, dict[str, int]] = {}
+        for i, name in enumerate(f.stem.lower() for f in film.files):
+            for m in list(mark.finditer(name))[-1:]:
+                found.setdefault(f"{name[: m.start()]}*{name[m.end() :]}", {})[m[0]] = i
+        whole = [[i for _, i in sorted(pair.items())] for pair in found.values() if len(pair) == 2]
+        if whole:
+            order = np.ravel(whole)
+            alone = sorted(set(range(len(film))) - set(order.tolist()))
+            if alone:
+                first = film.files[alone[0]].name
+                warnings.warn(
+                    f"{len(alone)} picture(s) without a partner left out, the first {first}", StageWarning, stacklevel=5
+                )
+            return order
+    raise FrameError(
+        f"{film.path}: no two names differ in a letter A or B, or a number 1 or 2, alone ({film.files[0].name}, ...); "
+        'rename them, or give pairs = "order"'
+    )

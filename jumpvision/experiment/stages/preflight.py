@@ -1,0 +1,308 @@
+"""Before a run: what would stop it, and what can be right only by an odd chance (units, clocks, marks, names).
+
+What is impossible is a problem, worded as the run would word it; what is suspicious is a warning with the number and
+the likely remedy. Nothing is computed that takes longer than reading the logs and opening the films.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import InputError
+from jumpvision.estimate.ringdown import ring_down
+from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.model import ModelSpec
+from jumpvision.experiment.inputs.sections import (
+    PHASES,
+    Actuation,
+    BedImage,
+    Calibration,
+    ContactLog,
+    CraterImage,
+    GrainVideo,
+    IntrusionLog,
+    MotorLog,
+    Robot,
+    RodTrack,
+    RodVideo,
+    SpringLog,
+    need,
+)
+from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.frames.decoding import open_video
+from jumpvision.films.frames.opening import READERS
+
+from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
+from .rod import from_table, other_spring, read_motor, total_mass
+from .spring import read_spring
+
+WHOLE = 50e6  # bytes up to which a film in a container is decoded here, as a run does to count its frames
+HEAVY = 100.0  # kg; robots that jump on a rail weigh less
+SAG = 0.25  # m, of the spring under the robot's weight
+THOUSAND = 300.0, 3000.0  # ratios that a wrong prefix makes
+FAR = 3.0  # factor of a size beyond which it is none of the sought thing
+LONGEST = 5.0  # m, of what a film or a log of a jump shows
+FEWEST = 40  # samples of a ring-down
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What the head of a film says. shape: rows, columns; begin, end [s] on the common clock, None where unknown."""
+
+    shape: tuple[int, int]
+    begin: float | None
+    end: float | None
+
+
+@dataclass
+class Found:
+    """What is wrong with an experiment, and what is odd."""
+
+    problems: list[str]
+    warnings: list[str]
+    films: dict[str, Picture]
+    motor: tuple[Array, Array] | None = None  # time [s], position [m]
+    track: tuple[Array, Array] | None = None
+
+    def ask(self, read: Callable[[], Any]) -> Any:
+        """What `read` gives; None where it finds a problem."""
+        try:
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                got = read()
+        except InputError as e:
+            self.problems += [p for p in e.problems if p not in self.problems]
+        except (ValueError, OSError) as e:
+            self.problems.append(str(e))
+        else:
+            self.warnings += [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+            return got
+        return None
+
+
+def preflight(e: Experiment) -> tuple[list[str], list[str]]:
+    """(what would stop a run, what is suspicious) of one experiment."""
+    found = Found([], [], {})
+    _sections(e, found)
+    _films(e, found)
+    _logs(e, found)
+    said = [*_sizes(e, found), *_clocks(e, found), *_places(e, found), *_names(e)]
+    toml = e.path / "experiment.toml"
+    problems = [p if str(e.path) in p else f"{toml}: {p}" for p in found.problems]
+    return problems, [*dict.fromkeys([*found.warnings, *said])]
+
+
+def _sections(e: Experiment, found: Found) -> None:
+    """Keys that a stage needs."""
+    calibration, law = e.section(Calibration), e.section(Actuation)
+    for kind in (RodVideo, CraterImage):
+        if (film := e.section(kind)) is None:
+            continue
+        if kind is RodVideo and in_pixels(film, calibration) and not OF_A_JUMP & e.sections.keys():
+            found.warnings.append(
+                "[rod_video] scale: missing: the track will be in px alone; give scale (metres per pixel) for heights"
+            )
+            continue
+        found.ask(partial(bare_view, calibration, film, NOWHERE))
+    if law is not None and law.moves and (e.section(ModelSpec) or e.section(MotorLog) or e.section(RodTrack)):
+        found.ask(lambda: need(law, "frequency", "amplitude"))
+    if e.section(ModelSpec) is not None and (robot := e.section(Robot)) is not None:
+        found.ask(lambda: need(robot, "motor_mass", "rod_mass", "spring_stiffness"))
+
+
+OF_A_JUMP = {k.name for k in (Actuation, Robot, MotorLog, BedImage, GrainVideo)}  # beside these heights are wanted
+OPENED = {RodVideo: open_film, GrainVideo: open_film, BedImage: open_pictures, CraterImage: open_pictures}
+
+
+def _films(e: Experiment, found: Found) -> None:
+    """Films and pictures, opened as a run opens them; of a long film in a container the head alone."""
+    for kind, opened in OPENED.items():
+        if (section := e.section(kind)) is not None:
+            seen = found.ask(partial(_head, section, opened))  # type: ignore[arg-type]
+            if seen is not None:
+                found.films[section.name] = seen
+
+
+def _head(section: Any, opened: Callable[..., Any]) -> Picture:
+    path = section.path
+    container = READERS.get(path.suffix.lower(), ("", ""))[0] == "video"
+    if container and path.is_file() and path.stat().st_size > WHOLE:
+        film, stream = open_video(path, "SLICE")
+        with film:
+            return Picture((stream.codec_context.height, stream.codec_context.width), None, None)
+    with opened(section) as frames:
+        return Picture(frames.shape, float(frames.time[0]), float(frames.time[-1]))
+
+
+def _logs(e: Experiment, found: Found) -> None:
+    """Every log, read as its stage reads it."""
+    law = e.section(Actuation)
+    if (log := e.section(MotorLog)) is not None:
+        found.motor = found.ask(lambda: read_motor(log, law))
+    if (table := e.section(RodTrack)) is not None:
+        track = found.ask(lambda: from_table(table))
+        found.track = None if track is None else (track.time_s.to_numpy(), track.height_m.to_numpy())
+    if (contact := e.section(ContactLog)) is not None:
+        found.ask(lambda: read_log(contact, "time_s", "contact"))
+    if (pushed := e.section(IntrusionLog)) is not None:
+        found.ask(lambda: read_log(pushed, "time_s", "depth_m", "force_N"))
+    if (spring := e.section(SpringLog)) is not None:
+        found.ask(lambda: read_spring(spring))
+
+
+def _prefix(ratio: float) -> bool:
+    """Whether one is the other in a unit with another prefix."""
+    return THOUSAND[0] < ratio < THOUSAND[1] or THOUSAND[0] < 1.0 / ratio < THOUSAND[1]
+
+
+def _sizes(e: Experiment, found: Found) -> Iterator[str]:
+    """Units: masses, spring, log and track beside what they can be."""
+    robot, law, mass = e.section(Robot), e.section(Actuation), total_mass(e.section(Robot))
+    heavy = [n for n in ("motor_mass", "rod_mass", "foot_mass") if robot and (getattr(robot, n) or 0.0) > HEAVY]
+    for name in heavy:
+        value = getattr(robot, name)
+        yield f"[robot] {name} = {value:g} kg: more than a jumping robot weighs; in grams? then give {value / 1e3:g}"
+    if robot and robot.spring_stiffness and mass and not heavy:
+        sag = mass * robot.gravity / robot.spring_stiffness
+        if sag > SAG:
+            yield (
+                f"[robot] spring_stiffness = {robot.spring_stiffness:g} N/m: the robot's weight would press it by "
+                f"{sag:.3g} m; in N/mm? then give {1e3 * robot.spring_stiffness:g}"
+            )
+    if found.motor is not None:
+        stroke = float(np.ptp(found.motor[1]))
+        full = 2.0 * law.amplitude if law is not None and law.moves and law.amplitude else 0.0
+        ratio = stroke / full if full else 0.0
+        if full and stroke > 0.0 and not 1.0 / FAR < ratio < FAR:
+            remedy = "position_m in mm, or the amplitude?" if _prefix(ratio) else "is it the log of this experiment?"
+            yield (
+                f"[motor_log] position_m moves by {stroke:.3g} m, [actuation] amplitude = {law.amplitude:g} m by "
+                f"{full:.3g} m ({ratio:.3g} times): {remedy}"
+            )
+        elif not full and stroke > LONGEST:
+            yield f"[motor_log] position_m moves by {stroke:.3g} m: in mm? then divide by 1000"
+    if found.track is not None:
+        rise = float(np.ptp(found.track[1]))
+        if rise > LONGEST:
+            yield f"[rod_track] height_m moves by {rise:.3g} m: in mm? then divide by 1000"
+    film = found.films.get("rod_video")
+    if film is not None and (v := e.section(RodVideo)).scale and v.ball_diameter:
+        across = v.ball_diameter / v.scale
+        if not 3.0 <= across <= min(film.shape):
+            yield (
+                f"[rod_video] ball_diameter = {v.ball_diameter:g} m is {across:.3g} px at scale = {v.scale:g} m/px, in "
+                f"a picture of {film.shape[1]} x {film.shape[0]} px: is one of them in mm?"
+            )
+    yield from _ringing(found, robot, law, mass)
+
+
+def _ringing(found: Found, robot: Robot | None, law: Actuation | None, mass: float | None) -> Iterator[str]:
+    """The frequency at the end of a track beside that of spring and masses; flights have none."""
+    if found.track is None or robot is None or not robot.spring_stiffness or not mass or law is None:
+        return
+    if law.kind != "none" and not law.moves:
+        return
+    t, h = found.track
+    tail = t >= max(t[0], t[-1] - 0.5 * (t[-1] - max(law.stop, t[0]))) if law.moves else np.ones(t.size, bool)
+    if tail.sum() < FEWEST or law.stop > t[-1]:
+        return
+    noise = 1e-9 + float(np.std(np.diff(h[tail], 3))) / math.sqrt(20.0)
+    ring = ring_down(t[tail], h[tail], np.full(int(tail.sum()), noise))
+    if ring.reason or not ring.chi2 < 10.0 * ring.n or ring.frequency <= 0.0:
+        return
+    if doubt := other_spring(ring.frequency, robot.spring_stiffness, mass):
+        yield f"[rod_track] {doubt}"
+
+
+def _clocks(e: Experiment, found: Found) -> Iterator[str]:
+    """Recordings that do not meet in time."""
+    law, spans = e.section(Actuation), {}
+    for name in ("rod_video", "grain_video"):
+        if (film := found.films.get(name)) is not None and film.begin is not None and film.end is not None:
+            spans[name] = film.begin, film.end
+    for name, log in (("motor_log", found.motor), ("rod_track", found.track)):
+        if log is not None:
+            spans[name] = float(log[0][0]), float(log[0][-1])
+    moves = law is not None and law.moves and law.frequency is not None
+    if moves:
+        spans["actuation"] = law.start, law.stop
+    watched = next((n for n in ("rod_video", "rod_track", "grain_video", "motor_log") if n in spans), None)
+    for name, (begin, end) in spans.items():
+        if watched is None or name == watched:
+            continue
+        first, last = spans[watched]
+        told = f"[{name}] lasts from {begin:.4g} to {end:.4g} s, [{watched}] from {first:.4g} to {last:.4g} s"
+        if end < first or begin > last:
+            yield f"{told}: they never meet; give start (s on the common clock), and times in seconds"
+        elif name.endswith("_log") and last > first and _prefix((end - begin) / (last - first)):
+            yield f"{told}: {(end - begin) / (last - first):.3g} times as long; are its times in ms?"
+    if moves and found.motor is not None:
+        yield from _onset(found.motor, law)
+
+
+def _onset(motor: tuple[Array, Array], law: Actuation) -> Iterator[str]:
+    """When the log says that the motor starts, beside [actuation]."""
+    t, x = motor
+    rest = np.median(x[: max(x.size // 50, 3)])
+    away = np.abs(x - rest) > 0.2 * np.ptp(x)
+    if not away.any() or not t[0] < law.start < t[-1] or not law.frequency:
+        return
+    begins, allowed = float(t[np.argmax(away)]), 0.5 / law.frequency
+    if abs(begins - law.start) > allowed:
+        remedy = (
+            "are its times in ms?" if law.start > 0.0 and _prefix(begins / law.start) else "is it on the common clock?"
+        )
+        yield (
+            f"[motor_log] moves from about {begins:.4g} s on, [actuation] start = {law.start:g} s: "
+            f"{begins - law.start:+.3g} s apart; {remedy}"
+        )
+
+
+def _places(e: Experiment, found: Found) -> Iterator[str]:
+    """Marks, feet and floors outside the picture that they are given in."""
+    calibration = e.section(Calibration) or Calibration()
+    for name, film in found.films.items():
+        rows, columns = film.shape
+        section, said = e.sections[name], []
+        for k, mark in enumerate(calibration.marks, 1):
+            said.append((f"[calibration] marks: mark {k}", mark[0], mark[1]))
+        if calibration.centre:
+            said.append(("[calibration] centre", *calibration.centre))
+        for key in ("foot_row", "floor_row"):
+            if (row := getattr(section, key, None)) is not None:
+                said.append((f"[{name}] {key}", 0.0, row))
+        if (column := getattr(section, "axis_column", None)) is not None:
+            said.append((f"[{name}] axis_column", column, 0.0))
+        for what, x, y in said:
+            if not (-1.0 <= x <= columns and -1.0 <= y <= rows):
+                yield (
+                    f"{what} = {x:g}, {y:g} (column, row) lies outside [{name}] of {columns} x {rows} px: "
+                    "of another camera, or column and row exchanged?"
+                )
+
+
+def _names(e: Experiment) -> Iterator[str]:
+    """A folder that is named after another jump."""
+    law = e.section(Actuation)
+    if law is None:
+        return
+    name = e.name.lower().replace("-", "_").replace(" ", "_")
+    doubt = f"but the experiment is called {e.name}: is it the right one?"
+    said = next((k for k in ("delayed_stutter", "stutter", "single") if k in name), None)
+    if said is not None and law.kind in PHASES and law.kind != said:
+        yield f'[actuation] kind = "{law.kind}", {doubt}'
+    found = re.search(r"(?<![0-9.])(\d+(?:\.\d+)?)_?hz", name)
+    if found and law.frequency:
+        rounding = 0.51 * 10.0 ** -len(found[1].partition(".")[2])
+        if abs(float(found[1]) - law.frequency) > rounding:
+            yield f"[actuation] frequency = {law.frequency:g} Hz, {doubt}"

@@ -1,0 +1,287 @@
+"""Recordings as stages read them: films opened with warnings, the camera of each, errors a campaign shares."""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from jumpvision.estimate.estimate import Estimate
+from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.sections import (
+    BedImage,
+    Calibration,
+    Clock,
+    CraterImage,
+    GrainVideo,
+    RodTrack,
+    RodVideo,
+    need,
+)
+from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.films.frames import Film, FrameError, open_frames
+from jumpvision.films.vision.camera import Camera, camera, straight_map, straight_points
+from jumpvision.films.vision.fields import Fields
+
+from .pairs import in_pairs
+
+SCALE_OF_PIXELS = 1.0  # m/px, where only the lens is undone
+
+
+def open_film(section: RodVideo | GrainVideo, seen: Callable[[NDArray[np.generic]], None] | None = None) -> Film:
+    """The film of a section on the common clock; FrameError when frames are lost and `truncated` does not accept it.
+
+    seen: see `open_frames`.
+    """
+    film: Film
+    if isinstance(section, GrainVideo) and section.pairs:
+        film = in_pairs(section)
+    else:
+        halved = isinstance(section, RodVideo) and section.fields != "together"
+        watch = None if halved else seen
+        film = open_frames(section.path, frame_rate=section.frame_rate, start=section.start, seen=watch)
+        if section.clock == "declared":
+            film = timed_as_declared(film, section)
+        if isinstance(section, RodVideo) and halved:
+            film = Fields(film, lower=section.fields == "bottom")
+    if film.truncated and section.truncated != "accept":
+        film.close()
+        raise FrameError(
+            f"{'; '.join(film.warnings)}: copy the film from the camera again, or give "
+            f'[{section.name}] truncated = "accept" to use the {len(film)} whole frames'
+        )
+    for text in film.warnings:
+        warnings.warn(text, StageWarning, stacklevel=3)
+    return film
+
+
+def timed_as_declared(film: Film, section: RodVideo | GrainVideo) -> Film:
+    """The film with its time stamps stretched to `frame_rate`; gaps in them stay gaps."""
+    (rate,) = need(section, "frame_rate")
+    if film.time_source == "declared" or len(film) < 2:
+        return film
+    film.close()
+    film = open_frames(section.path, start=section.start)  # without a rate to disagree with
+    step = float(np.median(np.diff(film.time)))
+    film.time = film.time[0] + (film.time - film.time[0]) / (rate * step)
+    return film
+
+
+class StraightFilm(Film):
+    """A film whose frames are resampled as a camera without lens errors, square to the marks, would have seen them."""
+
+    def __init__(self, film: Film, view: Camera, scale: float):
+        self.__dict__.update(film.__dict__)  # its clock, shape, warnings and meta are those of the film
+        self._film, self._map = film, straight_map(view, film.shape, scale)
+
+    def _read(self, i: int) -> NDArray[Any]:
+        import cv2
+
+        return np.asarray(cv2.remap(self._film[i], *self._map, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+
+    def close(self) -> None:
+        self._film.close()
+
+
+class Region(Film):
+    """The rows and columns of a film between two corners, which belong to it."""
+
+    def __init__(self, film: Film, corners: tuple[int, int, int, int]):
+        self.__dict__.update(film.__dict__)  # its clock and meta are those of the film
+        left, top, right, bottom = corners
+        self._film, self._part = film, (slice(top, bottom + 1), slice(left, right + 1))
+        self.shape = (bottom + 1 - top, right + 1 - left)
+
+    def _read(self, i: int) -> NDArray[Any]:
+        return self._film[i][self._part].copy()
+
+    def close(self) -> None:
+        self._film.close()
+
+
+def open_grains(section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+    """The grain film, and its section in the pixels of its frames: straightened where lens or marks are given, then
+    cut to `roi`."""
+    return seen_straight(open_film(section), section, calibration)
+
+
+def seen_straight(film: Film, section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+    """The same of an opened film with the pixels of the recorded one."""
+    film, section = straight_grains(film, section, calibration)
+    if not section.roi:
+        return film, section
+    left, top, right, bottom = (round(v) for v in section.roi)
+    if right >= film.shape[1] or bottom >= film.shape[0]:
+        film.close()
+        raise ValueError(
+            f"[grain_video] roi = {list(section.roi)}: must lie in columns 0 to {film.shape[1] - 1}, rows 0 to "
+            f"{film.shape[0] - 1} of the film"
+        )
+    row, column = section.foot_row, section.axis_column
+    moved = replace(
+        section,
+        roi=(),
+        foot_row=None if row is None else row - top,
+        axis_column=None if column is None else column - left,
+    )
+    return Region(film, (left, top, right, bottom)), moved
+
+
+def straight_grains(film: Film, section: GrainVideo, calibration: Calibration | None) -> tuple[Film, GrainVideo]:
+    """The whole film and its section, both straightened where lens or marks are given."""
+    if not calibration or not (calibration.k1 or calibration.k2 or calibration.marks):
+        return film, section
+    # a lens can be undone without a scale: one pixel is then the unit
+    view = view_of(calibration, section if section.scale else replace(section, scale=SCALE_OF_PIXELS), film.shape)
+    known = view.scale if section.scale or calibration.marks else None
+    straight = replace(section, scale=known, scale_sigma=view.scale_sigma)
+    if section.foot_row is not None and section.axis_column is not None:
+        seen = np.array([section.axis_column]), np.array([section.foot_row])
+        column, row = straight_points(view, film.shape, view.scale, *seen)
+        straight = replace(straight, axis_column=float(column[0]), foot_row=float(row[0]))
+    return StraightFilm(film, view, view.scale), straight
+
+
+def open_pictures(section: BedImage | CraterImage) -> Film:
+    """One picture or a series of them, on their own clock (frame_rate, else one a second)."""
+    film = open_frames(section.path, frame_rate=getattr(section, "frame_rate", None) or 1.0)
+    for text in film.warnings if len(film) > 1 else ():
+        warnings.warn(text, StageWarning, stacklevel=3)
+    return film
+
+
+Filmed = RodVideo | BedImage | CraterImage | GrainVideo
+LARGEST_MISS = 2.0  # px rms of the marks, beyond which a wrong mark is more likely than a careless click
+
+
+def in_pixels(film: RodVideo, calibration: Calibration | None) -> bool:
+    """Whether nothing says how many metres a pixel shows."""
+    return film.scale is None and not (calibration and calibration.marks)
+
+
+def view_of(calibration: Calibration | None, section: Filmed, shape: tuple[int, int]) -> Camera:
+    """The camera; the distortion centre defaults to the image centre, the rail's tilt is that of the rod film alone."""
+    view = bare_view(calibration, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
+    if view.residual_px > LARGEST_MISS:
+        warnings.warn(
+            f"[calibration] marks miss their places in [{section.name}] by {view.residual_px:.1f} px rms: check them",
+            StageWarning,
+            stacklevel=3,
+        )
+    return view
+
+
+def bare_view(calibration: Calibration | None, section: Filmed, middle: tuple[float, float]) -> Camera:
+    """The same without a word about marks that miss; middle: column, row of the picture's centre [px]."""
+    c = calibration or Calibration()
+    if not c.marks:
+        need(section, "scale")
+    centre = c.centre or middle
+    up, tilt = (section.up, c.tilt) if isinstance(section, RodVideo) else ("-y", 0.0)
+    return camera(
+        scale=section.scale,
+        up=up,
+        tilt=tilt,
+        marks=c.marks,
+        k1=c.k1,
+        k2=c.k2,
+        centre=(centre[0], centre[1]),
+        scale_sigma=section.scale_sigma,
+    )
+
+
+def other_lens(calibration: Calibration | None, section: Filmed, shape: tuple[int, int]) -> Camera | None:
+    """The camera if k1 were one standard uncertainty larger (marks are then fitted anew); None where k1 is exact."""
+    if calibration is None or not calibration.lens_sigma:
+        return None
+    other = replace(calibration, k1=calibration.k1 + calibration.lens_sigma)
+    return bare_view(other, section, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
+
+
+NOWHERE = (0.0, 0.0)  # px: centre of a picture whose size is not known, where neither lens nor marks need one
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Standard uncertainties that a rod recording shares with all others of its apparatus.
+
+    scale: relative, of every height above rest (scale of the camera, and the angle of the rail). offset [s]: of the
+    recording's start on the common clock. rate: relative, of the time since then. apparatus: equal for recordings with
+    the same scale, scale_sigma and [calibration], whose errors of scale and lens are one and the same.
+    """
+
+    scale: float
+    offset: float
+    rate: float
+    apparatus: str
+
+
+def shared_of(experiment: Experiment) -> Shared:
+    """Of the rod film where there is one, else of the table tracked elsewhere; zeros where nothing is stated.
+
+    The lens is not in it: its error differs from height to height, and stands in rod.csv (lens_m).
+    """
+    film, table = experiment.section(RodVideo), experiment.section(RodTrack)
+    calibration = experiment.section(Calibration) or Calibration()
+    clock = experiment.section(Clock) or Clock()
+    scale, camera = 0.0, {}
+    if film is not None:
+        camera = {"rod_video": [film.scale, film.scale_sigma], "calibration": asdict(calibration)}
+        marks = calibration.marks
+        if film.scale or marks:
+            # an undistorted mark is moved by the centre, but hardly the scale: the film need not be opened for it
+            column, row = np.mean(marks, axis=0)[:2] if marks else NOWHERE
+            scale = height_share(bare_view(calibration, film, (float(column), float(row))), calibration)
+    elif table is not None:
+        scale, camera = table.scale_sigma, {"rod_track": [table.scale_sigma]}
+    return Shared(scale, clock.offset_sigma, clock.rate_sigma, json.dumps(camera, sort_keys=True))
+
+
+def height_share(view: Camera, calibration: Calibration | None) -> float:
+    """Relative standard uncertainty of all heights along the rail, of the camera's scale and of the rail's tilt."""
+    return math.hypot(view.scale_share, foreshortening(calibration.tilt_sigma if calibration else 0.0))
+
+
+def foreshortening(tilt_sigma: float) -> float:
+    """Root mean square of 1 - cos(d), relative, for a normal error d of the rail's angle, tilt_sigma [rad].
+
+    A ball that rises by h along a rail d away from where it is taken to be is seen to rise by h cos(d), whatever the
+    tilt itself: to first order nothing, to second d^2/2, whose mean square is 3/4 tilt_sigma^4.
+    """
+    return 0.5 * math.sqrt(3.0) * tilt_sigma**2
+
+
+def with_common(motion: pd.DataFrame, share: float) -> pd.DataFrame:
+    """The motion above rest with sigma_common_m, and sigma_m (its noise until here) holding both.
+
+    share: relative, of every height_m; lens_m [m]: of each, where the column is there. What rest itself is off is not
+    seen in a height above it. A sigma_common_m that is there already counts beside them.
+    """
+    height = motion.height_m.to_numpy(float)
+    common = share * np.abs(height)
+    for column in ("lens_m", "sigma_common_m"):
+        if column in motion:
+            common = np.hypot(common, motion[column].to_numpy(float))
+    motion = motion.drop(columns="sigma_common_m", errors="ignore")
+    motion.insert(motion.columns.get_loc("sigma_m") + 1, "sigma_common_m", common)
+    return motion.assign(sigma_m=np.hypot(motion.sigma_m.to_numpy(float), common))
+
+
+def scaled(e: Estimate, *shares: float) -> Estimate:
+    """The estimate with relative standard uncertainties that it shares with other experiments."""
+    share = math.hypot(*shares)
+    return e.with_common(share * abs(e.value)) if share else e
+
+
+def timed(e: Estimate, clock: Clock | None, begin: float) -> Estimate:
+    """The estimate of a time [s] on the common clock, with that clock's error; begin [s]: of its recording."""
+    if clock is None:
+        return e
+    return e.with_common(math.hypot(clock.offset_sigma, clock.rate_sigma * abs(e.value - begin)))

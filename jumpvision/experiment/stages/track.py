@@ -1,0 +1,250 @@
+"""Track: the rod's height in every frame, from the film of its ball."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from jumpvision.base.schema import InputError
+from jumpvision.estimate.height import at_rest, exposure_shift, shift_noise, shift_sigma
+from jumpvision.estimate.mean import weighted_mean
+from jumpvision.experiment.inputs.logs import read_log
+from jumpvision.experiment.inputs.parameters import TrackParams
+from jumpvision.experiment.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo
+from jumpvision.experiment.results.tables import Track
+from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.films.frames import Film
+from jumpvision.films.vision.ball.film import FilmTracker, track_film
+from jumpvision.films.vision.ball.track import BallSettings, BallTrack
+from jumpvision.films.vision.camera import Camera
+from jumpvision.films.vision.fields import SIGMA, order_of
+
+from .bodies import INTERLACED
+from .bodies import of_arrays as of_arrays  # jv.track of frames
+from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
+
+LOST = 0.1  # share of frames, from which the film is asked whether it is interlaced
+SAY_FROM = 3.0  # sigma: smaller shifts by the exposure, left in a frame beside a gap, are not worth a warning
+
+
+@stage(version=9)
+def track(
+    film: RodVideo,
+    calibration: Calibration | None,
+    actuation: Actuation | None,
+    corrections: RodCorrections | None = None,
+    *,
+    p: TrackParams,
+) -> Track:
+    """Ball on the rod in every frame of [rod_video]: position [px], height [m], their uncertainties, a flag.
+
+    Height is zero at rest before the motor starts; a lost frame is flagged and holds NaN. Where [rod_corrections]
+    gives a frame, that is taken and marked, with what was found kept beside it. Without a scale, and without a motor
+    whose jump is to be measured, positions are in px alone: heights are NaN.
+    """
+    if in_pixels(film, calibration) and (actuation is None or actuation.kind == "none"):
+        blind = replace(film, scale=SCALE_OF_PIXELS, ball_diameter=None)
+        motions, _ = from_film(blind, calibration, replace(p, exposure_correction="none"), corrections)
+        unknown = dict.fromkeys(("height_m", "sigma_m", "exposure_shift_m", "exposure_shift_sigma_m", "lens_m"), np.nan)
+        first, *others = (m.assign(**{c: x for c, x in unknown.items() if c in m}) for m in motions)
+        return Track(first, tuple(others))
+    motions, share = from_film(film, calibration, p, corrections)
+    first, *others = (with_common(with_rest_zero(motion, actuation), share) for motion in motions)
+    return Track(first, tuple(others))
+
+
+def from_film(
+    film: RodVideo, calibration: Calibration | None, p: TrackParams, corrections: RodCorrections | None = None
+) -> tuple[list[pd.DataFrame], float]:
+    """Columns of Track for every ball, height along the rail from the camera's own zero, sigma_m the noise alone; and
+    the relative uncertainty that all heights share. corrections: of the first ball."""
+    balls = BallFilm(film, p, partial(view_of, calibration, film))
+    with open_film(film, balls.see if balls.ready else None) as frames:
+        tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
+        if film.fields != "together":
+            tracks = [replace(ball, sigma=ball.sigma * SIGMA) for ball in tracks]
+        elif np.mean(tracks[0].flag != "") > LOST and (order := order_of(frames)):
+            warnings.warn(INTERLACED.format("[rod_video] fields", order), StageWarning, stacklevel=2)
+        other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)
+        time = frames.time + exposure / 2
+    motions = [ball_motion(film, ball, time, view, k + 1) for k, ball in enumerate(tracks)]
+    if corrections is not None:
+        motions[0] = by_hand(motions[0], corrections, view)
+    motions = [through(other, motion) for motion in motions]
+    corrected = [at_mid_exposure(motion, exposure, p.exposure_correction) for motion in motions]
+    return corrected, height_share(view, calibration)
+
+
+def by_hand(motion: pd.DataFrame, corrections: RodCorrections, view: Camera) -> pd.DataFrame:
+    """The motion with the positions that a person gives: corrected is 1 there, and x_found_px, y_found_px, flag_found
+    hold what was found. Raises InputError for a frame that the film does not have or a sigma that is none."""
+    given = read_log(corrections, "frame", "x_px", "y_px", "sigma_px", at_least=0)
+    n, at = len(motion), given.frame.to_numpy()
+    for row, (frame, sigma) in enumerate(zip(at, given.sigma_px), 1):
+        if frame != int(frame) or not 0 <= frame < n:
+            raise InputError(
+                [f"{corrections.path}: row {row}, frame = {frame:g}: must be a frame of the film, 0 to {n - 1}"]
+            )
+        if not sigma > 0:
+            raise InputError([f"{corrections.path}: row {row}, sigma_px = {sigma:g}: must be above 0 px"])
+    x, y, sigma = (given[c].to_numpy(float) for c in ("x_px", "y_px", "sigma_px"))
+    found = {"x_found_px": motion.x_px, "y_found_px": motion.y_px, "flag_found": motion.flag}
+    motion = motion.assign(corrected=0, **found)
+    values = {"x_px": x, "y_px": y, "sigma_px": sigma, "height_m": view.height(x, y), "sigma_m": sigma * view.scale}
+    for column, value in (values | {"flag": "", "corrected": 1}).items():
+        motion.loc[at.astype(int), column] = value
+    return motion
+
+
+def through(other: Camera | None, motion: pd.DataFrame) -> pd.DataFrame:
+    """The motion with lens_m [m]: by how much the other camera sees each height higher; as it is without one."""
+    if other is None:
+        return motion
+    x, y = (motion[c].to_numpy(float) for c in ("x_px", "y_px"))
+    return motion.assign(lens_m=other.height(x, y) - motion.height_m.to_numpy(float))
+
+
+def at_mid_exposure(motion: pd.DataFrame, exposure: float, how: str) -> pd.DataFrame:
+    """The motion with exposure_shift_m, what acceleration during the exposure [s] adds to a height, and its
+    exposure_shift_sigma_m; NaN where unknown. how = "apply" takes it out of height_m, "report" says where it exceeds
+    SAY_FROM sigma; where it does, what cannot be mended is said too."""
+    time, height, sigma = (motion[c].to_numpy(float) for c in ("time_s", "height_m", "sigma_m"))
+    shift = exposure_shift(time, height, exposure) if exposure > 0 else np.full(len(motion), np.nan)
+    known = np.isfinite(shift)
+    own = np.where(known, shift_noise(sigma, time, exposure), np.nan) if known.any() else shift
+    motion = motion.assign(exposure_shift_m=shift, exposure_shift_sigma_m=own)
+    if how == "none" or not known.any():
+        return motion
+    worst = int(np.nanargmax(np.abs(shift)))
+    matters = abs(shift[worst]) > SAY_FROM * sigma[worst]
+    size = f"shifts heights by up to {abs(shift[worst]):.2g} m ({abs(shift[worst]) / sigma[worst]:.1f} sigma)"
+    left = np.count_nonzero(np.isfinite(height) & ~known)
+    if how == "apply":
+        if matters and left:
+            text = f"exposure {exposure:g} s: acceleration {size}; not taken out of {left} frames without neighbours"
+            warnings.warn(text, StageWarning, stacklevel=2)
+        better = np.where(known, shift_sigma(sigma, time, exposure), sigma)
+        return motion.assign(height_m=height - np.where(known, shift, 0.0), sigma_m=better)
+    if matters:
+        text = f'exposure {exposure:g} s: acceleration {size}; track.exposure_correction = "apply" takes it out'
+        warnings.warn(text, StageWarning, stacklevel=2)
+    return motion
+
+
+def ball_motion(film: RodVideo, found: BallTrack, time: NDArray[np.float64], view: Camera, number: int) -> pd.DataFrame:
+    """Columns of Track for one ball. time: (n,) mid-exposure [s]; number: of the ball, from 1."""
+    n, which = len(found.x), f"ball {number}: " if number > 1 else ""
+    flag = np.array(found.flag, dtype=object)
+    for i, reason in film.excluded(n).items():
+        flag[i] = reason
+    bad = flag != ""
+    if bad.all():
+        raise ValueError(
+            f"{film.path}: {which}no ball found in any of {n} frames (first reason: {flag[0]}); "
+            "check polarity, ball_diameter and scale, or give track.seed=[column, row]"
+        )
+    if bad.any():
+        lost = np.flatnonzero(bad)
+        warnings.warn(
+            f"{which}{lost.size} of {n} frames lost (first {lost[0]}: {flag[lost[0]]})", StageWarning, stacklevel=2
+        )
+    for note in found.notes:
+        warnings.warn(f"{which}{note}", StageWarning, stacklevel=2)
+    x, y, sigma = (np.where(bad, np.nan, v) for v in (found.x, found.y, found.sigma))
+    return pd.DataFrame(
+        {
+            "frame": np.arange(n),
+            "time_s": time,
+            "x_px": x,
+            "y_px": y,
+            "sigma_px": sigma,
+            "height_m": view.height(x, y),
+            "sigma_m": sigma * view.scale,
+            "flag": flag,
+        }
+    )
+
+
+def with_rest_zero(motion: pd.DataFrame, actuation: Actuation | None) -> pd.DataFrame:
+    """The same with height zero at rest: the weighted mean before the motor starts, or the first good frame."""
+    start = actuation.start if actuation else None
+    good = motion.height_m.notna().to_numpy()
+    rest = good & at_rest(motion.time_s, start) if start is not None else np.zeros_like(good)
+    if actuation is not None and actuation.kind != "none" and not rest.any():
+        warnings.warn(
+            f"no good frame before the motor starts at {start:g} s: the first good frame is taken as rest",
+            StageWarning,
+            stacklevel=2,
+        )
+    if not rest.any():
+        rest[np.flatnonzero(good)[0]] = True
+    zeros = {
+        c: weighted_mean(motion[c][rest], motion.sigma_m[rest], "m").value
+        for c in ("height_m", "lens_m")
+        if c in motion
+    }
+    return motion.assign(**{c: motion[c] - zero for c, zero in zeros.items()})
+
+
+RATES_ALIKE = 0.1  # relative difference of declared and recorded rate that a streak fit starts well with
+
+
+class BallFilm:
+    """Give `see` to `open_film` where `ready`, then ask for the `tracks` of the film."""
+
+    def __init__(self, film: RodVideo, p: TrackParams, camera: Callable[[tuple[int, int]], Camera]):
+        self.film, self.p, self.camera = film, p, camera  # camera: of a frame's shape
+        # a motion streak needs the frame rate, which a film that does not declare it tells at its end
+        self.ready = not film.exposure or film.frame_rate is not None
+        self.follower: FilmTracker | None = None
+
+    def see(self, image: NDArray[np.generic]) -> None:
+        """The next frame of the film, in order."""
+        if self.follower is None:
+            settings = self.settings(image.shape, self.film.exposure, self.film.frame_rate or 0.0)
+            self.follower = FilmTracker(settings, scene=self.scene, markers=self.markers)
+        self.follower.see(image)
+
+    def tracks(self, frames: Film) -> list[BallTrack]:
+        """One track a ball, the first ball's first; the frames are read again only if `see` was not given all."""
+        rate = 1.0 / float(np.median(np.diff(frames.time))) if len(frames) > 1 else 0.0
+        settings, seen = self.settings(frames.shape, self.exposure(frames), rate), self.follower
+        if seen is not None and frames.shown:
+            guess, fraction = seen.settings, settings.exposure_fraction
+            near = abs(guess.exposure_fraction - fraction) <= RATES_ALIKE * fraction
+            if near and replace(guess, exposure_fraction=fraction) == settings:
+                return seen.finish(frames)
+        return track_film(frames, settings, scene=self.scene, markers=self.markers)
+
+    def settings(self, shape: tuple[int, ...], exposure: float, rate: float) -> BallSettings:
+        """How to follow the first ball at this exposure [s] and frame rate [Hz]."""
+        film, p, scale = self.film, self.p, self.camera((shape[0], shape[1])).scale
+        return BallSettings(
+            diameter=p.diameter or (film.ball_diameter / scale if film.ball_diameter else None),
+            polarity=p.polarity,
+            method=p.method,
+            search=p.search,
+            seed=(p.seed[0], p.seed[1]) if p.seed else None,
+            streak=exposure > 0,
+            exposure_fraction=min(exposure * rate, 1.0),
+        )
+
+    @property
+    def scene(self) -> bool:
+        """Whether the still scene is to be taken out."""
+        return self.p.background == "static"
+
+    @property
+    def markers(self) -> list[tuple[float, float]]:
+        """Where the further balls are in the first frame [px]."""
+        return [(m[0], m[1]) for m in self.p.markers]
+
+    def exposure(self, frames: Film) -> float:
+        """Exposure time [s], 0 where nobody knows it."""
+        return self.film.exposure or float(frames.meta.get("exposure_s") or 0.0)

@@ -1,0 +1,198 @@
+"""Many experiments: several at a time in other processes, films first; then their pictures. Nothing is lost."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.progress import making_way, one_thread, processes, ready
+from jumpvision.experiment.inputs.experiment import Campaign, Experiment
+from jumpvision.experiment.inputs.sections import GrainVideo
+
+from .run import Outcome, Plan, no_leftovers, run_experiment
+from .stage import modules
+from .workspace import NotCached
+
+Report = Callable[[Outcome], None]
+Known = Callable[[Mapping[str, Outcome]], None]
+Job = tuple[Any, ...]  # experiment, plan, results and, where only pictures are left, its outcome
+BEFORE_FILM = ("rod", "bed")  # stages that tell of an experiment's jump
+
+
+def run_campaign(
+    campaign: Campaign,
+    plan: Plan,
+    *,
+    workers: int,
+    done: Report,
+    elsewhere: Mapping[str, list[str]] | None = None,
+    jumps: Known | None = None,
+) -> list[Outcome]:
+    """Every experiment, `workers` at a time; `done` is called as each one ends. Outcomes in the campaign's order.
+
+    jumps: is called where grain films take longer than all else, with what is known before they are matched.
+
+    Pictures are drawn only where all else is in the cache; `undrawn` says of an outcome that they are left to `draw`.
+    elsewhere: the experiments were computed by others, with these failures by name; here they are only collected.
+    """
+    with no_leftovers(plan):
+        return _run_campaign(campaign, plan, workers, done, elsewhere, jumps)
+
+
+def _run_campaign(
+    campaign: Campaign,
+    plan: Plan,
+    workers: int,
+    done: Report,
+    elsewhere: Mapping[str, list[str]] | None,
+    jumps: Known | None,
+) -> list[Outcome]:
+    jobs = {e.name: (e, plan, plan.results / e.name) for e in campaign.experiments}
+    outcomes: dict[str, Outcome] = {}
+    # what is all in the cache is done here, faster than a worker process starts
+    for name, job in list(jobs.items()):
+        try:
+            outcomes[name] = run_experiment(*job, only_cached=True)
+        except NotCached:
+            if elsewhere is None:
+                continue
+            why = elsewhere.get(name, [f"{job[0].path}: it changed while it was computed; run again"])
+            outcomes[name] = Outcome(name, job[2], errors=why)
+        done(outcomes[name])
+
+    bare = replace(plan, pictures=())
+    left: dict[str, Job] = {n: (e, bare, results) for n, (e, _, results) in jobs.items() if n not in outcomes}
+    films = {n for n, job in left.items() if job[0].section(GrainVideo) is not None} if jumps and workers > 1 else set()
+    before = replace(bare, stages=BEFORE_FILM, whole=False)
+    first: dict[str, Outcome] = {}
+
+    def report(name: str, outcome: Outcome) -> dict[str, Job]:
+        if name in films and name not in first:
+            first[name] = outcome
+            more = {name: left[name]}
+        else:
+            now = {s.stage: s for s in first[name].steps} if name in first else {}  # of this run, too
+            steps = [now.get(s.stage, s) for s in outcome.steps]
+            outcomes[name] = replace(outcome, steps=steps, undrawn=bool(plan.pictures))
+            done(outcomes[name])
+            more = {}
+        if jumps and films and len(outcomes) < len(jobs) and len(outcomes | first) == len(jobs):
+            jumps(first | outcomes)
+            films.clear()
+        return more
+
+    begin = {n: (job[0], before, job[2]) if n in films else job for n, job in _longest_first(left).items()}
+    _all(begin, workers, report)
+    return [outcomes[n] for n in jobs]
+
+
+def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: int) -> list[Outcome]:
+    """The outcomes of `run_campaign` with the pictures that it left, `workers` experiments at a time."""
+    made = {o.name: o for o in outcomes}
+    jobs = {e.name: (e, plan, plan.results / e.name, made[e.name]) for e in campaign.experiments}
+    with no_leftovers(plan):
+        _all(_longest_first({n: job for n, job in jobs.items() if made[n].undrawn}), workers, made.__setitem__)
+    return list(made.values())
+
+
+@contextlib.contextmanager
+def drawn_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, workers: int) -> Iterator[None]:
+    """Beside the work within, pictures are drawn in processes that make way for it, and put into `outcomes`; with its
+    end no further ones are begun."""
+    at = {o.name: i for i, o in enumerate(outcomes) if o.undrawn}
+    jobs = {n: (campaign[n], plan, plan.results / n, outcomes[i]) for n, i in at.items()}
+    waiting, ended = iter(_longest_first(jobs).items()), threading.Event()
+
+    def work(pool: ProcessPoolExecutor) -> None:
+        with contextlib.suppress(BrokenProcessPool):  # what it drew is drawn again, alone
+            for name, job in waiting:
+                if ended.is_set():
+                    break
+                outcomes[at[name]] = pool.submit(_run, *job).result()
+
+    if workers <= 1 or not jobs:
+        yield
+        return
+    with (
+        ProcessPoolExecutor(workers, mp_context=processes(), initializer=making_way) as pool,
+        ThreadPoolExecutor(workers) as threads,
+    ):
+        for _ in range(workers):
+            threads.submit(work, pool)
+        try:
+            yield
+        finally:
+            ended.set()
+
+
+Ended = Callable[[str, Outcome], Mapping[str, Job] | None]  # gives what is to be done next
+
+
+def _longest_first(jobs: Mapping[str, Job]) -> dict[str, Job]:
+    """Films first: the longest jobs must not start last."""
+    films = {n: sum(hasattr(s, "frame_rate") for s in job[0].sections.values()) for n, job in jobs.items()}
+    return {n: jobs[n] for n in sorted(jobs, key=lambda n: -films[n])}
+
+
+def _all(jobs: Mapping[str, Job], workers: int, report: Ended) -> None:
+    """Jobs by name, in other processes where several run at a time; one whose process dies is tried again alone."""
+    left = dict(jobs)
+
+    def ended(name: str, outcome: Outcome) -> Mapping[str, Job]:
+        del left[name]
+        more = report(name, outcome) or {}
+        left.update(more)
+        return more
+
+    while left and (workers <= 1 or len(jobs) <= 1):
+        name = next(iter(left))
+        ended(name, _run(*left[name]))
+    while left:
+        for name in _in_processes(left, min(workers, len(left)), ended):  # alone, so that the guilty one is known
+            e, _, results, *_ = left[name]
+            if _in_processes({name: left[name]}, 1, ended):
+                killed = f"{e.path}: its worker process was killed (out of memory?); run again to resume"
+                ended(name, Outcome(name, results, errors=[killed]))
+
+
+def _run(experiment: Experiment, plan: Plan, results: Path, before: Outcome | None = None) -> Outcome:
+    return run_experiment(experiment, plan, results, before=before)
+
+
+def prepare(plan: Plan) -> None:
+    """Begins to import, beside this process, what workers need."""
+    drawn = [*plan.pictures, "matplotlib.figure", "matplotlib.backends.backend_agg"] if plan.pictures else []
+    ready([__name__, *modules(), *drawn])
+
+
+def _in_processes(
+    jobs: Mapping[str, Job], workers: int, ended: Callable[[str, Outcome], Mapping[str, Job]]
+) -> list[str]:
+    """Jobs by name, `workers` at a time; [] when all are done, or the names under way when a worker process died."""
+    prepare(next(iter(jobs.values()))[1])
+    queue = list(jobs.items())[::-1]
+    under_way: dict[Future[Outcome], tuple[str, Job]] = {}
+    with ProcessPoolExecutor(workers, mp_context=processes(), initializer=one_thread) as pool:
+        try:
+            while queue or under_way:
+                # one more than there are workers, so that none waits, except where a film is to come next
+                films = any(job[1].stages == BEFORE_FILM for _, job in under_way.values())
+                while queue and len(under_way) < workers + (not films):
+                    name, job = queue.pop()
+                    under_way[pool.submit(_run, *job)] = name, job
+                    films |= job[1].stages == BEFORE_FILM
+                for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                    outcome = future.result()
+                    queue += (ended(under_way.pop(future)[0], outcome) or {}).items()
+        except BrokenProcessPool:
+            return [name for name, _ in under_way.values()]
+        except KeyboardInterrupt:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return []

@@ -1,0 +1,244 @@
+"""Run the stages of one experiment or of a whole campaign: parallel over experiments, resumable, nothing lost.
+
+A failed stage is reported with its reason; stages that do not depend on it, and the other experiments, go on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import time
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared
+from jumpvision.base.schema import InputError, closest
+from jumpvision.base.storage import sweep_leftovers
+from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.sections import NotApplicable
+from jumpvision.experiment.results import Record, plain
+from jumpvision.experiment.results.values import Summary
+
+from . import unchanged
+from .entries import versions
+from .provenance import settle
+from .stage import STAGES, declared, results_stages, stage_named
+from .workspace import NotCached, Step, Workspace
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to do: stages by name (None: all that have inputs), where results and cache lie, how."""
+
+    results: Path
+    cache: Path
+    stages: tuple[str, ...] | None = None
+    whole: bool = True  # also the tables of a campaign; not for a single stage
+    pictures: tuple[str, ...] = ()  # modules whose stages draw figures of the results
+    verify: bool = False
+    fresh: bool = False  # compute again what other versions made
+    debug: bool = False
+    command: str = ""
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """Stages by name (None: all that have inputs) and parameters by stage."""
+
+    stages: tuple[str, ...] | None = None
+    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def read_pipeline(file: Path) -> Pipeline:
+    """The definition in a TOML file. Raises InputError with every problem."""
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as e:
+        raise InputError([f"{file}: cannot be read: {e.strerror}"]) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
+        raise InputError([f"{file}: not valid TOML: {e}"]) from None
+    keys = {"description", "stages", "params"}
+    problems = [f"{file}: {key}: unknown key{closest(key, keys)}" for key in table if key not in keys]
+    stages, known = table.get("stages"), declared()
+    if stages is not None:
+        problems += [f"{file}: stages: unknown stage '{s}'{closest(str(s), known)}" for s in stages if s not in known]
+    if problems:
+        raise InputError(problems)
+    return Pipeline(tuple(stages) if stages is not None else None, table.get("params", {}))
+
+
+@dataclass
+class Outcome:
+    """What became of one experiment."""
+
+    name: str
+    results: Path
+    steps: list[Step] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    not_run: list[str] = field(default_factory=list)  # stages without inputs, and why
+    seconds: float = 0.0
+    summary: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)  # on files of earlier runs that had to stay
+    undrawn: bool = False  # its pictures are left for later
+
+    @property
+    def computed(self) -> int:
+        return sum(s.state == "computed" for s in self.steps)
+
+    @property
+    def warnings(self) -> list[str]:
+        return [*(f"{s.stage}: {w}" for s in self.steps for w in s.warnings), *self.notes]
+
+    @property
+    def older(self) -> list[str]:
+        """Packages of which another version than that of today made a result, as `numpy 2.1.0, now 2.2.3`."""
+        now = versions()
+        then = {(p, v) for s in self.steps for p, v in s.versions.items() if now.get(p) != v}
+        return [f"{p} {v}, now {now.get(p, 'not installed')}" for p, v in sorted(then)]
+
+    def made(self, record: type[Record]) -> bool:
+        """Whether this run made the record: what else lies in the folder is no result of it."""
+        return any(record.file in s.files for s in self.steps)
+
+
+def run_experiment(
+    experiment: Experiment, plan: Plan, results: Path, *, only_cached: bool = False, before: Outcome | None = None
+) -> Outcome:
+    """Every stage of the plan that has inputs, then the pictures; errors are kept in the outcome, not raised.
+
+    only_cached: raises NotCached when something would have to be computed. before: what became of its stages; only the
+    pictures are then computed, and what failed is not tried again.
+    """
+    began = time.perf_counter()
+    key = unchanged.key_of(experiment, plan.stages, plan.pictures, plan.fresh)
+    if before is None and not plan.verify and (known := _as_noted(experiment, plan, results, key)):
+        return replace(known, seconds=time.perf_counter() - began)
+    for module in plan.pictures:
+        importlib.import_module(module)
+    computes = "nothing" if only_cached else "pictures" if before else "all"
+    workspace = Workspace(experiment, results, plan.cache, verify=plan.verify, computes=computes, fresh=plan.fresh)
+    outcome = Outcome(experiment.name, results, errors=list(before.errors) if before else [])
+    blamed: set[int] = set()
+    for output, made in wanted(plan):
+        why = workspace.missing(output)
+        if why:
+            if not made.picture:
+                outcome.not_run.append(why)
+            continue
+        try:
+            workspace.make(output)
+        except NotCached:
+            if before is None:
+                raise
+        except NotApplicable as e:
+            if not made.picture:
+                outcome.not_run += [p for p in e.problems if p not in outcome.not_run]
+        except Exception as e:
+            if plan.debug and not isinstance(e, InputError):
+                raise
+            if id(e) not in blamed:  # a stage below failed already: said once
+                blamed.add(id(e))
+                said = explain(e, made.name, experiment.path)  # two stages that read one bad log say the same
+                outcome.errors += [text for text in said if text not in outcome.errors]
+    already = {s.stage: s for s in before.steps} if before else {}
+    outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
+    if Summary in workspace.made:
+        outcome.summary = workspace.made[Summary].values
+    try:
+        outcome.notes = settle(workspace, plan.command)
+    except (OSError, InputError) as e:
+        said = explain(e, "provenance", experiment.path)
+        outcome.errors += [text for text in said if text not in outcome.errors]
+    outcome.seconds = time.perf_counter() - began + (before.seconds if before else 0.0)
+    if not outcome.errors and not outcome.notes:
+        _note(workspace, outcome, key)
+    return outcome
+
+
+def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Outcome | None:
+    """What became of an experiment, where all is as an earlier run noted it."""
+    told = unchanged.told(plan.cache, results, key)
+    if told is None:
+        return None
+    as_now = {"state": "cached", "seconds": 0.0}
+    steps = [Step(**{**s, **as_now, "versions": _shared(s["versions"])}) for s in told["steps"]]
+    known = Outcome(experiment.name, results, steps, not_run=told["not_run"], summary=told["summary"])
+    return None if plan.fresh and known.older else known
+
+
+def _shared(versions: Mapping[str, str]) -> Mapping[str, str]:
+    """One object for all that are the same: a campaign may have 10,000 experiments."""
+    return VERSIONS.setdefault(tuple(versions.items()), versions)
+
+
+VERSIONS: dict[tuple[tuple[str, str], ...], Mapping[str, str]] = {}
+
+
+def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
+    """For `_as_noted`. A note that cannot be written is none: the run has done its work."""
+    told = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": outcome.summary})
+    with contextlib.suppress(OSError, InputError):
+        unchanged.note(workspace, key, told)
+
+
+def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
+    """The stages of a plan, then the registered pictures of what those stages make."""
+    chosen = {s.output: s for s in results_stages() if plan.stages is None or s.name in plan.stages}
+    yield from chosen.items()
+    drawn = {o: s for o, s in STAGES.items() if s.picture and s.function.__module__ in plan.pictures}
+    yield from ((o, s) for o, s in drawn.items() if s.inputs[0].type in chosen)
+
+
+def explain(error: Exception, stage: str, path: Path) -> list[str]:
+    """An error in words a user can act on: the experiment, the stage and what is wrong."""
+    if isinstance(error, InputError):
+        return list(error.problems)
+    where = f"{path}: {stage}: "
+    if isinstance(error, OSError) and error.strerror:
+        return [f"{where}{error.strerror}" + (f": {error.filename}" if error.filename else "")]
+    if isinstance(error, ValueError):
+        return [where + str(error)]
+    return [f"{where}unexpected {type(error).__name__}: {error} (run again with --debug to see where)"]
+
+
+@contextlib.contextmanager
+def no_leftovers(plan: Plan) -> Iterator[None]:
+    """Before and after: a worker of a killed run can still be dying, in the middle of a write, as the next begins."""
+    sweep_leftovers(plan.results, plan.cache)
+    try:
+        yield
+    finally:
+        sweep_leftovers(plan.results, plan.cache)
+
+
+def run_share(experiment: Experiment, plan: Plan, stage: str, share: tuple[int, int], *, workers: int) -> bool:
+    """The k-th of n shares of a stage's long work, kept in the cache for whoever asks for the whole; False where there
+    is nothing to share: the whole is there, or too little to be kept in parts. Raises InputError where it cannot be
+    made, and what the stage raises."""
+    output = stage_named(stage).output
+    workspace = Workspace(experiment, plan.results, plan.cache, verify=plan.verify, fresh=plan.fresh)
+    if why := workspace.missing(output):
+        raise InputError([f"{experiment.path}: {why}"])
+    tokens = SHARE.set(share), WORKERS.set(workers)
+    try:
+        workspace.make(output)
+    except Shared as e:
+        return bool(e.args)
+    finally:
+        SHARE.reset(tokens[0])
+        WORKERS.reset(tokens[1])
+    return False
+
+
+def run_single(experiment: Experiment, plan: Plan, *, workers: int, hook: Hook | None) -> Outcome:
+    """One experiment, its files in the results folder itself, with progress; `workers` share a long film."""
+    token, share = HOOK.set(hook), WORKERS.set(workers)
+    try:
+        with no_leftovers(plan):
+            return run_experiment(experiment, plan, plan.results)
+    finally:
+        HOOK.reset(token)
+        WORKERS.reset(share)

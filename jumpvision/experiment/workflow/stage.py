@@ -1,0 +1,186 @@
+"""A stage is its typed signature: inputs by type, parameters `p`, output by type, a version, and help in its docstring.
+
+Everything else derives from it: `jumpvision NAME`, `jv.NAME`, the names a pipeline may list, the order of a run, the
+table in docs/keys.md.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import importlib
+import inspect
+import itertools
+import pkgutil
+import re
+import types
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
+PACKAGE = "jumpvision.experiment.stages"
+
+
+class StageWarning(UserWarning):
+    """Something a user should know about a result that stands all the same; kept with the result."""
+
+
+@dataclass(frozen=True)
+class Input:
+    """One argument of a stage: a section of the experiment, a record, or the experiment itself."""
+
+    name: str
+    type: type
+    optional: bool
+
+
+class Inputs:
+    """Base of a dataclass whose fields are inputs of a stage that takes many; each is declared as an argument is."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A registered stage; calling it calls the function."""
+
+    name: str
+    function: Callable[..., Any]
+    version: int
+    inputs: tuple[Input, ...]
+    output: type
+    params: type | None
+    any_of: tuple[str, ...]
+    picture: bool = False  # a figure drawn from records, not a result that others need
+    gathered: Mapping[str, type[Inputs]] = field(default_factory=dict, hash=False)  # arguments of several inputs each
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return self.function(*args, **kwargs)
+
+    def made_of(self, values: Mapping[str, Any]) -> Any:
+        """What the function makes of its inputs and `p`, given one by one by their names."""
+        left = dict(values)
+        together = {
+            name: kind(**{n: left.pop(n) for n in get_type_hints(kind)}) for name, kind in self.gathered.items()
+        }
+        return self.function(**left, **together)
+
+    @property
+    def help(self) -> str:
+        """What it makes, in a line, with the file."""
+        return f"{first_paragraph(self.function.__doc__).removesuffix('.')} ({self.output.file})."  # type: ignore[attr-defined]
+
+
+STAGES: dict[type, Stage] = {}  # by output type
+
+
+def stage(
+    *, version: int, any_of: tuple[str, ...] = (), picture: bool = False
+) -> Callable[[Callable[..., Any]], Stage]:
+    """Register a function as a stage. any_of: names of inputs of which at least one must be there.
+
+    The first paragraph of its docstring is its help, for the command line, notebooks and the docs.
+    """
+
+    def register(function: Callable[..., Any]) -> Stage:
+        hints = get_type_hints(function)
+        arguments = {n: hints[n] for n in inspect.signature(function).parameters if n != "p"}
+        gathered = {n: h for n, h in arguments.items() if isinstance(h, type) and issubclass(h, Inputs)}
+        inputs = []
+        for name, hint in arguments.items():
+            each = get_type_hints(hint) if name in gathered else {name: hint}
+            inputs += [_input(n, h) for n, h in each.items()]
+        made = Stage(
+            function.__name__,
+            function,
+            version,
+            tuple(inputs),
+            hints["return"],
+            hints.get("p"),
+            any_of,
+            picture,
+            gathered,
+        )
+        if made.output in STAGES and STAGES[made.output].name != made.name:
+            raise TypeError(f"stages {STAGES[made.output].name} and {made.name} both make {made.output.__name__}")
+        if made.params and made.params.stage != made.name:  # type: ignore[attr-defined]
+            raise TypeError(f"{made.params.__name__}: stage = {made.params.stage!r}: must be {made.name!r}")  # type: ignore[attr-defined]
+        STAGES[made.output] = made
+        return made
+
+    return register
+
+
+def _input(name: str, hint: Any) -> Input:
+    optional = get_origin(hint) in (Union, types.UnionType)
+    return Input(name, next(t for t in get_args(hint) if t is not type(None)) if optional else hint, optional)
+
+
+def results_stages() -> list[Stage]:
+    """All stages that make results, each after those whose records it reads; of several by module. Imports them."""
+    import_all(PACKAGE)
+    ours = [s for s in STAGES.values() if s.function.__module__.startswith(PACKAGE + ".")]
+    return in_order(sorted(ours, key=lambda s: s.function.__module__))
+
+
+def modules() -> list[str]:
+    """Those that hold stages and what they call, by name."""
+    inside = (f.relative_to(FOLDER).with_suffix("").parts for f in sorted(FOLDER.rglob("*.py")))
+    return [".".join((PACKAGE, *parts)).removesuffix(".__init__") for parts in inside]
+
+
+@functools.cache
+def import_all(package: str) -> None:
+    """Import every module below a package, for what they register."""
+    for module in pkgutil.walk_packages(importlib.import_module(package).__path__, package + "."):
+        importlib.import_module(module.name)
+
+
+def in_order(stages: Iterable[Stage]) -> list[Stage]:
+    """Each after those of them whose records it reads, else as given."""
+    waiting, out = list(stages), []
+    while waiting:
+        missing = {s.output for s in waiting}
+        ready = next((s for s in waiting if not any(i.type in missing for i in s.inputs)), None)
+        if ready is None:
+            raise TypeError("stages that read each other's records: " + ", ".join(s.name for s in waiting))
+        waiting.remove(ready)
+        out.append(ready)
+    return out
+
+
+def stage_named(name: str) -> Stage:
+    """The stage of this name. KeyError where there is none."""
+    return {s.name: s for s in results_stages()}[name]
+
+
+class Declared(NamedTuple):
+    """A stage, or a command, as its source declares it. called: the name that the decorator gives, else ""."""
+
+    name: str
+    help: str
+    called: str = ""
+
+
+@functools.cache
+def declared() -> dict[str, Declared]:
+    """The stages by name, read from their source: importing them takes seconds, `jumpvision --help` must not."""
+    texts = (file.read_text(encoding="utf-8") for file in sorted(FOLDER.rglob("*.py")))
+    return {f.name: f for text in texts for f in functions_under(text, "@stage")}
+
+
+def functions_under(text: str, decorator: str) -> list[Declared]:
+    """The functions of a source that have this decorator. No more of it is parsed: that would take long."""
+    found = []
+    for at in re.finditer(rf"^{re.escape(decorator)}\b.*\n", text, flags=re.M):
+        quotes = list(itertools.islice(re.finditer('"""', text[at.end() :]), 2))
+        called = re.search(r'\bname="(\w+)"', at[0])
+        head = ast.parse(text[at.end() : at.end() + quotes[1].end()] if len(quotes) == 2 else text[at.end() :]).body[0]
+        assert isinstance(head, ast.FunctionDef)
+        found.append(Declared(head.name, first_paragraph(ast.get_docstring(head)), called[1] if called else ""))
+    return found
+
+
+def first_paragraph(text: str | None) -> str:
+    """On one line."""
+    return " ".join(inspect.cleandoc(text or "").split("\n\n")[0].split())

@@ -1,0 +1,414 @@
+"""Stages run on an experiment, their results kept.
+
+`Workspace.make(Track)` walks back from the wanted record, computes what is missing or changed and keeps each result
+under the hash of its inputs, parameters and version (`entries`). A recording that changes while it is read is no input.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import os
+import sys
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.progress import KEEPER, Shared
+from jumpvision.base.schema import InputError, read
+from jumpvision.base.storage import (
+    HASHES,
+    ChangedFile,
+    Stamp,
+    copy_aside,
+    recording_files,
+    sealed,
+    settled,
+    sha256,
+    stamp,
+    unsealed,
+    write_aside,
+)
+from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.sections import MissingKey, NotApplicable, Section
+
+from . import entries
+from .entries import ATTEMPTS, CorruptEntry, Receipt
+from .stage import STAGES, Input, Stage, StageWarning
+
+FEW = 16  # files of a film: of one of more it would take long to look at all before each part is kept
+
+
+@dataclass
+class Step:
+    """What became of one stage in a run. versions: of the packages that made it; files: its results."""
+
+    stage: str
+    state: str  # "computed" | "cached"
+    seconds: float
+    warnings: list[str]
+    key: str
+    versions: Mapping[str, str]
+    files: Mapping[str, str]  # name: SHA-256
+
+
+class NotCached(Exception):
+    """A stage would have to be computed where only what is there already was asked for."""
+
+
+class Workspace:
+    """Results and cache of one experiment.
+
+    results: folder of the result files. cache: folder shared by the experiments of a campaign.
+    verify: hash every input again instead of trusting an unchanged size and modification time.
+    computes: "all" that is not there yet, "pictures" alone, or "nothing"; else NotCached is raised.
+    fresh: compute again what other versions of jumpvision, of Python or of a package have made.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        results: Path,
+        cache: Path,
+        *,
+        verify: bool = False,
+        computes: str = "all",
+        fresh: bool = False,
+    ):
+        self.experiment, self.results, self.cache, self.verify = experiment, Path(results), Path(cache), verify
+        self.computes, self.fresh = computes, fresh
+        self.steps: list[Step] = []
+        self.inputs: dict[str, str] = {}  # relative path -> SHA-256
+        self._made: dict[type, tuple[str, Any]] = {}
+        self._failed: dict[type, Exception] = {}
+        self._read: dict[Path, dict[Path, Stamp]] = {}  # recording -> its files as they were hashed
+        self._published: dict[Path, Stamp] = {}
+        self._hashes: dict[Path, tuple[str, Stamp]] = {}
+
+    # -- what can be made ------------------------------------------------------------------------------------
+
+    def missing(self, output: type) -> str:
+        """Why `output` cannot be made from this experiment: "" or the sections it lacks, in words."""
+        lack = self._lack(output)
+        return f"{STAGES[output].name} needs {lack}" if lack else ""
+
+    def _lack(self, kind: type) -> str:
+        """The sections that are missing for a section or record to be there; "" when it can be had."""
+        if issubclass(kind, Section):
+            return "" if self.experiment.section(kind) is not None else f"[{kind.name}]"
+        if kind is Experiment:
+            return ""
+        made = STAGES[kind]
+        absent = {i.name: lack for i in made.inputs if (lack := self._lack(i.type))}
+        for i in made.inputs:
+            if i.name in absent and not i.optional:
+                return absent[i.name]
+        if made.any_of and all(name in absent for name in made.any_of):
+            return " or ".join(dict.fromkeys(absent[n] for n in made.any_of))
+        return ""
+
+    # -- making ----------------------------------------------------------------------------------------------
+
+    def make(self, output: type) -> Any:
+        """The record, from the cache or computed, and its file in the results folder."""
+        return self._make(output)[1]
+
+    @property
+    def made(self) -> dict[type, Any]:
+        """The records made so far, by type."""
+        return {output: record for output, (_, record) in self._made.items()}
+
+    @property
+    def failed(self) -> set[type]:
+        """Records that could not be made, or of which there are none."""
+        return set(self._failed)
+
+    def key(self, output: type) -> str:
+        """The key that `output` has for the inputs and parameters as they are; nothing is computed.
+
+        Raises MissingKey or InputError where it cannot be made.
+        """
+        if output in self._made:
+            return self._made[output][0]
+        made = STAGES[output]
+        if why := self.missing(output):
+            raise MissingKey([why])
+        return self._hashed(made, {i.name: self._identity(i) for i in made.inputs})
+
+    def _identity(self, i: Input) -> Any:
+        if i.type not in STAGES:
+            return self._input(i)[0]
+        if self._lack(i.type) or (i.optional and self._nothing_to_do(i.type)):
+            return None
+        return self.key(i.type)
+
+    def _nothing_to_do(self, output: type) -> bool:
+        """Whether it is known that the stage finds nothing to do."""
+        if output in self._failed:
+            return isinstance(self._failed[output], NotApplicable)
+        try:
+            entry = entries.place(self.cache, STAGES[output].name, self.key(output))
+            return bool(entries.receipt_of(entry)["not_applicable"])
+        except (CorruptEntry, OSError):
+            return False
+
+    @property
+    def outputs(self) -> dict[str, str]:
+        """SHA-256 of the result files made, by name."""
+        return {name: digest for s in self.steps for name, digest in s.files.items()}
+
+    def confirm(self) -> None:
+        """Put back what was removed or overwritten since: when a run ends its results lie there, and only its own."""
+        for _ in range(ATTEMPTS):
+            lost = [s for s in self.steps if any(not self._untouched(name) for name in s.files)]
+            if not lost:
+                return
+            for s in lost:
+                self._publish(entries.place(self.cache, s.stage, s.key), s.files)
+        raise InputError(
+            [f"{self.results}: another run, or a program, changes the results while they are written; run again"]
+        )
+
+    def _untouched(self, name: str) -> bool:
+        try:
+            return stamp(self.results / name) == self._published.get(self.results / name)
+        except OSError:
+            return False
+
+    def _make(self, output: type) -> tuple[str, Any]:
+        if output in self._made:
+            return self._made[output]
+        if output in self._failed:
+            raise self._failed[output]
+        try:
+            self._made[output] = self._resolve(output)
+        except Exception as e:
+            self._failed[output] = e
+            raise
+        return self._made[output]
+
+    def _resolve(self, output: type) -> tuple[str, Any]:
+        made = STAGES[output]
+        why = self.missing(output)
+        if why:
+            raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {why}"])
+        keys: dict[str, Any] = {}
+        arguments: dict[str, Any] = {}
+        for i in made.inputs:
+            keys[i.name], arguments[i.name] = self._input(i)
+        if made.params:
+            arguments["p"] = self.parameters(made)
+        key = self._hashed(made, keys)
+        entry = entries.place(self.cache, made.name, key)
+        began = time.perf_counter()
+        for attempt in range(ATTEMPTS):
+            try:
+                record, receipt = self._load(key, output)
+                state = "cached"
+            except (FileNotFoundError, CorruptEntry) as e:
+                if self.computes == "nothing" or (self.computes == "pictures" and not made.picture):
+                    raise NotCached(made.name) from None
+                if isinstance(e, CorruptEntry):
+                    warnings.warn(f"{e}; computed again", StageWarning, stacklevel=2)
+                record, receipt = self._compute(made, arguments, key)
+                state = "computed"
+            try:
+                self._publish(entry, receipt["outputs"])
+                break
+            except (FileNotFoundError, ChangedFile):  # the entry was pruned, or mended by another run, in between
+                if attempt == ATTEMPTS - 1:
+                    raise
+        seconds, notes = time.perf_counter() - began, receipt["warnings"]
+        self.steps.append(Step(made.name, state, seconds, notes, key, receipt["versions"], receipt["outputs"]))
+        return key, record
+
+    def _hashed(self, made: Stage, keys: Mapping[str, Any]) -> str:
+        """The key of a stage whose inputs have these."""
+        if made.params:
+            keys = {**keys, "p": dataclasses.asdict(self.parameters(made))}
+        text = json.dumps([made.name, made.version, keys], sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def parameters(self, made: Stage) -> Any:
+        """The parameters of a stage: defaults, then what the experiment gives."""
+        obj, problems = read(made.params, self.experiment.params.get(made.name, {}), f"[params.{made.name}]")  # type: ignore[arg-type]
+        if problems:  # found already when the folder was read
+            raise MissingKey(problems)
+        return obj
+
+    def _input(self, i: Input) -> tuple[Any, Any]:
+        """(what identifies it, the argument)."""
+        if i.type is Experiment:
+            e = self.experiment
+            return [e.name, e.header.group, e.ground], e
+        if issubclass(i.type, Section):
+            section = self.experiment.section(i.type)
+            if section is None:
+                return None, None
+            values = dataclasses.asdict(section)
+            path = values.pop("path", None)  # the same recording elsewhere is the same input
+            return ([values, self._hash(path)] if path else values), section
+        if self._lack(i.type):
+            return None, None
+        try:
+            return self._make(i.type)
+        except NotApplicable:
+            if i.optional:
+                return None, None
+            raise
+
+    def _compute(self, made: Stage, arguments: Mapping[str, Any], key: str) -> tuple[Any, Receipt]:
+        record, nothing_to_do = None, []  # a stage that finds nothing to do is remembered like a result
+        check = functools.partial(self._read_what_was_hashed, made, FEW)
+        parts = entries.Parts(self.cache, made.name, key, made.version, check=check, fresh=self.fresh)
+        token = KEEPER.set(parts)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", StageWarning)
+            try:
+                record = made.made_of(arguments)
+            except NotApplicable as e:
+                nothing_to_do = e.problems
+            except MissingKey as e:
+                raise MissingKey([f"{self.experiment.path / 'experiment.toml'}: {p}" for p in e.problems]) from None
+            except Shared:
+                self._keep_only_of_what_was_hashed(made, parts)
+                raise
+            except Exception as e:
+                e.add_note(f"in stage '{made.name}' of {self.experiment.path}")
+                raise
+            finally:
+                KEEPER.reset(token)
+        # a picture reads the film that its stage has read: its warnings are known
+        notes = [str(w.message) for w in caught if issubclass(w.category, StageWarning) and not made.picture]
+        for w in caught:
+            if not issubclass(w.category, StageWarning):
+                warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
+        self._keep_only_of_what_was_hashed(made, parts)
+        receipt = entries.keep(
+            self.cache,
+            made.name,
+            key,
+            lambda folder: record.save(folder) if record is not None else None,
+            version=made.version,
+            warnings=notes,
+            not_applicable=nothing_to_do,
+            good=lambda: self._good(key, made.output),
+        )
+        parts.drop()
+        if nothing_to_do:
+            raise NotApplicable(nothing_to_do)
+        return record, receipt
+
+    def _load(self, key: str, output: type) -> tuple[Any, Receipt]:
+        """The record and receipt of a whole, undamaged entry; NotApplicable where it says that there is none."""
+        with entries.opened(self.cache, STAGES[output].name, key) as receipt:
+            if self.fresh and receipt["versions"] != entries.versions():
+                raise FileNotFoundError
+            folder = entries.place(self.cache, receipt["stage"], key)
+            record = None if receipt["not_applicable"] else output.load(folder)  # type: ignore[attr-defined]
+        if receipt["not_applicable"]:
+            raise NotApplicable(receipt["not_applicable"])
+        return record, receipt
+
+    def _good(self, key: str, output: type) -> bool:
+        try:
+            self._load(key, output)
+        except NotApplicable:
+            return True
+        except (FileNotFoundError, CorruptEntry):
+            return False
+        return True
+
+    def _publish(self, entry: Path, outputs: Mapping[str, str]) -> None:
+        """The result files beside the others; replaced in one step where they differ."""
+        self.results.mkdir(parents=True, exist_ok=True)
+        for name, digest in outputs.items():
+            target = self.results / name
+            if not target.exists() or self._hash_file(target)[0] != digest:
+                copy_aside(entry / name, target, digest)
+            self._published[target] = stamp(target)
+
+    # -- hashes ----------------------------------------------------------------------------------------------
+
+    def _hash(self, path: Path) -> str:
+        """SHA-256 of a recording: of a file, or of all files of a folder or pattern with their names."""
+        digests, self._read[path] = {}, {}
+        for f in recording_files(path):
+            digests[f.name], self._read[path][f] = self._hash_file(f)
+            self.inputs[self._relative(f)] = digests[f.name]
+        return hashlib.sha256(json.dumps(digests, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def recordings(self) -> Mapping[Path, Mapping[Path, Stamp]]:
+        """The recordings that were read, as sections name them: their files."""
+        return self._read
+
+    def counted(self) -> dict[Path, tuple[Stamp, str]]:
+        """Stamp and SHA-256 of what the results were made of and of themselves; of entries in the cache "" for it."""
+        files = {f: (at, self.inputs[self._relative(f)]) for read in self._read.values() for f, at in read.items()}
+        found = [(entries.place(self.cache, s.stage, s.key), s.files) for s in self.steps]
+        nothing = [o for o, e in self._failed.items() if isinstance(e, NotApplicable)]
+        found += [(entries.place(self.cache, STAGES[o].name, self.key(o)), {}) for o in nothing]
+        for entry, outputs in found:
+            files |= {self.results / n: (self._published[self.results / n], digest) for n, digest in outputs.items()}
+            files |= {f: (stamp(f), "") for f in (entry / entries.RECEIPT, *(entry / n for n in outputs))}
+        return files
+
+    def _relative(self, file: Path) -> str:
+        """A recording's name in provenance.json; whole where it lies on another drive."""
+        try:
+            return os.path.relpath(file, self.experiment.path).replace(os.sep, "/")
+        except ValueError:
+            return file.as_posix()
+
+    def _keep_only_of_what_was_hashed(self, made: Stage, parts: entries.Parts) -> None:
+        try:
+            self._read_what_was_hashed(made)
+        except InputError:
+            parts.drop()
+            raise
+
+    def _read_what_was_hashed(self, made: Stage, most: int = sys.maxsize) -> None:
+        """What a stage has read is what its key says: a recording that was exchanged meanwhile is another one. most:
+        files of a recording that are looked at, else none."""
+        for i in made.inputs:
+            section = self.experiment.section(i.type) if issubclass(i.type, Section) else None
+            files = self._read.get(getattr(section, "path", None), {})  # type: ignore[arg-type]
+            for f, at in files.items() if len(files) <= most else ():
+                try:
+                    same = stamp(f) == at or sha256(f) == self.inputs[self._relative(f)]
+                except OSError:
+                    same = False
+                if not same:
+                    raise InputError([f"{f}: changed while stage '{made.name}' read it; run again when it is whole"])
+
+    def _hash_file(self, path: Path) -> tuple[str, Stamp]:
+        """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
+        memo = self.cache / HASHES / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
+        at = stamp(path)
+        if path in self._hashes and self._hashes[path][1] == at:
+            return self._hashes[path]
+        if not self.verify:
+            try:
+                known = unsealed(memo.read_text(encoding="utf-8"))
+                if known["file"] == str(path.absolute()) and tuple(known["stamp"]) == at:
+                    return str(known["sha256"]), at
+            except (OSError, ValueError, KeyError, TypeError):
+                pass
+        for _ in range(ATTEMPTS):
+            digest, before = sha256(path), at
+            at = stamp(path)
+            if at == before:
+                break
+        else:
+            raise InputError([f"{path}: changes while it is read; run again when it is whole"])
+        if settled(at):
+            entries.mark(self.cache)
+            write_aside(memo, sealed({"file": str(path.absolute()), "stamp": at, "sha256": digest}))
+        self._hashes[path] = digest, at
+        return digest, at

@@ -1,0 +1,251 @@
+"""A ball of any face as a layer before the still scene: its picture, learned from a flight, and its fit to a frame.
+
+I = S (1 - alpha) + M at every pixel, with S the scene, alpha the ball's share of the pixel and M what it shows there
+(Wang and Adelson 1994). All frames of the flight teach alpha and M; each frame is then fitted in position, turn, light
+and contrast, on its own pixels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from jumpvision.base.arrays import FROM_MAD, Float32
+from jumpvision.films.vision.ball.measure import Found
+from jumpvision.films.vision.ball.moving import Frames, Path
+
+WINDOW = 0.8  # diameters: half width of the picture of a ball
+ROUNDS = 3  # of learning
+TEACHERS = 40  # frames that teach at most
+TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried
+STEPS, REST, H = 15, 1e-3, 0.3  # of a fit; px: the last; of a difference
+UNLIKE = 0.3  # of the change against the scene, which a fit may leave
+EDGE = 1.0  # px: half width of a ball's rim
+RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the strongest
+CLOSED = 0.6  # least share of the rays on which what is seen ends at the rim
+ROUND = 0.08  # diameters: largest scatter of an outline about its circle
+FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
+LEAST = 0.002  # of the height, that noise is taken for, up to what digitising leaves
+OUTLIER = 3.0  # standard deviations, from which a pixel counts less
+
+
+@dataclass(frozen=True)
+class Layer:
+    """alpha, shown (k, k): share of a pixel and what is shown in it; d: diameter [px]. Centre at (k - 1) / 2."""
+
+    alpha: Float32
+    shown: Float32
+    d: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """x, y [px], turn [rad], light [grey] and contrast of a ball in one frame; found: its measurement."""
+
+    x: float
+    y: float
+    turn: float
+    light: float
+    contrast: float
+    found: Found
+
+
+def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer, dict[int, Place], bool] | None:
+    """The layer that a path's frames show, their fits, and whether a round rim is seen; None where nothing holds."""
+    h, w = scene.shape
+    inside = [s for s in path if 0.6 * d < s.x < w - 0.6 * d and 0.6 * d < s.y < h - 0.6 * d]
+    inside = inside[:: max(1, len(inside) // TEACHERS)]
+    if len(inside) < 3:
+        return None
+    usual = float(np.median([s.contrast for s in inside]))
+    best = min(inside, key=lambda s: abs(s.contrast - usual))
+    order = sorted(inside, key=lambda s: abs(s.i - best.i))
+    where = {best.i: Place(best.x, best.y, 0.0, 0.0, 1.0, best.found)}
+    layer = _taught(frames, scene, where, _round(d, d))
+    for turn in range(ROUNDS):
+        now: dict[int, Place] = {best.i: where[best.i]} if turn == 0 else {}
+        for s in order:
+            if s.i in now:
+                continue
+            near = min(now or where, key=lambda i: abs(i - s.i))
+            guess = where.get(s.i) or replace((now or where)[near], x=s.x, y=s.y)
+            image = np.asarray(frames[s.i], np.float32)
+            turns = TURNS if turn == 0 else (0.0,)
+            tried = [fit(image, scene, layer, replace(guess, turn=guess.turn + t), d) for t in turns]
+            place = min(tried, key=lambda p: p.found.chi2 if not p.found.flag else math.inf)
+            if not place.found.flag:
+                now[s.i] = place
+        if len(now) < 3:
+            return None
+        where = now
+        outline = _outline(frames, scene, where, layer)
+        x, y, size = outline or (0.0, 0.0, d)
+        where = {i: shifted(p, x, y) for i, p in where.items()}
+        layer = _taught(frames, scene, where, _round(d, size))
+    return layer, where, outline is not None
+
+
+def _round(d: float, size: float) -> Float32:
+    """Share of the pixels of a window for diameter d that a disc of a size takes in its middle."""
+    k = 2 * math.ceil(WINDOW * d) + 1
+    v, u = np.indices((k, k)) - (k - 1) / 2
+    return np.clip((0.5 * size - np.hypot(u, v)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
+
+
+def shifted(place: Place, u: float, v: float) -> Place:
+    """The place whose centre is (u, v) of the layer's window away from the middle."""
+    c, s = math.cos(place.turn), math.sin(place.turn)
+    return replace(place, x=place.x + c * u - s * v, y=place.y + s * u + c * v)
+
+
+def sampled(image: Float32, x: float, y: float, turn: float, k: int) -> Float32:
+    """An image on a grid (k, k) laid with its middle at (x, y), turned."""
+    v, u = np.indices((k, k)) - (k - 1) / 2
+    c, s = math.cos(turn), math.sin(turn)
+    at_x, at_y = (x + c * u - s * v).astype(np.float32), (y + s * u + c * v).astype(np.float32)
+    return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
+
+
+def _taught(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
+    """The layer of this share that the frames show at their places."""
+    k = alpha.shape[0]
+    seen = []
+    for i, p in where.items():
+        images = (np.asarray(frames[i], np.float32), scene)
+        image, behind = (sampled(a, p.x, p.y, p.turn, k) for a in images)
+        seen.append((image - (1.0 - alpha) * behind - p.light * alpha) / p.contrast)
+    stack = np.asarray(seen, np.float32)
+    middle = np.median(stack, axis=0)
+    spread = FROM_MAD * np.median(np.abs(stack - middle), axis=0) + 1e-5 * float(np.ptp(stack))
+    kept = np.abs(stack - middle) <= OUTLIER * spread
+    shown = np.sum(stack * kept, axis=0) / np.maximum(kept.sum(axis=0), 1)
+    shown = np.where(alpha > 0.0, shown, 0.0)
+    size = 2.0 * math.sqrt(float(alpha.sum()) / math.pi)
+    return Layer(alpha, shown.astype(np.float32), size)
+
+
+def _outline(
+    frames: Frames, scene: Float32, where: dict[int, Place], layer: Layer
+) -> tuple[float, float, float] | None:
+    """Centre (u, v) in the layer's window and diameter of what changes with the ball; None where it is not round.
+
+    Where the change falls to half of what it is just inside, along RAYS from the centre; a circle through these.
+    """
+    k = layer.alpha.shape[0]
+    changes = ((np.asarray(frames[i], np.float32) - scene, p) for i, p in where.items())
+    stack = [sampled(change, p.x, p.y, p.turn, k) for change, p in changes]
+    change = np.median(stack, axis=0).astype(np.float32)
+    u = v = 0.0
+    size = layer.d
+    angle = np.arange(RAYS) * 2 * math.pi / RAYS
+    for turn in range(5):
+        r = np.arange(0.0, 0.5 * k, 0.1)
+        x, y = (c + np.outer(f(angle), r) for c, f in ((u, np.cos), (v, np.sin)))
+        shift = np.float32((k - 1) / 2)
+        rays = cv2.remap(change, x.astype(np.float32) + shift, y.astype(np.float32) + shift, cv2.INTER_CUBIC)
+        rim = 0.5 * size
+        inner = (r > rim - max(0.35 * rim, 2.8)) & (r < rim - 1.3)
+        basis = np.stack([np.ones(inner.sum()), r[inner] - rim], axis=1)
+        line = np.linalg.lstsq(basis, rays[:, inner].T, rcond=None)[0]
+        height = line[0]  # what the rim would show, were it sharp
+        at, strong = np.full(RAYS, np.nan), np.abs(height) > WEAK * np.percentile(np.abs(height), 90)
+        band = 1.5 if turn else max(3.0, 0.4 * rim)
+        begin, end = np.searchsorted(r, [rim - band, rim + band])
+        for q in range(RAYS):
+            below = np.flatnonzero(rays[q, begin:end] / height[q] < 0.5)
+            if below.size and below[0] and strong[q]:
+                at[q] = r[begin + below[0]]
+        ok = np.isfinite(at)
+        if turn and np.mean(ok[strong]) < CLOSED:
+            return None
+        for _ in range(3):
+            if ok.sum() < RAYS // 5:
+                return None
+            weight = np.abs(height[ok])
+            ex, ey = u + at[ok] * np.cos(angle[ok]), v + at[ok] * np.sin(angle[ok])
+            a = np.stack([ex, ey, np.ones(ok.sum())], axis=1) * weight[:, None]
+            cu, cv, c0 = np.linalg.lstsq(a, weight * (ex**2 + ey**2), rcond=None)[0]
+            centre, radius = (0.5 * cu, 0.5 * cv), math.sqrt(max(c0 + 0.25 * (cu**2 + cv**2), 1e-6))
+            off = np.hypot(u + at * np.cos(angle) - centre[0], v + at * np.sin(angle) - centre[1]) - radius
+            spread = FROM_MAD * float(np.nanmedian(np.abs(off[ok])))
+            ok = np.isfinite(at) & (np.abs(off) < max(3.0 * spread, 0.1))
+        u, v, size = float(centre[0]), float(centre[1]), 2.0 * radius
+        if not (math.hypot(u, v) < 0.4 * layer.d and 0.6 < size / layer.d < 1.6):
+            return None
+    return (u, v, size) if spread < ROUND * size else None
+
+
+def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) -> Place:
+    """Least squares of the layer before the scene, in x, y, turn, light and contrast; chi2: what is left of the change
+    against the scene."""
+    k = layer.alpha.shape[0]
+    half = (k - 1) // 2
+    x, y, turn, light, contrast = start.x, start.y, start.turn, start.light, start.contrast
+    h, w = image.shape
+    reach = 0.5 * layer.d + 1.0
+
+    def lost(why: str) -> Place:
+        return replace(start, found=Found(why))
+
+    if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
+        return lost("at the image edge")
+    x0, y0 = round(x) - half, round(y) - half
+    cut = [max(0, -y0), max(0, y0 + k - h), max(0, -x0), max(0, x0 + k - w)]
+    at = np.s_[max(0, y0) : y0 + k, max(0, x0) : x0 + k]
+    room = ((cut[0], cut[1]), (cut[2], cut[3]))
+    grey, behind = (np.pad(a[at].astype(np.float64), room, mode="edge") for a in (image, scene))
+    yy, xx = np.indices((k, k))
+    face = layer.shown[layer.alpha > 0.5]
+    height = float(np.std(face)) + abs(float(np.median(face) - np.median(behind)))
+    for _ in range(STEPS):
+        alpha, shown = _laid(layer, x - x0, y - y0, turn)
+        model = behind * (1.0 - alpha) + light * alpha + contrast * shown
+        part = np.hypot(xx + x0 - x, yy + y0 - y) < 0.5 * layer.d + 3.0
+        part[: cut[0]] = part[k - cut[1] :] = part[:, : cut[2]] = part[:, k - cut[3] :] = False
+        left = grey - model
+        columns = []
+        for dx, dy, dt in ((H, 0.0, 0.0), (0.0, H, 0.0), (0.0, 0.0, 2 * H / layer.d)):
+            (a1, m1), (a0, m0) = (_laid(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt) for g in (1.0, -1.0))
+            columns.append(((light - behind) * (a1 - a0) + contrast * (m1 - m0)) / (2 * (dx + dy + dt)))
+        j = np.stack([*columns, alpha, shown], axis=-1)[part]
+        r = left[part]
+        noise = max(FROM_MAD * float(np.median(np.abs(r))), min(0.3, LEAST * height))
+        weight = np.minimum(1.0, OUTLIER * noise / np.maximum(np.abs(r), 1e-9))
+        normal = j.T @ (weight[:, None] * j)
+        prior = noise**2 / np.array([np.inf, np.inf, np.inf, (FREE * height) ** 2, FREE**2])
+        normal[np.diag_indices(5)] += prior + 1e-9
+        right = j.T @ (weight * r) - prior * np.array([0.0, 0.0, 0.0, light, contrast - 1.0])
+        step = np.linalg.solve(normal, right)
+        size = math.hypot(step[0], step[1])
+        short = min(1.0, 0.15 * d / max(size, 1e-9), 0.3 / max(abs(step[2]), 1e-9))
+        x, y, turn, light, contrast = (v + short * float(s) for v, s in zip((x, y, turn, light, contrast), step))
+        if not math.hypot(x - start.x, y - start.y) < 0.5 * d:
+            return lost("lost: the fit did not converge")
+        if size < REST:
+            break
+    if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
+        return lost("at the image edge")
+    ball = part & (alpha > 0.5)
+    unlike = float(np.sum(left[ball] ** 2) / max(np.sum((grey - behind)[ball] ** 2), 1e-9))
+    if unlike > UNLIKE or not 0.5 < contrast < 2.0:
+        return lost(f"lost: not like the target (contrast {contrast:.2g} of it, {unlike:.0%} unlike)")
+    cov = np.linalg.inv(normal) * float(np.sum(weight * r**2) / max(np.sum(weight) - 5.0, 1.0))
+    sigma = math.sqrt(max(cov[0, 0], cov[1, 1]))
+    return Place(x, y, turn, light, contrast, Found("", x, y, sigma, layer.d, unlike))
+
+
+def _laid(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """alpha and what is shown, of the layer laid at (x, y) of its own window, turned."""
+    k = layer.alpha.shape[0]
+    c, s, m = math.cos(turn), math.sin(turn), (k - 1) / 2
+    back = np.array([[c, s, m - c * x - s * y], [-s, c, m + s * x - c * y]])
+    how = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    a, b = (
+        cv2.warpAffine(v, back, (k, k), flags=how, borderMode=cv2.BORDER_CONSTANT).astype(np.float64)
+        for v in (layer.alpha, layer.shown)
+    )
+    return a, b

@@ -1,0 +1,337 @@
+"""A model of the jumper: mechanisms with parameters over robot, ground and bed; the models the thesis tried in turn."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from jumpvision.base.arrays import Array
+from jumpvision.base.schema import REQUIRED, InputError, check_value, closest, param, type_of
+from jumpvision.engine.laws.expression import Expression
+from jumpvision.jumper.mechanisms.record import STATE, Body, Mechanism
+from jumpvision.jumper.mechanisms.record import symbols as names_of
+from jumpvision.jumper.mechanisms.registry import MECHANISMS, STATIC, ModelParameters, acting
+
+GROUNDS = ("hard", "granular")
+
+OF_BED = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
+"""Symbol of a law -> field of a Model."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Robot, ground and mechanisms. Raises InputError (a ValueError) with every problem found.
+
+    terms: identifiers of docs/physics.md section 6, and of `own`; on granular ground exactly one static force among
+    them. parameters: with those of `own` (`own.parameters_with`). The robot's values are those assumed; mechanisms that
+    act on Body.ROBOT correct them (properties m_m, m_f, k_s, c_s, g). own: mechanisms of the user's own.
+    """
+
+    ground: str = param(REQUIRED, "", "ground", choices=GROUNDS)
+    terms: tuple[str, ...] = param((), "", "mechanisms")
+    parameters: ModelParameters = field(default_factory=ModelParameters)
+    _: KW_ONLY
+    motor_mass: float = param(REQUIRED, "kg", "mass of the motor and its carriage", lo=0, open_lo=True)
+    rod_mass: float = param(REQUIRED, "kg", "mass of the thrust rod", lo=0, open_lo=True)
+    foot_mass: float = param(REQUIRED, "kg", "mass of the foot", lo=0)
+    spring_stiffness: float = param(REQUIRED, "N/m", "stiffness of the spring", lo=0, open_lo=True)
+    spring_damping: float = param(REQUIRED, "N s/m", "damping of the spring", lo=0)
+    gravity: float = param(REQUIRED, "m/s^2", "gravity along the rail", lo=0, open_lo=True)
+    foot_radius: float | None = param(None, "m", "radius of the foot", lo=0, open_lo=True)
+    volume_fraction: float | None = param(None, "", "volume fraction of the bed", lo=0, hi=1, open_lo=True)
+    grain_density: float | None = param(None, "kg/m^3", "density of a grain", lo=0, open_lo=True)
+    own: tuple[Mechanism, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "terms", tuple(self.terms))
+        if problems := list(self._problems()):
+            raise InputError(problems)
+
+    def __contains__(self, mechanism: str) -> bool:
+        return mechanism in self.terms
+
+    def mechanism(self, name: str) -> Mechanism:
+        """The record of one of its terms. Raises KeyError for a name that it does not know."""
+        return MECHANISMS.get(name) or {m.name: m for m in self.own}[name]
+
+    def _problems(self) -> Iterable[str]:
+        records, every = ("parameters", "own"), {**MECHANISMS, **{m.name: m for m in self.own}}
+        parameters = type(self.parameters).__dataclass_fields__
+        yield from _range_problems(self, "model", [f.name for f in dataclasses.fields(self) if f.name not in records])
+        known = [t for t in self.terms if t in every]
+        for t in self.terms:
+            if t not in every:
+                yield f"model terms: unknown mechanism '{t}'{closest(t, every)}"
+            elif self.ground in GROUNDS and self.ground not in every[t].grounds:
+                yield f"model terms: '{t}' does not act on {self.ground} ground; remove it"
+        for t in sorted({t for t in known if self.terms.count(t) > 1}):
+            yield f"model terms: '{t}' is listed twice; list it once"
+        static = [t for t in known if t in STATIC]
+        if self.ground == "granular" and len(set(static)) != 1:
+            found = ", ".join(static) or "none"
+            yield f"model terms: granular ground needs exactly one static force of {', '.join(STATIC)}; found {found}"
+        needed = {n: t for t in reversed(known) for n in every[t].names}
+        missing = [n for n in needed if getattr(self.parameters, n) is None]
+        for n in missing:
+            about = parameters[n].metadata["meaning"]
+            yield f"model {n}: missing; '{needed[n]}' needs it ({about})"
+        given = [n for n in parameters if n not in missing]
+        if wrong := list(_range_problems(self.parameters, "model", [n for n in given if n in needed])):
+            yield from wrong
+            return
+        symbols = {n for t in known for n in every[t].symbols}
+        if len(self.rates) > 1:
+            yield "model terms: two mechanisms have an internal state; one at a time is followed: remove one"
+        lacking = [own for n, own in OF_BED.items() if n in symbols and getattr(self, own) is None]
+        yield from (f"model {n}: missing; the cone needs it" for n in lacking)
+        if missing or lacking:
+            return
+        for name, value in (("m_m", "motor_mass"), ("k_s", "spring_stiffness"), ("g", "gravity")):
+            if getattr(self, name) <= 0:
+                yield f"model {value}: {getattr(self, name):g} after correction by a mechanism; must be > 0"
+        if self.m_f < 0 or (self.ground == "granular" and self.m_f == 0):
+            least = "> 0 on granular ground" if self.ground == "granular" else ">= 0"
+            yield f"model foot_mass: {self.m_f:g} kg; must be {least}: give the foot's mass"
+        if self.c_s < 0:
+            yield f"model spring_damping: {self.c_s:g} N s/m after correction; must be >= 0"
+        if self.acting(Body.INERTIA) and self.spare_drag < 0:
+            yield (
+                f"model alpha, b: alpha + (b - 1/2) dm_a/dz = {self.spare_drag:g} kg/m < 0 at the surface would "
+                "create energy; give 'depth_drag' with b >= 0.5, or 'inertial_drag' with a larger alpha"
+            )
+
+    # The robot as the mechanisms correct it, in the symbols of docs/physics.md.
+    @property
+    def m_m(self) -> float:
+        """Mass of the motor with its payload [kg]."""
+        return self._corrected("motor_mass")
+
+    @property
+    def m_f(self) -> float:
+        """Mass of the foot [kg]."""
+        return self._corrected("foot_mass")
+
+    @property
+    def M(self) -> float:
+        """Mass of motor and rod [kg]."""
+        return self.m_m + self.rod_mass
+
+    @property
+    def k_s(self) -> float:
+        """Stiffness of the spring [N/m]."""
+        return self._corrected("spring_stiffness")
+
+    @property
+    def c_s(self) -> float:
+        """Damping of the spring [N s/m]."""
+        return self._corrected("spring_damping")
+
+    @property
+    def g(self) -> float:
+        """Gravity along the rail [m/s^2]."""
+        return self._corrected("gravity")
+
+    def shown(self, t: Array) -> Array:
+        """When the frames stamped t (n,) [s] were really taken [s]."""
+        out = t + sum((self.symbol(m.names[0]) for m in self.acting(Body.TIME) if not m.written), 0.0)
+        for m in self.acting(Body.TIME):
+            out = out + self.force(m, time_s=t) if m.written else out
+        return out
+
+    def filmed(self, height: Array, t: Array) -> Array:
+        """Heights above rest (n,) [m] as a camera reports them in the frames stamped t (n,) [s]."""
+        factor = math.prod((self.symbol(m.names[0]) for m in self.acting(Body.HEIGHT) if not m.written), start=1.0)
+        added = [self.force(m, h=height, time_s=t) for m in self.acting(Body.HEIGHT) if m.written]
+        return sum(added, height * factor)
+
+    @property
+    def rates(self) -> list[Expression]:
+        """Of the internal states of its terms."""
+        return [m.rate for m in self.acting(*Body) if m.rate]
+
+    @property
+    def beds(self) -> set[str]:
+        """What of BED the laws of its terms ask for."""
+        acting = [self.mechanism(t) for t in self.terms]
+        asked = {n for m in acting for n in (*m.symbols, *(m.rate.symbols if m.rate else ()))}
+        return {n for symbol, n in OF_BED.items() if symbol in asked and n in BED}
+
+    @property
+    def hold(self) -> float:
+        """Dry friction of the rail [N], what it can hold the carriage by."""
+        return sum((abs(self.force(m, v_m=1.0)) for m in self.acting(Body.RAIL)), 0.0)
+
+    @property
+    def exact(self) -> bool:
+        """Whether the closed-form flow of hard ground holds."""
+        linear = (Body.ROBOT, Body.LANDING, Body.HEIGHT, Body.TIME)
+        plain = len(self.acting(*linear)) == len(self.terms)
+        return self.ground == "hard" and self.m_f == 0.0 and plain
+
+    @property
+    def spare_drag(self) -> float:
+        """alpha + (b - 1/2) dm_a/dz at the surface [kg/m]: linear in dm_a/dz, which falls to 0 with depth."""
+        drag = sum(self.force(m, z=0.0, v=1.0) for m in self.acting(Body.DRAG))
+        return drag - 0.5 * sum(self.force(m, "slope", z=0.0) for m in self.acting(Body.INERTIA))
+
+    def acting(self, *bodies: Body) -> tuple[Mechanism, ...]:
+        """Its mechanisms that act on these, in the order of its terms."""
+        own = {m.name: m for m in self.own if m.acts_on in bodies and m.name in self.terms}
+        if not own:
+            return _acting(self.terms, bodies)
+        return tuple(m for t in self.terms if (m := own.get(t) or MECHANISMS.get(t)) and m.acts_on in bodies)
+
+    def _corrected(self, name: str) -> float:
+        value: float = getattr(self, name)
+        for m in self.acting(Body.ROBOT):
+            if m.corrects == name:
+                value = value + self.symbol(m.names[0])
+        return value
+
+    def symbol(self, name: str) -> float:
+        """Value of a parameter or of R, phi, rho by its symbol in a force law."""
+        return getattr(self, OF_BED[name]) if name in OF_BED else getattr(self.parameters, name)
+
+    def force(self, mechanism: Mechanism, part: str = "law", xp: Any = np, **symbols: Any) -> Any:
+        """The law (or `slope`, `energy`) of a mechanism [N], positive up; symbols win over the model's own values.
+
+        AttributeError names a symbol that lacks.
+        """
+        function = getattr(mechanism, part)
+        return function(xp, **{n: symbols[n] if n in symbols else self.symbol(n) for n in names_of(function)})
+
+    def forces(self, **state: ArrayLike) -> dict[str, NDArray[np.float64]]:
+        """{mechanism: force [N], positive up} of every force law of the model on a measured track.
+
+        state: the symbols of `record.STATE` that the laws ask for (z, v, a, z_g, z_stop, v_m, stretch), arrays (n,) or
+        numbers. Laws of the ground hold while the foot intrudes: mask the rest. ValueError names a symbol that lacks.
+        """
+        arrays: dict[str, Any] = {n: np.asarray(x, float) for n, x in state.items()}
+        out = {}
+        for m in self.acting(*Body):
+            for n in m.symbols:
+                if n in STATE and n not in OF_BED and n not in arrays and m.law:
+                    raise ValueError(f"forces: '{m.name}' needs {n}; give {n} = array")
+            if m.law:
+                out[m.name] = np.asarray(self.force(m, **arrays))
+        return out
+
+    def __str__(self) -> str:
+        def sum_of(sign: str, *bodies: Body) -> str:
+            return "".join(f" {sign} {m.equation}" for m in self.acting(*bodies))
+
+        lines = [
+            f"{self.ground} ground",
+            f"  M y'' = -M g + F_s{sum_of('-', Body.CARRIAGE, Body.RAIL)}",
+            f"  F_s = -k stretch - c stretch'{sum_of('-', Body.SPRING)},  stretch = x_r - x_f",
+        ]
+        if self.ground == "granular":
+            inertia = f"(m_f{added})" if (added := sum_of("+", Body.INERTIA)) else "m_f"
+            lines.append(f"  {inertia} a_f = -(F_s + m_f g) + F_p{sum_of('+', Body.DRAG, Body.FOOT)}")
+            lines.append(f"  F_p = {self.acting(Body.STATIC)[0].equation}{sum_of('+', Body.OVERSHOOT)}")
+        lines.append(
+            f"  m_m = {self.m_m:g} kg, m_r = {self.rod_mass:g} kg, m_f = {self.m_f:g} kg, k = {self.k_s:g} N/m, "
+            f"c = {self.c_s:g} N s/m, g = {self.g:g} m/s^2"
+        )
+        fields = type(self.parameters).__dataclass_fields__
+        for t in self.terms:
+            values = ", ".join(
+                f"{n} = {getattr(self.parameters, n):g} {fields[n].metadata['unit']}".strip()
+                for n in self.mechanism(t).names
+            )
+            lines.append(f"  {t}: {values}")
+        return "\n".join(lines)
+
+
+BED = ("volume_fraction", "grain_density")
+ROBOT = tuple(f.name for f in dataclasses.fields(Model) if f.name not in ("ground", "terms", "parameters", "own", *BED))
+"""The numbers of a Model beside its parameters, by whose they are."""
+
+
+@functools.lru_cache(1024)  # asked for dozens of times a simulation
+def _acting(terms: tuple[str, ...], bodies: tuple[Body, ...]) -> tuple[Mechanism, ...]:
+    return tuple(m for t in terms if (m := MECHANISMS.get(t)) and m.acts_on in bodies)
+
+
+def _range_problems(record: Any, where: str, names: Iterable[str]) -> Iterable[str]:
+    for n in names:
+        cls: type = type(record)
+        value, f = getattr(record, n), record.__dataclass_fields__[n]
+        hint, optional = type_of(cls, n)
+        if value is None and optional:
+            continue
+        _, problem = check_value(value, hint, f.metadata)
+        if problem:
+            yield f"{where} {n} = {value!r}: {problem}"
+
+
+DYNAMIC = [m.name for m in acting(Body.DRAG, Body.FOOT, Body.INERTIA)]
+"""What a force model puts its own in place of. Overshoots stay: the bed's memory is part of F_p under every one."""
+FORCE_MODELS: dict[str, tuple[str, ...]] = {  # over the static force F_p (docs/physics.md section 3)
+    "static": (),
+    "constant drag": ("inertial_drag",),
+    "drag and overshoot": ("inertial_drag", "reintrusion_overshoot"),
+    "depth drag": ("depth_drag",),
+    "drag and added mass": ("inertial_drag", "added_mass"),
+    "cone": ("depth_drag", "added_mass"),
+}
+
+
+def force_model(model: Model, name: str, **parameters: float) -> Model:
+    """The model with the forces of FORCE_MODELS[name] in place of its own dynamic ones, and these parameters.
+
+    It keeps its overshoots, as the thesis keeps F_p with its re-intrusion under every force model.
+    """
+    terms = tuple(dict.fromkeys((*(t for t in model.terms if t not in DYNAMIC), *FORCE_MODELS[name])))
+    return dataclasses.replace(model, terms=terms, parameters=dataclasses.replace(model.parameters, **parameters))
+
+
+def fitted_drag(alpha: ArrayLike, heights: ArrayLike, measured: ArrayLike) -> tuple[float, float]:
+    """alpha [kg/m] with the least sum of squares between simulated and measured heights, and their rms [m] (Fig 49).
+
+    alpha: (na,) increasing. heights: (na, n) [m] of n jumps simulated with each; monotone interpolation in between.
+    measured: (n,) [m]; jumps with a NaN are left out. An end of alpha as answer: look further.
+    """
+    a, h, m = (np.asarray(v, float) for v in (alpha, heights, measured))
+    use = np.isfinite(m) & np.isfinite(h).all(axis=0)
+    if not use.any():
+        raise ValueError("fitted_drag heights, measured: no jump is finite in both; give others")
+    at = scipy.interpolate.PchipInterpolator(a, h[:, use], axis=0)
+
+    def rms(x: float) -> float:
+        return float(np.sqrt(np.mean((at(x) - m[use]) ** 2)))
+
+    i = int(np.argmin([rms(x) for x in a]))
+    ends = (a[max(i - 1, 0)], a[min(i + 1, a.size - 1)])
+    best = scipy.optimize.minimize_scalar(rms, bounds=ends, method="bounded", options={"xatol": 1e-4})
+    return (float(best.x), float(best.fun)) if best.fun < rms(a[i]) else (float(a[i]), rms(a[i]))
+
+
+def fitted_parameter(
+    tried: ArrayLike, heights: ArrayLike, measured: ArrayLike, sigma: ArrayLike
+) -> tuple[float, float, float]:
+    """(value, its standard uncertainty, chi2) of the parameter with the least chi2 of measured jump heights.
+
+    tried: (nt,) increasing. heights: (nt, n) [m] of n jumps simulated with each; monotone interpolation in between.
+    measured, sigma: (n,) [m]. The uncertainty is of the curvature, widened by sqrt(chi2/(n - 1)) above 1. NaN where the
+    least is at an end of `tried`, or without a jump that is finite in both.
+    """
+    x, h, m, s = (np.asarray(v, float) for v in (tried, heights, measured, sigma))
+    use = np.isfinite(m) & np.isfinite(h).all(axis=0)
+    at = scipy.interpolate.PchipInterpolator(x, (h[:, use] - m[use]) / s[use], axis=0)
+    i = int(np.argmin(np.sum(at(x) ** 2, axis=1)))
+    if not use.any() or i in (0, x.size - 1):
+        return np.nan, np.nan, np.nan
+    best = scipy.optimize.minimize_scalar(
+        lambda v: float(np.sum(at(v) ** 2)), bounds=(x[i - 1], x[i + 1]), method="bounded"
+    )
+    wide = max(1.0, best.fun / max(int(use.sum()) - 1, 1))
+    return float(best.x), float(np.sqrt(wide / np.sum(at(best.x, 1) ** 2))), float(best.fun)

@@ -1,0 +1,361 @@
+"""Simulation of a jump on granular or hard ground: model and forcing in, motion out; many tracks for a fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from jumpvision.base.arrays import Array
+from jumpvision.engine.laws.expression import Expression
+from jumpvision.jumper.mechanisms.record import STATE, Body
+from jumpvision.jumper.mechanisms.registry import STATIC
+from jumpvision.jumper.physics.forcing import Forcing, Loop, Segments
+from jumpvision.jumper.physics.model import ROBOT, Model
+
+from . import compiled, events, granular, program, trial, within
+
+MODES = ("air", "rest", "intrude")
+OUTPUTS = ("rod", "foot", "motor", "rod_velocity", "foot_velocity", "ground_force", "spring_force")
+BEYOND = 0.05  # of the range seen: so far beyond it a law is used without a word
+EVENT = np.dtype([("time", float), ("kind", "U10")])
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One simulated jump. Arrays (n,), positions positive up, the foot's zero at the undisturbed surface.
+
+    Heights as in docs/physics.md section 1: `jump_height` greatest rod height after the motor stops minus rest,
+    `driven_height` the same while it runs, `com_height` greatest rise of the centre of mass, `flight_height` g t_f^2/8
+    of the longest flight that ends after the forcing (NaN: none landed).
+    """
+
+    t: Array  # s
+    rod: Array  # m, x_r
+    foot: Array  # m, x_f
+    motor: Array  # m, x_m = x_r + X_m
+    rod_velocity: Array  # m/s
+    foot_velocity: Array  # m/s
+    ground_force: Array  # N on the foot, positive up
+    spring_force: Array  # N on the rod, positive up
+    mode: NDArray[np.int64]  # index into MODES
+    events: NDArray[Any]  # EVENT: time [s], kind
+    flights: Array  # (m, 2) lift-off and landing [s]; landing NaN when the run ends in the air
+    rest: float  # m, x_r at rest before the forcing
+    depth_max: float  # m, deepest point of the foot
+    jump_height: float  # m
+    driven_height: float  # m
+    com_height: float  # m
+    flight_height: float  # m
+
+
+def simulate(
+    model: Model, forcing: Forcing | Loop, *, t: ArrayLike, rtol: float, atol: float, stop: float | None = None
+) -> Motion:
+    """The motion of a robot settled at rest at t[0], driven by `forcing`.
+
+    t: (n,) output times [s], increasing, from rest: t[0] <= forcing.start; the run ends at t[-1].
+    rtol: relative tolerance of a step; atol [m]: absolute one of positions, of velocities times the spring's rate,
+    of the foot's times that of foot and spring.
+    stop: when the motor stops [s], for the heights; default forcing.stop (give it for a log longer than the motion).
+    `camera_scale` and `time_offset` change what a film reports, not the motion: `filmed_height`.
+    Raises ValueError for times that are not as above, and RuntimeError when no solution can be followed.
+    """
+    t = np.atleast_1d(np.asarray(t, float))
+    if t.size < 2 or not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0):
+        raise ValueError("simulate t: must be at least two finite, increasing times; give an increasing array")
+    if t[0] > forcing.start:
+        raise ValueError(f"simulate t[0] = {t[0]:g} s: must be <= the start of the forcing, {forcing.start:g} s")
+    if not (0 < rtol < 1 and 0 < atol < 1):
+        raise ValueError(f"simulate rtol = {rtol!r}, atol = {atol!r}: must be in (0, 1); give e.g. 1e-7 and 1e-9")
+    return follow(model, forcing, t, rtol, atol, forcing.stop if stop is None else float(stop))[0]
+
+
+def follow(
+    model: Model, forcing: Forcing | Loop, t: Array, rtol: float, atol: float, stop: float, works: bool = False
+) -> tuple[Motion, Array, Array]:
+    """`simulate` with the states [`granular`] at the end and at rest; works: with the energies WORKS behind them."""
+    constants, n = pack(model), granular.X
+    if isinstance(forcing, Loop):
+        limit_loop(constants, forcing, model)
+    if isinstance(forcing, Loop) or works:
+        n = granular.N_MOTION + works * len(granular.WORKS)
+    elif model.rates:
+        n = granular.N_MOTION
+    kind, rows, edges = pieces(forcing, stop, max(float(t[-1]), forcing.start))
+    position = float(forcing(forcing.start - 1.0)[0][0])  # before the forcing
+    rest, foot = equilibrium(model)
+    constants["rest"] = rest + position
+    ratio = model.m_m / model.M
+    state = np.zeros(n)
+    state[granular.Y], state[granular.XF] = rest + ratio * position, foot
+    if n > granular.X:
+        state[granular.X] = position
+    start = state.copy()
+    driven = int(np.searchsorted(t, forcing.start))
+    out = np.empty((t.size, within.N_OUT))
+    out[:driven] = rest, foot, rest + position, 0.0, 0.0, (model.M + model.m_f) * model.g, model.M * model.g
+    modes, log = np.full(t.size, granular.STUCK), np.empty((events.MAX_EVENTS, 2))
+    rate = math.sqrt(model.k_s / model.M)
+    tolerance = np.full(n, atol)
+    tolerance[granular.W] *= rate
+    tolerance[granular.VF] *= trial.foot_rate.py_func(model.k_s, model.M, model.m_f)
+    tolerance[granular.V : granular.N_MOTION] *= rate
+    tolerance[granular.N_MOTION :] *= model.M * model.g
+    status, count, depth, before, after, top = compiled.solver()(
+        constants,
+        kind,
+        rows,
+        edges,
+        state,
+        -foot,
+        stop,
+        t[driven:],
+        out[driven:],
+        modes[driven:],
+        log,
+        rtol,
+        tolerance,
+        2 * math.pi / rate / compiled.STEPS_PER_PERIOD,
+        np.empty(0),
+        events.workspace(n, len(rows)),
+    )
+    if status != events.OK:
+        what = "more events than a jump can have" if status == events.TOO_MANY_EVENTS else "the step became too small"
+        raise RuntimeError(f"simulate: {what}; check the parameters of the model:\n{model}")
+    named = np.array([(when, events.KINDS[int(k)]) for when, k in log[:count]], dtype=EVENT)
+    flights = _flights(named)
+    landed = (flights[:, 1] - flights[:, 0])[flights[:, 1] > stop]
+    column: dict[str, Any] = dict(zip(OUTPUTS, np.ascontiguousarray(out.T)))
+    motion = Motion(
+        t=t,
+        **column,
+        mode=modes,
+        events=named,
+        flights=flights,
+        rest=rest,
+        depth_max=depth,
+        jump_height=after - rest if math.isfinite(after) else math.nan,
+        driven_height=before - rest if math.isfinite(before) else math.nan,
+        com_height=top,
+        flight_height=model.g * float(landed.max()) ** 2 / 8 if landed.size else math.nan,
+    )
+    return motion, state, start
+
+
+def arguments(motion: Motion, body: Body) -> dict[str, Array]:
+    """What a law on this body was asked for along a motion, by symbol: (k,) where it acted, k <= n."""
+    t, down = motion.t, motion.mode == MODES.index("intrude")
+    table = {
+        Body.FOOT: {"z": -motion.foot[down], "v": motion.foot_velocity[down]},
+        Body.INERTIA: {"z": -motion.foot[down]},
+        Body.CARRIAGE: {
+            "x_m": motion.motor - motion.motor[0],
+            "x_r": motion.rod,
+            "v_m": np.gradient(motion.motor, t),
+        },
+        Body.SPRING: {
+            "stretch": motion.rod - motion.foot,
+            "stretch_rate": motion.rod_velocity - motion.foot_velocity,
+        },
+        Body.HEIGHT: {"h": motion.rod - motion.rest},
+        Body.TIME: {"time_s": t},
+    }
+    return table[body]
+
+
+def beyond_seen(model: Model, motion: Motion) -> list[str]:
+    """Where a law was asked for outside the range that the data it was found in covered, in words with the numbers."""
+    out = []
+    for m in model.acting(*Body):
+        for n, x in arguments(motion, m.acts_on).items() if m.seen else ():
+            if n not in m.seen or not x.size:
+                continue
+            (low, high), least, most = m.seen[n], float(x.min()), float(x.max())
+            room = BEYOND * (high - low)
+            if least < low - room or most > high + room:
+                out.append(
+                    f"'{m.name}' is used at {n} of {least:.3g} to {most:.3g} {STATE[n][0]}; it was found between "
+                    f"{low:.3g} and {high:.3g}, and nothing is known of it outside"
+                )
+    return out
+
+
+def filmed_height(model: Model, forcing: Forcing, *, t: ArrayLike, rtol: float, atol: float) -> Array:
+    """Rod height above rest as a camera reports it [m] at frames stamped t (n,) [s], increasing.
+
+    `time_offset`: the frame stamped t shows t + dt; `camera_scale`: heights are multiplied by scale.
+    """
+    frames = np.atleast_1d(np.asarray(t, float))
+    true = model.shown(frames)
+    lead = [forcing.start] if true[0] > forcing.start else []
+    tail = [] if true.size + len(lead) > 1 else [true[-1] + 1e-3]
+    motion = simulate(model, forcing, t=np.concatenate([lead, true, tail]), rtol=rtol, atol=atol)
+    heights = motion.rod[len(lead) : len(lead) + true.size] - motion.rest
+    return model.filmed(heights, frames)
+
+
+def pack(model: Model, n: int = 1) -> NDArray[Any]:
+    """The model as records of `granular.CONSTANTS`, shape (n,); numbers of the model may be arrays (n,)."""
+    p, out = model.parameters, np.zeros(n, granular.CONSTANTS)
+    out["static"] = 0 if model.ground == "hard" else 1 + STATIC.index(next(t for t in STATIC if t in model))
+    out["massless"] = np.equal(model.m_f, 0.0)
+    out["ratio"], out["per_M"] = model.m_m / model.M, 1.0 / np.asarray(model.M)
+    for name in ("m_m", "M", "m_f", "k_s", "c_s", "g", "hold"):
+        out[name] = getattr(model, name)
+    out["m_r"], out["slack"] = model.rod_mass, 1e-9 * model.M * model.g
+    for name in ("R", "phi", "rho"):
+        value = model.symbol(name)
+        out[name] = 0.0 if value is None else value
+    out["stiffer"], out["linear"] = 1.0, 1
+    bends = 0
+    for m in map(model.mechanism, model.terms):
+        if m.written:
+            continue
+        for name in m.names:
+            out[name] = np.tan(p.theta) if name == "theta" else getattr(p, name)
+        acts = np.not_equal(getattr(p, m.names[0]), 0.0)
+        if m.name in granular.SWITCHES:
+            out[m.name] = acts
+        if m.acts_on in (Body.SPRING, Body.CARRIAGE):
+            out["linear"] &= ~acts
+        elif m.acts_on is Body.BED:
+            out["stiffer"] *= getattr(p, m.names[0])
+        if m.bend is not None:
+            out["bends"][:, bends] = model.force(m, "bend")
+            bends += 1
+    if any(m.written for m in map(model.mechanism, model.terms)):
+        _pack_own(model, out)
+    return out
+
+
+def pack_each(models: Sequence[Model]) -> NDArray[Any]:
+    """The models as records of `granular.CONSTANTS`, shape (n,): on the beds of one campaign they often differ in those
+    alone, and are then packed once."""
+    out = np.empty(len(models), granular.CONSTANTS)
+    raw = out.view(np.uint8).reshape(len(models), -1)  # as bytes: numpy copies records field by field
+    first: dict[tuple[Any, ...] | int, int] = {}
+    for k, m in enumerate(models):
+        if (at := first.setdefault(id(m), k)) < k:
+            raw[k] = raw[at]
+            continue
+        same = id(m) if m.own else (m.ground, m.terms, id(m.parameters), *(getattr(m, n) for n in ROBOT))
+        at = first.setdefault(same, k)
+        raw[k] = pack(m).view(np.uint8) if at == k else raw[at]
+        for symbol in ("phi", "rho") if at != k else ():
+            out[symbol][k] = m.symbol(symbol) or 0.0
+    return out
+
+
+def _pack_own(model: Model, out: NDArray[Any]) -> None:
+    """Writes the laws of the user's own into packed constants, and what the solver must know of them."""
+
+    def bound(laws: list[Expression]) -> list[program.Bound]:
+        return [(law, {n: model.symbol(n) for n in law.symbols if n not in program.SYMBOLS}) for law in laws]
+
+    programs = {
+        name: bound([m.written for m in model.acting(body) if m.written]) for name, body in program.BODIES.items()
+    }
+    program.write(out, programs | {"own_rate": bound(model.rates[:1])})
+    for m in model.acting(Body.CARRIAGE, Body.SPRING, *([Body.FOOT] if model.rates else [])):
+        if m.written:
+            out["linear"] &= np.equal(model.symbol(m.names[0]), 0.0)
+    out["own_dry"] = any(law.jumps_in("v_m") for law, _ in programs["own_rail"])
+
+
+def limit_loop(constants: NDArray[Any], loop: Loop, model: Model) -> None:
+    """Writes a feedback loop's gains and limits into packed constants. ValueError where it would act twice."""
+    if "motor_lag" in model:
+        raise ValueError(
+            "simulate: motor_lag stands for the delay of a feedback loop, which would act twice beside the loop "
+            "itself; remove motor_lag from the model, or drive it by the command alone"
+        )
+    for name in ("kp", "kd", "max_force", "max_speed"):
+        constants[name] = getattr(loop, name)
+    constants["low"], constants["high"] = loop.ends
+
+
+def equilibrium(model: Model) -> tuple[float, float]:
+    """x_r, x_f [m] of the robot at rest: M g on the spring, (M + m_f) g on the ground."""
+    squeeze, z = compiled.equilibrium()(pack(model))
+    if math.isnan(z):
+        raise ValueError("model k2, sigma_cone: the bed cannot carry the robot's weight; give larger values")
+    return -squeeze - z, -z
+
+
+def pieces(forcing: Forcing | Loop, stop: float, end: float) -> tuple[int, Array, Array]:
+    """Kind, rows (n, 6) and edges (n + 1,) of the forcing from its start to `end` with the motor at rest after it.
+
+    An edge lies at `stop` also where the law goes on. A loop's rows have a seventh column, its gain.
+    """
+    if isinstance(forcing, Loop):
+        kind, rows, edges = pieces(forcing.command, stop, end)
+        return kind, np.column_stack([rows, forcing.gains(rows)]), edges
+    if isinstance(forcing, Segments):
+        kind, rows = granular.SINE, forcing.rows
+        still = [forcing.stop, np.inf, float(forcing(forcing.stop)[0][0]), 0.0, 0.0, 0.0]
+    else:
+        kind, rows = granular.CUBIC, np.column_stack([forcing.knots[:-1], forcing.knots[1:], forcing.c.T])
+        still = [forcing.stop, np.inf, 0.0, 0.0, 0.0, float(forcing(forcing.stop)[0][0])]
+    rows = np.vstack([rows[rows[:, 1] > rows[:, 0]], still])
+    inner = np.union1d(rows[1:, 0], [stop])
+    edges = np.concatenate([[forcing.start], inner[(inner > forcing.start) & (inner < end)], [end]])
+    return kind, np.ascontiguousarray(rows[np.searchsorted(rows[:, 0], edges[:-1], side="right") - 1]), edges
+
+
+def _flights(named: NDArray[Any]) -> Array:
+    rows: list[list[float]] = []
+    for time, kind in named:
+        if kind == "lift_off":
+            rows.append([time, math.nan])
+        elif kind == "landing" and rows:
+            rows[-1][1] = time
+    return np.array(rows).reshape(-1, 2)
+
+
+class Tracks:
+    """Jumps with these forcings, motors that stop at these times [s] and outputs at these times (n_i,) [s]."""
+
+    def __init__(self, forcings: Sequence[Forcing | Loop], stops: Sequence[float], times: Sequence[Array]) -> None:
+        self.forcings = list(forcings)
+        laid = [pieces(f, s, math.inf) for f, s in zip(forcings, stops)]
+        wide = max(rows.shape[1] for _, rows, _ in laid)  # a loop's rows have its gain behind
+        self.rows = np.concatenate([np.pad(rows, ((0, 0), (0, wide - rows.shape[1]))) for _, rows, _ in laid])
+        self.edges = np.concatenate([edges for _, _, edges in laid])
+        self.t = np.concatenate(times).astype(float)
+        before = [float(f(f.start - 1.0)[0][0]) for f in forcings]  # where the motor stands before the forcing
+        self.about = np.zeros(len(laid), compiled.TRACK)
+        self.about["kind"], self.about["stop"], self.about["before"] = [k for k, _, _ in laid], stops, before
+        for name, sizes in (("row", [r.shape[0] for _, r, _ in laid]), ("time", [t.size for t in times])):
+            self.about[name + "_end"] = ends = np.cumsum(sizes)
+            self.about[name] = ends - sizes
+        self.places = [slice(a["time"], a["time_end"]) for a in self.about]
+
+    def heights(
+        self,
+        which: Sequence[int],
+        lanes: Sequence[int],
+        models: Sequence[Model],
+        t: Array,
+        out: Array,
+        *,
+        rtol: float,
+        atol: float,
+    ) -> None:
+        """Writes x_r above rest [m] at the times t [s] of the jumps `which`, models[k] that of which[k] in lanes[k].
+
+        t, out: a row a lane, as long as all times together, `places` says whose is what; NaN where a motion cannot be
+        followed. rtol, atol as in `jump.simulate`. Lets other threads run.
+        """
+        constants = pack_each(models)
+        for k, i in enumerate(which):
+            forcing = self.forcings[i]
+            if isinstance(forcing, Loop):
+                limit_loop(constants[k : k + 1], forcing, models[k])
+        compiled.tracks_solver()(
+            constants, np.asarray(which), np.asarray(lanes), self.about, self.rows, self.edges, t, rtol, atol, out
+        )

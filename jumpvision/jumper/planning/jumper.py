@@ -1,0 +1,218 @@
+"""The jumper's equations of motion in symbols, one mode at a time, from the laws of its mechanisms.
+
+State [y, w(, X(, V))(, x_f, v_f)] as in `physics.sand.granular`: y = x_r + (m_m/M) X_m the centre of mass of motor and
+rod, w its rate; X, V the motor's position and rate where a feedback loop drives it, X alone where it lags its command;
+the foot where it moves by itself. Modes: STUCK (foot at rest on the ground), INTRUDE, AIR.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from jumpvision.base.schema import InputError
+from jumpvision.jumper.mechanisms.ground import stop_go_overshoot
+from jumpvision.jumper.mechanisms.record import Body
+from jumpvision.jumper.mechanisms.robot import spring
+from jumpvision.jumper.physics.model import Model
+from jumpvision.jumper.physics.sand.jump import equilibrium
+from jumpvision.jumper.physics.sand.program import REST
+
+STUCK, INTRUDE, AIR = "stuck", "intrude", "air"
+SLIP = 0.01  # m/s, over which the rail's Coulomb friction changes its sign
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Gains of the motor's feedback loop; kp = 0: none, the motor is where its command says."""
+
+    kp: float = 0.0  # N/m
+    kd: float = 0.0  # N s/m
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What the ground remembers: depths [m] of the hole's floor, of the last lift-off and the last pause (0: none)."""
+
+    floor: Any
+    hole: Any = 0.0
+    pause: Any = 0.0
+    left: Any = 0.0  # m, of the overshoots before the last pause (`record.STATE`'s z_left)
+    moved: bool = False  # the foot has intruded before
+    landed: bool = False  # the foot has left the ground before
+
+
+class State(NamedTuple):
+    """One state by the names of the equations, SI; CasADi's symbols or numbers, None what a mode does not have.
+
+    y, w: the centre of mass of motor and rod and its rate; X, V: the motor on the rod; x_f, v_f: the foot.
+    """
+
+    y: Any
+    w: Any
+    X: Any = None
+    V: Any = None
+    x_f: Any = None
+    v_f: Any = None
+
+    def of(self, names: Iterable[str]) -> list[Any]:
+        """The states of these names, in their order."""
+        return [getattr(self, n) for n in names]
+
+    def then(self, later: State) -> State:
+        """The later state, and of this what that does not have."""
+        return State(*(a if b is None else b for a, b in zip(self, later)))
+
+
+class Dynamics(NamedTuple):
+    """What the equations of motion give in one state; SI, up positive."""
+
+    rates: list[Any]  # of the states, in their order
+    rod: Any
+    rod_rate: Any
+    foot: Any
+    foot_rate: Any
+    X: Any  # of the motor on the rod
+    V: Any
+    force: Any  # F_m
+    push: Any  # on the ground
+
+
+@dataclass(frozen=True)
+class Jumper:
+    """A model with its motor. xp: array namespace of the laws."""
+
+    model: Model
+    drive: Drive
+    xp: Any
+
+    @property
+    def massless(self) -> bool:
+        return self.model.m_f == 0.0
+
+    def states(self, mode: str) -> tuple[str, ...]:
+        """Names of the states in a mode."""
+        motor = ("X", "V") if self.drive.kp > 0 else ("X",) if "motor_lag" in self.model else ()
+        foot = ("x_f", "v_f") if mode == INTRUDE or (mode == AIR and not self.massless) else ()
+        return ("y", "w", *motor, *foot)
+
+    def sag(self) -> float:
+        """X_m - command [m] of the loop in free flight, where its feed-forward m_m g carries nothing."""
+        return self.model.m_m * self.model.g / self.drive.kp if self.drive.kp > 0 else 0.0
+
+    def sum_of(self, *bodies: Body, **symbols: Any) -> Any:
+        """Force [N] of all that acts on these bodies; symbols win over the model's parameters."""
+        return sum((self.model.force(m, xp=self.xp, **symbols) for m in self.model.acting(*bodies)), 0.0)
+
+    def __post_init__(self) -> None:
+        for m in self.model.acting(*Body):
+            unknown = sorted({"contact_s", "time_s", "u"} & {*m.symbols}) if m.written else []
+            if unknown and m.acts_on not in (Body.HEIGHT, Body.TIME):
+                raise InputError(
+                    [
+                        f"plan: the law of '{m.name}' depends on {', '.join(unknown)}, which a plan does not follow; "
+                        "leave it out of the model to be planned with"
+                    ]
+                )
+
+    @cached_property
+    def rest(self) -> float:
+        """x_r of the robot at rest [m]."""
+        return equilibrium(self.model)[0]
+
+    def rail(self, v_m: Any, x_r: Any, X: Any) -> Any:
+        """Friction of the rail on the carriage [N]; dry friction as hold v_m / sqrt(v_m^2 + SLIP^2).
+
+        That stands in for its set-valued law, which the re-simulation has.
+        """
+        force = self.sum_of(Body.CARRIAGE, v_m=v_m, x_r=x_r, x_m=x_r + X - self.rest)
+        if hold := self.model.hold:
+            force -= hold * v_m / (v_m * v_m + SLIP * SLIP) ** 0.5
+        return force
+
+    def static_force(self, z: Any, memory: Memory) -> Any:
+        """F_p(z) [N] with its overshoots, also the yield threshold."""
+        stiffer: dict[str, Any] = {}
+        for m in self.model.acting(Body.BED) if memory.landed else ():
+            given = {n: stiffer.get(n, self.model.symbol(n)) for n in m.scales}
+            stiffer |= {n: self.model.symbol(m.names[0]) * v for n, v in given.items() if v is not None}
+        hole = memory.hole if memory.landed else 0.0
+        force = self.sum_of(Body.STATIC, z=z, **stiffer)
+        return force + self.sum_of(Body.OVERSHOOT, z=z, z_g=hole, z_stop=memory.pause, z_left=memory.left)
+
+    def left(self, z: Any, memory: Memory) -> Any:
+        """`z_left` of a pause at z [m]."""
+        carry = self.model.parameters.carry if "stop_go_overshoot" in self.model else 0.0
+        if not carry:
+            return 0.0
+        return stop_go_overshoot(self.xp, z, memory.pause, memory.left, 1.0, self.model.parameters.lam, carry)
+
+    def yield_force(self, memory: Memory) -> Any:
+        """What the ground carries at the floor before the foot moves [N]: own laws too, as motion begins."""
+        force = self.static_force(memory.floor, memory)
+        for law in self.model.acting(Body.FOOT):
+            if law.written:
+                given = {"v": -REST, "z_g": memory.hole, "z_stop": memory.pause}
+                force += self.model.force(law, xp=self.xp, z=memory.floor, **given)
+        return force
+
+    def foot_inertia(self, z: Any) -> Any:
+        """m_f + m_a(z) [kg]."""
+        return self.model.m_f - self.sum_of(Body.INERTIA, z=z, a=1.0)
+
+    def equations(self, mode: str, s: State, command: tuple[Any, Any, Any], memory: Memory) -> Dynamics:
+        """Rates of the states, positions, motor force and push; command: X_c [m], X_c' [m/s], X_c'' [m/s^2]."""
+        m, d = self.model, self.drive
+        x_c, v_c, a_c = command
+        if d.kp > 0:
+            X, V = s.X, s.V
+        elif "motor_lag" in m:
+            X, V = s.X, (x_c - s.X) / m.parameters.tau
+        else:
+            X, V = x_c, v_c
+        ratio = m.m_m / m.M
+        x_r, v_r = s.y - ratio * X, s.w - ratio * V
+        v_m = v_r + V
+        free = mode == AIR and self.massless
+        x_f = x_r if free else -memory.floor if s.x_f is None else s.x_f
+        v_f = v_r if free else 0.0 if s.v_f is None else s.v_f
+        stretch = x_r - x_f
+        force = (
+            0.0
+            if free
+            else spring(stretch, v_r - v_f, m.k_s, m.c_s)
+            + self.sum_of(Body.SPRING, stretch=stretch, stretch_rate=v_r - v_f)
+        )
+        rail = self.rail(v_m, x_r, X)
+        w_rate = -m.g + (force + rail) / m.M
+        if d.kp > 0:
+            effort = d.kp * (x_c - X) + d.kd * (v_c - V) + m.m_m * m.g
+            a = effort * m.M / (m.m_m * m.rod_mass) + rail / m.m_m - force / m.rod_mass
+        else:
+            a = (v_c - V) / m.parameters.tau if "motor_lag" in m else a_c
+            effort = m.m_m * (w_rate + m.rod_mass / m.M * a + m.g) - rail
+        rates = State(y=s.w, w=w_rate, X=V, V=a, x_f=v_f, v_f=0.0)
+        push = force + m.m_f * m.g
+        if mode == AIR and not free:
+            rates = rates._replace(v_f=-push / m.m_f)
+        elif mode == INTRUDE:
+            z = -x_f
+            resist = self.static_force(z, memory)
+            for law in m.acting(Body.DRAG, Body.FOOT):
+                # a solver's iterates leave the ground, where a law in text such as exp(-z / l) overflows
+                depth = self.xp.maximum(z, 0.0) if law.written else z
+                resist += m.force(law, xp=self.xp, z=depth, v=v_f, z_g=memory.hole, z_stop=memory.pause)
+            rates = rates._replace(v_f=(resist - push) / self.foot_inertia(z))
+        return Dynamics(
+            rates=rates.of(self.states(mode)),
+            rod=x_r,
+            rod_rate=v_r,
+            foot=x_f,
+            foot_rate=v_f,
+            X=X,
+            V=V,
+            force=effort,
+            push=push,
+        )

@@ -1,0 +1,237 @@
+"""Which figures a folder of results or a sweep gives, each drawn when it is asked for."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from jumpvision.base.schema import InputError, closest
+from jumpvision.experiment import files
+from jumpvision.experiment.campaign.measured.actuator import Driven, actuator_bandwidth
+from jumpvision.experiment.campaign.measured.craters import craters_of, zero_crossing
+from jumpvision.experiment.campaign.measured.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion
+from jumpvision.experiment.results.diagnosis import Diagnosis
+from jumpvision.experiment.results.fields import Column, Flow, Piv
+from jumpvision.experiment.results.tables import RodMotion, Simulation
+from jumpvision.experiment.results.values import CraterShape, Intrusion
+from jumpvision.report.figures import grains as films
+from jumpvision.report.figures.bed import critical
+from jumpvision.report.figures.diagnosis import gains, heights
+from jumpvision.report.figures.logs import actuator, resistances, single
+from jumpvision.report.figures.pictures import Tracked, tracks
+from jumpvision.report.pages.charts import fits_of, json_of
+from jumpvision.report.style import FORMATS, lettered, printed, save
+from jumpvision.thesis.figures.sweeps import read_sweep, sweep_figure
+from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.study import studies
+
+Draw = Callable[[Any], Any]  # what makes a figure -> the figure
+
+
+@dataclass(frozen=True)
+class Results:
+    """A results folder: of a campaign, of one experiment, or of a sweep."""
+
+    folder: Path
+
+    @cached_property
+    def experiments(self) -> dict[str, Path]:
+        """Folders of results by experiment; the folder itself where it is one."""
+        if (self.folder / files.SUMMARY).exists():
+            return {str(json_of(self.folder / files.SUMMARY).get("experiment") or self.folder.name): self.folder}
+        return {f.parent.name: f.parent for f in sorted(self.folder.glob("*/summary.json"))}
+
+    @cached_property
+    def jumps(self) -> list[dict[str, float | str | None]]:
+        """Rows of jumps.csv."""
+        return table(self.folder / files.JUMPS)
+
+    def having(self, *names: str) -> dict[str, Path]:
+        """The experiments whose results hold all these files."""
+        return {n: f for n, f in self.experiments.items() if all((f / x).exists() for x in names)}
+
+    def summary(self, name: str) -> dict[str, Any]:
+        """summary.json of an experiment."""
+        return json_of(self.experiments[name] / files.SUMMARY)
+
+
+def available(source: Path) -> dict[str, tuple[str, Draw]]:
+    """{name: (what it shows, how to draw it)} of a results folder or a NetCDF file of a sweep."""
+    if source.is_file():
+        return dict([of_sweep(source)])
+    made = dict(of_results(Results(source)))
+    swept = {s.file: source / s.file for s in studies().values()}
+    made |= dict(of_sweep(file) for _, file in sorted(swept.items(), reverse=True) if file.exists())
+    return made | dict(of_sweep(file) for name in swept for file in sorted(source.glob(f"{Path(name).stem}-*.nc")))
+
+
+def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
+    """The figure of a sweep or a comparison."""
+    data = read_sweep(file)
+    told = setting(data)
+    own = file.stem if "-" in file.stem else f"sweep-{told.analysis}"  # one that another has taken the name of
+    return own, (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
+
+
+def of_results(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
+    """The figures of experiments and campaigns."""
+    if any(j["jump_height_m"] is not None and j["frequency_hz"] is not None for j in r.jumps):
+        yield "heights", ("jump heights against frequency, measured and simulated", lambda F: heights(r.jumps, F))
+    if tracked := r.having("rod.csv"):
+        chosen = of_each_kind(r, tracked)
+        yield (
+            "tracks",
+            (
+                "rod height against time beside the simulation, of each kind of jump the highest",
+                lambda F: tracks([track(n, r.experiments[n]) for n in chosen], F),
+            ),
+        )
+    if (r.folder / Diagnosis.file).exists():
+        diagnosis = Diagnosis.load(r.folder)
+        yield "diagnosis", ("heights, where the model fails, and the gain held out", lambda F: gains(diagnosis, F))
+    yield from of_grains(r)
+    for name, folder in r.having("intrusion.json").items():
+        yield of_intrusion(name, folder, "" if len(r.experiments) == 1 else f"-{name}")
+    if rows := intrusions_of(r):
+        yield (
+            "resistances",
+            (
+                "resistances, bend and oscillations against packing; feet beside the cone",
+                lambda F: resistances(rows, intrusion_laws(rows), F),
+            ),
+        )
+    craters = [c for c in craters_of(r.having(CraterShape.file)) if c.volume_fraction is not None]
+    if len(craters) > 1:
+        yield (
+            "craters",
+            (
+                "volume change against packing, and where it is zero",
+                lambda F: critical(craters, zero_crossing(craters), F),
+            ),
+        )
+    motors = [Driven.of(row) for row in table(r.folder / files.ACTUATOR)]
+    if len({m.frequency for m in motors}) > 2:
+        what = "amplitude ratio and lag of the actuator"
+        yield "actuator", (what, lambda F: actuator(motors, actuator_bandwidth(motors), F))
+
+
+def of_intrusion(name: str, folder: Path, end: str) -> tuple[str, tuple[str, Draw]]:
+    """The figure of one slow intrusion."""
+    what = f"force against depth, fit and overshoots: {name}"
+    return f"intrusion{end}", (what, lambda F: single(Intrusion.load(folder), F))
+
+
+def of_grains(r: Results) -> Iterator[tuple[str, tuple[str, Draw]]]:
+    """Figures from grain films: of each experiment that has one, and the momentum of all together."""
+    filmed = r.having("piv.nc", "flow.nc")
+    for name, folder in r.having("piv.nc", "flow.nc", "column.nc").items():  # in metres, and with a foot
+        yield from of_film(name, folder, "" if len(filmed) == 1 else f"-{name}")
+    if filmed:
+        kinds = {n: str(r.summary(n).get("kind")) for n in filmed}
+        yield (
+            "grain-momentum",
+            (
+                "momentum of the grains against time, by kind of jump",
+                lambda F: films.momentum([(n, kinds[n], Flow.load(filmed[n]).field) for n in filmed], F),
+            ),
+        )
+
+
+def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str, Draw]]]:
+    """The figures of one grain film; end: of their names."""
+    fits = fits_of(folder)
+    yield (
+        f"grain-speed{end}",
+        (
+            f"downwards speed of the grains over the foot's: {name}",
+            lambda F: films.grain_speed(Piv.load(folder).field, Flow.load(folder).field, F),
+        ),
+    )
+    yield (
+        f"shear-rate{end}",
+        (
+            f"shear rate with the cone: {name}",
+            lambda F: films.shear_rate(Flow.load(folder).field, Column.load(folder).field, F),
+        ),
+    )
+    yield (
+        f"column{end}",
+        (
+            f"central column: exponential, beta, jammed front, theta: {name}",
+            lambda F: films.column(fits, Column.load(folder), F),
+        ),
+    )
+    if fits.known("cone_slope_kg_m"):
+        yield (
+            f"added-mass{end}",
+            (
+                f"added mass against depth and the cone: {name}",
+                lambda F: films.added_mass(fits, Column.load(folder), Flow.load(folder), F),
+            ),
+        )
+
+
+def of_each_kind(r: Results, tracked: dict[str, Path]) -> list[str]:
+    """Of each kind of jump the highest."""
+    best: dict[str, tuple[float, str]] = {}
+    for name in tracked:
+        s = r.summary(name)
+        height = s.get("jump_height_m") or 0.0
+        best[str(s.get("kind"))] = max(best.get(str(s.get("kind")), (-1.0, "")), (height, name))
+    return [name for _, name in (best[k] for k in sorted(best))]
+
+
+def track(name: str, folder: Path) -> Tracked:
+    """The measured and the simulated track of an experiment."""
+    made = (folder / Simulation.file).exists()
+    return Tracked(name, RodMotion.load(folder), Simulation.load(folder) if made else None)
+
+
+def intrusions_of(r: Results) -> list[SlowIntrusion]:
+    """The slow intrusions of a campaign, by its table."""
+    out = []
+    for row in table(r.folder / files.INTRUSIONS):
+        name = str(row["experiment"])
+        if (r.folder / name / Intrusion.file).exists():
+            known = (row[k] for k in ("foot_radius_m", "volume_fraction", "sigma_common_volume_fraction"))
+            out.append(slow_intrusion(name, r.folder / name, *(None if x is None else float(x) for x in known)))
+    return out
+
+
+def table(file: Path) -> list[dict[str, float | str | None]]:
+    """Rows of a CSV file, numbers as floats and empty cells as None; [] where it is not there."""
+    if not file.exists():
+        return []
+    with file.open(newline="", encoding="utf-8") as f:
+        return [{k: value(v) for k, v in row.items()} for row in csv.DictReader(f)]
+
+
+def value(text: str) -> float | str | None:
+    """A cell of a table."""
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+def draw(source: Path, out: Path, only: tuple[str, ...], formats: tuple[str, ...]) -> list[Path]:
+    """Draw the figures named (all where none is) into `out`; the files. Raises InputError for unknown names."""
+    found = available(source)
+    problems = [f"--format {f}: not one of {', '.join(FORMATS)}" for f in formats if f not in FORMATS]
+    problems += [f"--only {n}: not among the figures of {source}{closest(n, found)}" for n in only if n not in found]
+    if not found:
+        problems.append(f"{source}: holds no results to draw; run `jumpvision run` or `jumpvision sweep` first")
+    if problems:
+        raise InputError(problems)
+    files = []
+    for name in only or found:
+        with printed() as Figure:
+            figure = lettered(found[name][1](Figure))
+            for f in formats:
+                files.append(out / f"{name}.{f}")
+                save(figure, files[-1])
+    return files

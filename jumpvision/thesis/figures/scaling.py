@@ -1,0 +1,182 @@
+"""Figures against alpha = M g/(k A): thesis Figs 32, 33(e), 35 and 36."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jumpvision.experiment.results.fields import attributes_of
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET
+from jumpvision.thesis.figures.sweeps import figure_of
+from jumpvision.thesis.studies import animals as animals_of
+from jumpvision.thesis.studies import scaling
+from jumpvision.thesis.studies.compute import setting
+
+LOOK = {"stutter": (MODEL, "-"), "single": (MEASURED, "--"), "two frequencies": (GREEN, "-.")}
+
+
+def logarithmic(axis: Any, which: str) -> None:
+    """A log axis with numbers instead of powers of ten, few enough to read."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    one = axis.xaxis if which == "x" else axis.yaxis
+    getattr(axis, f"set_{which}scale")("log")
+    low, high = one.get_view_interval()
+    if high / low < 300:
+        one.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        one.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    one.set_minor_formatter(NullFormatter())
+
+
+@figure_of(scaling.alpha)
+def alpha(data: xr.Dataset, Figure: Any) -> Any:
+    """Height, power and frequency of both types; where the stutter jump is the better one; height over phase."""
+    figure = Figure(figsize=(10.4, 6.4), layout="constrained")
+    axes = figure.subplots(2, 3)
+    (height, power, freq), (rod, zeta, phase) = axes
+    for name, (color, style) in list(LOOK.items())[:2]:
+        one = data.sel(jump=name)
+        height.plot(data.alpha, one.height_ratio, style, color=color, label=name)
+        power.plot(data.alpha, one.power_scaled, style, color=color, label=name)
+        freq.plot(data.alpha, one.frequency_ratio, style, color=color, label=name)
+    at = attributes_of(scaling.Alpha, data).alpha_of_robot
+    ratio = data.sel(jump="stutter") / data.sel(jump="single")
+    ideal = ((ratio.com_height_m > 1) & (ratio.peak_power_W < 1)).values
+    for axis in (height, power):
+        axis.fill_between(
+            data.alpha, 0, 1, where=ideal, color=GREEN, alpha=0.15, lw=0, transform=axis.get_xaxis_transform()
+        )
+        axis.set(xlabel="α = M g / (k A)")
+        logarithmic(axis, "y")
+    for axis in (height, power, freq):
+        logarithmic(axis, "x")
+        axis.axvline(at, color=QUIET, lw=0.8, ls=":")
+    height.set(title="best height / A")
+    height.legend()
+    power.set(title=r"its peak power $/ (k A^2 \omega_0)$")
+    freq.axhline(1.0, color=QUIET, lw=0.6)
+    freq.set(title="its frequency $/ f_0$", xlabel="α (dotted: this robot)", ylim=(0, None))
+    for axis, by, name in ((rod, "rod", "rod_share"), (zeta, "zeta", "damping_ratio")):
+        lower, upper = data[f"region_low_by_{by}"], data[f"region_high_by_{by}"]
+        axis.plot(data[name], lower, "o-", ms=3, color=MEASURED, label="higher than the single from")
+        axis.plot(data[name], upper, "s--", ms=3, color=MODEL, label="at lower power up to")
+        axis.fill_between(data[name], lower, upper, where=(lower < upper).values, color=GREEN, alpha=0.15, lw=0)
+        axis.set(ylabel="α", ylim=(0, None))
+    rod.set(title="stutter higher at lower power", xlabel="rod mass / M")
+    rod.legend()
+    zeta.set(title="the same against damping", xlabel="damping ratio ζ")
+    relative = data.phase_height_ratio / data.phase_height_ratio.max("some_phase")
+    seen = phase.pcolormesh(data.some_phase / np.pi, data.some_alpha, relative, shading="nearest", rasterized=True)
+    for x in (0.5, 1.5):
+        phase.axvline(x, color="white", lw=0.8, ls=":")
+    phase.set(title="height best over f / its maximum", xlabel="phase [π]", ylabel="α")
+    logarithmic(phase, "y")
+    phase.grid(False)
+    figure.colorbar(seen, ax=phase)
+    return figure
+
+
+@figure_of(scaling.estimates)
+def estimates(data: xr.Dataset, Figure: Any) -> Any:
+    """Analytic estimates of the best stutter frequency against simulation."""
+    figure = Figure(figsize=(6.6, 4.4), layout="constrained")
+    axis = figure.subplots()
+    for k, (color, style) in enumerate((("black", "-"), (QUIET, "--"))):
+        kind = str(data.kind.values[k])
+        axis.plot(data.alpha, data.frequency_ratio.isel(kind=k), style, color=color, lw=2, label=f"simulation, {kind}")
+    words = {"8": "half a cycle of falling", "10": "fall and push", "12": "with the first lift-off"}
+    for (n, text), color, style in zip(words.items(), (MEASURED, MODEL, GREEN), (":", "--", "-.")):
+        axis.plot(data.alpha, data[f"estimate_{n}"], style, color=color, label=f"eq. ({n}): {text}")
+    last = float(data.alpha.max())
+    axis.plot(
+        [0.9, max(last, 0.9)], [float(data.estimate_13)] * 2, color=ACCENT, lw=2, label="argmax of eq. (13), α ≥ 0.9"
+    )
+    axis.set(
+        title="best frequency of the stutter jump",
+        xlabel="α = M g / (k A)",
+        ylabel="$f / f_0$",
+        ylim=(0, 1.6),
+        xlim=(0, min(last, 1.5)),
+    )
+    axis.legend(fontsize=8)
+    return figure
+
+
+@figure_of(animals_of.animals)
+def animals(data: xr.Dataset, Figure: Any) -> Any:
+    """Height relative to body length against body length, and the alpha it comes from."""
+    figure = Figure(figsize=(8.6, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.7, 1))
+    for name in ("stutter", "single"):
+        color, style = LOOK[name]
+        left.plot(data.length, data.relative_height.sel(jump=name), style, color=color, label=name)
+    left.plot([1.8, 1.8], data.relative_height.interp(length=1.8), "o", ms=4, color="black", label="human values")
+    for i, name in enumerate(data.animal.values):
+        x, y = float(data.animal_length_m[i]), float(data.animal_height_m[i] / data.animal_length_m[i])
+        left.plot(x, y, "^", ms=5, color=GREEN, label="measured" if i == 0 else None)
+        left.annotate(str(name), (x, y), xytext=(-6, -2), textcoords="offset points", fontsize=7, ha="right")
+    left.set(
+        title="isometric animals: height / body length",
+        xlabel="body length [m]",
+        ylabel="height / length",
+        xscale="log",
+        yscale="log",
+    )
+    left.legend()
+    right.plot(data.length, data.alpha, color=QUIET)
+    right.set(title="α, eq. (14)", xlabel="body length [m]", xscale="log", yscale="log")
+    return figure
+
+
+@figure_of(scaling.two_frequency)
+def two_frequency(data: xr.Dataset, Figure: Any) -> Any:
+    """Height, power, efficiency and frequencies of the two-frequency stutter beside the others."""
+    figure = Figure(figsize=(8.8, 6.0), layout="constrained")
+    (height, power), (efficiency, freq) = figure.subplots(2, 2, sharex=True)
+    for name, (color, style) in LOOK.items():
+        one = data.sel(jump=name)
+        height.plot(data.alpha, one.height_ratio, style, color=color, label=name)
+        power.plot(data.alpha, one.peak_power_W / data.sel(jump="stutter").peak_power_W, style, color=color)
+        efficiency.plot(data.alpha, one.efficiency, style, color=color)
+        freq.plot(
+            data.alpha, one.frequency_ratio, style, color=color, label="first half" if name.startswith("two") else name
+        )
+    freq.plot(
+        data.alpha,
+        data.sel(jump="two frequencies").frequency2_ratio,
+        color=GREEN,
+        lw=2.2,
+        alpha=0.6,
+        label="second half",
+    )
+    height.set(title="best height / A")
+    height.legend()
+    power.set(title="peak power / the stutter's")
+    efficiency.set(title=r"$M g \omega_0$ height / peak power", xlabel="α = M g / (k A)")
+    freq.set(title="best frequencies $/ f_0$", xlabel="α = M g / (k A)")
+    freq.legend(fontsize=8)
+    logarithmic(height, "x")
+    for axis in (height, power, freq):
+        logarithmic(axis, "y")
+    return figure
+
+
+@figure_of(scaling.height_amplitude)
+def height_amplitude(data: xr.Dataset, Figure: Any) -> Any:
+    """Maps of height / A with the best frequency (black) and the least amplitude that lifts off (white)."""
+    figure = Figure(figsize=(9.6, 3.8), layout="constrained")
+    f0 = setting(data).f0_Hz or 1.0
+    for axis, kind in zip(figure.subplots(1, 2), data.jump.values):
+        one = data.sel(jump=kind)
+        seen = axis.pcolormesh(
+            data.frequency / f0, data.amplitude * 1e3, one.height_ratio.T, shading="nearest", rasterized=True
+        )
+        figure.colorbar(seen, ax=axis).ax.set_ylabel("height / A")
+        axis.plot(data.frequency / f0, one.minimum_amplitude_m * 1e3, color="white", lw=1.2)
+        axis.plot(one.best_frequency_Hz / f0, data.amplitude * 1e3, color="black", lw=1.2)
+        ends = [float(x) * 1e3 for x in (data.amplitude[0], data.amplitude[-1])]
+        axis.set(title=f"{kind}", xlabel="$f / f_0$", ylabel="amplitude A [mm]", ylim=ends)
+        axis.grid(False)
+    return figure

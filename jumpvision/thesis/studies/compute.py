@@ -1,0 +1,246 @@
+"""Jumps at every point of a grid of axes, over the cores, and the results as a NetCDF file named as the axes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import platform
+import time
+import uuid
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jumpvision import __version__
+from jumpvision.base.arrays import Array
+from jumpvision.base.progress import watch
+from jumpvision.base.schema import InputError
+from jumpvision.base.threads import at_most
+from jumpvision.experiment.results import RecordError, plain
+from jumpvision.experiment.results.fields import as_attributes, attributes_of
+from jumpvision.jumper.physics.batch import BY_AREA, hard_points, resolve, simulated_points
+from jumpvision.jumper.physics.hard.jump import RESULTS as COMPUTED
+
+from .axes import AXES, option
+from .machine import Machine
+from .study import Say, Sweep
+
+CHUNK = 200_000  # points of an exact sweep in memory at once
+SMALL = 2000  # points of an integrated one
+RTOL, ATOL = 1e-6, 1e-9  # as the stage `simulate`
+SLOW = 5.0  # s, from where the time is announced
+
+
+def grid_results(machine: Machine, given: Mapping[str, Array], *, workers: int, say: Say) -> dict[str, NDArray[Any]]:
+    """Results over the grid of `given`: shape the sizes of its 1-D entries, in order. InputError for what cannot be."""
+    no_effect(machine, given)
+    shape = tuple(a.size for a in given.values() if a.ndim)
+    total = math.prod(shape)
+    out = {name: np.empty(total) for name in COMPUTED}
+
+    def values(lo: int, hi: int) -> dict[str, Array]:
+        at = iter(np.unravel_index(np.arange(lo, hi), shape) if shape else ())
+        point = {n: a[next(at)] if a.ndim else np.full(hi - lo, float(a)) for n, a in given.items()}
+        full = resolve(machine.values, point)
+        if machine.laws:
+            full |= machine.laws.points(full["phi"], machine.model.foot_radius or math.nan, machine.phi_sigma)
+        return {n: np.ascontiguousarray(np.broadcast_to(v, (hi - lo,))) for n, v in full.items()}
+
+    if machine.laws and (said := machine.laws.continued(given.get("phi", np.asarray(machine.values["phi"])))):
+        say(said)
+    try:
+        values(0, 1)
+        step = CHUNK if machine.exact else SMALL
+        edges = [(lo, min(lo + step, total)) for lo in range(0, total, step)]
+        began = time.perf_counter()
+        for done, (lo, hi) in enumerate(watch(edges, "jumps, chunks")):
+            v = values(lo, hi)
+            with at_most(workers):
+                found = hard_points(v) if machine.exact else simulated_points(machine.model, v, rtol=RTOL, atol=ATOL)
+            for name, column in found.items():
+                out[name][lo:hi] = column
+            if done == 0:
+                _announce(began, hi, total, say)
+    except InputError:
+        raise
+    except ValueError as e:
+        raise InputError([f"sweep {machine.model.ground}: {e}"]) from None
+    return {n: v.reshape(shape) for n, v in out.items()}
+
+
+def no_effect(machine: Machine, given: Mapping[str, Array]) -> None:
+    """InputError for axes of the bed that the model's terms do not see: their map would be constant."""
+    model = machine.model
+    seen = {n for t in model.terms for n in model.mechanism(t).symbols}
+    inert = {
+        "phi": not machine.laws and (model.volume_fraction is None or "phi" not in seen),
+        "apex": True,
+        "foot_radius": model.foot_radius is None
+        or not ("R" in seen or any(getattr(model.parameters, n) for n in BY_AREA)),
+    }
+    problems = [
+        f"{option(n)}: has no effect in a model of {', '.join(model.terms) or 'hard ground'}; give [bed] "
+        "volume_fraction, [robot] foot_radius and a model with depth_drag or added_mass, or --laws, or leave it out"
+        for n, useless in inert.items()
+        if n in given and useless
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+def _announce(began: float, done: int, total: int, say: Say) -> None:
+    left = (time.perf_counter() - began) / done * (total - done)
+    if left > SLOW:
+        say(f"{total} jumps: about {left:.0f} s")
+
+
+FILE = "sweep.nc"
+RESULTS = {  # name: unit, meaning (docs/physics.md section 1)
+    "com_height_m": ("m", "greatest rise of the centre of mass above rest"),
+    "flight_height_m": ("m", "g t_f^2 / 8 of the longest flight that ends after the forcing"),
+    "jump_height_m": ("m", "greatest rod height after the motor stops, minus rest"),
+    "n_jumps": ("1", "flights up to and including the first that ends after the forcing"),
+    "lift_off_s": ("s", "first lift-off after the start of the law"),
+    "peak_power_W": ("W", "greatest internal power F_m X_m' while the law runs, without impulses"),
+    "peak_force_N": ("N", "greatest motor force F_m = m_m (a_m + g) while the law runs, without impulses"),
+    "peak_motor_speed": ("m/s", "greatest |X_m'|"),
+}
+CLASSES = ("none", "single", "stutter", "multi_jump")
+
+Variable = tuple[tuple[str, ...], NDArray[Any], str, str]  # dims, values, unit, meaning
+
+
+def jump_class(n_jumps: NDArray[Any]) -> NDArray[np.int8]:
+    """0 no jump, 1 single, 2 stutter (two jumps), 3 multi-jump: indices into CLASSES (thesis Figs 27, 28)."""
+    return np.clip(np.nan_to_num(n_jumps), 0, 3).astype(np.int8)
+
+
+def dataset(
+    s: Sweep,
+    coords: Mapping[str, Any],
+    dims: tuple[str, ...],
+    results: Mapping[str, NDArray[Any]],
+    extra: Mapping[str, Variable] | None = None,
+    *,
+    f0_Hz: float | None = None,
+    facts: object | None = None,
+) -> xr.Dataset:
+    """`results` of jumps over `dims` with `extra` variables. coords: by name, values or (dim, values).
+
+    f0_Hz: natural frequency, for a study whose figure shows it. facts: the study's own dataclass of what else it was
+    made with; `results.fields.attributes_of` gives it back.
+    """
+    variables: dict[str, xr.Variable] = {}
+    for name, (unit, meaning) in RESULTS.items():
+        values = np.asarray(results[name])
+        if name == "n_jumps":
+            values = np.nan_to_num(values, nan=-1).astype(np.int64)
+        variables[name] = xr.Variable(dims, values, {"units": unit, "long_name": meaning})
+    flags = {"units": "1", "flag_values": np.arange(4, dtype=np.int8), "flag_meanings": " ".join(CLASSES)}
+    variables["jump_class"] = xr.Variable(dims, jump_class(results["n_jumps"]), {**flags, "long_name": "kind of jump"})
+    for name, (over, values, unit, meaning) in (extra or {}).items():
+        variables[name] = xr.Variable(over, values, {"units": unit, "long_name": meaning})
+    places: dict[str, xr.Variable] = {}
+    for name, values in coords.items():
+        over, values = values if isinstance(values, tuple) else ((name,) if np.ndim(values) else (), values)
+        axis = AXES.get(name)
+        meta = {"units": axis.unit or "1", "long_name": axis.meaning} if axis else {}
+        places[name] = xr.Variable(over, values, meta)
+    told = as_attributes(Setting.of(s.machine, s.study.name, f0_Hz)) | (as_attributes(facts) if facts else {})
+    return xr.Dataset(variables, coords=places, attrs=told)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What every sweep was made with, under the names of the attributes of its file.
+
+    ground, robot, model, analysis, laws_source: in words. constants, laws, versions: JSON objects; the constants of
+    robot and motor law are in SI, and an axis replaces its own. f0_Hz: natural frequency, None where not told.
+    """
+
+    ground: str
+    robot: str
+    constants: str
+    model: str
+    laws: str | None = None
+    laws_source: str | None = None
+    versions: str
+    analysis: str
+    f0_Hz: float | None = None
+
+    @classmethod
+    def of(cls, machine: Machine | None, analysis: str, f0_Hz: float | None = None) -> Setting:
+        """The setting of an analysis with a robot (None: of beds without one), by the versions at hand."""
+        packages = {p: version(p) for p in ("numpy", "scipy", "numba", "xarray")}
+        laws = machine.laws if machine else None
+        return cls(
+            ground=machine.model.ground if machine else "granular",
+            robot=machine.name if machine else "none",
+            constants=json.dumps(plain(dict(machine.values)) if machine else {}),
+            model=str(machine.model) if machine else "none",
+            laws=json.dumps(laws.plain()) if laws else None,
+            laws_source=laws.source if laws else None,
+            versions=json.dumps({"jumpvision": __version__, "python": platform.python_version(), **packages}),
+            analysis=analysis,
+            f0_Hz=f0_Hz,
+        )
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """The constants by name [SI]."""
+        found: dict[str, float] = json.loads(self.constants)
+        return found
+
+
+def setting(data: xr.Dataset) -> Setting:
+    """What a sweep was made with. RecordError where its attributes do not say."""
+    return attributes_of(Setting, data)
+
+
+def write(data: xr.Dataset, folder: Path, file: str = FILE) -> Path:
+    """The file in the folder, written aside and renamed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    aside = folder / f".{file}-{os.getpid()}-{uuid.uuid4().hex[:8]}.tmp"
+    packed = {n: {"zlib": True, "complevel": 1} for n, v in data.data_vars.items() if v.size > 1000}
+    try:
+        data.to_netcdf(aside, engine="netcdf4", encoding=packed)
+        os.replace(aside, folder / file)
+    finally:
+        aside.unlink(missing_ok=True)
+    return folder / file
+
+
+def keep_other(file: Path, data: xr.Dataset) -> Path | None:
+    """Give the sweep that a file holds a name of its own where it is another than `data`; that name, None for none.
+
+    A figure beside it goes with it. The same sweep made again, or what is no sweep, keeps the name and may be replaced.
+    """
+    try:
+        with xr.open_dataset(file, engine="netcdf4") as other:
+            name = own_name(other)
+    except (OSError, ValueError, RecordError):
+        return None
+    if name == own_name(data):
+        return None
+    kept = file.with_name(f"{file.stem}-{name}.nc")
+    if file.with_suffix(".png").exists():
+        file.with_suffix(".png").replace(kept.with_suffix(".png"))
+    file.replace(kept)
+    return kept
+
+
+def own_name(data: xr.Dataset) -> str:
+    """What tells a sweep from others: analysis, axes, and six digits of a digest of their values and all constants."""
+    told = setting(data)
+    axes = [str(d) for d in data.dims if str(d) in AXES]
+    parts = [told.ground, told.robot, told.constants, told.model, told.laws, told.analysis]
+    parts += [f"{n} {np.asarray(v.values).tolist()}" for n, v in sorted(data.coords.items(), key=lambda c: str(c[0]))]
+    return "-".join([told.analysis, *axes, hashlib.sha256("\0".join(map(str, parts)).encode()).hexdigest()[:6]])
