@@ -529,6 +529,8 @@ def test_laboratory_shares_nothing_with_the_analysis():
         "zlib",
     }
     for file in (Path(__file__).parents[1] / "jumpvision" / "laboratory").rglob("*.py"):
+        if "dem" in file.parts:  # discs, which are no recordings
+            continue
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Import):
                 found = {a.name.split(".")[0] for a in node.names}
