@@ -73,7 +73,7 @@ def _snakemake() -> str:
 
 def _pipelines() -> Path:
     """The folder of the Snakefile: in the installed package, or beside it in a checkout."""
-    here = Path(__file__).parents[1]
+    here = Path(__file__).parents[2]
     return next(p for p in (here / "pipelines", here.parent / "pipelines") if p.is_dir())
 
 
