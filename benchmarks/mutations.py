@@ -1,0 +1,853 @@
+"""Tests that would notice: faults of the kinds that people make, one at a time, in a copy of the tree.
+
+`python -m benchmarks.mutations [--wing WING] [--only NAME ...] [--list] [--jobs N] [--copy FOLDER]`
+
+Each fault changes one expression of the physics to one that runs and is wrong: a sign, a factor, an axis, a unit, off
+by one, a thing forgotten, names swapped, a term of an uncertainty dropped. Then the short run of the tests that should
+notice (`-m 'not long'`, as by default) is made on it, without a fault first. Where the code has moved on, a fault says
+what to look for, and the program fails. --copy keeps the copied tree, whose compiled code the next call finds again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import functools
+import math
+import os
+import queue
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+COPIED = ("jumpvision", "tests", "data_samples", "docs", "pipelines", "benchmarks", "*.md", "*.toml", "*.cff")
+SLOWER, LEAST = 4.0, 300.0  # times what the tests take without a fault, and s: a fault may recompile, or never end
+COMPILED = re.compile(r"\bnumba\b|^@(?:law|shared|kernel|inlined)\b", re.MULTILINE)
+FIRST = re.compile(r"^(?:FAILED|ERROR) (?:tests/)?(\S+?)(?:\[.*)?(?: - .*)?$", re.MULTILINE)
+
+
+class Fault(NamedTuple):
+    """A fault. file: where the expression is, found by name; old, new: the expression, blanks of no account. tests:
+    files that should notice; select: which of their tests (`pytest -k`), where all take long."""
+
+    name: str
+    wing: str
+    kind: str
+    file: str
+    old: str
+    new: str
+    tests: str
+    select: str = ""
+
+
+FAULTS = (
+    Fault(
+        "the end of an open range is allowed",
+        "base",
+        "off by one",
+        "schema.py",
+        'value <= meta["lo"] if meta["open_lo"] else value < meta["lo"]',
+        'value < meta["lo"]',
+        "test_schema.py",
+    ),
+    Fault(
+        "digits of an uncertainty in another unit",
+        "base",
+        "unit",
+        "arrays.py",
+        'int(f"{sigma * factor:.1e}".partition("e")[2])',
+        'int(f"{sigma:.1e}".partition("e")[2])',
+        "test_report.py",
+        "two_figures or without_uncertainty or words_units",
+    ),
+    Fault(
+        "weighted mean counts its own freedom",
+        "estimate",
+        "off by one",
+        "mean.py",
+        "scatter_factor(chi2, n - 1) * float(w.sum()) ** -0.5, unit, n, chi2",
+        "scatter_factor(chi2, n) * float(w.sum()) ** -0.5, unit, n, chi2",
+        "test_mean.py",
+    ),
+    Fault(
+        "jump height without the uncertainty of rest",
+        "estimate",
+        "dropped uncertainty",
+        "height.py",
+        "value - rest.value, math.hypot(spread, rest.sigma),",
+        "value - rest.value, spread,",
+        "test_fit_flight.py",
+        "height or rise or rest",
+    ),
+    Fault(
+        "flight time with the error of one edge",
+        "estimate",
+        "dropped uncertainty",
+        "flight.py",
+        "return np.hypot(self.lift_off_sigma, self.landing_sigma)",
+        "return self.landing_sigma",
+        "test_fit_flight.py",
+        "contact or edge or flight",
+    ),
+    Fault(
+        "damping over the damped frequency",
+        "estimate",
+        "names swapped",
+        "ringdown.py",
+        "zeta=decay / omega0,",
+        "zeta=decay / w,",
+        "test_fit_ringdown.py",
+    ),
+    Fault(
+        "two halves of a crater as if their scatter were known",
+        "estimate",
+        "dropped uncertainty",
+        "crater.py",
+        "math.sqrt(noise_sigma**2 + TWO_HALVES**2 * excess)",
+        "math.sqrt(noise_sigma**2 + excess)",
+        "test_crater.py",
+        "volume_by_a_line",
+    ),
+    Fault(
+        "correlation time counts lag 0 once too often",
+        "estimate",
+        "off by one",
+        "mean.py",
+        "2.0 * np.cumsum(acf / acf[0]) - 1.0",
+        "2.0 * np.cumsum(acf / acf[0])",
+        "test_intrusion.py",
+        "correlation_time",
+    ),
+    Fault(
+        "one bed too few taken off the freedoms of a power law",
+        "estimate",
+        "off by one",
+        "estimate.py",
+        "dof = value.size - beds.size - 1",
+        "dof = value.size - 1",
+        "test_intrusion.py",
+        "correlation_time or oscillations or laws_of_a_bed or foot_area",
+    ),
+    Fault(
+        "critical packing without the error of phi",
+        "estimate",
+        "dropped uncertainty",
+        "crater.py",
+        "return float(np.sum((v - b * d) ** 2 / (dv**2 + (b * dphi) ** 2))), b",
+        "return float(np.sum((v - b * d) ** 2 / dv**2)), b",
+        "test_crater.py",
+        "critical_packing_is_covered",
+    ),
+    Fault(
+        "frames left out when saving do not count",
+        "films/frames",
+        "forgotten",
+        "mraw.py",
+        "np.arange(n, dtype=np.float64) * (skip / rate)",
+        "np.arange(n, dtype=np.float64) / rate",
+        "test_frames_raw.py",
+    ),
+    Fault(
+        "red taken for blue in grey",
+        "films/frames",
+        "names swapped",
+        "base.py",
+        "299 * red.astype(np.uint32) + 587 * green.astype(np.uint32) + 114 * blue.astype(np.uint32)",
+        "114 * red.astype(np.uint32) + 587 * green.astype(np.uint32) + 299 * blue.astype(np.uint32)",
+        "test_frames.py",
+    ),
+    Fault(
+        "a declared clock begins at zero",
+        "films/frames",
+        "forgotten",
+        "base.py",
+        'return Clock(start + positions / frame_rate, "declared", warnings)',
+        'return Clock(positions / frame_rate, "declared", warnings)',
+        "test_frames.py",
+    ),
+    Fault(
+        "exposure of a film in ms",
+        "films/frames",
+        "unit",
+        "cine.py",
+        "entry(setup, SHUTTER_NS) * 1e-9 or entry(setup, SHUTTER_US) * 1e-6",
+        "entry(setup, SHUTTER_NS) * 1e-9 or entry(setup, SHUTTER_US) * 1e-3",
+        "test_frames_raw.py",
+    ),
+    Fault(
+        "noise of a disc's pixels without the fitted parameters",
+        "films/vision",
+        "off by one",
+        "disc.py",
+        "spent = (3.0, 3.0, 6.0 if streak else 4.0)",
+        "spent = (0.0, 0.0, 0.0 if streak else 0.0)",
+        "test_ball.py",
+        "sigma or error or noise or coverage",
+    ),
+    Fault(
+        "second half picture a quarter of a frame later",
+        "films/vision",
+        "factor",
+        "fields.py",
+        "half = 0.5 * np.where(np.isfinite(step)",
+        "half = 0.25 * np.where(np.isfinite(step)",
+        "test_fields.py",
+    ),
+    Fault(
+        "a rail leans the other way",
+        "films/vision",
+        "sign",
+        "camera.py",
+        "turn = np.exp(1j * tilt)",
+        "turn = np.exp(-1j * tilt)",
+        "test_camera.py",
+    ),
+    Fault(
+        "scale of marks as good whatever their number",
+        "films/vision",
+        "factor",
+        "camera.py",
+        "noise / float(np.sqrt(np.sum(np.abs(place - place.mean()) ** 2)))",
+        "noise / float(np.sqrt(np.mean(np.abs(place - place.mean()) ** 2)))",
+        "test_budget.py test_camera.py",
+        "marks or clicks or scale",
+    ),
+    Fault(
+        "a ball's outline taken for its centre",
+        "films/vision",
+        "forgotten",
+        "stereo.py",
+        "x, y = (q * c / (c * c - radius * radius) for q in (a, b))",
+        "x, y = (q / c for q in (a, b))",
+        "test_stereo.py",
+    ),
+    Fault(
+        "PIV's limit of outliers ten times too wide",
+        "films/vision",
+        "factor",
+        "engine.py",
+        "normalised_median(good[0], good[1], _slopes(good, s.step)) > s.outlier",
+        "normalised_median(good[0], good[1], _slopes(good, s.step)) > 10.0 * s.outlier",
+        "test_piv.py",
+        "torn or decorrelated or median or nan or sigma_is_true",
+    ),
+    Fault(
+        "noise that the match takes out is not given back",
+        "films/vision",
+        "dropped uncertainty",
+        "validate.py",
+        "return float(np.sqrt(shift / left)), float(np.sqrt(slope / left))",
+        "return float(np.sqrt(shift)), float(np.sqrt(slope))",
+        "test_piv.py",
+        "sigma_is_true or sigma_without or sigma_knows",
+    ),
+    Fault(
+        "first guess of a displacement with axes swapped",
+        "films/vision",
+        "axis",
+        "predict.py",
+        "return at_vectors[..., 0], at_vectors[..., 1]",
+        "return at_vectors[..., 1], at_vectors[..., 0]",
+        "test_piv.py",
+        "test_error or uniform or large",
+    ),
+    Fault(
+        "phi from the width of the bed twice",
+        "films/vision",
+        "axis",
+        "surface.py",
+        "phi = solid_volume / (length * width * height)",
+        "phi = solid_volume / (width * width * height)",
+        "test_surface.py test_bed.py",
+    ),
+    Fault(
+        "height of a bed without what all columns share",
+        "films/vision",
+        "dropped uncertainty",
+        "surface.py",
+        "float(middle), math.hypot(sigma, surface.common), math.atan(slope)",
+        "float(middle), sigma, math.atan(slope)",
+        "test_surface.py test_bed.py",
+    ),
+    Fault(
+        "foot's face as sure as its picture is sharp",
+        "films/vision",
+        "dropped uncertainty",
+        "foot_face.py",
+        "math.hypot(APART, offset_sigma)",
+        "offset_sigma",
+        "test_foot.py",
+    ),
+    Fault(
+        "momentum without what was filled in under the face",
+        "films/grains",
+        "dropped uncertainty",
+        "momentum.py",
+        "sums.hole_variance + sums.drift**2 / 3.0 + sums.bridged**2 / 12.0",
+        "sums.hole_variance + sums.drift**2 / 3.0",
+        "test_field.py",
+    ),
+    Fault(
+        "windows overlap along one axis alone",
+        "films/grains",
+        "axis",
+        "gradients.py",
+        "r = rho[abs(pi[k] - pi[m])] * rho[abs(pj[k] - pj[m])]",
+        "r = rho[abs(pi[k] - pi[m])] * rho[abs(pi[k] - pi[m])]",
+        "test_field.py",
+        "stated_sigmas or independence",
+    ),
+    Fault(
+        "decay below the foot without the error of the greatest speed",
+        "films/grains",
+        "dropped uncertainty",
+        "column.py",
+        "math.hypot(factor * math.sqrt(float(row @ cov @ row)), maximum_sigma / maximum / k)",
+        "factor * math.sqrt(float(row @ cov @ row))",
+        "test_fit_column.py",
+    ),
+    Fault(
+        "noise of the matching counts as fluctuation",
+        "films/grains",
+        "forgotten",
+        "steady.py",
+        "uu - u_noise, vv - v_noise,",
+        "uu, vv,",
+        "test_steady.py",
+    ),
+    Fault(
+        "contact angle against the vertical",
+        "films/grains",
+        "names swapped",
+        "column.py",
+        "return math.asin(q), q / math.sqrt(1.0 - q * q) * layer * ln_a_sigma",
+        "return math.acos(q), q / math.sqrt(1.0 - q * q) * layer * ln_a_sigma",
+        "test_fit_column.py",
+    ),
+    Fault(
+        "chi2 without the fitted parameters",
+        "engine",
+        "off by one",
+        "detect.py",
+        "problem.n + span.extra - span.basis.shape[1]",
+        "problem.n + span.extra",
+        "test_diagnosis.py",
+        "false_alarms or p_values or noncentrality or scatter_from",
+    ),
+    Fault(
+        "two looks counted as one",
+        "engine",
+        "factor",
+        "detect.py",
+        "min(1.0, 2.0 * min(p_chi2, p_score))",
+        "min(1.0, min(p_chi2, p_score))",
+        "test_diagnosis.py",
+        "false_alarms or p_values",
+    ),
+    Fault(
+        "power of the noise without the doubt of its correlation",
+        "engine",
+        "dropped uncertainty",
+        "noise.py",
+        "math.sqrt(2.0 / free + 4.0 * (1.0 + rho) / (1.0 - rho) / free)",
+        "math.sqrt(2.0 / free)",
+        "test_diagnosis.py",
+        "noise_is_learned",
+    ),
+    Fault(
+        "heavy tails as sure as normal ones",
+        "engine",
+        "dropped uncertainty",
+        "sources.py",
+        "(kurtosis - 1.0) / (4.0 * free)",
+        "2.0 / (4.0 * free)",
+        "test_learning.py",
+        "tails or four_single or null or statement",
+    ),
+    Fault(
+        "information in digits called bits",
+        "engine",
+        "unit",
+        "design.py",
+        "float(np.mean(log[k] - np.logaddexp.reduce(mixed, axis=0))) / math.log(2)",
+        "float(np.mean(log[k] - np.logaddexp.reduce(mixed, axis=0))) / math.log(10)",
+        "test_explore.py",
+        "bits or log_odds_of_two or mimic",
+    ),
+    Fault(
+        "gain of few groups by the normal distribution",
+        "engine",
+        "dropped uncertainty",
+        "gain.py",
+        "float(scipy.stats.t.ppf(0.5 + 0.5 * level, n - 1))",
+        "float(scipy.stats.norm.ppf(0.5 + 0.5 * level))",
+        "test_diagnosis.py",
+        "interval_of_a_gain",
+    ),
+    Fault(
+        "a logged force held from its next sample",
+        "engine",
+        "off by one",
+        "particle.py",
+        "p[6] * (drive[1, i - 1] + share * (drive[1, i] - drive[1, i - 1]))",
+        "p[6] * drive[1, i]",
+        "test_particle.py",
+        "ramp or pendulum",
+    ),
+    Fault(
+        "half the inertial drag",
+        "jumper",
+        "factor",
+        "ground.py",
+        "return alpha * v * v",
+        "return 0.5 * alpha * v * v",
+        "test_terms.py test_granular.py",
+        "law_is or slope or thesis or agree or independent or laboratory",
+    ),
+    Fault(
+        "overshoot grows with the depth instead of the hole",
+        "jumper",
+        "names swapped",
+        "ground.py",
+        "s * z_g * xp.exp(-(z - z_g) / lam)",
+        "s * z * xp.exp(-(z - z_g) / lam)",
+        "test_terms.py test_granular.py",
+        "law_is or slope or hole or overshoot or reintrusion",
+    ),
+    Fault(
+        "a moving equilibrium without its damping",
+        "jumper",
+        "forgotten",
+        "arc.py",
+        "p0 = (-g - 2.0 * q * d2 - 2.0 * gam * p1) / w2",
+        "p0 = (-g - 2.0 * q * d2) / w2",
+        "test_hard.py",
+        "spline or energy or solve_ivp or integrat or agrees",
+    ),
+    Fault(
+        "force of the ground without the foot's inertia",
+        "jumper",
+        "forgotten",
+        "within.py",
+        "out[GROUND_FORCE] = force + p.m_f * (p.g + k[0, VF])",
+        "out[GROUND_FORCE] = force + p.m_f * p.g",
+        "test_granular.py",
+        "force or newton or momentum or balance or energy",
+    ),
+    Fault(
+        "a motor's loop carries the rod instead of the motor",
+        "jumper",
+        "names swapped",
+        "granular.py",
+        "p.kp * p.row[6] * (x - s[X]) + p.kd * (v - s[V]) + p.m_m * p.g",
+        "p.kp * p.row[6] * (x - s[X]) + p.kd * (v - s[V]) + p.m_r * p.g",
+        "test_loop.py",
+    ),
+    Fault(
+        "a foot shakes the rod alone, not rod and foot",
+        "jumper",
+        "forgotten",
+        "oscillator.py",
+        "m_f / (M + m_f) * RIPPLE * lift_off_amplitude(k, M, g)",
+        "m_f / M * RIPPLE * lift_off_amplitude(k, M, g)",
+        "test_oscillator.py",
+    ),
+    Fault(
+        "a kink moves the law the other way",
+        "jumper",
+        "sign",
+        "packing.py",
+        "np.stack([-slope, np.ones_like(d), np.minimum(d, 0.0), np.maximum(d, 0.0)], axis=-1)",
+        "np.stack([slope, np.ones_like(d), np.minimum(d, 0.0), np.maximum(d, 0.0)], axis=-1)",
+        "test_sweep_granular.py",
+        "fitted_law or exactly or straight",
+    ),
+    Fault(
+        "a planned motor pushed by the spring as if it were the rod",
+        "jumper",
+        "names swapped",
+        "jumper.py",
+        "effort * m.M / (m.m_m * m.rod_mass) + rail / m.m_m - force / m.rod_mass",
+        "effort * m.M / (m.m_m * m.rod_mass) + rail / m.m_m - force / m.m_m",
+        "test_plan.py",
+        "newtons or symbols",
+    ),
+    Fault(
+        "a clock that runs fast counted as slow",
+        "jumper",
+        "sign",
+        "jumper.py",
+        'value(values, "offset", k) + value(values, "rate", k) * t[here]',
+        'value(values, "offset", k) - value(values, "rate", k) * t[here]',
+        "test_learning.py",
+        "common_errors or two_cameras",
+    ),
+    Fault(
+        "a stage's version is no part of its key",
+        "experiment",
+        "forgotten",
+        "workspace.py",
+        "json.dumps([made.name, made.version, keys], sort_keys=True, default=str)",
+        "json.dumps([made.name, keys], sort_keys=True, default=str)",
+        "test_pipeline.py test_unchanged.py",
+        "not killed",
+    ),
+    Fault(
+        "a whole exposure in place of half",
+        "experiment",
+        "factor",
+        "track.py",
+        "time = frames.time + exposure / 2",
+        "time = frames.time + exposure",
+        "test_exposure.py test_ball_film.py test_films.py",
+    ),
+    Fault(
+        "the default limit of outliers is 20",
+        "experiment",
+        "factor",
+        "parameters.py",
+        'outlier: float = param(2.0, "", "normalised median test',
+        'outlier: float = param(20.0, "", "normalised median test',
+        "test_schema.py test_films.py test_flow_film.py",
+    ),
+    Fault(
+        "the start of a log is forgotten",
+        "experiment",
+        "forgotten",
+        "logs.py",
+        'out[columns[0]] = time + getattr(log, "start", 0.0)',
+        "out[columns[0]] = time",
+        "test_logs.py",
+    ),
+    Fault(
+        "fields of another program half a gap early",
+        "experiment",
+        "off by one",
+        "vectors.py",
+        "section.stride * np.arange(n) + 0.5 * section.gap",
+        "section.stride * np.arange(n)",
+        "test_vectors.py",
+    ),
+    Fault(
+        "packings of one camera taken as independent",
+        "experiment",
+        "forgotten",
+        "craters.py",
+        "independent(total, alike), independent(dphi, alike_phi)",
+        "independent(total, alike), independent(dphi, 0.0 * alike_phi)",
+        "test_budget.py",
+        "critical_packing",
+    ),
+    Fault(
+        "a field's time is that of its first picture",
+        "experiment",
+        "factor",
+        "piv.py",
+        "of_fields(0.5 * (begin + end), p)",
+        "of_fields(begin, p)",
+        "test_films.py test_flow_film.py",
+    ),
+    Fault(
+        "momentum goes with the scale's third power",
+        "experiment",
+        "factor",
+        "flow.py",
+        "math.hypot(4.0 * scale, rate, phi)",
+        "math.hypot(3.0 * scale, rate, phi)",
+        "test_budget.py",
+        "speed_momentum",
+    ),
+    Fault(
+        "a field is written column by column",
+        "report",
+        "axis",
+        "tecplot.py",
+        'data[names].isel(t=k).transpose("y", "x")',
+        'data[names].isel(t=k).transpose("x", "y")',
+        "test_export.py",
+        "tecplot",
+    ),
+    Fault(
+        "a band of two sigmas is one wide",
+        "report",
+        "factor",
+        "grains.py",
+        "axis.fill_between(x, y - 2 * sigma, y + 2 * sigma, color=color, alpha=0.25, lw=0)",
+        "axis.fill_between(x, y - sigma, y + sigma, color=color, alpha=0.25, lw=0)",
+        "test_figures.py",
+        "grains_hold",
+    ),
+    Fault(
+        "volumes a thousand times too small on a page",
+        "report",
+        "unit",
+        "quantities.py",
+        '"m3": ("cm³", 1e6)',
+        '"m3": ("cm³", 1e3)',
+        "test_report.py",
+        "fits_stand or strength or typeset",
+    ),
+    Fault(
+        "force of a scaled animal without its size",
+        "thesis",
+        "forgotten",
+        "animals.py",
+        'own["peak_force_N"] * stretch * size',
+        'own["peak_force_N"] * stretch',
+        "test_sweep.py",
+        "animals",
+    ),
+    Fault(
+        "a model's parameter moved by both its sigmas",
+        "thesis",
+        "factor",
+        "comparison.py",
+        "(height(*high) - height(*low)) * share for name, low, high, share",
+        "(height(*high) - height(*low)) for name, low, high, share",
+        "test_hard_compare.py",
+    ),
+    Fault(
+        "power per cycle in place of radian",
+        "thesis",
+        "unit",
+        "scaling.py",
+        'best["amplitude_m"] ** 2 * 2 * np.pi * s.robot.f0',
+        'best["amplitude_m"] ** 2 * s.robot.f0',
+        "test_hard_page.py test_sweep.py",
+        "alpha or animals or phases",
+    ),
+    Fault(
+        "a line under the film keeps its lowest points alone",
+        "browser",
+        "names swapped",
+        "logs.py",
+        "for k in (y[a:b].argmin(), y[a:b].argmax())",
+        "for k in (y[a:b].argmin(), y[a:b].argmin())",
+        "test_workbench.py",
+        "extremes",
+    ),
+    Fault(
+        "vectors of a part of the picture with its corner's row for its column",
+        "browser",
+        "names swapped",
+        "matching.py",
+        "np.meshgrid(f.x + left, f.y + top)",
+        "np.meshgrid(f.x + top, f.y + left)",
+        "test_workbench.py",
+        "vectors_of_a_pair",
+    ),
+    Fault(
+        "free disk in MB told as GB",
+        "cli",
+        "unit",
+        "machine.py",
+        "shutil.disk_usage(place).free / 1e9",
+        "shutil.disk_usage(place).free / 1e6",
+        "test_doctor.py",
+    ),
+    Fault(
+        "rate of the rod's film given to the grains'",
+        "cli",
+        "names swapped",
+        "init.py",
+        '"rate": eye.grain_rate',
+        '"rate": eye.rod_rate',
+        "test_init.py",
+    ),
+)
+
+
+class Place(NamedTuple):
+    """A file below the root, and its text with the fault in it."""
+
+    file: Path
+    text: str
+
+
+class Outcome(NamedTuple):
+    """What became of a fault: caught by a test, SURVIVED, or why it was not measured; s it took."""
+
+    fault: Fault
+    by: str
+    seconds: float
+
+    @property
+    def caught(self) -> bool | None:
+        """None where it was not measured."""
+        return None if self.by.startswith("not ") else self.by != SURVIVED
+
+
+SURVIVED = "SURVIVED"
+
+
+def place_of(fault: Fault) -> Place:
+    """The one place of a fault in the package, in a file of its name or else in any. LookupError: what to look for."""
+    tokens = re.findall(r"\w+|[^\w\s]", fault.old)
+    pattern = re.compile(r"\s*".join(map(re.escape, tokens)))
+    files = [f for f in sorted((ROOT / "jumpvision").rglob("*.py")) if "laboratory" not in f.parts]
+    for some in ([f for f in files if f.name == fault.file], files):
+        texts = {f: f.read_text(encoding="utf-8") for f in some}
+        found = [(f, m) for f, text in texts.items() for m in pattern.finditer(text)]
+        if len(found) > 1:
+            raise LookupError(f"not unique: {fault.old} is there {len(found)} times: write more of it")
+        for f, m in found:
+            text = texts[f][: m.start()] + fault.new + texts[f][m.end() :]
+            ast.parse(text)
+            return Place(f.relative_to(ROOT), text)
+    raise LookupError(f"not found: look for {fault.old} (it was in a {fault.file}) and write it as it is now")
+
+
+def copied(target: Path) -> None:
+    """The tree as it is now, times of files and all, so that compiled code of an earlier copy is known again."""
+    for f in target.rglob("*.py"):
+        if not (ROOT / f.relative_to(target)).exists():
+            f.unlink()
+    target.mkdir(parents=True, exist_ok=True)
+    for f in (f for pattern in COPIED for f in ROOT.glob(pattern)):
+        copy = functools.partial(shutil.copytree, dirs_exist_ok=True) if f.is_dir() else shutil.copy2
+        copy(f, target / f.name)
+
+
+def tested(copy: Path, fault: Fault, limit: float, compiled: str = "") -> tuple[int | None, str]:
+    """(pytest's exit code, None beyond the limit; what it said) of a fault's tests in a copy. compiled: where numba
+    keeps code, its own place where none is given."""
+    call = [sys.executable, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--tb=line"]
+    call += [f"tests/{t}" for t in fault.tests.split()] + (["-k", fault.select] if fault.select else [])
+    own = {"PYTHONPATH": str(copy)} | ({"NUMBA_CACHE_DIR": compiled} if compiled else {})
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as said:
+        run = subprocess.Popen(
+            call, cwd=copy, env={**os.environ, **own}, stdout=said, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        try:
+            code = run.wait(limit)
+        except subprocess.TimeoutExpired:
+            os.killpg(run.pid, signal.SIGKILL)
+            run.wait()
+            code = None
+        said.seek(0)
+        return code, said.read()
+
+
+class Bench:
+    """A copy of the tree in which one fault at a time is put; what its tests take without one is asked once."""
+
+    def __init__(self, copy: Path):
+        copied(copy)
+        self.copy, self.calm = copy, dict[tuple[str, str], float | str]()
+
+    def without(self, fault: Fault) -> float | str:
+        """Time [s] that the tests of a fault take without it, or why they do not pass."""
+        key = fault.tests, fault.select
+        if key not in self.calm:
+            began = time.perf_counter()
+            code, said = tested(self.copy, fault, 10.0 * LEAST)
+            why = (FIRST.findall(said) or said.strip().splitlines() or ["no answer"])[-1]
+            self.calm[key] = time.perf_counter() - began if code == 0 else f"not measured: without the fault {why}"
+        return self.calm[key]
+
+    def judged(self, fault: Fault) -> Outcome:
+        """Whether the fault's tests notice it."""
+        began = time.perf_counter()
+        try:
+            place = place_of(fault)
+        except LookupError as e:
+            return Outcome(fault, str(e), 0.0)
+        calm = self.without(fault)
+        if isinstance(calm, str):
+            return Outcome(fault, calm, time.perf_counter() - began)
+        target, began = self.copy / place.file, time.perf_counter()
+        kept = target.with_name(target.name + ".kept")
+        target.rename(kept)  # renamed back it has its old time, and what was compiled of it is known again
+        try:
+            target.write_text(place.text, encoding="utf-8")
+            with tempfile.TemporaryDirectory() as fresh:  # numba sees no change of what a function calls elsewhere
+                compiled = fresh if COMPILED.search(place.text) else ""
+                code, said = tested(self.copy, fault, LEAST + SLOWER * calm, compiled)
+        finally:
+            kept.replace(target)
+        took = time.perf_counter() - began
+        by = "no end" if code is None else SURVIVED if code == 0 else (FIRST.findall(said) or ["no test: an error"])[0]
+        return Outcome(fault, by, took)
+
+
+def outcomes(faults: list[Fault], jobs: int, folder: Path) -> Iterator[Outcome]:
+    """Of every fault in their order, so many at a time, each job with a copy in the folder."""
+    free: queue.SimpleQueue[Bench] = queue.SimpleQueue()
+    for k in range(jobs):
+        free.put(Bench(folder / f"tree-{k}"))
+
+    def one(fault: Fault) -> Outcome:
+        bench = free.get()
+        try:
+            return bench.judged(fault)
+        finally:
+            free.put(bench)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        for found in pool.map(one, faults):
+            print(f"{found.fault.name}: {found.by} ({found.seconds:.0f} s)", file=sys.stderr, flush=True)
+            yield found
+
+
+def share(caught: int, n: int) -> str:
+    """`58 of 60, 97 ± 3 %`: the error of a share whose every value was alike before (Laplace), so of all too."""
+    p = (caught + 1) / (n + 2)
+    return f"{caught} of {n}, {100 * caught / max(n, 1):.0f} ± {100 * math.sqrt(p * (1 - p) / (n + 3)):.0f} %"
+
+
+def told(found: list[Outcome]) -> None:
+    """Print markdown."""
+    print("| fault | wing | kind | noticed by | s |\n|---|---|---|---|---|")
+    for o in found:
+        print(f"| {o.fault.name} | {o.fault.wing} | {o.fault.kind} | {o.by} | {o.seconds:.0f} |")
+    judged = [o for o in found if o.caught is not None]
+    print("\n| wing | noticed |\n|---|---|")
+    for wing in dict.fromkeys(o.fault.wing for o in judged):
+        mine = [o.caught for o in judged if o.fault.wing == wing]
+        print(f"| {wing} | {sum(map(bool, mine))} of {len(mine)} |")
+    print(f"\nNoticed: {share(sum(bool(o.caught) for o in judged), len(judged))}.")
+    if left := len(found) - len(judged):
+        print(f"Not measured: {left}, see the table.")
+
+
+def main() -> int:
+    """0 where every fault was measured; a survivor is a result, no failure."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", default=[], metavar="NAME", help="faults with one of these in the name")
+    parser.add_argument("--wing", default="", help="faults of this wing, as estimate or films")
+    parser.add_argument("--list", action="store_true", help="what there is, and whether each is found in the code")
+    parser.add_argument("--jobs", type=int, default=1, help="faults at a time")
+    parser.add_argument("--copy", type=Path, help="folder of the copied tree, used again; default: a temporary one")
+    a = parser.parse_args()
+    chosen = [f for f in FAULTS if f.wing.startswith(a.wing) and (not a.only or any(o in f.name for o in a.only))]
+    if a.list:
+        return listed(chosen)
+    with tempfile.TemporaryDirectory() as folder:
+        found = list(outcomes(chosen, max(a.jobs, 1), a.copy or Path(folder)))
+    told(found)
+    return int(any(o.caught is None for o in found))
+
+
+def listed(faults: list[Fault]) -> int:
+    """Print the faults with their places; 1 where one has none any more."""
+    lost = 0
+    for f in faults:
+        try:
+            where = str(place_of(f).file)
+        except LookupError as e:
+            where, lost = str(e), 1
+        print(f"{f.wing:13s} {f.kind:20s} {f.name}\n    {where}; {f.tests} {f.select}".rstrip())
+    return lost
+
+
+if __name__ == "__main__":
+    sys.exit(main())
