@@ -17,7 +17,6 @@ from cyclopts import Group, Parameter
 from jumpvision.experiment.workflow.stage import Declared, declared
 
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
-from .listing import STAGES
 
 if TYPE_CHECKING:
     from jumpvision.experiment.campaign.folder import Run
@@ -278,7 +277,7 @@ def _add(stage: Declared) -> None:
     app.command(command, name=stage.name, group=ONE)
 
 
-ONE = Group(STAGES)
+ONE = Group("One stage, with what it needs")
 for _stage in declared().values():
     _add(_stage)
 
