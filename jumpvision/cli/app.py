@@ -14,8 +14,11 @@ from jumpvision import __version__
 from .codes import BAD_CALL as BAD_CALL
 from .codes import DONE as DONE
 from .codes import FAILED as FAILED
-from .listing import ABOUT
 
+ABOUT = (
+    "From films of a jumping robot on hard ground and sand to tracks, fields, forces and tested models.",
+    "Start with: jumpvision run data_samples/loose_sand",
+)
 app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__)
 
 

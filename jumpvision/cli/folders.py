@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import io
 import json
-import os
 import shlex
 import sys
 from collections.abc import Callable, Mapping
@@ -18,7 +17,6 @@ from cyclopts import Group, Parameter
 from jumpvision.experiment.workflow.stage import Declared, declared
 
 from .app import DONE, FAILED, OPTIONS, Options, app, cores
-from .listing import STAGES
 
 if TYPE_CHECKING:
     from jumpvision.experiment.campaign.folder import Run
@@ -52,7 +50,8 @@ def work(
     ask: bool | None = None,
 ) -> Run:
     """Run the folder at `path`: `stages`, those of a pipeline file, or all; ask: as in run_folder."""
-    from jumpvision.experiment.campaign.folder import as_campaign, results_of, run_folder
+    from jumpvision.base.compiling import noticed
+    from jumpvision.experiment.campaign.folder import results_of, run_folder
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment, folder_of
     from jumpvision.experiment.workflow.many import prepare
     from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
@@ -80,13 +79,8 @@ def work(
     if isinstance(opened, Campaign) and (options.workers or cores()) > 1 and not profile and not plan.cache.exists():
         prepare(plan)
     elsewhere = _hand_over(opened, plan, profile, options, pipeline) if profile else None
-    on_sand = [e for e in as_campaign(opened).experiments if e.ground == "granular" and "model" in e.sections]
-    if on_sand and (plan.stages is None or "simulate" in plan.stages) and _uncompiled():
-        terminal.line(
-            "compiling for this machine, this once: half a minute of the first run, a minute where films are matched"
-        )
     total = 1 if isinstance(opened, Experiment) else len(opened.experiments)
-    with terminal.Progress(total, as_json=options.json) as progress:
+    with terminal.Progress(total, as_json=options.json) as progress, noticed(terminal.compiling):
         return run_folder(
             opened,
             plan,
@@ -111,15 +105,6 @@ def _say_left_out(path: Path) -> None:
         terminal.line(
             f"left out: {', '.join(others)}: folders of experiments below {path}; name them one by one, or run"
         )
-
-
-def _uncompiled() -> bool:
-    """Whether the jumper on sand has never been compiled; False where that cannot be seen from its folder."""
-    given, here = os.environ.get("NUMBA_CACHE_DIR"), Path(__file__).parents[1] / "physics" / "sand"
-    if not given and not os.access(here, os.W_OK):
-        return False  # numba keeps it in a folder of the user's
-    folders = Path(given).glob("sand_*") if given else [here / "__pycache__"]
-    return not any(True for f in folders for _ in f.glob("compiled._solver*.nbi"))
 
 
 def show(done: Run, options: Options, *, page: bool = False) -> int:
@@ -292,7 +277,7 @@ def _add(stage: Declared) -> None:
     app.command(command, name=stage.name, group=ONE)
 
 
-ONE = Group(STAGES)
+ONE = Group("One stage, with what it needs")
 for _stage in declared().values():
     _add(_stage)
 

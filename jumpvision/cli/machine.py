@@ -146,10 +146,10 @@ def completion(shell: Literal["bash", "zsh", "fish", "powershell"] | None = None
 
     from jumpvision.base.schema import InputError
 
+    from . import application
     from . import terminal as show
-    from . import with_commands
 
-    every = with_commands()
+    every = application()
     try:
         if not install:
             print(every.generate_completion(shell=shell))

@@ -30,6 +30,11 @@ def line(text: str) -> None:
     print(harmless(text), file=sys.stderr, flush=True)
 
 
+def compiling() -> None:
+    """Said as numba begins: else half a minute passes without a word."""
+    line("compiling for this machine, this once: half a minute of the first run, a minute where films are matched")
+
+
 class Progress:
     """Progress on stderr: a bar of frames for one experiment, one line an experiment for a campaign."""
 
