@@ -11,11 +11,11 @@ from conftest import later
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.engine.detect import Span, detect, directions
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise import readings
 from jumpvision.engine.noise.noise import Noise, Stretch, powers
 from jumpvision.engine.noise.whitening import axes, joined
+from jumpvision.engine.order import fit_baseline
 from jumpvision.engine.priors import Measured, known
 from jumpvision.engine.system import Parameter
 from jumpvision.jumper.question import jumps as apparatus
