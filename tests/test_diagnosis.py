@@ -124,7 +124,7 @@ def test_whitened_noise_is_white_of_unit_variance_also_over_gaps():
 
 
 def test_too_little_rest_is_said():
-    with pytest.raises(ValueError, match=r"at least 20 .* repeat trials"):
+    with pytest.raises(ValueError, match=r"at least 20 .* repeat recordings"):
         estimate([Stretch(np.arange(10) * FRAME, np.zeros(10), powers(np.arange(10) * FRAME, 0))], FRAME)
 
 
