@@ -20,14 +20,14 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Z90
-from jumpvision.engine.diagnose import Findings, diagnose, fit_baseline
+from jumpvision.engine.document.values import Unexplained
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.naming import best_starts, race
+from jumpvision.engine.order import Findings, diagnose, fit_baseline
 from jumpvision.engine.priors import Measured
 from jumpvision.engine.system import Parameter
 from jumpvision.experiment.campaign import films
 from jumpvision.experiment.campaign.document import document
-from jumpvision.experiment.results.findings import Unexplained
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump, Shared
 from jumpvision.jumper.question.learning import Learned

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import diagnose, fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.naming import confidence_set
+from jumpvision.engine.order import diagnose, fit_baseline
 from jumpvision.experiment.campaign.diagnose import leftover
 from jumpvision.experiment.campaign.document import document
 from jumpvision.experiment.inputs.sections import Actuation

@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from jumpvision.engine.detect import Detection, detect, directions
-from jumpvision.engine.diagnose import diagnose, fit_baseline
+from jumpvision.engine.document.values import Unexplained
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise.noise import Noise
+from jumpvision.engine.order import diagnose, fit_baseline
 from jumpvision.experiment.campaign.document import document
-from jumpvision.experiment.results.findings import Unexplained
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise

@@ -11,8 +11,8 @@ from typing import Any
 import jumpvision
 from jumpvision.api import without_folder
 from jumpvision.base.schema import InputError
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
-from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.experiment.workflow.stage import results_stages
 
 TARGET = Path(__file__).with_name("api.md")
@@ -68,7 +68,7 @@ def stub() -> str:
         "import pandas as pd",
         "import xarray as xr",
         "from .api import Folder, PathLike",
-        *(f"from .api import {verb} as {verb}" for verb in jumpvision.VERBS + jumpvision.TYPES),
+        *(f"from {getattr(jumpvision, n).__module__} import {n} as {n}" for n in jumpvision.VERBS + jumpvision.TYPES),
         *(f"from {s.output.__module__} import {s.output.__name__}" for s in stages),
         "",
         "__version__: str",

@@ -14,6 +14,7 @@ from typing import Any
 __version__ = "0.1.0"
 VERBS = ("open", "run", "diagnose", "sweep", "plan", "ringdown", "triangulate")
 TYPES = ("Recording", "Study", "Parameter", "Mechanism", "Channel")  # what diagnose takes of a user's own simulator
+HOMES = {"diagnose": "api_study", **dict.fromkeys(TYPES, "engine")}  # modules of those that are not in `api`
 
 
 def _compiled_code_goes() -> None:
@@ -48,7 +49,7 @@ _compiled_code_goes()
 def __getattr__(name: str) -> Any:
     """The notebook's functions, imported when first used: `import jumpvision` itself is light."""
     if name in VERBS + TYPES:
-        return getattr(import_module("jumpvision.api"), name)
+        return getattr(import_module(f"jumpvision.{HOMES.get(name, 'api')}"), name)
     if name == "__all__":
         return sorted(("__version__", *VERBS, *TYPES, *_stages()))
     if not name.startswith("_") and name in _stages():

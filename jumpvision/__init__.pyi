@@ -3,18 +3,18 @@ from typing import Any, overload
 import pandas as pd
 import xarray as xr
 from .api import Folder, PathLike
-from .api import open as open
-from .api import run as run
-from .api import diagnose as diagnose
-from .api import sweep as sweep
-from .api import plan as plan
-from .api import ringdown as ringdown
-from .api import triangulate as triangulate
-from .api import Recording as Recording
-from .api import Study as Study
-from .api import Parameter as Parameter
-from .api import Mechanism as Mechanism
-from .api import Channel as Channel
+from jumpvision.api import open as open
+from jumpvision.api import run as run
+from jumpvision.api_study import diagnose as diagnose
+from jumpvision.api import sweep as sweep
+from jumpvision.api import plan as plan
+from jumpvision.api import ringdown as ringdown
+from jumpvision.api import triangulate as triangulate
+from jumpvision.engine.study.study import Recording as Recording
+from jumpvision.engine.study.study import Study as Study
+from jumpvision.engine.study.study import Parameter as Parameter
+from jumpvision.engine.study.study import Mechanism as Mechanism
+from jumpvision.engine.study.study import Channel as Channel
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.results.values import Geometry

@@ -24,18 +24,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError
-from jumpvision.engine.study.processes import How
-from jumpvision.engine.study.study import Channel as Channel
-from jumpvision.engine.study.study import Mechanism as Mechanism
-from jumpvision.engine.study.study import Parameter as Parameter
-from jumpvision.engine.study.study import Recording as Recording
-from jumpvision.engine.study.study import Study as Study
 from jumpvision.experiment.campaign.folder import Run, results_of, run_folder
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment, open_folder
 from jumpvision.experiment.inputs.overrides import overrides_of
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results import Record
 from jumpvision.experiment.workflow.provenance import settle
 from jumpvision.experiment.workflow.run import Plan
 from jumpvision.experiment.workflow.stage import STAGES
@@ -46,7 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
 
 PathLike = str | os.PathLike[str]
 Folder = Experiment | Campaign | str | os.PathLike[str]
@@ -174,74 +168,14 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
     return pd.DataFrame(done.rows)
 
 
-def diagnose(
-    asked: Folder | Sequence[Recording] | pd.DataFrame,
-    study: Study | None = None,
-    *,
-    results: PathLike | None = None,
-    workers: int | None = None,
-    limit: float | None = None,
-    budget: int | None = None,
-    keep: PathLike | None = None,
-    avoid: bool = False,
-    progress: Callable[[str], None] | None = None,
-) -> Diagnosis:
-    """What a simulation gets wrong, where and why, and what mending it gains; `.values` is diagnosis.json.
-
-    Without a study, asked is a campaign (folder) of jumps whose [model] is questioned; the rest of the arguments but
-    results and workers is not used then. With one, asked is recordings of anything, or a long table with the columns
-    recording, time_s and a column a channel, and the study's own simulator is questioned (docs/any_simulator.md):
-    workers: other processes that simulate (none: this one). limit: seconds of a run (in another process). budget: most
-    runs. keep: file that keeps every run, from which a later call goes on. avoid: go round parameters at which a run
-    fails, instead of stopping. progress: told how far it is, e.g. print. Nothing is written unless results names a
-    folder: diagnosis.json, samples.csv, diagnosis.png, report.html.
-
-    Example: jv.diagnose("my_campaign").sentence
-    """
-    if study is not None:
-        how = How(workers or 0, limit, budget, _path(keep), avoid, progress)
-        return _diagnose_study(asked, study, how, _path(results))
+def questioned(folder: Folder, results: PathLike | None, workers: int | None) -> Diagnosis:
+    """The diagnosis of a campaign, for `jv.diagnose`. Raises InputError where it cannot be questioned."""
     from jumpvision.experiment.campaign.folder import DIAGNOSED
 
-    if not isinstance(asked, Experiment | Campaign | str | os.PathLike):
-        raise InputError(["diagnose: recordings need the study that simulates them: jv.diagnose(recordings, study)"])
-    diagnosed = partial(Plan, stages=DIAGNOSED, whole=False)
-    found = _run(asked, diagnosed, results, workers or 1, pictures=False, ask=True).diagnosis
+    plan = partial(Plan, stages=DIAGNOSED, whole=False)
+    found = _run(folder, plan, results, workers or 1, pictures=False, ask=True).diagnosis
     assert found is not None  # a campaign that cannot be questioned raises
     return found
-
-
-def _diagnose_study(asked: Any, study: Study, how: How, results: Path | None) -> Diagnosis:
-    from jumpvision.experiment.campaign.study import question_study
-    from jumpvision.report.figures.diagnosis import study_picture
-    from jumpvision.report.pages.study import write_study
-
-    if not isinstance(study, Study):
-        raise InputError([f"diagnose: study is a {type(study).__name__}; make it with jv.Study(simulate, ...)"])
-    if isinstance(asked, Experiment | Campaign | str | os.PathLike):
-        raise InputError(["diagnose: a folder and a study: use `jumpvision diagnose FOLDER --simulator MODULE:NAME`"])
-    if hasattr(asked, "columns"):
-        asked = Recording.of_table(asked, [c.name for c in study.channels])
-    found = question_study(list(asked), study, how)
-    if results is not None:
-        write_study(found, results, study.name or "a study")
-    for text in found.noise.warnings:
-        warnings.warn(text, stacklevel=3)
-    object.__setattr__(found, "pictures", _Pictures(partial(study_picture, found)))
-    return found
-
-
-class _Pictures:
-    """The figures of a record that draws itself, made when they are shown; a pickle of the record leaves them."""
-
-    def __init__(self, draw: Callable[[], bytes] | None) -> None:
-        self.draw = draw
-
-    def __call__(self) -> list[bytes]:
-        return [self.draw()] if self.draw else []
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _Pictures, (None,)
 
 
 def sweep(

@@ -9,9 +9,9 @@ import pytest
 from test_unexplained import campaign
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import Findings, fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.naming import Explanation, Naming
+from jumpvision.engine.order import Findings, fit_baseline
 from jumpvision.experiment.campaign.discovered import Law, Laws, discovered_of
 from jumpvision.experiment.campaign.document import law_in_words, model_toml
 from jumpvision.experiment.inputs.model import read_model

@@ -10,7 +10,7 @@ import sys
 import tomllib
 
 import pytest
-from house_counts import ROOT, circles, imports, modules, upward, wings
+from house_counts import DOORS, ROOT, circles, imports, loaded, modules, upward, wings
 
 CORE = [n for n in modules() if n.split(".")[1:2] and 2 <= wings()[n.split(".")[1]].floor <= 4]
 LABORATORY = [n for n in modules() if n.startswith("jumpvision.laboratory") and ".dem" not in n]
@@ -52,6 +52,12 @@ def test_the_core_neither_prints_nor_plots(name):
     calls = {n.func.id for n in ast.walk(ast.parse(text)) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)}
     assert name in LABORATORY or "print" not in calls
     assert "matplotlib" not in text
+
+
+def test_a_diagnosis_loads_the_engine_alone():
+    """The limits of what a user of another simulator has to load, of a diagnosis from beginning to end."""
+    files, lines = loaded(DOORS["jv.diagnose(recordings, study)"])
+    assert files <= 45 and lines <= 9000
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,12 @@ from conftest import later
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.engine.detect import Span, detect, directions
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise import readings
+from jumpvision.engine.noise.learning import differences
 from jumpvision.engine.noise.noise import Noise, Stretch, powers
 from jumpvision.engine.noise.whitening import axes, joined
+from jumpvision.engine.order import fit_baseline
 from jumpvision.engine.priors import Measured, known
 from jumpvision.engine.system import Parameter
 from jumpvision.jumper.question import jumps as apparatus
@@ -76,6 +77,15 @@ def test_the_weights_keep_heavy_tails_from_ruling_chi2():
 
 
 # -- wander ----------------------------------------------------------------------------------------------------------
+
+
+def test_differences_of_repeats_are_independent_and_each_has_the_noise_of_one():
+    """As a matrix over the trials: its rows are orthonormal, and what all trials share is gone."""
+    trials = [(y, np.ones(5)) for y in np.eye(5)]
+    apart, spread = (np.array(x) for x in zip(*differences(trials)))
+    np.testing.assert_allclose(apart @ apart.T, np.eye(4), atol=1e-15)
+    np.testing.assert_allclose(apart.sum(axis=1), 0.0, atol=1e-15)
+    np.testing.assert_allclose(spread, 1.0)
 
 
 @pytest.mark.parametrize("rms", [0.0, 2.0, 8.0])

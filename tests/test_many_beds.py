@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.base.schema import InputError
-from jumpvision.engine.diagnose import diagnose
 from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import diagnose
 from jumpvision.experiment.campaign.document import model_files
 from jumpvision.experiment.campaign.document import values as values_of
 from jumpvision.jumper.question.jumper import Jumper

@@ -13,11 +13,11 @@ from diagnosis_sample import diagnosis
 
 from benchmarks import delayed, stop_go
 from benchmarks.diagnosis import Case, run
+from jumpvision.base.record import RecordError
 from jumpvision.cli import main
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Height, LeftOver, Unexplained
 from jumpvision.experiment.campaign.document import sentence
-from jumpvision.experiment.results import RecordError
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Height, LeftOver, Unexplained
 
 
 def test_too_little_to_ask_is_said(tmp_path, capsys):

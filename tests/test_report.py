@@ -21,12 +21,12 @@ from hypothesis import strategies as st
 from jumpvision.base.arrays import measured, plain_number
 from jumpvision.base.storage import write_aside
 from jumpvision.cli import main
+from jumpvision.engine.document.values import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.experiment.campaign.folder import jumps_table
 from jumpvision.experiment.files import REPORT
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.experiment.results.fields import Column, ColumnGeometry
-from jumpvision.experiment.results.findings import Baseline, Cause, Cell, Gain, Height, Noise, NoiseSource, Parameter
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.workspace import Step

@@ -15,6 +15,7 @@ from diagnosis_sample import causes, confirmation, diagnosis, parameter
 
 from jumpvision.base.arrays import measured
 from jumpvision.cli import terminal as show
+from jumpvision.engine.document.values import Cause
 from jumpvision.experiment.campaign.truth import (
     Truth,
     confirmation_rows,
@@ -25,7 +26,6 @@ from jumpvision.experiment.campaign.truth import (
 )
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.experiment.results.fields import Flow
-from jumpvision.experiment.results.findings import Cause
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.report.pages.page import causes_shown
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import fit_baseline
 from jumpvision.engine.unexplained import unexplained
 from jumpvision.experiment.campaign.document import unexplained_of
 from jumpvision.jumper.mechanisms.registry import ModelParameters

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import NEIGHBOURS, explain, fit_baseline, foretell, look
+from jumpvision.engine.document.document import told
 from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.order import NEIGHBOURS, explain, fit_baseline, foretell, look
 from jumpvision.engine.worth.gain import gain, searched
 from jumpvision.experiment.campaign.diagnose import leftover
 from jumpvision.experiment.campaign.discovered import Laws, law_gain
 from jumpvision.experiment.campaign.document import document
-from jumpvision.experiment.campaign.findings import told
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import learn_noise

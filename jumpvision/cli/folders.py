@@ -378,7 +378,8 @@ def diagnose(
 def _foreign(path: Path, simulator: str, limit: float, budget: int | None, options: Options) -> int:
     """A simulator that is not ours, on the tracks of a campaign."""
     from jumpvision.engine.study.processes import How, outside
-    from jumpvision.experiment.campaign.study import question_study, recordings_of
+    from jumpvision.engine.study.question import diagnose as diagnose_study
+    from jumpvision.experiment.campaign.recordings import recordings_of
     from jumpvision.report.pages.study import write_study
 
     from . import terminal
@@ -390,7 +391,7 @@ def _foreign(path: Path, simulator: str, limit: float, budget: int | None, optio
     keep = done.plan.cache / "diagnose" / "runs.sqlite"
     say = lambda text: terminal.line(f"diagnose: {text}")  # noqa: E731
     how = How(options.workers or cores(), limit, budget, keep, progress=say, source=simulator)
-    found = question_study(recordings, None, how)
+    found = diagnose_study(recordings, None, how)
     for warning in found.noise.warnings:
         terminal.line(f"warning: {warning}")
     title = f"{path.absolute().name}, {simulator}"

@@ -10,17 +10,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import harmless
-from jumpvision.experiment.results import plain
 
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from jumpvision.base.local_page import LocalServer
+    from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.experiment.campaign.explore.history import Round
     from jumpvision.experiment.campaign.folder import Run
     from jumpvision.experiment.inputs.experiment import Campaign
-    from jumpvision.experiment.results.diagnosis import Diagnosis
     from jumpvision.experiment.results.values import GeometryValues
     from jumpvision.experiment.workflow.run import Outcome
 

@@ -213,7 +213,7 @@ def detectable(problem: Problem, fit: Fit, found: Detection, rng: np.random.Gene
     return out
 
 
-FEWEST = 8  # samples of a cell
+CELL = 8  # samples at least
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def locate(problem: Problem, fit: Fit, by: tuple[str, ...], rng: np.random.Gener
     vectors, rows = [], []
     for key, masks in cells.items():
         raw = np.concatenate([(observations[i].y - predicted[i])[m] for i, m in masks.items()])
-        if raw.size < FEWEST:
+        if raw.size < CELL:
             continue
         effect = [np.zeros(o.t.size) for o in observations]
         for i, m in masks.items():

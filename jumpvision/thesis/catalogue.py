@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision.base.schema import InputError, closest
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.measured.actuator import Driven, actuator_bandwidth
 from jumpvision.experiment.campaign.measured.craters import craters_of, zero_crossing
 from jumpvision.experiment.campaign.measured.intrusions import SlowIntrusion, intrusion_laws, slow_intrusion
-from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.experiment.results.fields import Column, Flow, Piv
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import CraterShape, Intrusion

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.parameters import BedParams, PivParams
 from jumpvision.experiment.inputs.sections import BedImage, Calibration, GrainVideo
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.stages.grains.light import light_of
 from jumpvision.experiment.stages.grains.masks import drawn_mask
 from jumpvision.experiment.stages.grains.piv import Job, matching, stride_of

@@ -16,16 +16,17 @@ from jumpvision import __version__
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import ChangedFile, copy_aside
 from jumpvision.base.threads import at_most
-from jumpvision.engine.diagnose import Findings, explain, foretell, look
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import told
+from jumpvision.engine.document.values import Unexplained, WithoutFilms
 from jumpvision.engine.fitting import Problem
+from jumpvision.engine.order import Findings, explain, foretell, look
 from jumpvision.engine.priors import Measured
 from jumpvision.engine.unexplained import unexplained
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import Considered
 from jumpvision.experiment.inputs.sections import Actuation
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Unexplained, WithoutFilms
 from jumpvision.experiment.workflow import entries
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.experiment.workflow.stage import StageWarning
@@ -39,7 +40,6 @@ from .discovered import Laws, law_gain
 from .document import document, model_files, unexplained_of, values
 from .explore.offers import Way, offer, usual
 from .films import Film, confirmation, energies, films, jumps_alone
-from .findings import told
 from .jumps import load_jumps, measurements, questioned, spec_of
 
 SEED = 1  # of the simulated noise: the same data give the same answer

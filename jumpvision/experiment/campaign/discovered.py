@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.engine.diagnose import NEIGHBOURS, Findings, fit_baseline
 from jumpvision.engine.discovery import Discovery, ceiling, discover
+from jumpvision.engine.document import values as record
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.naming import held_out_score
+from jumpvision.engine.order import NEIGHBOURS, Findings, fit_baseline
 from jumpvision.engine.search import Search
 from jumpvision.engine.worth.gain import Gain, gain
-from jumpvision.experiment.results import findings as record
 from jumpvision.jumper.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
 from jumpvision.jumper.mechanisms.record import Mechanism
 from jumpvision.jumper.physics.passivity import POSITIONS, RATES, is_passive

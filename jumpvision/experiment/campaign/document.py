@@ -10,14 +10,15 @@ from types import MappingProxyType
 
 import numpy as np
 
-from jumpvision.engine.diagnose import Findings
+from jumpvision.engine.document import values as record
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import Teller, agreement, interval, rms, told
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.naming import Explanation
+from jumpvision.engine.order import Findings
 from jumpvision.engine.unexplained import Unexplained
 from jumpvision.engine.worth.gain import apex
 from jumpvision.experiment import files
-from jumpvision.experiment.results import findings as record
-from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.jumper.mechanisms.own import bare
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
 from jumpvision.jumper.physics.model import ROBOT, Model
@@ -26,7 +27,6 @@ from jumpvision.jumper.question.jumps import called, is_common
 from jumpvision.jumper.question.learning import Learned
 
 from .discovered import Law, discovered_of, law_toml
-from .findings import Teller, agreement, interval, rms, told
 
 
 def document(

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from jumpvision.engine.diagnose import Findings
+from jumpvision.engine.document.values import Confirmation, Energies
 from jumpvision.engine.fitting import Fit, Problem
+from jumpvision.engine.order import Findings
 from jumpvision.engine.priors import Measured
 from jumpvision.experiment.results.fields import Flow
-from jumpvision.experiment.results.findings import Confirmation, Energies
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.films.grains.momentum import ANGLE, peak_momentum

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import FileSection, InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign, Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.sections import GrainVideo, MotorLog
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.results.values import CraterShape, Intrusion
 from jumpvision.experiment.workflow.many import draw as draw_experiments
 from jumpvision.experiment.workflow.many import drawn_beside, run_campaign
@@ -27,7 +27,7 @@ from jumpvision.experiment.workflow.provenance import digest_of_results, settle_
 from jumpvision.experiment.workflow.run import Outcome, Plan, run_single
 
 if TYPE_CHECKING:
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
 
     from .diagnose import Begun, Draw
 

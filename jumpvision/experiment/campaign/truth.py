@@ -16,9 +16,9 @@ from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, ModelParameters
 
 if TYPE_CHECKING:
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
+    from jumpvision.engine.document.values import Cause, Confirmation, Parameter
     from jumpvision.experiment.results.fields import Flow
-    from jumpvision.experiment.results.findings import Cause, Confirmation, Parameter
 
 INSIDE, OUTSIDE, ABSENT = "inside 95 %", "outside 95 %", "does not act"
 

@@ -15,9 +15,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from jumpvision.base.record import Record, RecordError
 from jumpvision.films.grains.grid import VectorGrid
-
-from . import Record, RecordError
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
-from . import Record, RecordError
+from jumpvision.base.record import Record, RecordError
 
 if TYPE_CHECKING:
     import pandas as pd

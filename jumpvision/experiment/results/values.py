@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Required, Self, TypedDict, cast
 
+from jumpvision.base.record import Record, plain
 from jumpvision.experiment import files
-
-from . import Record, plain
 
 if TYPE_CHECKING:
     import pandas as pd

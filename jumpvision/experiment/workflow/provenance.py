@@ -13,11 +13,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypedDict
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import sha256, write_aside
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.sections import Header
-from jumpvision.experiment.results import plain
 
 from .entries import CorruptEntry, receipt_of, versions
 from .stage import STAGES

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared
+from jumpvision.base.record import Record, plain
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results import Record, plain
 from jumpvision.experiment.results.values import Summary
 
 from . import unchanged

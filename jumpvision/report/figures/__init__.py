@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jumpvision.engine.diagnose import Findings
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
+    from jumpvision.engine.order import Findings
     from jumpvision.jumper.question.jumper import Jumper
 
 DRAWN = "pictures", "grains", "flows", "bed", "logs", "overlays"

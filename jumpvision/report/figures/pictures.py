@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import measured
+from jumpvision.base.record import Record
 from jumpvision.experiment.inputs.sections import Actuation, BedImage, NotApplicable, RodVideo
-from jumpvision.experiment.results import Record
 from jumpvision.experiment.results.fields import Column, Flow
 from jumpvision.experiment.results.tables import RodMotion, Simulation, Track
 from jumpvision.experiment.results.values import BedHeight, Fits

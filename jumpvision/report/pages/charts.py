@@ -10,8 +10,8 @@ from typing import Any, NotRequired, TypedDict, Unpack
 import numpy as np
 
 from jumpvision.engine.detect import LEVEL
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Cell, Gain
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Cell, Gain
 from jumpvision.experiment.results.values import Fits
 from jumpvision.jumper.question.jumps import PARTS
 from jumpvision.report.figures.diagnosis import beyond

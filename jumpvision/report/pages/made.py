@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jumpvision import __version__
+from jumpvision.base.record import plain
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.truth import coverage_words, truth_of
 from jumpvision.experiment.inputs.experiment import Campaign
 from jumpvision.experiment.inputs.sections import Actuation
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.workflow.run import Outcome
 
 from .page import MADE_FROM
 
 if TYPE_CHECKING:
-    from jumpvision.experiment.results.diagnosis import Diagnosis
+    from jumpvision.engine.document.diagnosis import Diagnosis
 
 
 def write_report(

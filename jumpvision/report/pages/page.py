@@ -15,6 +15,7 @@ from typing import Any
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
+from jumpvision.engine.document.diagnosis import Diagnosis, strength
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.experiment import files
 from jumpvision.experiment.campaign.truth import (
@@ -26,7 +27,6 @@ from jumpvision.experiment.campaign.truth import (
     true_parameters,
 )
 from jumpvision.experiment.inputs.experiment import Campaign
-from jumpvision.experiment.results.diagnosis import Diagnosis, strength
 from jumpvision.experiment.results.values import Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.jumper.mechanisms.registry import PARAMETERS

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from jumpvision import __version__
 from jumpvision.base.storage import write_aside
+from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.experiment import files
-from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.report.figures.diagnosis import study_picture
 
 from .page import static, template

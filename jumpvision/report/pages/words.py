@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import measured
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.values import Noise
 from jumpvision.estimate.crater import ZeroCrossing
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Noise
 from jumpvision.experiment.results.values import Fits
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jumpvision.base.record import RecordError
 from jumpvision.base.schema import InputError
-from jumpvision.experiment.results import RecordError
 from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.experiment.workflow.stage import import_all
 from jumpvision.report.figures.pictures import drawn

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from jumpvision import __version__
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
+from jumpvision.base.record import RecordError, plain
 from jumpvision.base.schema import InputError
 from jumpvision.base.threads import at_most
-from jumpvision.experiment.results import RecordError, plain
 from jumpvision.experiment.results.fields import as_attributes, attributes_of
 from jumpvision.jumper.physics.batch import BY_AREA, hard_points, resolve, simulated_points
 from jumpvision.jumper.physics.hard.jump import RESULTS as COMPUTED

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.model import ModelSpec, read_model
 from jumpvision.experiment.inputs.sections import Motor, Robot
-from jumpvision.experiment.results import plain
 from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import acting
 from jumpvision.jumper.physics.forcing import Forcing

@@ -10,9 +10,9 @@ import numpy as np
 
 from jumpvision.base.schema import InputError
 from jumpvision.engine.detect import detect, directions
-from jumpvision.engine.diagnose import fit_baseline
 from jumpvision.engine.fitting import Problem
 from jumpvision.engine.naming import Naming, name
+from jumpvision.engine.order import fit_baseline
 from jumpvision.engine.worth.design import Held, batch, belief, entropy, measuring, prospect
 from jumpvision.engine.worth.rehearse import log10_odds
 from jumpvision.experiment.campaign.diagnose import Question

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.record import plain
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.crater import TWO_HALVES, ZeroCrossing, critical_fraction
 from jumpvision.estimate.estimate import independent
 from jumpvision.experiment import files
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.workflow.run import Outcome
 

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.record import plain
 from jumpvision.base.storage import write_aside
 from jumpvision.estimate.estimate import Estimate, bend_of, radius_exponent, widened
 from jumpvision.experiment import files
 from jumpvision.experiment.inputs.experiment import Campaign
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.results.values import Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.jumper.physics.packing import PackingFit, fit_packing_law

@@ -13,10 +13,10 @@ import pandas as pd
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.progress import watch
+from jumpvision.base.record import plain
 from jumpvision.base.schema import InputError, param, read
 from jumpvision.base.storage import sha256, write_aside
 from jumpvision.experiment.inputs.logs import read_columns
-from jumpvision.experiment.results import plain
 from jumpvision.experiment.workflow.entries import versions
 from jumpvision.jumper.physics import shapes
 from jumpvision.jumper.physics.rft import Grains, Table, cut, generic_2d, generic_3d, gridded, of_plane, push

@@ -1,38 +1,27 @@
-"""What each kind of evidence says of the noise, and what is taken where they agree or contradict each other."""
+"""What each kind of evidence says of the noise of jumps, and what is taken where they agree or contradict."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.engine.noise.learning import Source
+from jumpvision.engine.noise.noise import LEARNED_FROM, Noise, Stretch, estimate, samples, whitened
 
-from .noise import Noise, Stretch, estimate, samples, whitened
-
-FEWEST = 20  # samples beyond their coefficients that a noise can be learned from
 APART = 3.0  # sigmas by which sources contradict each other
 STATED = 0.1  # relative standard uncertainty of a sigma that a track states
 UNCHECKED = 0.3  # the same, where nothing in the campaign checks it
-
-
-@dataclass(frozen=True)
-class Source:
-    """What one kind of evidence says of the noise. sigma: standard deviation [m]; log_sigma: standard uncertainty of
-    its logarithm; n: samples beyond the coefficients of their courses (tracks, for what they state)."""
-
-    sigma: float
-    log_sigma: float
-    n: int
 
 
 def of_stretches(stretches: Sequence[Stretch], noise: Noise, kurtosis: float) -> Source | None:
     """What one kind of stretch says, at the correlation of all; None where it says too little."""
     usable = [x for x in stretches if x.t.size > x.design.shape[1] + 2]
     free = samples(usable)
-    if free < FEWEST:
+    if free < LEARNED_FROM:
         return None
     power = sum(float(w @ w) for w in (whitened(x, noise.rho, noise.frame)[0] for x in usable)) / free
     # the correlation, which is common, leaves its own doubt to the ratio of two kinds
@@ -50,8 +39,9 @@ def only_stated(stated: Array, frame: float, free: int, warnings: list[str]) -> 
     source = of_statements(stated)
     if source is None:
         raise ValueError(
-            f"noise: {free} samples at rest, in flight or repeated, and no track states its sigma_m; at least {FEWEST} "
-            "are needed: film the robot at rest before the motor starts, repeat trials (same `group`), or give sigma_m"
+            f"noise: {free} samples at rest, in flight or repeated, and no track states its sigma_m; at least "
+            f"{LEARNED_FROM} are needed: film the robot at rest before the motor starts, repeat trials (same "
+            "`group`), or give sigma_m"
         )
     warnings.append(
         f"the noise, {1e3 * source.sigma:.3g} mm, is what the tracks state; nothing in the campaign checks it: "

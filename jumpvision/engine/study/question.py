@@ -3,46 +3,38 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 
-from jumpvision.base.schema import InputError, read
-from jumpvision.engine.diagnose import Findings, diagnose, fit_baseline
+from jumpvision.base.schema import InputError
+from jumpvision.engine import order
+from jumpvision.engine.document import values as record
+from jumpvision.engine.document.diagnosis import Diagnosis
+from jumpvision.engine.document.document import Teller, agreement, interval, told
+from jumpvision.engine.document.values import Trace
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.naming import Explanation
-from jumpvision.engine.study.learn import Readings, learn_readings
-from jumpvision.engine.study.processes import How, described
-from jumpvision.engine.study.runs import BudgetUsed, Runs
-from jumpvision.engine.study.study import Recording, Study
-from jumpvision.engine.study.system import DUMMY, Studied
-from jumpvision.engine.study.walk import with_walks
+from jumpvision.engine.order import Findings, fit_baseline
 from jumpvision.engine.worth.gain import FEW_GROUPS
-from jumpvision.experiment.inputs.experiment import Campaign
-from jumpvision.experiment.inputs.parameters import SimulateParams
-from jumpvision.experiment.inputs.sections import Actuation, Motor, MotorLog
-from jumpvision.experiment.results import findings as record
-from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Trace
-from jumpvision.experiment.results.tables import RodMotion
-from jumpvision.experiment.stages.simulate import driver
-from jumpvision.experiment.workflow.run import Outcome
-from jumpvision.experiment.workflow.stage import StageWarning
-from jumpvision.jumper.physics.forcing import Loop
 
-from .findings import Teller, agreement, interval, told
-from .jumps import states_noise
+from .learn import Readings, learn_readings
+from .processes import How, described
+from .runs import BudgetUsed, Runs
+from .study import Recording, Study
+from .system import DUMMY, Studied
+from .walk import with_walks
 
 SEED = 1  # of the simulated noise: the same data give the same answer
 
 
-def question_study(recordings: Sequence[Recording], study: Study | None, how: How) -> Diagnosis:
+def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | None = None) -> Diagnosis:
     """What the simulator gets wrong on these recordings. Raises InputError for what cannot be questioned.
 
     study: None where how.source names one that only another process may import.
     """
+    how = how or How()
     if problems := recordings_problems(recordings):
         raise InputError(problems)
     study = described(how.source, recordings) if study is None else study
@@ -70,7 +62,7 @@ def question_study(recordings: Sequence[Recording], study: Study | None, how: Ho
 
 
 def _asked(system: Studied, how: How, known: Callable[[Findings], None]) -> Findings:
-    return diagnose(
+    return order.diagnose(
         system,
         system.readings.noise,
         np.random.default_rng(SEED),
@@ -79,45 +71,6 @@ def _asked(system: Studied, how: How, known: Callable[[Findings], None]) -> Find
         say=how.progress or (lambda text: None),
         known=known,
     )
-
-
-FINE = 4  # values of the motor's position a frame
-
-
-def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[Recording]:
-    """The tracks of a campaign's jumps as recordings of a simulator that is not ours.
-
-    values: height above rest [m]; inputs: motor_time_s, motor_m, motor_stop_s where a motor is known, and every section
-    of the experiment by name ("robot", "bed", ...) as a dict; labels: kind, frequency, delay, volume_fraction.
-    Raises InputError where no experiment has a track.
-    """
-    out = []
-    for e in campaign.experiments:
-        outcome = outcomes.get(e.name)
-        if outcome is None or not (outcome.results / RodMotion.file).exists():
-            continue
-        t, y, sigma = RodMotion.load(outcome.results).arrays
-        law, log, motor = e.section(Actuation), e.section(MotorLog), e.section(Motor)
-        inputs: dict[str, object] = {n: asdict(x) for n, x in e.sections.items()}
-        if (law and law.moves) or log:
-            p, _ = read(SimulateParams, e.params.get("simulate", {}), "")
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", StageWarning)  # said by the stage `simulate`
-                forcing, stop = driver(log, law, motor, p or SimulateParams(), sand=e.ground == "granular")
-            inputs["motor_stop_s"] = stop
-            if not isinstance(forcing, Loop):
-                fine = np.linspace(t[0], t[-1], FINE * (t.size - 1) + 1)
-                inputs |= {"motor_time_s": fine, "motor_m": forcing(fine)[0]}
-        labels = {"kind": law.kind if law else "logged_motion"}
-        labels |= {"frequency": law.frequency, "delay": law.delay} if law else {}
-        group = e.header.group or e.name
-        known = sigma if states_noise(e) else None
-        out.append(Recording(e.name, t, y, inputs, labels, group, sigma=known))
-    if not out:
-        raise InputError(
-            [f"{campaign.path}: no experiment has a track ([rod_video] or [rod_track]): nothing to diagnose"]
-        )
-    return out
 
 
 def recordings_problems(recordings: Sequence[Recording]) -> list[str]:

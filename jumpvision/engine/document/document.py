@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from jumpvision.base.arrays import Z90
-from jumpvision.engine.diagnose import Findings
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.naming import Explanation, likely
+from jumpvision.engine.order import Findings
 from jumpvision.engine.search import MOST
 from jumpvision.engine.system import Parameter, System
 from jumpvision.engine.worth.gain import Gain
-from jumpvision.experiment.results import findings as record
-from jumpvision.experiment.results.diagnosis import Diagnosis
+
+from . import values as record
+from .diagnosis import Diagnosis
 
 TOP, CAUSES = 12, 8  # cells of "where", and causes, that are told
 LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it

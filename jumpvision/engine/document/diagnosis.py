@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 from jumpvision.base import notebook as reprs
-from jumpvision.experiment import files
+from jumpvision.base.record import Record, RecordError, plain
 
-from . import Record, RecordError, plain
-from .findings import (
+from . import FILE
+from .values import (
     OPTIONAL,
     Baseline,
     Cause,
@@ -63,7 +63,7 @@ class Diagnosis(Record):
     file), measured and simulated values.
     """
 
-    file = files.DIAGNOSIS
+    file = FILE
 
     schema: int = 2
     verdict: str
