@@ -1,4 +1,5 @@
 # made by `python docs/reference.py`
+from collections.abc import Callable
 from typing import Any, overload
 import pandas as pd
 import xarray as xr
@@ -8,8 +9,8 @@ from .api import run as run
 from .api import diagnose as diagnose
 from .api import sweep as sweep
 from .api import plan as plan
-from .api import ringdown as ringdown
-from .api import triangulate as triangulate
+from .estimate.oscillation import ringdown as ringdown
+from .films.arrays.space import triangulate as triangulate
 from .api import Recording as Recording
 from .api import Study as Study
 from .api import Parameter as Parameter
@@ -34,8 +35,10 @@ from jumpvision.experiment.results.values import Summary
 
 __version__: str
 __all__: list[str]
-VERBS: tuple[str, ...]
-TYPES: tuple[str, ...]
+VERBS: dict[str, str]
+TYPES: dict[str, str]
+OF_ARRAYS: dict[str, str]
+def of_arrays(name: str) -> Callable[..., Any]: ...
 
 def geometry(experiment: Folder, *, results: PathLike | None = ...) -> Geometry: ...
 def flow(experiment: Folder, *, results: PathLike | None = ...) -> Flow: ...

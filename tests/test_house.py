@@ -11,7 +11,7 @@ import sys
 import tomllib
 
 import pytest
-from house_counts import ROOT, circles, imports, modules, upward, wings
+from house_counts import DOORS, ROOT, circles, imports, loaded, modules, upward, wings
 
 CORE = [n for n in modules() if n.split(".")[1:2] and 2 <= wings()[n.split(".")[1]].floor <= 4]
 LABORATORY = [n for n in modules() if n.startswith("jumpvision.laboratory") and ".dem" not in n]
@@ -30,6 +30,13 @@ def test_every_room_has_its_place_in_the_table():
 
 def test_no_two_modules_import_each_other():
     assert circles() == []
+
+
+@pytest.mark.parametrize("door", ["jv.piv(a, b)", "jv.track(frames)"])
+def test_a_function_of_arrays_loads_what_it_needs(door):
+    """No stage, no page, no laboratory: what a door opens on is read in an afternoon."""
+    files, lines = loaded(DOORS[door])
+    assert files <= 45 and lines <= 10_000
 
 
 @pytest.mark.parametrize("name", LABORATORY)

@@ -11,10 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Self
 
 from jumpvision.base import notebook as reprs
-
-
-class RecordError(ValueError):
-    """A result file does not hold what its record declares."""
+from jumpvision.base.attributes import RecordError as RecordError
 
 
 class Record(ABC):
