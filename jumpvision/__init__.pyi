@@ -1,20 +1,21 @@
 # made by `python docs/reference.py`
+from collections.abc import Callable
 from typing import Any, overload
 import pandas as pd
 import xarray as xr
 from .api import Folder, PathLike
-from jumpvision.api import open as open
-from jumpvision.api import run as run
-from jumpvision.api_study import diagnose as diagnose
-from jumpvision.api import sweep as sweep
-from jumpvision.api import plan as plan
-from jumpvision.api import ringdown as ringdown
-from jumpvision.api import triangulate as triangulate
-from jumpvision.engine.study.study import Recording as Recording
-from jumpvision.engine.study.study import Study as Study
-from jumpvision.engine.study.study import Parameter as Parameter
-from jumpvision.engine.study.study import Mechanism as Mechanism
-from jumpvision.engine.study.study import Channel as Channel
+from .api import open as open
+from .api import run as run
+from .api_study import diagnose as diagnose
+from .api import sweep as sweep
+from .api import plan as plan
+from .estimate.oscillation import ringdown as ringdown
+from .films.arrays.space import triangulate as triangulate
+from .engine import Recording as Recording
+from .engine import Study as Study
+from .engine import Parameter as Parameter
+from .engine import Mechanism as Mechanism
+from .engine import Channel as Channel
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.results.values import Geometry
@@ -34,8 +35,10 @@ from jumpvision.experiment.results.values import Summary
 
 __version__: str
 __all__: list[str]
-VERBS: tuple[str, ...]
-TYPES: tuple[str, ...]
+VERBS: dict[str, str]
+TYPES: dict[str, str]
+OF_ARRAYS: dict[str, str]
+def of_arrays(name: str) -> Callable[..., Any]: ...
 
 def geometry(experiment: Folder, *, results: PathLike | None = ...) -> Geometry: ...
 def flow(experiment: Folder, *, results: PathLike | None = ...) -> Flow: ...

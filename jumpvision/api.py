@@ -24,6 +24,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import jumpvision
 from jumpvision.base.record import Record
 from jumpvision.base.schema import InputError
 from jumpvision.experiment.campaign.folder import Run, results_of, run_folder
@@ -70,11 +71,9 @@ def stage_function(name: str) -> Callable[..., Record]:
     from jumpvision.experiment.workflow.stage import stage_named
 
     made = stage_named(name)
-    of_arrays = without_folder(name)
+    of_arrays = jumpvision.of_arrays(name) if name in jumpvision.OF_ARRAYS else None
 
     def function(experiment: Any, *more: Any, results: PathLike | None = None, **settings: Any) -> Any:
-        if of_arrays and not isinstance(experiment, Experiment | Campaign | str | os.PathLike):
-            return of_arrays(experiment, *more, **settings)
         if more or settings:
             given = ", ".join([*map(repr, more), *settings])
             raise InputError([f"{name}: {given}: a folder's settings stand in its TOML, or in open(..., set=[...])"])
@@ -93,63 +92,6 @@ def stage_function(name: str) -> Callable[..., Record]:
         about.append("\n".join(f"    {_parameter(row)}" for row in table_of(made.params)))
     function.__doc__ = "\n\n".join(about)
     return function
-
-
-def without_folder(name: str) -> Callable[..., Any] | None:
-    """A stage's function of arrays: `of_arrays` of its module; None where it has none."""
-    from jumpvision.experiment.workflow.stage import stage_named
-
-    module = importlib.import_module(stage_named(name).function.__module__)
-    found: Callable[..., Any] | None = getattr(module, "of_arrays", None)
-    return found
-
-
-def ringdown(time_s: Any, x: Any, sigma: Any = None) -> pd.DataFrame:
-    """What a free oscillation x (n,), in any unit, at time_s (n,) [s] tells: a row a fit, as in fits.json.
-
-    sigma: standard uncertainty of x, (n,) or one number; default: what a smooth curve leaves of neighbouring samples.
-    Rows: zeta, frequency_hz, omega0, ring_amplitude, ring_offset (unit of x), and the share of the energy lost to
-    viscous damping, quadratic drag and dry friction, with the chance of each alone. NaN samples are left out; a fit
-    that the data do not allow has its `reason`. Raises ValueError for arrays of different lengths.
-
-    Example: jv.ringdown(time_s, height_m).loc["zeta", ["value", "sigma"]]
-    """
-    from jumpvision.experiment.results.values import Fits
-    from jumpvision.experiment.stages.fit import ringdown_of_arrays
-
-    return Fits(ringdown_of_arrays(time_s, x, sigma)).table
-
-
-def triangulate(
-    first: pd.DataFrame,
-    second: pd.DataFrame,
-    marks: Any,
-    seen_first: Any,
-    seen_second: Any,
-    *,
-    offset: float = 0.0,
-    ball_diameter: float = 0.0,
-    lens: bool = False,
-    window: int = 7,
-) -> pd.DataFrame:
-    """One body in space from two cameras: a row a frame of the first camera.
-
-    first, second: tables with time_s, x_px, y_px, sigma_px, as `jv.track` gives (x right, y down, no axes needed).
-    marks: (n, 3) [m], n >= 6, places that both cameras saw, not in one plane; seen_first, seen_second: (n, 2) column,
-    row [px] of them. offset [s]: what is added to the second camera's clock. ball_diameter [m]: of a ball, whose
-    outline is not centred on it. lens: fit each camera's radial distortion too. window: as in `jv.track`.
-
-    Columns: frame, time_s; x_m, y_m, z_m in the axes of the marks; sigma_x_m ... independent from frame to frame;
-    sigma_common_x_m ... of the calibration, shared by all frames; miss_sigma, by how much the two rays miss each other;
-    vx_m_s ... az_m_s2 with v_sigma, a_sigma (of the worst axis); flag: "" or why there is no place (all NaN then).
-    Raises InputError for marks or tables that cannot be used.
-
-    Example: jv.triangulate(jv.track(film_a, frame_rate=500), jv.track(film_b, frame_rate=500), marks, seen_a, seen_b)
-    """
-    from jumpvision.experiment.stages.bodies import triangulate as in_space
-
-    seen = (seen_first, seen_second)
-    return in_space(first, second, marks, seen, offset=offset, ball_diameter=ball_diameter, lens=lens, window=window)
 
 
 def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pictures: bool = True) -> pd.DataFrame:

@@ -31,7 +31,7 @@ from jumpvision.experiment.campaign.measured.intrusions import FITTED, Fitted, S
 from jumpvision.experiment.init.measure import Picks, with_picks
 from jumpvision.experiment.init.recognise import Recording
 from jumpvision.experiment.inputs.experiment import open_experiment
-from jumpvision.experiment.inputs.parameters import BedParams, FitParams
+from jumpvision.experiment.inputs.parameters import FitParams
 from jumpvision.experiment.inputs.sections import (
     Actuation,
     Bed,
@@ -60,6 +60,7 @@ from jumpvision.experiment.stages.recordings import (
 from jumpvision.experiment.stages.rod import rod
 from jumpvision.experiment.stages.summary import summary
 from jumpvision.experiment.stages.track import ball_motion, through, with_rest_zero
+from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.camera import READING, camera
 from jumpvision.laboratory import write
 

@@ -31,6 +31,13 @@ def test_no_two_modules_import_each_other():
     assert circles() == []
 
 
+@pytest.mark.parametrize("door", ["jv.piv(a, b)", "jv.track(frames)"])
+def test_a_function_of_arrays_loads_what_it_needs(door):
+    """No stage, no page, no laboratory: what a door opens on is read in an afternoon."""
+    files, lines = loaded(DOORS[door])
+    assert files <= 45 and lines <= 10_000
+
+
 @pytest.mark.parametrize("name", LABORATORY)
 def test_the_laboratory_shares_nothing_with_the_analysis(name):
     """An error in both would cancel: what draws recordings imports `base` alone, only the command line imports it."""

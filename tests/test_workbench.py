@@ -28,10 +28,10 @@ from jumpvision.cli import main
 from jumpvision.experiment.init.edit import edited
 from jumpvision.experiment.init.measure import tilt_of
 from jumpvision.experiment.inputs.experiment import open_experiment
-from jumpvision.experiment.inputs.parameters import TrackParams
 from jumpvision.experiment.inputs.sections import Calibration, RodCorrections, RodVideo
-from jumpvision.experiment.stages.grains.piv import of_arrays
 from jumpvision.experiment.stages.track import track
+from jumpvision.films.arrays.piv import piv as of_arrays
+from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.camera import READING, camera
 
 HARD = SAMPLES / "hard_ground"

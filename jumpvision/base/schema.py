@@ -30,6 +30,11 @@ class InputError(ValueError):
         return (type(self), (self.problems,))
 
 
+class StageWarning(UserWarning):
+    """Something a user should know about a result that stands all the same: of a stage, which keeps it with the result,
+    or of a function of arrays."""
+
+
 def harmless(text: str) -> str:
     """Without what would steer a terminal: names and cells of other people's files are shown, not obeyed."""
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)

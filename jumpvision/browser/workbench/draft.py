@@ -14,13 +14,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from jumpvision.base.parameters import Params
 from jumpvision.base.schema import InputError, Section, read
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.init.edit import Edits, difference, edited
 from jumpvision.experiment.init.measure import Picks, Values, picks_of, tilt_of, with_picks
 from jumpvision.experiment.init.recognise import Recording
 from jumpvision.experiment.inputs.experiment import EXPERIMENT, merged
-from jumpvision.experiment.inputs.parameters import PARAMS, Params
+from jumpvision.experiment.inputs.parameters import PARAMS
 from jumpvision.experiment.inputs.sections import SECTIONS
 from jumpvision.films.vision.camera import READING
 

@@ -8,12 +8,12 @@ import warnings
 from dataclasses import replace
 
 from jumpvision.base.progress import HOOK
-from jumpvision.experiment.inputs.parameters import TrackParams
 from jumpvision.experiment.inputs.sections import Calibration, RodVideo
 from jumpvision.experiment.stages.recordings import SCALE_OF_PIXELS, open_film, view_of
 from jumpvision.experiment.stages.track import BallFilm
 from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames import FrameError
+from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.track import BallTrack
 

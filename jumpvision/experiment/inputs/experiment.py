@@ -48,6 +48,9 @@ class Experiment:
         """The section of this type, or None."""
         return self.sections.get(cls.name)
 
+    def __fspath__(self) -> str:
+        return str(self.path)
+
     _repr_html_ = reprs.experiment
 
 
@@ -71,6 +74,9 @@ class Campaign:
 
     def __iter__(self) -> Iterator[Experiment]:
         return iter(self.experiments)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
 
     _repr_html_ = reprs.campaign
 

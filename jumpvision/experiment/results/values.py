@@ -157,9 +157,9 @@ class Fits(Record):
     @property
     def table(self) -> pd.DataFrame:
         """One row a fit: value, sigma, sigma_common, unit, n, chi2."""
-        import pandas as pd
+        from jumpvision.estimate.estimate import table_of
 
-        return pd.DataFrame.from_dict(self.values, orient="index")
+        return table_of(self.estimates)
 
     def save(self, folder: Path) -> None:
         (folder / self.file).write_text(json.dumps(self.values, indent=1) + "\n", encoding="utf-8")

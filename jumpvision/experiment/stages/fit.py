@@ -7,13 +7,12 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
-from jumpvision.estimate.decay import LAWS, MISFIT, decay_law
-from jumpvision.estimate.estimate import Estimate, checked
+from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
 from jumpvision.estimate.height import at_rest, jump_height, rest_height
+from jumpvision.estimate.oscillation import decay_fits
 from jumpvision.estimate.ringdown import peaks_damping, ring_down, swings_until
 from jumpvision.estimate.robot import follow, motor_power
 from jumpvision.experiment.inputs.experiment import Experiment
@@ -234,9 +233,7 @@ def theory(phi: float, p: FitParams) -> dict[str, Estimate]:
     }
 
 
-NAN = math.nan
 HOPPING, HOP = 10, 0.1  # steps, s: how far the start of the ring-down is moved past hops too short to be seen
-REFUSED = 1e-4  # chance below which a user is told that the decay is not viscous
 
 
 def ring_fits(
@@ -300,54 +297,6 @@ def ring_fits(
         offset = scaled(rows["ring_offset_m"], rod.scale_share)
         rows["ring_offset_m"] = offset.with_common(abs(float(lens.mean()))) if lens.any() else offset
         out |= rows | {k: timed(rows[k], clock, begin) for k in ("ring_start_s", "ring_stop_s")}
-    return out
-
-
-def ringdown_of_arrays(time_s: ArrayLike, x: ArrayLike, sigma: ArrayLike | None) -> dict[str, Estimate]:
-    """`jv.ringdown`: fits of a free oscillation in any unit; sigma: default what neighbours leave of each other."""
-    t, y = checked("ringdown", time_s=time_s, x=x)
-    if sigma is None:  # third differences of white noise have 20 times its variance
-        bends = np.diff(y[np.isfinite(y)], 3)
-        sigma = float(np.sqrt(np.mean(bends**2) / 20.0)) if bends.size else NAN
-    each = np.broadcast_to(np.asarray(sigma, float), t.shape)
-    if not np.all(each > 0.0):
-        raise ValueError("ringdown sigma: must be > 0 everywhere; give the noise of x, or more samples")
-    ring = ring_down(t, y, each)
-    out = ring.estimates()
-    if not ring.reason:
-        values = {
-            "ring_amplitude": (ring.amplitude, ring.amplitude_sigma),
-            "ring_offset": (ring.offset, ring.offset_sigma),
-        }
-        out |= {k: Estimate(float(v), float(s), "unit of x", ring.n, ring.chi2) for k, (v, s) in values.items()}
-        out |= decay_fits(t, y, each)
-    return out
-
-
-def decay_fits(t: Array, h: Array, sigma: Array) -> dict[str, Estimate]:
-    """Shares of the energy lost, rate and chance of each law, and that of each alone; a warning where viscous damping
-    is refused, and first of all where no law follows the record within its noise."""
-    decay = decay_law(t, h, sigma, rng=np.random.default_rng(0))
-    if decay.excess > MISFIT:
-        warnings.warn(
-            f"ring-down: chi2 is {decay.excess:.3g} per sample: no decay law follows the motion within the stated "
-            f"noise (sigma understated, or a motion that is more than one oscillation); all sigmas of the decay are "
-            f"{decay.widened:.2g} times wider for it, and its chances hold among these laws alone",
-            StageWarning,
-            stacklevel=2,
-        )
-    if decay.p_alone["viscous"] < REFUSED:
-        shares = ", ".join(f"{k} {e.value:.2f} ± {e.sigma:.2f}" for k, e in decay.share.items())
-        warnings.warn(
-            f"ring-down: viscous damping alone is refused (p = {decay.p_alone['viscous']:.1g}), zeta is an effective "
-            f"value; decay law: {decay.law}; shares of the energy lost: {shares}",
-            StageWarning,
-            stacklevel=2,
-        )
-    out = {f"decay_{k}_share": decay.share[k] for k in LAWS} | {f"decay_{k}_rate": decay.rate[k] for k in LAWS}
-    for k, e in decay.share.items():
-        out[f"decay_{k}_p_value"] = Estimate(decay.p_alone[k], NAN, "", e.n, e.chi2)
-        out[f"decay_{k}_chance"] = Estimate(decay.takes_part(k), NAN, "", e.n, e.chi2)
     return out
 
 

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError
 from jumpvision.estimate.estimate import checked
 from jumpvision.experiment.inputs.experiment import Experiment, without_folder
 from jumpvision.experiment.inputs.model import ModelSpec
-from jumpvision.experiment.inputs.parameters import SimulateParams, of_keywords
+from jumpvision.experiment.inputs.parameters import SimulateParams
 from jumpvision.experiment.inputs.sections import Actuation, Bed, Motor, MotorLog, Robot, need
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import BedHeight

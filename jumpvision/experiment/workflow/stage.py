@@ -17,12 +17,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
+from jumpvision.base.schema import StageWarning as StageWarning
+
 FOLDER = Path(__file__).parents[1] / "stages"  # every module below it may hold stages
 PACKAGE = "jumpvision.experiment.stages"
-
-
-class StageWarning(UserWarning):
-    """Something a user should know about a result that stands all the same; kept with the result."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.parameters import of_keywords
 from jumpvision.estimate.estimate import Estimate, checked
 from jumpvision.estimate.penetration import (
     LAWS,
@@ -24,7 +25,7 @@ from jumpvision.estimate.penetration import (
 )
 from jumpvision.estimate.strokes import deep_ripple, fresh_samples, proportionality
 from jumpvision.experiment.inputs.logs import read_log
-from jumpvision.experiment.inputs.parameters import IntrusionParams, of_keywords
+from jumpvision.experiment.inputs.parameters import IntrusionParams
 from jumpvision.experiment.inputs.sections import IntrusionLog, Robot
 from jumpvision.experiment.results.values import Fits, Intrusion
 from jumpvision.experiment.workflow.stage import stage

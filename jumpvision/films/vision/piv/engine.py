@@ -24,6 +24,8 @@ from .scales import Noise, drawn_together, true_noise
 from .solve import COVERED, FLAT, STEPPED
 from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
 
+Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
+
 MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
@@ -60,7 +62,7 @@ def piv_pair(
 def piv_film(
     images: Iterable[NDArray[np.generic]],
     *,
-    mask: Callable[[int], Mask | None] | None,
+    mask: Usable | None,
     gap: int,
     baseline: int = 1,
     ensemble: int = 1,
@@ -72,7 +74,7 @@ def piv_film(
 ) -> Iterator[VectorField]:
     """Fields of the frame pairs (k, k + gap), k = 0, stride, ...; about ensemble + gap or baseline frames are held.
 
-    mask(k): usable pixels (H, W) of frame k, or None. baseline: pairs 3, 9, ... times as far apart about the same
+    mask(k): usable pixels (H, W) of frame k. baseline: pairs 3, 9, ... times as far apart about the same
     mid-time, up to that many frames, are combined with each (see `multiframe`). ensemble: so many consecutive pairs are
     matched together and give one field, for steady flow; the last may hold fewer. stride: frames from one pair to the
     next, 2 for double exposures, where baseline is 1 and gap below it. prefilter: [px] of all frames, None:
@@ -140,7 +142,7 @@ def best_prefilter(
     a: NDArray[np.generic],
     b: NDArray[np.generic],
     *,
-    mask: Callable[[int], Mask | None] | None,
+    mask: Usable | None,
     gap: int,
     **settings: Any,
 ) -> tuple[float, VectorField | None]:

@@ -1,4 +1,4 @@
-"""Bodies in arrays: a table of each that a stack of pictures shows, their centre of mass, one seen by two cameras."""
+"""`jv.track` of images: a table of each body that a stack shows, and of their centre of mass."""
 
 from __future__ import annotations
 
@@ -10,24 +10,20 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError
-from jumpvision.estimate.height import exposure_shift, parabolas, shift_noise, shift_sigma
-from jumpvision.experiment.inputs.parameters import TrackParams, of_keywords
-from jumpvision.experiment.workflow.stage import StageWarning
+from jumpvision.base.parameters import of_keywords
+from jumpvision.base.schema import InputError, StageWarning
+from jumpvision.estimate.height import exposure_shift, shift_noise, shift_sigma
+from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
-from jumpvision.films.vision.fields import ORDERS, SIGMA, field, order_of
-from jumpvision.films.vision.stereo import FAR, at_times, pinhole
-from jumpvision.films.vision.stereo import triangulate as places_of
+from jumpvision.films.vision.fields import INTERLACED, ORDERS, SIGMA, field, order_of
 
-INTERLACED = 'the film is interlaced: every frame shows two instants; give {} = "{}" to follow both'
-SEEN = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables must have
+from .motion import with_derivatives
 
 
-def of_arrays(
+def track(
     frames: Any,
     *,
     frame_rate: float = 1.0,
@@ -154,68 +150,4 @@ def _moving(
         place, sigma = np.stack([turned.real, turned.imag]), sigma * (scale or 1.0)
         names = ("x_m", "y_m", "sigma_m") if scale is not None else ("x_axes_px", "y_axes_px")
         out = out.assign(**dict(zip(names, (*place, sigma))))
-    return _with_derivatives(out, place, sigma, "xy", unit, window).assign(flag=flag)
-
-
-def _with_derivatives(out: pd.DataFrame, place: Array, sigma: Array, axes: str, unit: str, window: int) -> pd.DataFrame:
-    """The table with speed and acceleration of place (k, n), their sigma from sigma (n,) of every coordinate."""
-    *each, (dv, da) = parabolas(out.time_s.to_numpy(float), place, sigma, window)
-    names = [f"v{a}_{unit}_s" for a in axes] + [f"v_sigma_{unit}_s"]
-    names += [f"a{a}_{unit}_s2" for a in axes] + [f"a_sigma_{unit}_s2"]
-    return out.assign(**dict(zip(names, (*(v for v, _ in each), dv, *(a for _, a in each), da))))
-
-
-def triangulate(
-    first: pd.DataFrame,
-    second: pd.DataFrame,
-    marks: ArrayLike,
-    seen: tuple[ArrayLike, ArrayLike],
-    *,
-    offset: float,
-    ball_diameter: float,
-    lens: bool,
-    window: int,
-) -> pd.DataFrame:
-    """What `jumpvision.triangulate` gives; seen: of the first and of the second camera."""
-    cameras = tuple(_camera(name, pixel, marks, lens) for name, pixel in zip(("first", "second"), seen))
-    for name, table in (("first", first), ("second", second)):
-        missing = [c for c in SEEN if c not in table.columns]
-        if missing or len(table) < 2:
-            what = f"columns missing: {missing}" if missing else "fewer than 2 rows"
-            raise InputError([f"jv.triangulate: {name} table: {what}; give what jv.track gives"])
-    time = first.time_s.to_numpy(float)
-    pixels, sigmas = _pixels(first)
-    others, other_sigmas = at_times(second.time_s.to_numpy(float) + offset, *_pixels(second), time)
-    found = places_of((cameras[0], cameras[1]), (pixels, others), (sigmas, other_sigmas), ball_diameter / 2.0)
-    lost = ~np.isfinite(found.place).all(axis=1)
-    apart = ~lost & (found.miss > FAR)
-    unseen = ~np.isfinite(pixels).all(axis=1)
-    why = ["lost by the first camera", "lost by the second camera", "the two rays miss each other"]
-    flag = np.select([unseen, lost, apart], why, "")
-    if apart.any():
-        text = f"{np.count_nonzero(apart)} of {len(time)} frames: the two rays miss each other by more than {FAR} sigma"
-        warnings.warn(f"{text}; do both follow the same body? check marks and offset too", StageWarning, stacklevel=2)
-    place, sigma = (np.where((lost | apart)[:, None], np.nan, a) for a in (found.place, found.sigma))
-    out = pd.DataFrame({"frame": range(len(time)), "time_s": time})
-    for k, axis in enumerate("xyz"):
-        out[f"{axis}_m"] = place[:, k]
-    for k, axis in enumerate("xyz"):
-        out[f"sigma_{axis}_m"], out[f"sigma_common_{axis}_m"] = sigma[:, k], found.common[:, k]
-    return _with_derivatives(out.assign(miss_sigma=found.miss), place.T, sigma.max(axis=1), "xyz", "m", window).assign(
-        flag=flag
-    )
-
-
-def _camera(name: str, pixel: ArrayLike, marks: ArrayLike, lens: bool) -> Any:
-    pixel, marks = np.asarray(pixel, float), np.asarray(marks, float)
-    if len(pixel) != len(marks):
-        text = f"{len(pixel)} pixels of {len(marks)} marks; give one each, in the same order"
-        raise InputError([f"jv.triangulate: {name} camera: {text}"])
-    try:
-        return pinhole(pixel, marks, lens=lens)
-    except ValueError as error:
-        raise InputError([f"jv.triangulate: {name} camera: {error}"]) from error
-
-
-def _pixels(table: pd.DataFrame) -> tuple[Array, Array]:
-    return table[["x_px", "y_px"]].to_numpy(float), table.sigma_px.to_numpy(float)
+    return with_derivatives(out, place, sigma, "xy", unit, window).assign(flag=flag)

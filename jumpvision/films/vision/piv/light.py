@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from jumpvision.experiment.inputs.parameters import PivParams
+from jumpvision.films.parameters import PivParams
 
 SEEN = 64  # frames that a background is made from, of either exposure
 CLIP = 3.0  # times the mean of a tile's histogram, above which CLAHE cuts it
