@@ -88,10 +88,11 @@ class Fit:
     skew: Array
     width: Array
 
-    def falling(self, gravity: float) -> Array:
-        """chi^2 of a parabola of curvature -gravity."""
+    def falling(self, gravity: float, sigma: float) -> Array:
+        """chi^2 of a parabola of curvature -gravity, known to sigma [m/s^2]."""
         with np.errstate(invalid="ignore"):
-            return self.curved + self.weight * (self.bend + 0.5 * gravity) ** 2
+            off = self.weight * (self.bend + 0.5 * gravity) ** 2
+            return self.curved + off / (1.0 + 0.25 * self.weight * sigma**2)
 
     @property
     def curvature(self) -> Array:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
@@ -17,13 +18,18 @@ class Piece:
     y: Array
     sigma: Array
     rho: float = 0.0
-    step: float = field(init=False)
+    step: float = 0.0  # s, between samples that were not lost
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "step", float(np.median(np.diff(self.t))) if self.t.size > 1 else 0.0)
+        if not self.step and self.t.size > 1:
+            object.__setattr__(self, "step", float(np.median(np.diff(self.t))))
 
     def part(self, i: int, j: int) -> Piece:
         return replace(self, t=self.t[i:j], y=self.y[i:j], sigma=self.sigma[i:j])
+
+    def of(self, samples: NDArray[np.int64]) -> Piece:
+        """Some samples (k,) of it, in order."""
+        return replace(self, t=self.t[samples], y=self.y[samples], sigma=self.sigma[samples])
 
     def white(self, values: Array) -> Array:
         """Values (n, ...) [m] over their sigma, with the correlation taken out: noise becomes of variance 1, white."""
@@ -72,20 +78,35 @@ class Line:
         tau = t - self.origin
         return float(sum(k * c * tau ** (k - 1) for k, c in enumerate(self.p) if k)) + 2.0 * self.bend * tau
 
+    def slopes(self, t: Array) -> Array:
+        """slope at (n,)."""
+        tau = t - self.origin
+        return np.asarray(sum(k * c * tau ** (k - 1) for k, c in enumerate(self.p) if k) + 2.0 * self.bend * tau)
+
+    def slope_sigma(self, t: float) -> float:
+        """Standard uncertainty of the slope [m/s]."""
+        k = np.arange(self.p.size)
+        row = k * (t - self.origin) ** np.maximum(k - 1, 0)
+        return float(np.sqrt(max(row @ self.cov @ row, 0.0)))
+
     def row(self, t: float) -> Array:
         """d at(t) / d p."""
         return np.asarray((t - self.origin) ** np.arange(self.p.size))
 
 
-def polynomial(piece: Piece, numbers: int, bend: float = 0.0) -> Line:
-    """Weighted polynomial of `numbers` coefficients through a piece, of fixed bend [m/s^2] beside them."""
+def polynomial(piece: Piece, numbers: int, bend: float = 0.0, sigma: float = 0.0) -> Line:
+    """Weighted polynomial of `numbers` coefficients through a piece, a bend [m/s^2] beside them; where sigma > 0 the
+    third coefficient is what there is beside that bend, known to sigma."""
     origin = float(piece.t[piece.t.size // 2])
     tau = piece.t - origin
     span = max(float(np.abs(tau).max()), 1e-300)
     size = span ** np.arange(numbers)
     a = piece.white(tau[:, None] ** np.arange(numbers) / size)
     b = piece.white(piece.y - bend * tau * tau)
-    cov = np.linalg.pinv(a.T @ a)
+    square = a.T @ a
+    if sigma > 0.0:
+        square[2, 2] += (sigma * size[2]) ** -2.0
+    cov = np.linalg.pinv(square)
     p = cov @ (a.T @ b)
     chi2 = float(np.sum((b - a @ p) ** 2))
     return Line(p / size, cov / np.outer(size, size), origin, bend, chi2, piece.t.size)

@@ -3,51 +3,43 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
 
-from .moments import CHUNK, LOOK_BACK, Fit, Index, Sums, change_points, segments_back, sums_between
+from .moments import CHUNK, LOOK_BACK, Fit, Index, change_points, segments_back, sums_between
 
 REST, STRAIGHT, FLIGHT, CURVED = range(4)
 NUMBERS = (1, 2, 2, 3)  # that each kind is fitted with
 FEWEST = (1, 2, 4, 1)  # samples of each kind
 ABOUT = 12  # samples on either side of a change, which it may move to
+LIKE = 0.003  # of gravity: by how much lens, air and tilt may change the curvature of what is a flight all the same
+RARE = 50.0  # a motion of constant curvature is one of gravity's, this many to one, before it is looked at
 ALLOWED = 1e-3  # chance that a stretch of one parabola is looked into further
 
 
-@dataclass(frozen=True)
-class Segments:
-    """Segments of a record: samples first[i] .. first[i + 1] are of the kind kind[i]; the fit of each."""
-
-    first: Index  # (k + 1,)
-    kind: Index  # (k,)
-    fit: Fit  # of (k,)
-    origin: Array  # (k,) [s], where the fits' tau is 0
-
-    def __len__(self) -> int:
-        return self.kind.size
-
-
-def segmented(t: Array, y: Array, w: Array, gravity: float) -> Segments:
-    """The segments of least cost: chi^2 and log n for every number that they are fitted with, and for every change.
+def segmented(t: Array, y: Array, w: Array, gravity: float) -> tuple[Index, Index]:
+    """(first sample of every segment and n, kind of each) of least cost: chi^2 and log n for every number that they are fitted with, and for every change.
 
     t (n,) [s] increasing, y (n,) [m], w (n,) [1/m^2]: weights of white noise. Costs of n samples: BIC (Schwarz 1978),
     a change point counted as a number; its place is one of n. Exact over the change points up to LOOK_BACK of them back
     (optimal partitioning): first the ends of blocks, then those that were chosen and every sample about them.
     """
     coarse = change_points(t, y, w, ALLOWED)
-    first, _ = _partition(t, y, w, coarse, gravity)
+    first, _, _ = _partition(t, y, w, coarse, gravity)
     about = (first[1:-1, None] + np.arange(-ABOUT, ABOUT + 1)).ravel()
     fine = np.unique(np.concatenate([first, about[(about > 0) & (about < t.size)]]))
-    first, kind = _partition(t, y, w, fine, gravity)
-    return Segments(first, kind, sums_between(t, y, w, first).fit, t[first[:-1]])
+    return _partition(t, y, w, fine, gravity)[:2]
 
 
-def _partition(t: Array, y: Array, w: Array, nodes: Index, gravity: float) -> tuple[Index, Index]:
-    """(first sample of every segment and n, kind of each) of least cost, segments from node to node."""
+def evidence(t: Array, y: Array, w: Array, gravity: float) -> float:
+    """The least cost that segments may have, from block to block."""
+    return _partition(t, y, w, change_points(t, y, w, ALLOWED), gravity)[2]
+
+
+def _partition(t: Array, y: Array, w: Array, nodes: Index, gravity: float) -> tuple[Index, Index, float]:
+    """(first sample of every segment and n, kind of each, cost) of least cost, segments from node to node."""
     blocks = sums_between(t, y, w, nodes)
     m = nodes.size - 1
     price = math.log(max(t.size, 2))
@@ -67,19 +59,20 @@ def _partition(t: Array, y: Array, w: Array, nodes: Index, gravity: float) -> tu
     while ends[-1] > 0:
         named.append(kinds[ends[-1] - 1])
         ends.append(int(back[ends[-1] - 1]))
-    return nodes[np.array(ends[::-1])], np.array(named[::-1], np.int64)
+    return nodes[np.array(ends[::-1])], np.array(named[::-1], np.int64), float(best[-1])
 
 
 def _costs(fit: Fit, nodes: Index, start: Index, gravity: float, price: float) -> tuple[Array, Index]:
     """(cost, kind) (m, l) of the best kind of every segment."""
     length = nodes[1:][:, None] - nodes[np.maximum(start, 0)]
-    chi2 = np.stack([fit.flat, fit.straight, fit.falling(gravity), np.where(length <= 3, 0.0, fit.curved)])
+    chi2 = np.stack([fit.flat, fit.straight, fit.falling(gravity, LIKE * gravity), np.where(length <= 3, 0.0, fit.curved)])
     chi2[0] = np.where(length <= 1, 0.0, chi2[0])
     chi2[1] = np.where(length <= 2, 0.0, chi2[1])
     numbers = np.array(NUMBERS)[:, None, None] + 1
     cost = chi2 + price * np.minimum(numbers, length + 1)
     with np.errstate(divide="ignore", invalid="ignore"):  # what a free curvature might have been, beside gravity's
-        cost[CURVED] += np.where(length > 3, np.maximum(2.0 * np.log(gravity / fit.curvature_sigma) - price, 0.0), 0.0)
+        other = 2.0 * np.log(RARE * gravity / np.maximum(fit.curvature_sigma, LIKE * gravity))
+        cost[CURVED] += np.where(length > 3, np.maximum(other - price, 0.0), 0.0)
     cost[length < np.array(FEWEST)[:, None, None]] = np.inf
     cost = np.where((start >= 0) & np.isfinite(cost), cost, np.inf)
     kind = np.argmin(cost, axis=0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -11,10 +11,10 @@ import scipy
 from jumpvision.base.arrays import Array
 
 from ..estimate import least_squares_fit, scatter_factor
-from .piece import Piece
+from .piece import Line, Piece
 
 STIFFNESS = (20.0, 30.0, 45.0, 65.0, 100.0, 150.0, 250.0, 400.0, 700.0, 1200.0)  # rad/s, where a fit starts
-PLACES = 24  # of an edge, where a fit starts
+PLACES, MOST = 24, 100  # of an edge, where a fit starts; samples that this looks at
 SHRUNK = (1.0, 0.6, 0.35, 0.2)  # of the way to the turning point, tried in turn
 POOR = 1e-3  # chance of chi^2 below which a contact is none of a spring
 
@@ -33,6 +33,17 @@ class Ring:
 
 
 @dataclass(frozen=True)
+class Settings:
+    """gravity, its sigma [m/s^2]; shortest flight [s]; ring of a foot; lag = c/k [s] of the damper at the spring."""
+
+    gravity: float
+    gravity_sigma: float = 0.0
+    shortest: float = 0.0
+    ring: Ring | None = None
+    lag: float = 0.0
+
+
+@dataclass(frozen=True)
 class Sprung:
     """A flight fitted together with the springs at its edges: the times [s] and their covariance with the parabola.
 
@@ -48,6 +59,12 @@ class Sprung:
     chi2: float
     n: int
     curvature: tuple[float, float]
+    window: tuple[int, int] = (0, 0)
+
+    @property
+    def line(self) -> Line:
+        """The flight's parabola."""
+        return Line(self.p[:2], self.cov[:2, :2], self.origin, -0.5 * self.curvature[0], self.chi2, self.n)
 
     @property
     def good(self) -> bool:
@@ -71,10 +88,7 @@ def sprung(
     inside: tuple[int, int],
     reach: tuple[int, int],
     edges: tuple[int, ...],
-    gravity: float,
-    gravity_sigma: float,
-    lag: float,
-    ring: Ring | None,
+    how: Settings,
 ) -> Sprung | None:
     """Fit of the flight of samples inside[0] .. inside[1] and of the contact as far as reach[0] .. reach[1].
 
@@ -84,9 +98,9 @@ def sprung(
     for share in SHRUNK:
         lo = inside[0] - round(share * (inside[0] - reach[0])) if -1 in edges else inside[0]
         hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
-        found = _fitted(piece.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, gravity, gravity_sigma, lag, ring)
+        found = _fitted(piece.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how)
         if found is not None:
-            best = found
+            best = replace(found, window=(lo, hi))
             if found.good:
                 break
     return best
@@ -97,11 +111,9 @@ def _fitted(
     first: float,
     last: float,
     edges: tuple[int, ...],
-    gravity: float,
-    gravity_sigma: float,
-    lag: float,
-    ring: Ring | None,
+    how: Settings,
 ) -> Sprung | None:
+    gravity, gravity_sigma, lag, ring = how.gravity, how.gravity_sigma, how.lag, how.ring
     t, n = piece.t, piece.t.size
     origin = 0.5 * (first + last)
     tau, span = t - origin, max(last - first, 4.0 * piece.step)
@@ -132,7 +144,7 @@ def _fitted(
                 a[:, 2] += gravity_sigma * (side * edge * speed + fall)
         return a, rest
 
-    start = _start(piece, linear, base, edges, first - origin, last - origin, span, design)
+    start = _start(piece, linear, base, edges, np.array([first, last]) - origin, gravity)
     if start is None:
         return None
     where, stiff, p = start
@@ -183,39 +195,51 @@ def _fitted(
     return Sprung(origin, q[:many], origin + times, factor * cov[:keep, :keep], edges, chi2, n, g)
 
 
-def _start(piece, linear, base, edges, first, last, span, design):  # type: ignore[no-untyped-def]
-    """Each edge by itself over a grid of places and stiffnesses, beside the parabola through the middle."""
-    many = linear.shape[1]
-    tau = piece.t - piece.t[0]
-    where, stiff = [], []
-    rows = slice(None) if piece.t.size < 400 else slice(None, None, piece.t.size // 200)
-    white = 1.0 / piece.sigma[rows]
-    ends = {-1: first, 1: last}
-    p = None
-    for k, side in enumerate(edges):
-        best = (np.inf, 0.0, 0.0)
-        for share in np.linspace(-0.06, 0.4, PLACES):
-            edge = ends[side] - side * share * span
-            for w in STIFFNESS:
-                e = [ends[s] for s in edges]
-                s = [65.0] * len(edges)
-                e[k], s[k] = edge, w
-                for m in range(k):
-                    e[m], s[m] = where[m], stiff[m]
-                a, rest = design(np.array(e), np.array(s))
-                use = slice(None)
-                if len(edges) == 2 and k == 0:  # the other edge is not known yet: this half alone
-                    middle = 0.5 * (first + last)
-                    use = np.flatnonzero((linear[rows, 1] < middle) if side < 0 else (linear[rows, 1] > middle))
-                aw, bw = (a[rows] * white[:, None])[use], ((base - rest)[rows] * white)[use]
-                if len(bw) <= many:
-                    continue
-                x = np.linalg.lstsq(aw, bw, rcond=None)[0]
-                chi2 = float(np.sum((bw - aw @ x) ** 2))
-                if chi2 < best[0]:
-                    best, p = (chi2, edge, w), x
-        if not math.isfinite(best[0]):
+def _start(
+    piece: Piece, linear: Array, base: Array, edges: tuple[int, ...], middle: Array, gravity: float
+) -> tuple[Array, Array, Array] | None:
+    """(places from the origin, stiffnesses, linear numbers): each edge over a grid, with the half of the flight beside
+    it. middle (2,): where the flight begins and ends. The damper does not matter here."""
+    tau, span = linear[:, 1], float(middle[1] - middle[0])
+    where, stiff, p = [], [], None
+    for side in edges:
+        end = middle[(side + 1) // 2]
+        use = np.flatnonzero(side * (tau - middle.mean()) >= 0.0) if len(edges) == 2 else np.arange(tau.size)
+        use = use[:: max(1, use.size // MOST)]
+        places = end - side * span * np.linspace(-0.06, 0.4, PLACES)
+        edge, w = (a.ravel()[:, None] for a in np.meshgrid(places, np.array(STIFFNESS), indexing="ij"))
+        speed, fall = departure(np.maximum(side * (tau[use] - edge), 0.0), w, 0.0)
+        columns = np.broadcast_to(linear[use, :2], (*speed.shape, 2)).copy()
+        columns[..., 1] -= side * speed
+        y = (base[use] - side * gravity * edge * speed - gravity * fall) / piece.sigma[use]
+        columns /= piece.sigma[use, None]
+        square, product = columns.swapaxes(1, 2) @ columns, (columns * y[..., None]).sum(axis=1)
+        if use.size < 4:
             return None
-        where.append(best[1])
-        stiff.append(best[2])
-    return (np.array(where), np.array(stiff), p) if p is not None else None
+        square += 1e-12 * np.trace(square, axis1=1, axis2=2)[:, None, None] * np.eye(2)
+        x = np.linalg.solve(square, product[..., None])[..., 0]
+        chi2 = np.sum(y * y, axis=1) - np.sum(product * x, axis=1)
+        best = int(np.argmin(chi2))
+        where.append(float(edge[best, 0]))
+        stiff.append(float(w[best, 0]))
+        p = x[best]
+    start = np.zeros(linear.shape[1])
+    start[:2] = p
+    return np.array(where), np.array(stiff), start
+
+
+def swings(piece: Piece) -> float:
+    """Least chi^2 of one swing about a level, of any frequency about one period in the piece."""
+    span = piece.t[-1] - piece.t[0]
+    tau = piece.t - piece.t[0]
+    y = piece.white(piece.y)
+
+    def chi2(w: float) -> float:
+        a = piece.white(np.stack([np.ones_like(tau), np.cos(w * tau), np.sin(w * tau)], axis=1))
+        x = np.linalg.lstsq(a, y, rcond=None)[0]
+        return float(np.sum((y - a @ x) ** 2))
+
+    tried = 2.0 * math.pi / span * np.linspace(0.3, 2.0, 18)
+    best = int(np.argmin([chi2(w) for w in tried]))
+    low, high = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
+    return float(scipy.optimize.minimize_scalar(chi2, bounds=(low, high), method="bounded").fun)
