@@ -35,6 +35,21 @@ class StageWarning(UserWarning):
     or of a function of arrays."""
 
 
+class Doubt(StageWarning):
+    """Two recordings, or a recording and what is declared, that contradict each other.
+
+    kind: in two or three words; recording: the section that is the likely cause; values: the numbers compared, their
+    units in their names.
+    """
+
+    def __init__(self, kind: str, message: str, recording: str = "", values: Mapping[str, float] = {}) -> None:
+        super().__init__(message)
+        self.kind, self.recording, self.values = kind, recording, dict(values)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # between processes
+        return Doubt, (self.kind, str(self), self.recording, self.values)
+
+
 def harmless(text: str) -> str:
     """Without what would steer a terminal: names and cells of other people's files are shown, not obeyed."""
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)

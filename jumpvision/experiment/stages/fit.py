@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import Doubt
 from jumpvision.estimate.estimate import Estimate
 from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
 from jumpvision.estimate.height import at_rest, jump_height, rest_height
@@ -26,6 +28,7 @@ from jumpvision.experiment.inputs.sections import (
     MotorLog,
     NotApplicable,
     Robot,
+    RodTrack,
     need,
 )
 from jumpvision.experiment.results.fields import Column, Flow
@@ -37,8 +40,9 @@ from jumpvision.experiment.workflow.stage import Inputs, StageWarning, stage
 from jumpvision.films.grains.cone import cone_growth
 from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
 
+from .crosschecks import cross_checks, motion_of
 from .recordings import scaled, timed
-from .rod import commanded, hanging_foot, other_spring, position_at, read_motor, total_mass
+from .rod import commanded, hanging_foot, other_spring, read_motor, total_mass
 
 NAN = math.nan
 
@@ -72,6 +76,8 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     out: dict[str, Estimate] = {}
     rod, contact, robot, law, log = given.rod, given.contact, given.robot, given.law, given.log
     column, flow, clock = given.column, given.flow, given.clock
+    for doubt in doubts(experiment, given):
+        warnings.warn(doubt, stacklevel=2)
     flights = find_flights(rod, contact, robot, law, log, p)
     if flights is not None:
         jumps = longer_than(flights, p.shortest_flight)
@@ -102,6 +108,27 @@ def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     if not out:
         raise NotApplicable([nothing_fitted(rod, law)])
     return Fits(out)
+
+
+def doubts(experiment: Experiment, given: Recordings) -> Iterator[Doubt]:
+    """Where the recordings contradict each other."""
+    rod, robot, law, log = given.rod, given.robot, given.law, given.log
+    motion = motion_of(*rod.arrays, robot, law, log) if rod is not None else None
+    touches = None if given.contact is None else contact_of(given.contact)
+    motor = None if log is None else read_motor(log, law)
+    return cross_checks("rod_track" if experiment.section(RodTrack) else "rod_video", motion, touches, law, motor)
+
+
+def contact_of(contact: ContactLog) -> tuple[Array, Array]:
+    """Times [s] and contact, 0 or 1. ValueError for other values."""
+    d = read_log(contact, "time_s", "contact")
+    bad = np.flatnonzero(~np.isin(d.contact, (0.0, 1.0)))
+    if bad.size:
+        raise ValueError(
+            f"{contact.path}: row {bad[0] + 1}, contact = {d.contact.iloc[bad[0]]:g}: must be 0 or 1 (in the air, on "
+            "the ground)"
+        )
+    return d.time_s.to_numpy(), d.contact.to_numpy()
 
 
 def nothing_fitted(rod: RodMotion | None, law: Actuation | None) -> str:
@@ -136,27 +163,14 @@ def find_flights(
 ) -> Flights | None:
     """Flights from the contact sensor, or without one from the track of the centre of mass of motor and rod."""
     if contact is not None:
-        d = read_log(contact, "time_s", "contact")
-        bad = np.flatnonzero(~np.isin(d.contact, (0.0, 1.0)))
-        if bad.size:
-            raise ValueError(
-                f"{contact.path}: row {bad[0] + 1}, contact = {d.contact.iloc[bad[0]]:g}: "
-                "must be 0 or 1 (in the air, on the ground)"
-            )
-        return contact_flights(d.time_s, d.contact, debounce=p.debounce)
+        return contact_flights(*contact_of(contact), debounce=p.debounce)
     if rod is None or robot is None:
         return None
-    t, h, sigma = rod.arrays
-    motor = position_at(t, law, log)
-    mass = total_mass(robot)
-    if motor is not None and mass and robot.motor_mass:
-        h = h + robot.motor_mass / mass * motor
-    elif law is not None and law.moves:  # the rod alone follows no parabola while the motor moves
-        h = np.where(t > law.stop, h, np.nan)
+    motion = motion_of(*rod.arrays, robot, law, log)
     return track_flights(
-        t,
-        h,
-        sigma,
+        motion.t,
+        motion.height,
+        motion.sigma,
         gravity=robot.gravity,
         shortest=p.shortest_flight,
         max_gap=p.max_gap,

@@ -42,6 +42,8 @@ from jumpvision.experiment.workflow.stage import StageWarning
 from jumpvision.films.frames.decoding import open_video
 from jumpvision.films.frames.opening import READERS
 
+from .crosschecks import cross_checks, motion_of
+from .fit import contact_of
 from .recordings import NOWHERE, bare_view, in_pixels, open_film, open_pictures
 from .rod import from_table, other_spring, read_motor, total_mass
 from .spring import read_spring
@@ -72,7 +74,8 @@ class Found:
     warnings: list[str]
     films: dict[str, Picture]
     motor: tuple[Array, Array] | None = None  # time [s], position [m]
-    track: tuple[Array, Array] | None = None
+    track: tuple[Array, ...] | None = None  # time [s], height, sigma [m]
+    contact: tuple[Array, Array] | None = None  # time [s], 0 or 1
 
     def ask(self, read: Callable[[], Any]) -> Any:
         """What `read` gives; None where it finds a problem."""
@@ -96,7 +99,7 @@ def preflight(e: Experiment) -> tuple[list[str], list[str]]:
     _sections(e, found)
     _films(e, found)
     _logs(e, found)
-    said = [*_sizes(e, found), *_clocks(e, found), *_places(e, found), *_names(e)]
+    said = [*_sizes(e, found), *_clocks(e, found), *_places(e, found), *_names(e), *_doubts(e, found)]
     toml = e.path / "experiment.toml"
     problems = [p if str(e.path) in p else f"{toml}: {p}" for p in found.problems]
     return problems, [*dict.fromkeys([*found.warnings, *said])]
@@ -151,13 +154,22 @@ def _logs(e: Experiment, found: Found) -> None:
         found.motor = found.ask(lambda: read_motor(log, law))
     if (table := e.section(RodTrack)) is not None:
         track = found.ask(lambda: from_table(table))
-        found.track = None if track is None else (track.time_s.to_numpy(), track.height_m.to_numpy())
-    if (contact := e.section(ContactLog)) is not None:
-        found.ask(lambda: read_log(contact, "time_s", "contact"))
+        found.track = None if track is None else tuple(track[c].to_numpy() for c in ("time_s", "height_m", "sigma_m"))
+    if (touched := e.section(ContactLog)) is not None:
+        found.contact = found.ask(lambda: contact_of(touched))
     if (pushed := e.section(IntrusionLog)) is not None:
         found.ask(lambda: read_log(pushed, "time_s", "depth_m", "force_N"))
     if (spring := e.section(SpringLog)) is not None:
         found.ask(lambda: read_spring(spring))
+
+
+def _doubts(e: Experiment, found: Found) -> Iterator[str]:
+    """Where recordings contradict each other, as a run says it; of a film to be tracked only the run can."""
+    robot, law, log = e.section(Robot), e.section(Actuation), e.section(MotorLog)
+    track, motion = found.track, None
+    if track is not None and (log is None or found.motor is not None):
+        motion = found.ask(lambda: motion_of(track[0], track[1], track[2], robot, law, log))
+    yield from map(str, cross_checks("rod_track", motion, found.contact, law, found.motor))
 
 
 def _prefix(ratio: float) -> bool:
@@ -212,7 +224,7 @@ def _ringing(found: Found, robot: Robot | None, law: Actuation | None, mass: flo
         return
     if law.kind != "none" and not law.moves:
         return
-    t, h = found.track
+    t, h, _ = found.track
     tail = t >= max(t[0], t[-1] - 0.5 * (t[-1] - max(law.stop, t[0]))) if law.moves else np.ones(t.size, bool)
     if tail.sum() < FEWEST or law.stop > t[-1]:
         return

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jumpvision.base.arrays import Array
+from jumpvision.base.schema import Doubt
 from jumpvision.estimate.crater import Crater, line_crater
 from jumpvision.estimate.crater_map import map_crater
 from jumpvision.experiment.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, need
@@ -104,6 +105,13 @@ def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None
     """The crater in a depth map, whose heights do not come from its pixels; the rest as in `from_line`."""
     (scale,) = need(section, "scale")
     z = read_map(section) * section.height_scale
+    deep, wide = float(np.ptp(z[np.isfinite(z)])) if np.isfinite(z).any() else 0.0, scale * max(z.shape)
+    if deep > wide:
+        said = f"[crater_depth] is {deep:.3g} m deep and {wide:.3g} m wide: in mm? then give height_scale = "
+        warnings.warn(
+            Doubt("crater in another unit", f"{said}{section.height_scale / 1e3:g}", section.name, {"depth_m": deep}),
+            stacklevel=2,
+        )
     axis = (section.axis[0] * scale, -section.axis[1] * scale) if section.axis else None
     return map_crater(z, scale, axis=axis, radius=p.radius), 2.0 * section.scale_sigma / scale, None
 
