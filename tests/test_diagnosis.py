@@ -193,6 +193,40 @@ def test_false_alarms_are_as_rare_as_stated(rho):
     assert np.mean(np.array(p) < 0.5) >= 0.2  # and it is not blind: Bonferroni over two looks halves what is below
 
 
+class Waves:
+    """y = sum of eight waves whose strengths are fitted, over three short records: a quarter of what is measured."""
+
+    candidates: Mapping[str, Candidate] = {}
+    baseline = tuple(Parameter(f"p{k}", 0.1, -5.0, 5.0, 0.1) for k in range(8))
+
+    def __init__(self, rng, s):
+        t = np.arange(12) * FRAME
+        y = [self._motion(t + 0.2 * i, np.arange(8) / 8) + s * rng.standard_normal(t.size) for i in range(3)]
+        self.observations = [Observation(f"run {i}", t + 0.2 * i, y[i], f"{i}", f"{i}") for i in range(3)]
+
+    @staticmethod
+    def _motion(t, strengths):
+        return np.cos(np.multiply.outer(t, 7.0 * np.arange(1, 9))) @ strengths
+
+    def predict(self, mechanisms, values: Mapping[str, float], which: Sequence[int]):
+        p = np.array([values[q.name] for q in self.baseline])
+        return [self._motion(self.observations[i].t, p) for i in which]
+
+
+def test_chi2_is_held_against_the_freedoms_that_the_fit_leaves():
+    """36 readings less three zero levels less eight strengths: chi^2 per freedom is 1 on average where the noise is as
+    stated, of 150 campaigns to three times sqrt(2 / 25 / 150), and p is as often below a half as above."""
+    rng = np.random.default_rng(18)
+    ratio, p = [], []
+    for _ in range(150):
+        problem = Problem(Waves(rng, 1e-3), Noise(1e-3, 0.0, FRAME, 0.0, 10_000))
+        found = detect(problem, problem.fit(), [], rng)
+        ratio.append(found.chi2_per_dof)
+        p.append(found.p_chi2)
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.07)
+    assert np.mean(np.array(p) < 0.5) == pytest.approx(0.5, abs=0.13)
+
+
 def test_the_score_is_the_noncentrality_and_an_effect_is_found_where_it_should_be():
     """An effect of non-centrality 30 (length 5.5 after projection) is found in 95 % of campaigns."""
     rng = np.random.default_rng(8)

@@ -15,6 +15,7 @@ from test_report import KINDS, campaign_of, diagnosis_of, grains_into
 import jumpvision
 from jumpvision.cli import main
 from jumpvision.experiment.campaign.folder import jumps_table, write_jumps
+from jumpvision.report.figures.grains import band
 from jumpvision.report.style import ACCENT, COLUMN, GREEN, MAP, MEASURED, MODEL, PAGE, kind_of, lettered, printed, save
 from jumpvision.report.style import KINDS as LOOKS
 from jumpvision.thesis.catalogue import available
@@ -122,6 +123,18 @@ def test_the_grains_hold_the_fields(drawn):
     assert axis.lines[-1].get_ydata()[0] == 0.0
     # eq. (33) as the fit states it: dm/dz at the surface is the slope, 2 kg/m
     assert axis.lines[-1].get_ydata()[1] * 1e-3 / z[1] == pytest.approx(2.0, rel=0.02)
+
+
+def test_a_band_of_two_sigmas_holds_the_truth_in_95_of_100():
+    """Momentum drawn about its truth with the sigma that is told: of 2,000 values 0.9545 +- 4 * 0.0047 in the band."""
+    rng, n = np.random.default_rng(6), 2000
+    x, sigma = np.arange(n, dtype=float), rng.uniform(0.5, 2.0, n)
+    with printed() as Figure:
+        axis = Figure(figsize=(3.0, 2.0)).subplots()
+        band(axis, x, 3.0 + sigma * rng.standard_normal(n), sigma, MEASURED)
+        corners = axis.collections[0].get_paths()[0].vertices
+    low, high = ([f(corners[corners[:, 0] == k, 1]) for k in x] for f in (np.min, np.max))
+    assert np.mean((np.array(low) < 3.0) & (np.array(high) > 3.0)) == pytest.approx(0.9545, abs=0.019)
 
 
 def test_no_letter_is_larger_than_seven_points_and_no_label_is_cut_off(drawn):

@@ -44,6 +44,18 @@ def test_front_and_decay_with_their_true_errors(corner, noise):
     assert np.all(np.abs(np.mean(z, axis=0)) < 0.3)  # no bias: 3/sqrt(150) = 0.245, and curvature
 
 
+def test_an_uncertain_greatest_speed_moves_the_exponential_by_its_sigma():
+    """Speeds good to 0.5 %, their greatest one to 5 %: b, where the exponential reaches it, is off by 5 % of L. 300
+    draws: 0.683 +- 3 * 0.027; without that part of sigma it would be covered in a tenth of them."""
+    rng, inside = np.random.default_rng(8), []
+    e = np.full(Z.size, 0.005 * V)
+    for _ in range(300):
+        seen, top = profile(0.01) + rng.normal(0.0, e), V * (1.0 + 0.05 * rng.standard_normal())
+        c = fit_column(Z, seen, e, maximum=top, maximum_sigma=0.05 * V, front=0.02, top=0.9, floor=0.1)
+        inside.append(abs(c.b + 0.01) < c.b_sigma)
+    assert np.mean(inside) == pytest.approx(0.683, abs=0.081)
+
+
 def test_the_fit_of_logarithms_would_be_biased():
     """Speeds near the noise: a plain fit of the positive ones' logarithms flattens, ours does not."""
     rng, ours, logs = np.random.default_rng(4), [], []

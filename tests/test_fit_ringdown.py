@@ -94,3 +94,13 @@ def test_records_of_any_sampling_start_at_the_right_peak(jitter):
         x = 0.01 * np.cos(2.0 * np.pi * f * t + 0.4) + rng.normal(0.0, 1e-3, 500)
         found = ring_down(t, x, np.full(500, 1e-3))
         assert abs(found.frequency - f) < 5.0 * found.frequency_sigma
+
+
+@pytest.mark.parametrize("zeta", [0.1, 0.3])
+def test_strong_damping_is_a_share_of_the_undamped_frequency(zeta):
+    """zeta = decay / w0, where the ring-down is seen at w0 sqrt(1 - zeta^2): they differ by 5 % at zeta = 0.3."""
+    w0, t = 2.0 * math.pi * 9.0, np.arange(0.0, 0.6, 1e-3)
+    x = np.exp(-zeta * w0 * t) * np.cos(w0 * math.sqrt(1.0 - zeta**2) * t + 0.4)
+    r = ring_down(t, x + np.random.default_rng(3).normal(0.0, 1e-3, t.size), np.full(t.size, 1e-3))
+    assert abs(r.zeta - zeta) < 4.0 * r.zeta_sigma < 4e-3 * zeta
+    assert r.omega0 == pytest.approx(w0, abs=4.0 * r.omega0_sigma) and r.omega0_sigma < 1e-3 * w0

@@ -276,6 +276,18 @@ def test_cine_reads_back(tmp_path, bits, sign):
         assert film.meta["exposure_s"] == pytest.approx(25e-6, abs=2.0**-33)  # the frames' exposures beat the setup's
 
 
+def test_cine_of_an_older_camera_has_its_exposure_in_microseconds(tmp_path):
+    """Without exposures frame by frame and without the later field of nanoseconds: ShutterNs 0, Shutter 20 us."""
+    path = write_cine(tmp_path / "film.cine", grey_film(6, 8), bits=8, rate=8192)
+    with open_frames(path) as film:
+        assert film.meta["exposure_s"] == pytest.approx(20e-6, rel=1e-12)  # 20,000 ns
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<I", data, 84 + 1568, 0)
+    path.write_bytes(data)
+    with open_frames(path) as film:
+        assert film.meta["exposure_s"] == pytest.approx(20e-6, rel=1e-12)  # 20 us
+
+
 def test_cine_packed_10_bits_are_made_linear(tmp_path):
     codes = np.arange(1024).repeat(2).reshape(2, 32, 32)[:, :, :].astype(np.uint16)
     codes = np.concatenate([codes, codes[:, :, ::-1]], axis=2)  # not square: 32 x 64

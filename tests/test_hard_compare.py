@@ -144,6 +144,26 @@ def test_a_landing_loss_is_found_where_a_landing_comes_before_the_jump(tmp_path)
     assert np.all(step[~single] < -2e-4)
 
 
+def test_an_uncertain_parameter_moves_the_model_by_one_sigma_of_it(tmp_path):
+    """The laboratory's jump with gravity and stiffness one sigma to either side: half the change of its height is what
+    the model is uncertain by, to 2 % (heights to 1e-6 m of changes of 1e-4 m)."""
+    f, phase = POINTS[2]
+    data, _ = compared(campaign(tmp_path / "c", np.random.default_rng(10), points=POINTS[2:3], sigma=SIGMA))
+
+    def height(name, value):
+        robot = HARD_ROBOT._replace(**{name: value})
+        law = Law(f, 0.004, phase, 0.2)
+        return motion_of(robot, law, [], {}, ground="hard", duration=0.8, dt=5e-6, every=20).jump_height
+
+    steps = []
+    for name, sigma in SIGMA.items():
+        low, high = (height(name, getattr(HARD_ROBOT, name) + k * sigma) for k in (-1, 1))
+        steps.append(0.5 * (high - low))
+        found = float(data.model_step_m.sel(parameter=f"robot.{name}")[0])
+        assert found == pytest.approx(steps[-1], rel=0.02, abs=2e-6)
+    assert float(data.model_sigma_m[0]) == pytest.approx(math.hypot(*steps), rel=0.02)
+
+
 def test_another_damping_is_found_by_all_conditions_together(tmp_path):
     """dc = 0.15 N s/m lowers stutter jumps by 0.17 mm and single ones by 0.08 mm, 1.5 sigma of what is known of each.
 

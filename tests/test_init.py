@@ -105,6 +105,17 @@ def test_marks_foot_and_floor_become_scale_and_positions(film, capsys):
     assert "delete it" in capsys.readouterr().err
 
 
+def test_each_camera_has_its_own_rate(tmp_path):
+    folder = stripped(FILM, tmp_path / FILM.name)
+    assert main(["init", str(folder), "--rod-rate", "200", "--grain-rate", "3000"]) == 0
+    written = toml(folder)
+    assert written["rod_video"]["frame_rate"] == 200.0 and written["grain_video"]["frame_rate"] == 3000.0
+    with open_frames(folder / "grains.mkv") as frames:
+        own = 1.0 / float(np.median(np.diff(frames.time)))
+    assert own == pytest.approx(500.0, rel=0.01)  # saved at a sixth of it: the clock is the declared one
+    assert written["grain_video"]["clock"] == "declared"
+
+
 @pytest.mark.parametrize("name", ["single-6.5Hz-1", "stutter-5.0Hz-2", "delayed_stutter-7.0Hz-1", "stutter-7.0Hz-film"])
 def test_the_motors_law_is_read_from_name_and_log(name):
     folder = SAMPLES / "loose_sand" / name

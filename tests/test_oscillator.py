@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from jumpvision.jumper.physics.oscillator import foot_frequency, foot_ripple, lift_off_amplitude
+from jumpvision.jumper.physics.oscillator import RIPPLE, foot_frequency, foot_ripple, lift_off_amplitude
 from jumpvision.laboratory.jumper import Law, motion_of
 from jumpvision.laboratory.samples import PHASE, SAND_ROBOT, SAND_TERMS, SAND_TRUTH
 
@@ -39,3 +40,18 @@ def test_the_spring_relaxes_at_the_lift_off_amplitude():
     k, _, mass = SPRING
     assert k * lift_off_amplitude(k, mass, 9.81) == pytest.approx(mass * 9.81)
     assert math.isclose(foot_frequency(k, 1e12, mass), math.sqrt(k / mass) / (2 * math.pi), rel_tol=1e-6)
+
+
+@pytest.mark.parametrize("foot", [0.02, 0.3, 3.0])
+def test_a_swinging_foot_leaves_the_centre_of_mass_where_it_is(foot):
+    """Two bodies on a spring that is stretched by the allowed swing and let go: half a period later the rod has moved
+    by twice its amplitude. By integration; a foot of the rod's own mass takes the rod half of the way."""
+    k, _, mass = SPRING
+    swing = RIPPLE * lift_off_amplitude(k, mass, 9.81)
+
+    def rate(t, s):
+        return [s[2], s[3], -k / mass * (s[0] - s[1]), k / foot * (s[0] - s[1])]
+
+    end = 0.5 / foot_frequency(k, foot, mass)
+    rod = solve_ivp(rate, (0.0, end), [0.0, -swing, 0.0, 0.0], rtol=1e-10, atol=1e-14).y[0, -1]
+    assert foot_ripple(k, foot, mass, 9.81) == pytest.approx(abs(rod) / 2.0, rel=1e-6)

@@ -10,7 +10,7 @@ import sys
 import textwrap
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -115,6 +115,19 @@ def test_a_changed_section_recomputes_what_reads_it(lab):
     lab.make()
     lab.write(toml="[motor_log]\nfile = 'motor.csv'\n[actuation]\nfrequency = 7.0\n")
     assert lab.make()[1] == ["second", "third"]
+
+
+def test_another_version_of_a_stage_recomputes_it_and_what_reads_it(lab, monkeypatch):
+    """Code that gives other results from the same inputs says so by its version: what the old one made is not taken."""
+    lab.make()
+    old = pipeline.STAGES[Second]
+    newer = replace(old, version=2, function=lambda first, law: Second({**old(first, law).values, "twice": 100}))
+    monkeypatch.setitem(pipeline.STAGES, Second, newer)
+    values, calls, w = lab.make()
+    assert (values["sum"], calls) == (101, ["second", "third"])
+    assert [s.state for s in w.steps] == ["cached", "computed", "computed"]
+    monkeypatch.setitem(pipeline.STAGES, Second, old)
+    assert lab.make()[0]["sum"] == 5  # the results of the first version are still there
 
 
 def test_a_changed_recording_is_noticed_and_a_touched_one_is_not_recomputed(lab):

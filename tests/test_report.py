@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pint
 import pytest
 import xarray as xr
 from diagnosis_sample import confirmation, diagnosis
@@ -35,11 +36,15 @@ from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
 from jumpvision.report.pages.charts import heights_chart, marked
 from jumpvision.report.pages.made import write_report
-from jumpvision.report.pages.quantities import fit_rows, small, typeset
+from jumpvision.report.pages.quantities import UNITS, fit_rows, shown_in, small, typeset
 from jumpvision.report.pages.words import INK as PEN
-from jumpvision.report.pages.words import drawing, experiment_words
+from jumpvision.report.pages.words import OTHERS, drawing, experiment_words
 from jumpvision.report.style import MEASURED
 
+FILED = {  # units in fits.json and intrusion.json
+    "added_mass_kg": "kg", "actuator_lag_s": "s", "actuator_tau_s": "s", "volume_m3": "m3", "frequency_hz": "Hz",
+    "delta": "m", "k1": "N/m", "k2": "N/m",
+}  # fmt: skip
 KINDS = {"single": (0.040, 0.042), "stutter": (0.020, 0.034)}  # measured and simulated height [m]
 SENTENCE = "The simulation over-predicts stutter jumps by 14.0 ± 0.1 mm because it lacks: added mass."
 
@@ -400,6 +405,22 @@ def test_fits_stand_in_words_units_and_digits():
         ("jump height above rest", "39.996 ± 0.023", "mm"),
     ]  # fmt: skip
     assert "(whole foot)" in fit_rows(given, whole=True)[1].name
+
+
+def test_a_pages_units_are_those_of_the_files_times_their_factors():
+    """One of each unit in fits.json is the factor of the page's unit, by a library of units; so are a mass in g, a lag
+    in ms and what stands at the head of a page."""
+    convert = pint.UnitRegistry()
+
+    def si(unit):
+        return unit.replace("m3", "m^3").replace("°", "degree").replace("³", "^3").replace("²", "^2")
+
+    fits = {n: (u, *shown_in(n, u)) for n, u in FILED.items()}
+    heads = {name: (FILED[name], unit, factor) for name, _, unit, factor in OTHERS if unit}
+    every = [*((u, *shown) for u, shown in UNITS.items()), *fits.values(), *heads.values()]
+    for filed, shown, factor in every:
+        assert convert(si(filed)).to(si(shown)).magnitude == pytest.approx(factor), (filed, shown)
+    assert fit_rows({"volume_m3": Estimate(8.8e-7, 2e-9, "m3", 9, 1.0)})[0][1:3] == ("0.8800 ± 0.0020", "cm³")
 
 
 @pytest.mark.parametrize(("found", "dots"), [(0, 0), (1, 1), (3, 3), (4, 0), (6, 0)])

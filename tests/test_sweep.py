@@ -31,6 +31,7 @@ from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.oscillator import best_jump
 from jumpvision.jumper.physics.sand.jump import simulate
 from jumpvision.thesis.figures.sweeps import picture
+from jumpvision.thesis.studies.animals import HUMAN
 from jumpvision.thesis.studies.axes import AXES, read_axes
 from jumpvision.thesis.studies.compute import RESULTS, write
 from jumpvision.thesis.studies.machine import machine
@@ -510,6 +511,36 @@ def test_animals_of_a_table_stand_beside_the_simulated_ones(tmp_path):
         table.write_text(text)
         with pytest.raises(InputError, match=re.escape(told)):
             run(Call("hard", {}, "animals", table=table))
+
+
+@pytest.mark.parametrize("k", [10, 60])
+def test_an_animal_jumps_as_its_own_mass_spring_and_stroke_do(k):
+    """Mass as length^3, stiffness and stroke as length (thesis eq. 14): the results of the study, scaled from one
+    dimensionless jump, are those of the animal itself in SI units, to the rounding of a jump."""
+    data, _ = study("animals")
+    share, zeta = (float(data.attrs[n]) for n in ("rod_share", "zeta"))
+    length = float(data.length[k])
+    size = length / HUMAN["length"]
+    mass, stiffness, stroke = HUMAN["mass"] * size**3, HUMAN["stiffness"] * size, HUMAN["amplitude"] * size
+    for i, phase in enumerate((math.pi / 2, 3 * math.pi / 2)):
+        f = float(data.frequency_ratio[i, k]) * math.sqrt(stiffness / mass) / (2 * math.pi)
+        own = hard_sweep(
+            sine_rows(f, stroke, phase, 1.0), motor_mass=mass * (1 - share), rod_mass=mass * share, stiffness=stiffness,
+            damping=2 * zeta * math.sqrt(stiffness * mass), gravity=9.81, landing_loss=0.0,
+        )  # fmt: skip
+        for name in RESULTS:
+            assert float(data[name][i, k]) == pytest.approx(float(own[name]), rel=1e-6), name
+        assert float(data.relative_height[i, k]) == pytest.approx(float(own["com_height_m"]) / length, rel=1e-6)
+
+
+def test_power_over_k_a2_w0_is_a_pure_number():
+    """The best jump at an alpha, made again by itself: its peak power over k A^2 w_0, w_0 = sqrt(k/M) in rad/s."""
+    data, _ = study("alpha", alpha="0.1:0.4:3")
+    for i, phase in enumerate((math.pi / 2, 3 * math.pi / 2)):
+        stroke, f = float(data.amplitude_m[i, 1]), float(data.frequency_ratio[i, 1]) * F0
+        own = hard_sweep(sine_rows(f, stroke, phase, 1.0), **THESIS)["peak_power_W"]
+        scale = 5760.6 * stroke**2 * math.sqrt(5760.6 / 1.178)
+        assert float(data.power_scaled[i, 1]) == pytest.approx(float(own) / scale, rel=1e-6)
 
 
 def test_an_experiment_gives_robot_law_and_model(tmp_path):

@@ -78,6 +78,21 @@ def test_uncertainties_of_a_fitted_law_are_true():
     assert 0.92 * 300 < inside <= 0.995 * 300, inside  # 95 % widened by the same factor, +- 4 binomial sigmas below
 
 
+def test_the_parts_of_a_fitted_law_err_together_as_it_says():
+    """The kink's place, value and slopes over 300 draws: correlations to four times 1/sqrt(300), the strongest far
+    beyond; a kink found too far up lies too high on a law that rises."""
+    rng = np.random.default_rng(12)
+    fits = [
+        fit_packing_law(PHI, kinked(PHI) + 100.0 * rng.standard_normal(PHI.size), np.full(PHI.size, 100.0), rng=rng)
+        for _ in range(300)
+    ]
+    drawn = np.corrcoef([[f.phi_c, f.value_c, f.slope_below, f.slope_above] for f in fits], rowvar=False)
+    stated = fit_packing_law(PHI, kinked(PHI), np.full(PHI.size, 100.0)).covariance
+    size = np.sqrt(np.diag(stated))
+    np.testing.assert_allclose(drawn, stated / np.outer(size, size), atol=4.0 / math.sqrt(300.0))
+    assert drawn[0, 1] > 0.5
+
+
 def test_a_straight_law_seldom_asks_for_a_kink():
     rng = np.random.default_rng(5)
     p = [
