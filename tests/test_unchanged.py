@@ -15,6 +15,7 @@ from fault_lab import results_of, run_here, write_campaign
 
 from jumpvision.base import storage
 from jumpvision.experiment.inputs.experiment import open_experiment
+from jumpvision.experiment.results.summary import JumpRow, Summary, Uncertain
 from jumpvision.experiment.workflow import cache, run, unchanged
 from jumpvision.experiment.workflow.run import Plan, run_experiment
 
@@ -201,11 +202,15 @@ def test_the_table_of_jumps_is_that_of_pandas(made):
     """Written without it: its import takes longer than a run in which nothing changed."""
     from jumpvision.experiment.campaign.folder import write_jumps
 
+    jumped = Summary("b", n_jumps=3, jump_height=Uncertain(1e-7, 0.1 + 0.2), mu=Uncertain(2.0))
     rows = [
-        {"experiment": 'a "quoted", name', "n": 2, "x": 0.1 + 0.2, "problem": None},
-        {"experiment": "b", "n": 3, "x": 1e-7, "problem": "two\nlines"},
-        {"experiment": "excluded", "n": 4, "problem": "excluded: why"},
+        JumpRow('a "quoted", name', group="g", kind="single", frequency=7.0, delay=0.1 + 0.2),
+        JumpRow("b", summary=jumped, problem="two\nlines"),
+        JumpRow("c", problem="excluded: why", excluded=True),
     ]
     folder = made / "table"
     folder.mkdir()
-    assert write_jumps(rows, folder).read_text() == pd.DataFrame(rows).to_csv(index=False, lineterminator="\n")
+    cells = [r.cells() for r in rows]
+    assert write_jumps(rows, folder).read_text() == pd.DataFrame(cells, dtype=object).to_csv(
+        index=False, lineterminator="\n"
+    )

@@ -196,9 +196,3 @@ class SpringTest(Tested):
     """Force against displacement of the spring: stiffness, hysteresis, curvature, and the record with its line."""
 
     file = "spring.json"
-
-
-class Summary(Values):
-    """One experiment in a few numbers; null where unknown."""
-
-    file = files.SUMMARY

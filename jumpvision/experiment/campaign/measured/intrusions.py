@@ -94,8 +94,8 @@ def slow_intrusions(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[Slo
             continue
         summary, robot, bed = ran[e.name].summary, e.sections.get("robot"), e.sections.get("bed")
         radius, given = robot.foot_radius if robot else None, bed.volume_fraction if bed else None
-        packing = summary.get("volume_fraction") or given, summary.get("sigma_common_volume_fraction")
-        out.append(slow_intrusion(e.name, ran[e.name].results, radius, *packing))
+        phi = summary.volume_fraction
+        out.append(slow_intrusion(e.name, ran[e.name].results, radius, phi.value or given, phi.common))
     return out
 
 
