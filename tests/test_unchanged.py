@@ -111,7 +111,7 @@ def test_a_change_is_seen(place, monkeypatch, what, settled):
     change, computed = CHANGES[what]
     asked(place, monkeypatch)
     if settled:
-        monkeypatch.setattr(unchanged, "FRESH", -1e9)  # as if all had lain there for long
+        monkeypatch.setattr(storage, "FRESH", -1e9)  # as if all had lain there for long
         assert asked(place, monkeypatch)[1]
         assert asked(place, monkeypatch)[1]
     change(place.parent)
@@ -133,7 +133,7 @@ def test_an_edit_in_the_moment_of_the_run_is_seen_though_no_date_tells(place, mo
     note = next((place.parent / "results" / ".cache" / "notes").iterdir())
     noted = json.loads(note.read_text())[1]["files"][str(log)]
     monkeypatch.setattr(unchanged, "stamp", lambda f: tuple(noted[:-1]) if str(f) == str(log) else true(f))
-    monkeypatch.setattr(unchanged, "FRESH", 1e9)
+    monkeypatch.setattr(storage, "FRESH", 1e9)
     outcome, told = asked(place, monkeypatch)
     assert not told and outcome.computed
 
@@ -186,10 +186,10 @@ def test_entries_of_a_run_that_looked_into_nothing_count_as_used(place, monkeypa
     store = place.parent / "results" / ".cache"
     long_ago = time.time() - 40 * 86400
     monkeypatch.setattr(unchanged, "stamp", lambda f: storage.stamp(f)[:1])  # dates are set back here
-    monkeypatch.setattr(unchanged, "_fresh", lambda *_: False)
+    monkeypatch.setattr(unchanged, "settled", lambda *_: True)
     note = next((store / "notes").iterdir())
-    content = unchanged._read(note)
-    unchanged._write(note, {**content, "files": {f: [v[0], v[-1]] for f, v in content["files"].items()}})
+    content = storage.unsealed(note.read_text())
+    note.write_text(storage.sealed({**content, "files": {f: [v[0], v[-1]] for f, v in content["files"].items()}}))
     for f in store.glob("*/*/*"):
         os.utime(f, (long_ago,) * 2)
     os.utime(note, (long_ago,) * 2)
