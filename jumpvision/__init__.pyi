@@ -31,7 +31,7 @@ from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.results.tables import RodMotion
 from jumpvision.experiment.results.values import Fits
 from jumpvision.experiment.results.tables import Simulation
-from jumpvision.experiment.results.values import Summary
+from jumpvision.experiment.results.summary import Summary
 
 __version__: str
 __all__: list[str]

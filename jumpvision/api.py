@@ -107,7 +107,7 @@ def run(folder: Folder, *, results: PathLike | None = None, workers: int = 1, pi
     for o in done.outcomes:
         for text in o.warnings:
             warnings.warn(f"{o.name}: {text}", stacklevel=2)
-    return pd.DataFrame(done.rows)
+    return pd.DataFrame([r.cells() for r in done.rows])
 
 
 def questioned(folder: Folder, results: PathLike | None, workers: int | None) -> Diagnosis:

@@ -25,7 +25,6 @@ from jumpvision.cli import main
 from jumpvision.estimate.estimate import Estimate, independent
 from jumpvision.estimate.flight import Flights
 from jumpvision.estimate.mean import agreement
-from jumpvision.experiment.campaign.folder import JUMP_COLUMNS
 from jumpvision.experiment.campaign.measured.craters import Crater, zero_crossing
 from jumpvision.experiment.campaign.measured.intrusions import FITTED, Fitted, SlowIntrusion, bed_laws, intrusion_laws
 from jumpvision.experiment.init.measure import Picks, with_picks
@@ -44,6 +43,7 @@ from jumpvision.experiment.inputs.sections import (
     RodVideo,
 )
 from jumpvision.experiment.results.fields import Column, ColumnGeometry, Flow, FlowGeometry
+from jumpvision.experiment.results.summary import JUMP_COLUMNS
 from jumpvision.experiment.results.tables import RodMotion, Track
 from jumpvision.experiment.results.values import BedHeight, Fits
 from jumpvision.experiment.stages.bed.height import bed, packing_common

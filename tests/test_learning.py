@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import later
+from jumpvision.engine.noise.sources import of_stretches
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.engine.detect import Span, detect, directions
@@ -15,7 +16,6 @@ from jumpvision.engine.fitting import Problem
 from jumpvision.engine.noise import readings
 from jumpvision.engine.noise.learning import differences
 from jumpvision.engine.noise.noise import Noise, Stretch, powers
-from jumpvision.engine.noise.sources import of_stretches
 from jumpvision.engine.noise.whitening import axes, joined
 from jumpvision.engine.order import fit_baseline
 from jumpvision.engine.priors import Measured, known

@@ -258,8 +258,22 @@ def test_an_edit_changes_its_lines_and_no_other():
     kept = [line for line in TEXT.split("\n") if not any(w in line for w in ("scale =", "up =", "offset", "[clock]"))]
     assert [line for line in new.split("\n") if line in kept and line] == [line for line in kept if line]
     assert edited(new, {"rod_video": {"scale": (1e-3, "marks")}}, "f") == new  # twice is once
-    with pytest.raises(InputError, match=r"f: \[a\] cannot be edited line by line"):
-        edited("[a]\nb = [\n 1,\n]\n", {"a": {"b": ([2], "")}}, "f")
+    with pytest.raises(InputError, match=r"f: \[a\] cannot be edited"):
+        edited("a = 1\n", {"a": {"b": ([2], "")}}, "f")
+
+
+@pytest.mark.parametrize(
+    ("text", "new"),
+    [
+        ("[a]\nb = [\n 1,  # one\n]\nc = 3\n", "[a]\nb = [2]\nc = 3\n"),
+        ("a = { b = [1], c = 3 }  # all\n", "a = { b = [2], c = 3 }  # all\n"),
+        ("a.b = [1]\r\na.c = 3\r\n", "a.b = [2]\r\na.c = 3\r\n"),
+        ("# mine\n[a]\n  'b'=[1]   # why\n\n\n# end", "# mine\n[a]\n  'b'=[2]   # why\n\n\n# end"),
+    ],
+)
+def test_a_value_is_replaced_however_it_is_written(text, new):
+    assert edited(text, {"a": {"b": ([2], "")}}, "f") == new
+    assert edited(text, {"a": {"b": ([1], "again")}}, "f") == text  # nothing changes: not a byte
 
 
 def test_nothing_is_written_over_that_somebody_else_changed(tmp_path, served):

@@ -135,7 +135,6 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
     terminal.outcome(
         done.campaign,
         done.outcomes,
-        done.rows,
         done.plan.results,
         done.files,
         as_json=options.json,

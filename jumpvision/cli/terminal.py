@@ -227,7 +227,6 @@ def exploration(told: Round, folders: Sequence[Path], made: list[Path], as_json:
 def outcome(
     campaign: Campaign,
     outcomes: list[Outcome],
-    rows: Sequence[object],
     results: Path,
     made: list[Path],
     *,
@@ -245,7 +244,7 @@ def outcome(
                     "name": o.name,
                     "results": str(o.results),
                     "stages": [{"stage": s.stage, "state": s.state, "seconds": s.seconds} for s in o.steps],
-                    "summary": o.summary,
+                    "summary": o.summary.values if o.summary else {},
                     "warnings": o.warnings,
                     "errors": o.errors,
                     "not_run": o.not_run,

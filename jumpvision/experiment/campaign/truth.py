@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
     from jumpvision.engine.document.values import Cause, Confirmation, Parameter
     from jumpvision.experiment.results.fields import Flow
+    from jumpvision.experiment.results.summary import Summary
 
 INSIDE, OUTSIDE, ABSENT = "inside 95 %", "outside 95 %", "does not act"
 
@@ -35,9 +36,10 @@ class Quantity(NamedTuple):
     def word(self) -> str:
         return self.heading.split(" [")[0]
 
-    def of(self, summary: Mapping[str, float | None]) -> tuple[float | None, float | None]:
+    def of(self, summary: Summary) -> tuple[float | None, float | None]:
         """(value, standard uncertainty), None where unknown."""
-        return summary.get(self.key), summary.get(self.sigma) if self.sigma else None
+        known: Mapping[str, Any] = summary.values
+        return known.get(self.key), known.get(self.sigma) if self.sigma else None
 
 
 OVERVIEW = (
@@ -229,7 +231,7 @@ def coverage_words(campaign: Campaign, outcomes: Sequence[Outcome]) -> str:
 def overview(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, str]]:
     """One row an experiment: jump height, model and bed, with the truth beside them where the folder is synthetic."""
     truth = true_summaries(campaign, outcomes)
-    shown = [q for q in OVERVIEW if any(o.summary.get(q.key) is not None for o in outcomes)]
+    shown = [q for q in OVERVIEW if any(q.of(o.summary)[0] is not None for o in outcomes)]
     stated = {q for q in shown if any(q.key in t for t in truth.values())}
     rows = []
     for o in outcomes:
@@ -248,7 +250,7 @@ def details(campaign: Campaign, outcomes: Sequence[Outcome]) -> list[dict[str, s
     stated = any(truth.values())
     rows = []
     for o in outcomes:
-        for q in (q for q in DETAILS if o.summary.get(q.key) is not None):
+        for q in (q for q in DETAILS if q.of(o.summary)[0] is not None):
             row = {"experiment": o.name, "quantity": q.heading, "measured": measured(*q.of(o.summary), q.factor)}
             if stated:
                 row["true"] = plain_number(truth[o.name].get(q.key), q.factor)

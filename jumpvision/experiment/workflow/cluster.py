@@ -13,6 +13,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+import jumpvision
 from jumpvision.base.schema import InputError
 from jumpvision.base.storage import write_aside
 from jumpvision.experiment.inputs.experiment import Campaign
@@ -73,7 +74,7 @@ def _snakemake() -> str:
 
 def _pipelines() -> Path:
     """The folder of the Snakefile: in the installed package, or beside it in a checkout."""
-    here = Path(__file__).parents[2]
+    here = Path(jumpvision.__file__).parent
     return next(p for p in (here / "pipelines", here.parent / "pipelines") if p.is_dir())
 
 

@@ -20,7 +20,7 @@ from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import NotApplicable
-from jumpvision.experiment.results.values import Summary
+from jumpvision.experiment.results.summary import UNKNOWN, Summary
 
 from . import unchanged
 from .entries import versions
@@ -80,7 +80,7 @@ class Outcome:
     errors: list[str] = field(default_factory=list)
     not_run: list[str] = field(default_factory=list)  # stages without inputs, and why
     seconds: float = 0.0
-    summary: dict[str, Any] = field(default_factory=dict)
+    summary: Summary = UNKNOWN
     notes: list[str] = field(default_factory=list)  # on files of earlier runs that had to stay
     undrawn: bool = False  # its pictures are left for later
 
@@ -146,7 +146,7 @@ def run_experiment(
     already = {s.stage: s for s in before.steps} if before else {}
     outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
     if Summary in workspace.made:
-        outcome.summary = workspace.made[Summary].values
+        outcome.summary = workspace.made[Summary]
     try:
         outcome.notes = settle(workspace, plan.command)
     except (OSError, InputError) as e:
@@ -165,7 +165,8 @@ def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Ou
         return None
     as_now = {"state": "cached", "seconds": 0.0}
     steps = [Step(**{**s, **as_now, "versions": _shared(s["versions"])}) for s in told["steps"]]
-    known = Outcome(experiment.name, results, steps, not_run=told["not_run"], summary=told["summary"])
+    summary = Summary.of(told["summary"]) if told["summary"] else UNKNOWN
+    known = Outcome(experiment.name, results, steps, not_run=told["not_run"], summary=summary)
     return None if plan.fresh and known.older else known
 
 
@@ -179,7 +180,8 @@ VERSIONS: dict[tuple[tuple[str, str], ...], Mapping[str, str]] = {}
 
 def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
     """For `_as_noted`. A note that cannot be written is none: the run has done its work."""
-    told = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": outcome.summary})
+    summary = outcome.summary.values if outcome.summary else {}
+    told = plain({"steps": [asdict(s) for s in outcome.steps], "not_run": outcome.not_run, "summary": summary})
     with contextlib.suppress(OSError, InputError):
         unchanged.note(workspace, key, told)
 

@@ -26,13 +26,12 @@ from jumpvision.base.storage import (
     ChangedFile,
     Stamp,
     copy_aside,
+    recall,
     recording_files,
-    sealed,
+    remember,
     settled,
     sha256,
     stamp,
-    unsealed,
-    write_aside,
 )
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.sections import MissingKey, NotApplicable, Section
@@ -389,16 +388,15 @@ class Workspace:
 
     def _hash_file(self, path: Path) -> tuple[str, Stamp]:
         """SHA-256 of a file, remembered while its stamp stays, and the stamp."""
-        memo = self.cache / HASHES / (hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:24] + ".json")
         at = stamp(path)
         if path in self._hashes and self._hashes[path][1] == at:
             return self._hashes[path]
         if not self.verify:
             try:
-                known = unsealed(memo.read_text(encoding="utf-8"))
-                if known["file"] == str(path.absolute()) and tuple(known["stamp"]) == at:
+                known = recall(self.cache, HASHES, path)
+                if tuple(known["stamp"]) == at:
                     return str(known["sha256"]), at
-            except (OSError, ValueError, KeyError, TypeError):
+            except (OSError, ValueError):
                 pass
         for _ in range(ATTEMPTS):
             digest, before = sha256(path), at
@@ -407,8 +405,8 @@ class Workspace:
                 break
         else:
             raise InputError([f"{path}: changes while it is read; run again when it is whole"])
-        if settled(at):
+        if settled(at, time.time()):
             entries.mark(self.cache)
-            write_aside(memo, sealed({"file": str(path.absolute()), "stamp": at, "sha256": digest}))
+            remember(self.cache, HASHES, path, {"stamp": at, "sha256": digest})
         self._hashes[path] = digest, at
         return digest, at

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.arrays import measured
+from jumpvision.base.arrays import Array, measured
 from jumpvision.estimate.crater import ZeroCrossing
 from jumpvision.experiment.campaign.measured.craters import Crater
 from jumpvision.experiment.inputs.sections import CraterDepth, CraterImage, Fan, NotApplicable
-from jumpvision.experiment.results.values import CraterShape, CraterValues, Geometry
+from jumpvision.experiment.results.values import Column, CraterShape, CraterValues, Geometry
 from jumpvision.experiment.stages.bed.crater import read_map
 from jumpvision.experiment.stages.recordings import open_pictures
 from jumpvision.experiment.workflow.stage import stage
@@ -28,7 +28,7 @@ class AirPicture(Picture):
 @stage(version=2, picture=True)
 def air_picture(geometry: Geometry, fan: Fan | None) -> AirPicture:
     """Pressure against air speed: Ergun, Wu, the bed's weight, and where it is given the fan's curve and its place."""
-    flow, height = geometry.checked["fluidisation"], geometry.checked["bed_height_m"]
+    flow, height = geometry.values["fluidisation"], geometry.values["bed_height_m"]
     weight = flow["bed_weight_Pa"] if flow else None
     if flow is None or height is None or weight is None:
         raise NotApplicable(["air_picture needs [bed] grain_diameter, a volume fraction and the bed's height"])
@@ -65,7 +65,7 @@ class CraterPicture(Picture):
 @stage(version=2, picture=True)
 def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterDepth | None) -> CraterPicture:
     """What was measured, and the profile about the axis."""
-    v = crater.shape
+    v = crater.values
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.4), layout="constrained")
         left, right = figure.subplots(1, 2, width_ratios=(1, 1.5))
@@ -81,7 +81,7 @@ def crater_picture(crater: CraterShape, line: CraterImage | None, depth: CraterD
         return CraterPicture(png(figure))
 
 
-def as_floats(values: list[Any]) -> Any:
+def as_floats(values: Column) -> Array:
     """A list of numbers and None as an array with NaN."""
     return np.array(values, float)
 

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.arrays import measured
+from jumpvision.base.arrays import Array, measured
 from jumpvision.estimate.estimate import Estimate, finite
 from jumpvision.estimate.robot import Bandwidth
 from jumpvision.experiment.campaign.measured.actuator import Driven
 from jumpvision.experiment.campaign.measured.intrusions import IntrusionLaws, SlowIntrusion
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplicable
-from jumpvision.experiment.results.values import Fits, Intrusion, SpringTest
+from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion, IntrusionEvent, SpringTest
 from jumpvision.experiment.stages.rod import commanded, read_motor
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
@@ -36,12 +36,12 @@ def intrusion_picture(intrusion: Intrusion) -> IntrusionPicture:
 def single(intrusion: Intrusion, Figure: Any) -> Any:
     """Force against depth with the fitted curve and the cone; what is left over; overshoot against depth."""
     v, fits = intrusion.values, intrusion.fits
-    p = {k: np.array(a) for k, a in v["profile"].items()}
-    z = p["depth_m"] * 1e3
+    p = v["profile"]
+    z, force, fitted = np.array(p["depth_m"]) * 1e3, np.array(p["force_N"]), np.array(p["fitted_N"])
     figure = Figure(figsize=(9.6, 3.6), layout="constrained")
     left, middle, right = figure.subplots(1, 3, width_ratios=(1.5, 1, 1))
-    left.plot(z, p["force_N"], ".", ms=3, color=MEASURED, label="measured")
-    left.plot(z, p["fitted_N"], color=MODEL, label="fit")
+    left.plot(z, force, ".", ms=3, color=MEASURED, label="measured")
+    left.plot(z, fitted, color=MODEL, label="fit")
     if v["events"]:
         left.plot(z, p["first_N"], color=MODEL, lw=0.8, ls="--", label="without events")
     if v["cone"]:
@@ -53,29 +53,29 @@ def single(intrusion: Intrusion, Figure: Any) -> Any:
         left.set_title(f"one slope suffices (p = {v['p_one_slope']:.2g})")
     left.set(xlabel="depth below the surface [mm]", ylabel="force [N]")
     left.legend()
-    middle.plot(z, p["force_N"] - p["fitted_N"], color=MEASURED, lw=0.8)
+    middle.plot(z, force - fitted, color=MEASURED, lw=0.8)
     middle.set(title="measured − fit", xlabel="depth below the surface [mm]", ylabel="difference [N]")
     draw_events(right, v["events"], fits)
     return figure
 
 
-def draw_cone(axis: Any, z: Any, cone: Any) -> None:
+def draw_cone(axis: Any, z: Array, cone: ConeValues) -> None:
     """The fitted cone against depth [mm], and its flat face and mantle apart (thesis Fig 55)."""
     axis.plot(z, cone["force_N"], color=GREEN, lw=1.0, ls=":", label="RFT cone, fitted")
-    for part, ls in (("flat", "--"), ("mantle", "-.")):
-        axis.plot(z, cone[f"{part}_N"], color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
+    for part, force, ls in (("flat", cone["flat_N"], "--"), ("mantle", cone["mantle_N"], "-.")):
+        axis.plot(z, force, color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
     if cone["complete_depth_m"] * 1e3 < np.max(z):
         axis.axvline(cone["complete_depth_m"] * 1e3, color=GREEN, lw=0.6, ls=":", label="cone complete")
 
 
-def draw_events(axis: Any, events: list[Any], fits: Fits) -> None:
+def draw_events(axis: Any, events: Sequence[IntrusionEvent], fits: Fits) -> None:
     """Overshoot against depth, with the proportional law of each kind."""
     for kind, name, color, mark in (("reintrusion", "s", MEASURED, "o"), ("stop_go", "s_p", ACCENT, "s")):
         mine = [e for e in events if e["kind"] == kind]
         if not mine:
             continue
         z = np.array([e["depth_m"] for e in mine]) * 1e3
-        o, sigma = (np.array([e[k] for e in mine]) for k in ("overshoot_N", "sigma_N"))
+        o, sigma = np.array([(e["overshoot_N"], e["sigma_N"]) for e in mine]).T
         axis.errorbar(z, o, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=kind.replace("_", "-"))
         if s := fits.known(name):
             law = rf"${name} z$"
@@ -155,19 +155,20 @@ class SpringPicture(Picture):
 @stage(version=2, picture=True)
 def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
     """Loading and unloading apart; the two lines of a loop; turning points, which are left out, in grey."""
-    p = {k: np.array(a, float) for k, a in spring.values["profile"].items()}
-    x, left = p["displacement_m"] * 1e3, p["force_N"] - p["fitted_N"]
+    p = spring.values["profile"]
+    x, force, fitted = np.array(p["displacement_m"]) * 1e3, np.array(p["force_N"]), np.array(p["fitted_N"])
+    left, direction = force - fitted, np.array(p["direction"])
     with styled() as Figure:
         figure = Figure(figsize=(8.6, 3.4), layout="constrained")
         whole, rest = figure.subplots(1, 2, width_ratios=(1.3, 1))
-        turning = p["direction"] == 0
-        whole.plot(x[turning], p["force_N"][turning], ".", ms=3, color=QUIET, label="turning points, left out")
+        turning = direction == 0
+        whole.plot(x[turning], force[turning], ".", ms=3, color=QUIET, label="turning points, left out")
         for sign, label, color in ((1, "growing displacement", MEASURED), (-1, "falling displacement", MODEL)):
-            mine = p["direction"] == sign
+            mine = direction == sign
             if mine.any():
                 order = np.flatnonzero(mine)[np.argsort(x[mine])]
-                whole.plot(x[mine], p["force_N"][mine], ".", ms=4, color=color, label=label)
-                whole.plot(x[order], p["fitted_N"][order], color=color, lw=0.8)
+                whole.plot(x[mine], force[mine], ".", ms=4, color=color, label=label)
+                whole.plot(x[order], fitted[order], color=color, lw=0.8)
                 rest.plot(x[mine], left[mine], ".", ms=4, color=color)
         rest.axhline(0.0, color=QUIET, lw=0.8)
         whole.legend()

@@ -149,17 +149,17 @@ def intrusion_chart(results: Path) -> Chart | None:
     intrusion = Intrusion.load(results)
     v, profile = intrusion.values, intrusion.values["profile"]
     every = -(-len(profile["depth_m"]) // MOST)
-    p = {k: np.array(a, float)[::every] for k, a in profile.items() if k in ("depth_m", "force_N", "fitted_N")}
-    z = p["depth_m"] * 1e3
+    z, force, fitted = (np.array(profile[k], float)[::every] for k in ("depth_m", "force_N", "fitted_N"))
+    z = z * 1e3
     shown = [
-        series("measured", "measured", z, p["force_N"], size=2),
-        series("fit", "model", z, p["fitted_N"], kind="line"),
+        series("measured", "measured", z, force, size=2),
+        series("fit", "model", z, fitted, kind="line"),
     ]
     if v["cone"]:
         shown.append(series("RFT cone", "green", z, np.array(v["cone"]["force_N"])[::every], kind="line", dash=True))
     delta = intrusion.fits.known("delta")
     rules: list[Rule] = [{"x": delta.value * 1e3}] if delta else []
-    depth, left = axis("depth below the surface", "mm"), p["force_N"] - p["fitted_N"]
+    depth, left = axis("depth below the surface", "mm"), force - fitted
     panels = [
         panel("force against depth", depth, axis("force", "N", zero=True), shown, rules=rules),
         panel(

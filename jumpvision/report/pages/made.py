@@ -21,12 +21,13 @@ from .page import MADE_FROM
 
 if TYPE_CHECKING:
     from jumpvision.engine.document.diagnosis import Diagnosis
+    from jumpvision.experiment.results.summary import JumpRow
 
 
 def write_report(
     campaign: Campaign,
     outcomes: list[Outcome],
-    rows: list[dict[str, Any]],
+    rows: list[JumpRow],
     results: Path,
     *,
     single: bool,
@@ -45,7 +46,8 @@ def write_report(
     if single:
         return outcomes[0].results / files.REPORT
     true = [dict(truth_of(campaign.path)), coverage_words(campaign, outcomes)]
-    key = digest_of([*keys, json.dumps(plain([rows, diagnosis and diagnosis.values, dict(campaign.excluded), true]))])
+    shown = [[r.cells() for r in rows], diagnosis and diagnosis.values, dict(campaign.excluded), true]
+    key = digest_of([*keys, json.dumps(plain(shown))])
     if not made_from(results / files.REPORT, key):
         from .page import write_campaign
 

@@ -27,6 +27,7 @@ from jumpvision.experiment.campaign.truth import (
     true_parameters,
 )
 from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
@@ -65,7 +66,7 @@ MADE_FROM = '<meta name="made-from" content="{}">'  # at the head of a page: the
 def write_campaign(
     campaign: Campaign,
     outcomes: list[Outcome],
-    rows: list[dict[str, Any]],
+    rows: list[JumpRow],
     results: Path,
     diagnosis: Diagnosis | None,
     key: str,

@@ -151,7 +151,7 @@ def problem(o: Outcome) -> str:
     """Why an experiment cannot be compared; "" when it can."""
     if o.errors:
         return o.errors[0]
-    if o.summary.get("jump_height_m") is None or o.summary.get("sigma_m") is None:
+    if None in o.summary.jump_height:
         return "no measured jump height: " + ("; ".join(o.not_run) or "its track does not give one")
     return ""
 
@@ -174,8 +174,7 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
     if log is not None:  # smoothed by its encoder's step: twice that shows what smoothing does, 0 where the law drives
         coarse = dataclasses.replace(p, encoder_step=2.0 * p.encoder_step)
         steps["motor_log of " + ", ".join(f"{x:g}" for x in law_of(e).values())] = height(robot, spec, coarse) - model
-    seen, sigma, common = (o.summary[k] for k in ("jump_height_m", "sigma_m", "sigma_common_m"))
-    return Jump(e, seen, sigma, common, shared_of(e).apparatus, model, steps)
+    return Jump(e, *o.summary.jump_height.numbers, shared_of(e).apparatus, model, steps)
 
 
 Version = tuple[Robot, ModelSpec]

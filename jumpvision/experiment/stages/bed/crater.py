@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 import zipfile
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from jumpvision.base.schema import Doubt
 from jumpvision.estimate.crater import Crater, line_crater
 from jumpvision.estimate.crater_map import map_crater
 from jumpvision.experiment.inputs.sections import Bed, Calibration, CraterDepth, CraterImage, need
-from jumpvision.experiment.results.values import BedHeight, CraterShape
+from jumpvision.experiment.results.values import BedHeight, CraterShape, CraterValues, LaserLine
 from jumpvision.experiment.stages.recordings import open_pictures, view_of
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.films.frames import open_frames
@@ -43,37 +42,29 @@ def crater(
         raise ValueError(f"{(depth or line).path}: {found.reason}")  # type: ignore[union-attr]
     phi, phi_sigma = packing(section, bed)
     common = share * abs(found.volume)
-    return CraterShape(
-        {
-            "volume_m3": found.volume,
-            "sigma_m3": math.hypot(found.sigma, common),
-            "sigma_common_m3": common,
-            "noise_sigma_m3": found.noise_sigma,
-            "half_difference_m3": found.half_difference,
-            "depth_m": found.depth,
-            "rim_height_m": found.rim_height,
-            "radius_m": found.radius,
-            "axis_m": found.axis,
-            "volume_fraction": phi,
-            "sigma_volume_fraction": phi_sigma,
-            "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
-            "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma},
-            **({} if seen is None else {"line": seen._asdict()}),
-        }
-    )
-
-
-class SeenLine(NamedTuple):
-    """Where the laser line was seen, arrays over the columns [px], under the names of the file."""
-
-    column_px: Array
-    row_px: Array
-    sigma_px: Array
+    out: CraterValues = {
+        "volume_m3": found.volume,
+        "sigma_m3": math.hypot(found.sigma, common),
+        "sigma_common_m3": common,
+        "noise_sigma_m3": found.noise_sigma,
+        "half_difference_m3": found.half_difference,
+        "depth_m": found.depth,
+        "rim_height_m": found.rim_height,
+        "radius_m": found.radius,
+        "axis_m": found.axis,
+        "volume_fraction": phi,
+        "sigma_volume_fraction": phi_sigma,
+        "sigma_common_volume_fraction": None if phi is None else phi * packing_common(section, bed),
+        "profile": {"r_m": found.r, "height_m": found.height, "sigma_m": found.height_sigma},
+    }
+    if seen is not None:
+        out["line"] = seen
+    return CraterShape(out)
 
 
 def from_line(
     section: CraterImage, calibration: Calibration | None, p: CraterParams
-) -> tuple[Crater, float, SeenLine | None]:
+) -> tuple[Crater, float, LaserLine | None]:
     """The crater along the laser line, the relative uncertainty of its volume that others share, and where the line
     was seen. The one scale gives height and radius."""
     with open_pictures(section) as frames:
@@ -98,7 +89,7 @@ def from_line(
     found = line_crater(
         even, np.interp(even, x, height), np.interp(even, x, seen.sigma * view.scale * rise), axis=axis, radius=p.radius
     )
-    return found, 3.0 * view.scale_share, SeenLine(seen.column, seen.row, seen.sigma)
+    return found, 3.0 * view.scale_share, {"column_px": seen.column, "row_px": seen.row, "sigma_px": seen.sigma}
 
 
 def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None]:

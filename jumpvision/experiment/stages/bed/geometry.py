@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy
@@ -15,7 +15,7 @@ from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.model import ModelSpec
 from jumpvision.experiment.inputs.parameters import GeometryParams
 from jumpvision.experiment.inputs.sections import Actuation, Bed, Fan, NotApplicable, Preparation, Robot
-from jumpvision.experiment.results.values import BedHeight, Fluidisation, Geometry, GeometryValues
+from jumpvision.experiment.results.values import BedHeight, Checked, Fluidisation, Geometry, GeometryValues
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.jumper.mechanisms.ground import linear_penetration, two_resistance
 from jumpvision.jumper.physics import air
@@ -56,7 +56,7 @@ def geometry(
             warnings.warn(f"{f.check}: {f.text}", StageWarning, stacklevel=2)
     return Geometry(
         {
-            "findings": [dataclasses.asdict(f) for f in findings],
+            "findings": [cast(Checked, dataclasses.asdict(f)) for f in findings],
             "bed_height_m": height,
             "volume_fraction": phi,
             "fluidisation": flow,
@@ -167,4 +167,4 @@ def check_geometry(experiment: Experiment) -> tuple[GeometryValues | None, list[
             found = geometry(*given, None, p=parameters)
         except NotApplicable:
             return None, []
-    return found.checked, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]
+    return found.values, [str(w.message) for w in caught if issubclass(w.category, StageWarning)]

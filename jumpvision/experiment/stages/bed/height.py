@@ -5,13 +5,12 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from math import hypot
-from typing import Any
 
 import numpy as np
 
 from jumpvision.base.arrays import Array
 from jumpvision.experiment.inputs.sections import Bed, BedImage, Calibration, need
-from jumpvision.experiment.results.values import BedHeight
+from jumpvision.experiment.results.values import BedHeight, BedValues
 from jumpvision.experiment.stages.recordings import open_pictures, other_lens, view_of
 from jumpvision.experiment.workflow.stage import StageWarning, stage
 from jumpvision.films.parameters import BedParams
@@ -52,7 +51,7 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
     off = [hypot(view.scale_share * f.height, lens) for f, lens in zip(found, by_lens(found, other))]
     off_change = [view.scale_share * abs(c) for c, _ in change]
     off_packing = [fraction_common(f[0], h, o, section, p) for f, (h, _), o in zip(packings, heights, off)]
-    out: dict[str, Any] = {
+    out: BedValues = {
         "height_m": best.height,
         "sigma_m": hypot(best.sigma, off[chosen]),
         "sigma_common_m": off[chosen],

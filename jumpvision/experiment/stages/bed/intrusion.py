@@ -27,7 +27,7 @@ from jumpvision.estimate.strokes import deep_ripple, fresh_samples, proportional
 from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.parameters import IntrusionParams
 from jumpvision.experiment.inputs.sections import IntrusionLog, Robot
-from jumpvision.experiment.results.values import Fits, Intrusion
+from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.jumper.mechanisms.cone import cone_volume, flat_volume
 
@@ -92,7 +92,7 @@ class Curves:
         """The likelier of the two, which tells the overshoots."""
         return self.cone if self.cone and self.cone.drawn.log > self.slopes.drawn.log else self.slopes
 
-    def cone_entry(self, theta: float, radius: float | None) -> dict[str, object] | None:
+    def cone_entry(self, theta: float, radius: float | None) -> ConeValues | None:
         """The fitted cone over the bins, in its parts, and its parameters."""
         if self.cone is None or radius is None:
             return None

@@ -54,15 +54,12 @@ def prepared(given: Measured) -> list[Prepared]:
     outcomes = run_campaign(campaign, plan, workers=given.workers, done=lambda o: say(f"{o.name}: {o.seconds:.1f} s"))
     out = []
     for e, o in zip(campaign.experiments, outcomes):
-        how, phi = e.section(Preparation), o.summary.get("volume_fraction")
+        how, (phi, sigma, common) = e.section(Preparation), o.summary.volume_fraction
         if how is None or phi is None:
             why = "no [preparation]" if how is None else o.errors[0] if o.errors else "no volume fraction"
             say(f"{e.name}: left out: {why}")
             continue
-        own, common = (
-            float(o.summary.get(n) or 0.0) for n in ("sigma_volume_fraction", "sigma_common_volume_fraction")
-        )
-        out.append(Prepared(e.name, how, float(phi), own, common))
+        out.append(Prepared(e.name, how, phi, sigma or 0.0, common or 0.0))
     if not out:
         raise InputError([f"{campaign.path}: no experiment has [preparation] pulses and a volume fraction"])
     return out
