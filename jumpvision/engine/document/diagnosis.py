@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
@@ -38,8 +39,10 @@ from .values import (
     Priors,
     Runs,
     Selection,
+    Status,
     Trace,
     Unexplained,
+    Verdict,
     WithoutFilms,
 )
 
@@ -66,14 +69,14 @@ class Diagnosis(Record):
     file = FILE
 
     schema: int = 2
-    verdict: str
+    verdict: Verdict
     p_value: float
     baseline: Baseline
     where: tuple[Cell, ...]
     heights: tuple[Height, ...]
     causes: tuple[Cause, ...]
     named: tuple[str, ...]
-    status: str
+    status: Status
     left_over: LeftOver | None
     detectable: tuple[Detectable, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
@@ -101,7 +104,7 @@ class Diagnosis(Record):
 
     @property
     def adequate(self) -> bool:
-        return self.verdict == "adequate"
+        return self.verdict == Verdict.ADEQUATE
 
     @property
     def models(self) -> tuple[Cause, ...]:
@@ -234,7 +237,7 @@ def _json(value: Any) -> Any:
         return {k: _json(v) for k, (f, v) in known.items() if v is not None or not f.metadata.get("optional")}
     if isinstance(value, Mapping):
         return {k: _json(v) for k, v in value.items()}
-    return [_json(v) for v in value] if isinstance(value, tuple) else value
+    return [_json(v) for v in value] if isinstance(value, tuple) else str(value) if isinstance(value, str) else value
 
 
 def _read(kind: Any, value: Any) -> Any:
@@ -246,6 +249,8 @@ def _read(kind: Any, value: Any) -> Any:
         types = get_type_hints(kind)
         given = {f.name: _key(f) for f in fields(kind) if _key(f) in value or not f.metadata.get("optional")}
         return kind(**{name: _read(types[name], value[key]) for name, key in given.items()})  # type: ignore[operator]
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return kind(value)
     if get_origin(kind) is tuple:
         return tuple(_read(inner[0], v) for v in value)
     if get_origin(kind) is Mapping:
