@@ -13,7 +13,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 VERBS = ("open", "run", "diagnose", "sweep", "plan", "ringdown", "triangulate")
-TYPES = ("Recording", "Study", "Parameter", "Mechanism", "Channel")  # what diagnose takes of a user's own simulator
+TYPES = ("Recording", "Study", "Parameter", "Mechanism", "Channel", "Measured")  # of a user's own simulator
 HOMES = {"diagnose": "api_study", **dict.fromkeys(TYPES, "engine")}  # modules of those that are not in `api`
 
 

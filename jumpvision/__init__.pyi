@@ -15,6 +15,7 @@ from jumpvision.engine.study.study import Study as Study
 from jumpvision.engine.study.study import Parameter as Parameter
 from jumpvision.engine.study.study import Mechanism as Mechanism
 from jumpvision.engine.study.study import Channel as Channel
+from jumpvision.engine.priors import Measured as Measured
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.results.values import Geometry

@@ -118,11 +118,8 @@ class Diagnosis(Record):
     @property
     def could_hide(self) -> str:
         """Strengths up to which mechanisms that are not named would not have shown with 90 % power; "" where none."""
-        known = [d for d in self.detectable if math.isfinite(d.value)]
-        said = ", ".join(
-            f"{d.mechanism} {d.parameter} = {strength(d.value)}{'' if d.unit == '1' else ' ' + d.unit}" for d in known
-        )
-        return f"Would have shown with 90 % power from: {said}." if known else ""
+        said = ", ".join(f"{d.mechanism} {at}" for d in self.detectable if (at := hidden_up_to(d)))
+        return f"Would have shown with 90 % power from: {said}." if said else ""
 
     def names(self, cause: Cause) -> bool:
         """Whether this is the model that the diagnosis names."""
@@ -172,7 +169,9 @@ class Diagnosis(Record):
         tried = next((c for c in self.causes if c.mechanism == mechanism), None)
         twins = next((t for t in self.indistinguishable if mechanism in t), ())
         if self.adequate:
-            return f"{what}: not asked for; the simulation agrees with the recordings (p = {self.p_value:.2g})."
+            shown = next((hidden_up_to(d) for d in self.detectable if d.mechanism == mechanism), "")
+            agrees = f"{what}: not asked for; the simulation agrees with the recordings (p = {self.p_value:.2g})"
+            return agrees + (f"; it would have shown with 90 % power from {shown}." if shown else ".")
         if tried is None:
             known = ", ".join(c.mechanism for c in self.causes)
             return f"{what}: no model with it has a probability worth telling; told are {known or 'none'}."
@@ -256,6 +255,12 @@ def _read(kind: Any, value: Any) -> Any:
     if get_origin(kind) is Mapping:
         return {k: _read(inner[1], v) for k, v in value.items()}
     return _read(inner[0], value) if inner else value
+
+
+def hidden_up_to(d: Detectable) -> str:
+    """The parameter and the value from which it would have shown; "" where none in its range would."""
+    unit = "" if d.unit == "1" else f" {d.unit}"
+    return f"{d.parameter} = {strength(d.value)}{unit}" if math.isfinite(d.value) else ""
 
 
 def strength(value: float) -> str:

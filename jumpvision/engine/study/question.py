@@ -9,7 +9,8 @@ import numpy as np
 from jumpvision.base.schema import InputError
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import document
-from jumpvision.engine.fitting import Problem
+from jumpvision.engine.document.measured import motions_alone
+from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 
 from .learn import learn_readings
@@ -36,7 +37,8 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     try:
         system = studied(study, recordings, runs)
         found, stopped = _asked(system, how)
-        data = document(found, StudySpeaker(system), stopped)
+        alone = _alone(found, system)
+        data = document(found, StudySpeaker(system, alone), stopped)
         object.__setattr__(data, "traces", traces(found, system))
         return data
     finally:
@@ -52,17 +54,30 @@ def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studie
         raise runs.count.failures[0]
     if not any(c.process for c in study.channels):
         return system
-    base = fit_baseline(Problem(system, readings.noise, system.scatter_sigma), np.random.default_rng(SEED))
+    base = fit_baseline(problem_of(system), np.random.default_rng(SEED))
     return Studied(study, recordings, with_walks(system, base), runs)
+
+
+def _alone(found: Findings, system: Studied) -> Fit | None:
+    """The model that is told, without what else was measured; None where that was not asked for, or no run is left."""
+    if not system.study.measured:
+        return None
+    try:
+        return motions_alone(found.named_fit, problem_of(system))
+    except BudgetUsed:
+        return None
+
+
+def problem_of(system: Studied) -> Problem:
+    """A study with the noise of its channels and what else was measured."""
+    return Problem(system, system.readings.noise, system.scatter_sigma, system.study.measured)
 
 
 def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     """(what is found, why it is not all there could be; "" where it is)."""
-    problem = Problem(system, system.readings.noise, system.scatter_sigma)
     reached: list[Findings] = []
-    order = Order(
-        problem, np.random.default_rng(SEED), by=("kind",), say=how.progress or silent, reached=reached.append
-    )
+    rng, say = np.random.default_rng(SEED), how.progress or silent
+    order = Order(problem_of(system), rng, by=("kind",), say=say, reached=reached.append)
     try:
         return order.all(), ""
     except BudgetUsed as e:

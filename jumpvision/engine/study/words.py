@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, interval
+from jumpvision.engine.document.measured import confirmations
 from jumpvision.engine.document.sentence import Words
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
@@ -21,9 +22,11 @@ SEVERAL = "noise"  # the unit of several channels: each in its own
 
 @dataclass(frozen=True)
 class StudySpeaker:
-    """A study as the document has it; keys that end in _m are in `unit`."""
+    """A study as the document has it; keys that end in _m are in `unit`. alone: the model that is told, fitted without
+    what was measured beside the recordings; None where nothing was."""
 
     system: Studied
+    alone: Fit | None = None
     heights: ClassVar[bool] = False
 
     def model(self, fit: Fit) -> record.Model:
@@ -39,11 +42,22 @@ class StudySpeaker:
     def own(self, d: Findings) -> Mapping[str, Any]:
         count, channels = self.system.runs.count, self.system.study.channels
         return {
+            **self._measured(),
             "unit": channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
             "fitted": intervals(d.best, [p.name for p in d.best.parameters]),
             "lacks": {name: m.lacks for name, m in self.system.mechanisms.items()},
             "runs": record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
         }
+
+    def _measured(self) -> Mapping[str, Any]:
+        """What the recordings alone say of what else was measured."""
+        if (alone := self.alone) is None:
+            return {}
+        units = {p.name: (p.start, p.unit or "1") for p in alone.parameters}
+        rows = confirmations(alone, self.system.study.measured, units)
+        apart = any(r.contradicts for r in rows)
+        without = record.WithoutFilms(alone.named, alone.chi2) if apart else None
+        return {"confirmation": tuple(rows), "without_films": without}
 
     def words(self, data: Diagnosis) -> Words:
         lacks = data.lacks or {}
