@@ -31,6 +31,7 @@ TYPES = {  # what diagnose takes of a user's own simulator
     "Parameter": "engine",
     "Mechanism": "engine",
     "Channel": "engine",
+    "Measured": "engine",
 }
 OF_ARRAYS = {  # stages that have a function of arrays, which needs no folder
     "track": "films.arrays.track.track",

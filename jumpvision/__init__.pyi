@@ -16,6 +16,7 @@ from .engine import Study as Study
 from .engine import Parameter as Parameter
 from .engine import Mechanism as Mechanism
 from .engine import Channel as Channel
+from .engine import Measured as Measured
 from jumpvision.experiment.results.values import BedHeight
 from jumpvision.experiment.results.values import CraterShape
 from jumpvision.experiment.results.values import Geometry

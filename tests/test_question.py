@@ -17,7 +17,7 @@ from jumpvision.base.record import RecordError
 from jumpvision.cli import main
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Height, LeftOver, Unexplained
-from jumpvision.experiment.campaign.document import sentence
+from jumpvision.jumper.question.words import sentence
 
 
 def test_too_little_to_ask_is_said(tmp_path, capsys):

@@ -46,7 +46,7 @@ import json, sys
 from types import SimpleNamespace as Some
 import numpy as np
 import jumpvision.jumper.mechanisms.registry as registry
-from jumpvision.experiment.campaign.document import sentence
+from jumpvision.jumper.question.words import sentence
 from jumpvision.jumper.question.jumper import candidates
 from jumpvision.experiment.inputs.model import model_of
 from jumpvision.jumper.physics.energy import energy_ledger

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .document.diagnosis import Diagnosis as Diagnosis
+    from .priors import Measured as Measured
     from .study.processes import How as How
     from .study.question import diagnose as diagnose
     from .study.study import Channel as Channel
@@ -23,6 +24,7 @@ PUBLIC = {
     "How": "study.processes",
     "diagnose": "study.question",
     "Diagnosis": "document.diagnosis",
+    "Measured": "priors",
     "System": "system",
 }
 

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
@@ -38,8 +39,10 @@ from .values import (
     Priors,
     Runs,
     Selection,
+    Status,
     Trace,
     Unexplained,
+    Verdict,
     WithoutFilms,
 )
 
@@ -66,14 +69,14 @@ class Diagnosis(Record):
     file = FILE
 
     schema: int = 2
-    verdict: str
+    verdict: Verdict
     p_value: float
     baseline: Baseline
     where: tuple[Cell, ...]
     heights: tuple[Height, ...]
     causes: tuple[Cause, ...]
     named: tuple[str, ...]
-    status: str
+    status: Status
     left_over: LeftOver | None
     detectable: tuple[Detectable, ...]
     indistinguishable: tuple[tuple[str, ...], ...]
@@ -101,7 +104,7 @@ class Diagnosis(Record):
 
     @property
     def adequate(self) -> bool:
-        return self.verdict == "adequate"
+        return self.verdict == Verdict.ADEQUATE
 
     @property
     def models(self) -> tuple[Cause, ...]:
@@ -115,11 +118,8 @@ class Diagnosis(Record):
     @property
     def could_hide(self) -> str:
         """Strengths up to which mechanisms that are not named would not have shown with 90 % power; "" where none."""
-        known = [d for d in self.detectable if math.isfinite(d.value)]
-        said = ", ".join(
-            f"{d.mechanism} {d.parameter} = {strength(d.value)}{'' if d.unit == '1' else ' ' + d.unit}" for d in known
-        )
-        return f"Would have shown with 90 % power from: {said}." if known else ""
+        said = ", ".join(f"{d.mechanism} {at}" for d in self.detectable if (at := hidden_up_to(d)))
+        return f"Would have shown with 90 % power from: {said}." if said else ""
 
     def names(self, cause: Cause) -> bool:
         """Whether this is the model that the diagnosis names."""
@@ -169,7 +169,9 @@ class Diagnosis(Record):
         tried = next((c for c in self.causes if c.mechanism == mechanism), None)
         twins = next((t for t in self.indistinguishable if mechanism in t), ())
         if self.adequate:
-            return f"{what}: not asked for; the simulation agrees with the recordings (p = {self.p_value:.2g})."
+            shown = next((hidden_up_to(d) for d in self.detectable if d.mechanism == mechanism), "")
+            agrees = f"{what}: not asked for; the simulation agrees with the recordings (p = {self.p_value:.2g})"
+            return agrees + (f"; it would have shown with 90 % power from {shown}." if shown else ".")
         if tried is None:
             known = ", ".join(c.mechanism for c in self.causes)
             return f"{what}: no model with it has a probability worth telling; told are {known or 'none'}."
@@ -234,7 +236,7 @@ def _json(value: Any) -> Any:
         return {k: _json(v) for k, (f, v) in known.items() if v is not None or not f.metadata.get("optional")}
     if isinstance(value, Mapping):
         return {k: _json(v) for k, v in value.items()}
-    return [_json(v) for v in value] if isinstance(value, tuple) else value
+    return [_json(v) for v in value] if isinstance(value, tuple) else str(value) if isinstance(value, str) else value
 
 
 def _read(kind: Any, value: Any) -> Any:
@@ -246,11 +248,19 @@ def _read(kind: Any, value: Any) -> Any:
         types = get_type_hints(kind)
         given = {f.name: _key(f) for f in fields(kind) if _key(f) in value or not f.metadata.get("optional")}
         return kind(**{name: _read(types[name], value[key]) for name, key in given.items()})  # type: ignore[operator]
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return kind(value)
     if get_origin(kind) is tuple:
         return tuple(_read(inner[0], v) for v in value)
     if get_origin(kind) is Mapping:
         return {k: _read(inner[1], v) for k, v in value.items()}
     return _read(inner[0], value) if inner else value
+
+
+def hidden_up_to(d: Detectable) -> str:
+    """The parameter and the value from which it would have shown; "" where none in its range would."""
+    unit = "" if d.unit == "1" else f" {d.unit}"
+    return f"{d.parameter} = {strength(d.value)}{unit}" if math.isfinite(d.value) else ""
 
 
 def strength(value: float) -> str:

@@ -1,17 +1,21 @@
-"""The part of a diagnosis that is told alike of every system: jumps, or whatever a user's own simulator predicts."""
+"""From findings to the record: one document for jumps and for whatever a user's own simulator predicts.
+
+What only some systems have (heights, an apparatus, runs) and their words come from a `Speaker`.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 
-from jumpvision.base.arrays import Z90
+from jumpvision.base.arrays import Z90, Array
+from jumpvision.engine.discovery import Law
 from jumpvision.engine.fitting import Fit
-from jumpvision.engine.naming import Explanation, likely
+from jumpvision.engine.naming import likely
 from jumpvision.engine.order import Findings
 from jumpvision.engine.search import MOST
 from jumpvision.engine.system import Parameter, System
@@ -19,93 +23,130 @@ from jumpvision.engine.worth.gain import Gain
 
 from . import values as record
 from .diagnosis import Diagnosis
+from .sentence import Words, contradictions, sentence
 
-TOP, CAUSES = 12, 8  # cells of "where", and causes, that are told
+CELLS, CAUSES = 12, 8  # of "where", and of causes, that are told
 LOOSE = 0.5  # chi^2 per degree of freedom below which a model agrees better than noise lets it
 
 
-@dataclass(frozen=True)
-class Teller:
-    """How the fits of a system are told. model: terms and parameters of a fit; own: parameters that a mechanism has in
-    a model; heights: whether its motions have an apex."""
+class Speaker(Protocol):
+    """How a system and its models are told."""
 
-    system: System
-    model: Callable[[Fit], record.Model]
-    own: Callable[[Explanation, str], dict[str, record.Parameter]]
-    heights: bool = True
+    @property
+    def system(self) -> System: ...
+    @property
+    def heights(self) -> bool:
+        """Whether its motions have an apex."""
+        ...
 
-    def gain(self, g: Gain) -> record.Gain:
-        """The gain on motions held out."""
-        tops = (g.height_before, g.height_after) if self.heights else (math.nan, math.nan)
-        return record.Gain(g.held_out, *tops, g.track_before, g.track_after, g.ratio, g.ratio_ci95, g.claimed)
+    def model(self, fit: Fit) -> record.Model:
+        """Terms and parameters of a fit."""
+        ...
 
-    def rmse(self, fit: Fit) -> float:
-        """Root mean square of measured minus predicted over all motions [unit of y]."""
-        predicted = self.system.predict(fit.mechanisms, fit.named, range(len(self.system.observations)))
-        return rms(np.concatenate([o.y - y for o, y in zip(self.system.observations, predicted)]))
+    def parameters(self, fit: Fit, mechanism: str) -> dict[str, record.Parameter]:
+        """Those that a mechanism has in a model."""
+        ...
 
-    def causes(self, d: Findings) -> tuple[record.Cause, ...]:
-        """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
-        if (n := d.naming) is None:
-            return ()
-        out = []
-        for mechanism in likely(n)[:CAUSES]:
-            e = next(e for e in n.tried if mechanism in e.mechanisms)
-            others = tuple(m for m in e.mechanisms if m != mechanism)
-            chances, found = n.chances(mechanism), self.own(e, mechanism)
-            spread = (min(chances), max(chances))
-            out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, found))
-        return tuple(out)
+    def noise(self, d: Findings) -> record.Noise:
+        """The noise, where it was learned, and what a reader must be warned of."""
+        ...
 
-    def closest(self, d: Findings) -> record.Closest | None:
-        """The likeliest model where none passes the test; None where one does, or that is the baseline."""
-        if d.naming is None or d.naming.named or not (e := d.naming.best).mechanisms:
-            return None
-        found = {name: value for m in e.mechanisms for name, value in self.own(e, m).items()}
-        gain = self.gain(d.gain) if d.gain else None
-        return record.Closest(e.mechanisms, e.probability, found, self.rmse(e.fit), gain)
+    def own(self, d: Findings) -> Mapping[str, Any]:
+        """Fields of the record that only such a system has."""
+        ...
 
-    def record(self, d: Findings, best: Fit, noise: record.Noise) -> Diagnosis:
-        """The record, without words and without what only some systems have. best: the fit that is told."""
-        n, extended = d.naming, best is not d.baseline
-        before = self.model(d.baseline)
-        return Diagnosis(
-            verdict="adequate" if d.adequate else "discrepant",
-            p_value=d.detection.p_value,
-            baseline=record.Baseline(
-                before.terms, before.parameters, math.nan, self.rmse(d.baseline), d.detection.chi2_per_dof
-            ),
-            where=tuple(
-                record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
-                for c in d.where[:TOP]
-            ),
-            heights=(),
-            causes=self.causes(d),
-            named=n.named if n else (),
-            status=n.status if n else "complete",
-            left_over=left_over(d),
-            detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
-            indistinguishable=n.twins if n else (),
-            closest=self.closest(d),
-            unexplained=None,
-            extended_model=self.model(best),
-            gain=self.gain(d.gain) if extended and d.gain else None,
-            selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
-            extrapolation={k: self.gain(g) for k, g in (d.extrapolation or {}).items()} if extended else {},
-            next_experiment=None,
-            priors=priors(d),
-            noise=noise,
-            common=(),
-            energy=(),
-            confirmation=(),
-            sentence="",
-            confirmed=None,
-        )
+    def words(self, data: Diagnosis) -> Words: ...
 
 
-def told(d: Findings) -> Fit:
-    """The fit that the findings stand by: of the named mechanisms, else the baseline."""
-    return d.naming.best.fit if d.naming and d.naming.named else d.baseline
+def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
+    """The record of findings. stopped: why they are not all that there could be; "" where they are."""
+    n, extended, before = d.naming, d.best is not d.baseline, speaker.model(d.baseline)
+    data = Diagnosis(
+        verdict=record.Verdict.ADEQUATE if d.adequate else record.Verdict.DISCREPANT,
+        p_value=d.detection.p_value,
+        baseline=record.Baseline(
+            before.terms, before.parameters, math.nan, rmse(speaker, d.baseline), d.detection.chi2_per_dof
+        ),
+        where=tuple(
+            record.Cell(str(c.labels.get("kind")), c.part, c.mean_residual, c.z_score, c.p_value, c.n)
+            for c in d.where[:CELLS]
+        ),
+        heights=(),
+        causes=causes(d, speaker),
+        named=n.named if n else (),
+        status=n.status if n else record.Status.UNDETERMINED if stopped else record.Status.COMPLETE,
+        left_over=left_over(d),
+        detectable=tuple(record.Detectable(x.mechanism, x.parameter, x.value, x.unit) for x in d.detectable),
+        indistinguishable=n.twins if n else (),
+        closest=closest(d, speaker),
+        unexplained=d.left,
+        extended_model=speaker.model(d.best),
+        gain=gain(d.gain, speaker) if extended and d.gain else None,
+        selection=tuple(record.Selection(*x) for x in d.gain.selection) if d.gain else (),
+        extrapolation={k: gain(g, speaker) for k, g in (d.extrapolation or {}).items()} if extended else {},
+        next_experiment=None,
+        priors=priors(d),
+        noise=speaker.noise(d),
+        common=(),
+        energy=(),
+        confirmation=(),
+        sentence="",
+        confirmed=None,
+    )
+    data = replace(data, **(of_law(d.law) if d.law else {}), **speaker.own(d))
+    off = rms(np.array([h.simulated_m - h.measured_m for h in data.heights]))
+    data = replace(data, baseline=replace(data.baseline, rmse_height_m=off))
+    words = speaker.words(data)
+    return replace(data, sentence=sentence(data, words, stopped), confirmed=contradictions(data, words.apart))
+
+
+def gain(g: Gain, speaker: Speaker) -> record.Gain:
+    """The gain on motions held out."""
+    tops = (g.height_before, g.height_after) if speaker.heights else (math.nan, math.nan)
+    return record.Gain(g.held_out, *tops, g.track_before, g.track_after, g.ratio, g.ratio_ci95, g.claimed)
+
+
+def rmse(speaker: Speaker, fit: Fit) -> float:
+    """Root mean square of measured minus predicted over all motions [unit of y]."""
+    every = speaker.system.observations
+    predicted = speaker.system.predict(fit.mechanisms, fit.named, range(len(every)))
+    return rms(np.concatenate([o.y - y for o, y in zip(every, predicted)]))
+
+
+def causes(d: Findings, speaker: Speaker) -> tuple[record.Cause, ...]:
+    """Mechanisms by probability, each with the parameters of the likeliest model that has it."""
+    if (n := d.naming) is None:
+        return ()
+    out = []
+    for mechanism in likely(n)[:CAUSES]:
+        e = next(e for e in n.tried if mechanism in e.mechanisms)
+        others = tuple(m for m in e.mechanisms if m != mechanism)
+        chances, found = n.chances(mechanism), speaker.parameters(e.fit, mechanism)
+        spread = (min(chances), max(chances))
+        out.append(record.Cause(mechanism, others, n.probability(mechanism), spread, e.delta_score, found))
+    return tuple(out)
+
+
+def closest(d: Findings, speaker: Speaker) -> record.Closest | None:
+    """The likeliest model where none passes the test; None where one does, or that is the baseline."""
+    if d.naming is None or d.naming.named or not (e := d.naming.best).mechanisms:
+        return None
+    found = {name: value for m in e.mechanisms for name, value in speaker.parameters(e.fit, m).items()}
+    worth = gain(d.gain, speaker) if d.gain else None
+    return record.Closest(e.mechanisms, e.probability, found, rmse(speaker, e.fit), worth)
+
+
+def of_law(law: Law) -> dict[str, Any]:
+    """What a law of no list puts in the place of what the vocabulary says."""
+    test = law.found.detection
+    return {
+        "named": law.fit.mechanisms[:-1],
+        "status": law.status,
+        "left_over": record.LeftOver(test.chi2_per_dof, 1.0 - law.found.r2, 1.0),
+        "indistinguishable": (),
+        "closest": None,
+        "discovered": law.described,
+    }
 
 
 def left_over(d: Findings) -> record.LeftOver | None:
@@ -155,7 +196,7 @@ def agreement(d: Findings) -> list[str]:
     return []
 
 
-def rms(x: Any) -> float:
+def rms(x: Array) -> float:
     """Root mean square of what is finite; NaN where nothing is."""
     x = np.asarray(x, float)
     x = x[np.isfinite(x)]

@@ -7,8 +7,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from jumpvision.base.arrays import Z90, Array
+
+
+class Verdict(StrEnum):
+    """Whether a simulation agrees with what was measured, within its noise."""
+
+    ADEQUATE = "adequate"
+    DISCREPANT = "discrepant"
+
+
+class Status(StrEnum):
+    """How much of what a model gets wrong the named mechanisms explain: all of it (they pass the test that the baseline
+    failed), a part of it, or nothing is established."""
+
+    COMPLETE = "complete"
+    PARTIAL = "partial"
+    UNDETERMINED = "undetermined"
+
+
+class Agreement(StrEnum):
+    """Whether a quantity is the same by the motions and by another measurement."""
+
+    AGREE = "agree"
+    CONTRADICT = "contradict"
+
 
 OPTIONAL = {"optional": True}  # a key that the file has only where there is something to say
 
@@ -325,13 +350,13 @@ class Confirmation:
     by_film: float
     by_film_sigma: float
     z: float
-    verdict: str
+    verdict: Agreement
     experiment: str | None = field(default=None, metadata=OPTIONAL)
     depth_m: float | None = field(default=None, metadata=OPTIONAL)
 
     @property
     def contradicts(self) -> bool:
-        return self.verdict == "contradict"
+        return self.verdict == Agreement.CONTRADICT
 
 
 @dataclass(frozen=True)

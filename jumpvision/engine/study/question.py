@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from jumpvision.base.schema import InputError
-from jumpvision.engine import order
-from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
-from jumpvision.engine.document.document import Teller, agreement, interval, told
-from jumpvision.engine.document.values import Trace
+from jumpvision.engine.document.document import document
+from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.fitting import Fit, Problem
-from jumpvision.engine.naming import Explanation
-from jumpvision.engine.order import Findings, fit_baseline
-from jumpvision.engine.worth.gain import FEW_GROUPS
+from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 
-from .learn import Readings, learn_readings
+from .learn import learn_readings
 from .processes import How, described
 from .runs import BudgetUsed, Runs
 from .study import Recording, Study
-from .system import DUMMY, Studied
+from .system import Studied
 from .walk import with_walks
+from .words import StudySpeaker, traces
 
 SEED = 1  # of the simulated noise: the same data give the same answer
 
@@ -38,39 +33,57 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     if problems := recordings_problems(recordings):
         raise InputError(problems)
     study = described(how.source, recordings) if study is None else study
-    readings = learn_readings(study, recordings)
     runs = Runs(study, recordings, how)
     try:
-        system = Studied(study, recordings, readings, runs)
-        system.predict((), {p.name: p.start for p in system.baseline}, range(len(recordings)))
-        if runs.count.failures:  # what the user himself gave must work, whatever may be avoided later
-            raise runs.count.failures[0]
-        if any(c.process for c in study.channels):
-            problem = Problem(system, readings.noise, system.scatter_sigma)
-            readings = with_walks(system, fit_baseline(problem, np.random.default_rng(SEED)))
-            system = Studied(study, recordings, readings, runs)
-        so_far: list[Findings] = []
-        try:
-            found, stopped = _asked(system, how, so_far.append), ""
-        except BudgetUsed as e:
-            if not so_far:
-                raise
-            found, stopped = so_far[-1], e.problems[0]
-        return document(found, system, readings, stopped)
+        system = studied(study, recordings, runs)
+        found, stopped = _asked(system, how)
+        alone = _alone(found, system)
+        data = document(found, StudySpeaker(system, alone), stopped)
+        object.__setattr__(data, "traces", traces(found, system))
+        return data
     finally:
         runs.close()
 
 
-def _asked(system: Studied, how: How, known: Callable[[Findings], None]) -> Findings:
-    return order.diagnose(
-        system,
-        system.readings.noise,
-        np.random.default_rng(SEED),
-        scatter=system.scatter_sigma,
-        by=("kind",),
-        say=how.progress or (lambda text: None),
-        known=known,
-    )
+def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studied:
+    """The system in question, with the noise of its channels. Raises InputError where the simulator fails as it is."""
+    readings = learn_readings(study, recordings)
+    system = Studied(study, recordings, readings, runs)
+    system.predict((), {p.name: p.start for p in system.baseline}, range(len(recordings)))
+    if runs.count.failures:  # what the user himself gave must work, whatever may be avoided later
+        raise runs.count.failures[0]
+    if not any(c.process for c in study.channels):
+        return system
+    base = fit_baseline(problem_of(system), np.random.default_rng(SEED))
+    return Studied(study, recordings, with_walks(system, base), runs)
+
+
+def _alone(found: Findings, system: Studied) -> Fit | None:
+    """The model that is told, without what else was measured; None where that was not asked for, or no run is left."""
+    if not system.study.measured:
+        return None
+    try:
+        return motions_alone(found.named_fit, problem_of(system))
+    except BudgetUsed:
+        return None
+
+
+def problem_of(system: Studied) -> Problem:
+    """A study with the noise of its channels and what else was measured."""
+    return Problem(system, system.readings.noise, system.scatter_sigma, system.study.measured)
+
+
+def _asked(system: Studied, how: How) -> tuple[Findings, str]:
+    """(what is found, why it is not all there could be; "" where it is)."""
+    reached: list[Findings] = []
+    rng, say = np.random.default_rng(SEED), how.progress or silent
+    order = Order(problem_of(system), rng, by=("kind",), say=say, reached=reached.append)
+    try:
+        return order.all(), ""
+    except BudgetUsed as e:
+        if not reached:
+            raise
+        return reached[-1], e.problems[0]
 
 
 def recordings_problems(recordings: Sequence[Recording]) -> list[str]:
@@ -81,117 +94,3 @@ def recordings_problems(recordings: Sequence[Recording]) -> list[str]:
         return [f"recordings: {type(wrong[0]).__name__} is no Recording(name, t, values)"]
     names = [r.name for r in recordings]
     return [f"two recordings are called {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1]
-
-
-def document(d: Findings, system: Studied, readings: Readings, stopped: str = "") -> Diagnosis:
-    """The record of the findings; keys that end in _m are in `unit`. stopped: why they are not all there could be."""
-    best, count, channels = told(d), system.runs.count, system.study.channels
-    out = replace(
-        teller(system).record(d, best, noise_of(d, system, readings)),
-        unexplained=record.Unexplained() if d.naming and not d.naming.named else None,
-        unit=channels[0].unit or "1" if len(channels) == 1 else "noise",
-        fitted=intervals(best, [p.name for p in best.parameters]),
-        lacks={name: m.lacks for name, m in system.mechanisms.items()},
-        runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
-    )
-    if stopped:
-        out = replace(out, status=out.status if out.named else "undetermined")
-    out = replace(out, sentence=sentence(out, stopped))
-    object.__setattr__(out, "traces", traces(d, system))
-    return out
-
-
-def teller(system: Studied) -> Teller:
-    """How models of a user's simulator are told."""
-
-    def model(fit: Fit) -> record.Model:
-        values = {n: v for n, v in fit.named.items() if not n.startswith(DUMMY)}
-        return record.Model((model_name(system), *fit.mechanisms), values)
-
-    def own(e: Explanation, mechanism: str) -> dict[str, record.Parameter]:
-        return intervals(e.fit, [p.name for p in system.candidates[mechanism].parameters])
-
-    return Teller(system, model, own, heights=False)
-
-
-def model_name(system: Studied) -> str:
-    """What the simulator is called."""
-    return system.study.name or getattr(system.study.simulate, "__name__", "simulate").strip("_")
-
-
-def intervals(fit: Fit, names: Sequence[str]) -> dict[str, record.Parameter]:
-    """Parameters by name with their 90 % intervals, without what does nothing."""
-    return {p.name: interval(fit, p) for p in fit.parameters if p.name in names and not p.name.startswith(DUMMY)}
-
-
-def noise_of(d: Findings, system: Studied, readings: Readings) -> record.Noise:
-    """The noise by channel, with what a reader must be warned of."""
-    channels = system.study.channels
-    sources = {
-        f"{c.name}: {how}" if len(channels) > 1 else how: record.NoiseSource(s.sigma, s.log_sigma, s.n)
-        for c, of in zip(channels, readings.sources)
-        for how, s in of.items()
-    }
-    first = readings.channels[0]
-    return record.Noise(
-        sigma_m=first.s if len(channels) == 1 else 1.0,
-        correlation=first.rho,
-        tails=None,
-        drift_m=first.drift if len(channels) == 1 else math.nan,
-        samples=sum(o.t.size for o in system.observations),
-        sources=sources,
-        scatter=system.scatter_sigma,
-        tracks={c.name: n.s for c, n in zip(channels, readings.channels)} if len(channels) > 1 else {},
-        outliers=(),
-        warnings=(*readings.warnings, *(() if any(c.process for c in channels) else agreement(d))),
-    )
-
-
-def traces(d: Findings, system: Studied) -> tuple[Trace, ...]:
-    """Measured, simulated and extended values of every channel of every recording, in its unit."""
-    every, best = range(len(system.observations)), told(d)
-    before = system.predict(d.baseline.mechanisms, d.baseline.named, every)
-    after = system.predict(best.mechanisms, best.named, every)
-    out = []
-    for i, o in enumerate(system.observations):
-        channels = [c for c, m in zip(system.study.channels, system.masks[i].T) if m.sum() >= 2]
-        for c, b in zip(channels, o.blocks):
-            unit = system.units[system.study.channels.index(c)]
-            y = (o.y[b.readings] * unit, before[i][b.readings] * unit, after[i][b.readings] * unit)
-            out.append(Trace(o.name, c.name, c.unit, o.t[b.readings], *y))
-    return tuple(out)
-
-
-def sentence(d: Diagnosis, stopped: str = "") -> str:
-    """The verdict in plain words. stopped: what kept it from being whole."""
-    unit = "" if d.unit in (None, "1") else f" {d.unit}"
-    size = f"{d.baseline.rmse_track_m:.2g}" + (" times the noise" if d.unit == "noise" else unit)
-    if d.adequate:
-        return f"The simulation agrees with the recordings within their noise (p = {d.p_value:.2g})."
-    lacks = d.lacks or {}
-    text = f"The simulation misses the recordings by {size} rms"
-    if stopped and not d.causes:
-        return f"{text}; which mechanism it lacks is not known yet: {stopped}."
-    if not d.named:
-        text += ", and no mechanism of the study explains all that it gets wrong"
-        if near := d.closest:
-            text += f"; the closest, {words(near.mechanisms, lacks)}, leaves {near.rmse_track_m:.2g}"
-            text += " times the noise" if d.unit == "noise" else unit
-        return text + "."
-    text += f" because it lacks {words(d.named, lacks)}"
-    if d.indistinguishable:
-        text += (
-            f" (the data cannot tell apart: {'; '.join(' or '.join(lacks[m] for m in t) for t in d.indistinguishable)})"
-        )
-    if d.gain:
-        it = "it" if len(d.named) == 1 else "them"
-        text += f"; with {it} the error on recordings held out falls {d.gain.ratio:.3g}x"
-        text += "" if math.isfinite(d.gain.ratio_ci95[1]) else f" ({FEW_GROUPS} groups are needed for its interval)"
-    if d.status == "partial" and d.left_over:
-        text += f"; {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays, beyond the noise"
-    return text + (f"; not tried on recordings held out: {stopped}." if stopped else ".")
-
-
-def words(mechanisms: Sequence[str], lacks: Mapping[str, str]) -> str:
-    """What is lacking, in words."""
-    return " and ".join(lacks.get(m, m.replace("_", " ")) for m in mechanisms)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError
 from jumpvision.engine.laws.expression import Expression, LawError, parse
+from jumpvision.engine.priors import Measured
 from jumpvision.engine.system import Parameter as Free
 
 if TYPE_CHECKING:
@@ -252,7 +253,8 @@ class Study:
     a list. step: of a derivative, as a share of a parameter's scale: larger where the simulator is rough. version:
     change it when the simulator's numbers change, so that kept runs of the former one are not used.
     symbols: the state by which laws are written, as ("x", "v"); simulate then takes a third argument, the force of all
-    laws that are present, which it calls as force(x=..., v=...).
+    laws that are present, which it calls as force(x=..., v=...). measured: what is known of parameters by other means
+    than the recordings: the fit takes it in, and what contradicts the recordings is told.
 
     Example: jv.Study(simulate, [jv.Parameter("W", 50.0, range=(30, 90))], [dry], [jv.Channel("angle", "rad")])
     """
@@ -266,6 +268,7 @@ class Study:
     step: float = 1e-3
     version: str = ""
     symbols: Sequence[str] = ()
+    measured: Sequence[Measured] = ()
 
     def __post_init__(self) -> None:
         problems = [] if callable(self.simulate) else [f"study: simulate = {self.simulate!r} is no function"]
@@ -288,6 +291,9 @@ class Study:
         ):
             problems += [f"study: two {what} are called {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1]
         problems += [f"study: {n!r} is a parameter of a mechanism and of the baseline" for n in set(own) & set(shared)]
+        fitted = {*own, *(p.name for p in self.parameters if not p.each), *shared[len(self.parameters) :]}
+        for name in (n for m in self.measured for n in m.names if n not in fitted):
+            problems.append(f"study: measured: {name!r} is no parameter that is fitted to all recordings alike")
         if problems:
             raise InputError(problems)
 

@@ -61,6 +61,8 @@ def attributes(d: Diagnosis) -> Mapping[str, str]:
     """Everything else that a reader looks up, by name."""
     rows = {f"{p:.3f}  {m}": w for m, p, w in ((" + ".join(c.mechanisms), c.probability, c.words) for c in d.models)}
     rows |= {f"fitted: {n}": str(p) for n, p in (d.fitted or {}).items()}
+    rows |= {"other measurements": d.confirmed} if d.confirmed else {}
+    rows |= {"not named": d.could_hide} if d.could_hide else {}
     rows |= {f"warning {k}": w for k, w in enumerate(d.noise.warnings, 1)}
     if d.runs:
         rows["simulations"] = f"{d.runs.made} made, {d.runs.kept} kept from before, {d.runs.seconds:.3g} s"

@@ -1,0 +1,72 @@
+"""What every study may be asked that jumps may: limits, other measurements; small systems with known answers."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+import jumpvision as jv
+from jumpvision.base.schema import InputError
+from jumpvision.engine.detect import LEVEL, POWER
+from jumpvision.engine.document.measured import CONTRADICT
+
+T = np.arange(80) / 200
+SIGMA = 1e-3  # m
+
+
+def fall(p, r):
+    return 0.5 * p["g"] * r.t**2 - p.get("c", 0.0) * r.t**3
+
+
+def falls(seed, g=9.81, c=0.0, n=3):
+    """Heights fallen [m], as the integral of the speed g t - 3 c t^2 over the steps of the record."""
+    rng, (gauss, weight) = np.random.default_rng(seed), np.polynomial.legendre.leggauss(3)
+    inner = np.concatenate([[0.0], np.diff(T)])[:, None] * (gauss - 1) / 2 + T[:, None]
+    y = np.cumsum(np.concatenate([[0.0], np.diff(T)]) / 2 * ((g * inner - 3 * c * inner**2) @ weight))
+    return [jv.Recording(f"fall {k}", T, y + SIGMA * rng.standard_normal(T.size)) for k in range(n)]
+
+
+def study(**more):
+    drag = jv.Mechanism("drag", [jv.Parameter("c", 0.0, (-5, 5), unit="m/s^3")], "the drag of the air")
+    given = {"mechanisms": [drag], "channels": [jv.Channel("y", "m", noise=SIGMA)], **more}
+    return jv.Study(fall, [jv.Parameter("g", 9.8, (9, 11))], **given)
+
+
+def test_what_could_be_hidden_is_told_of_a_study_too():
+    """The least strength by the normal equations: sigma of c beside a fitted g, times the limit of the test at its
+    level and power; the noise is stated to 5 %, which widens the limit by less than that."""
+    found = jv.diagnose(falls(1), study())
+    (limit,) = found.detectable
+    design = np.stack([0.5 * T**2, -(T**3)], axis=1) / SIGMA
+    sigma = math.sqrt(np.linalg.inv(3 * design.T @ design)[1, 1])
+    z = norm.isf(LEVEL / 4) + norm.ppf(POWER)
+    assert found.adequate and limit.mechanism == "drag" and limit.unit == "m/s^3"
+    assert limit.value == pytest.approx(z * sigma, rel=0.05)
+    assert f"c = {limit.value:.3g} m/s^3" in found.explain("drag") and found.explain("drag").endswith(".")
+
+
+@pytest.mark.parametrize(("off", "apart"), [(0.5, False), (6.0, True)])
+def test_other_measurements_are_taken_in_and_contradictions_said(off, apart, tmp_path):
+    sigma = 0.01  # m/s^2, of both: the falls tell g to 0.5 mm/s^2
+    measured = [jv.Measured.of("g", 9.81 + off * sigma, sigma, "a free swing")]
+    found = jv.diagnose(falls(2), study(measured=measured, mechanisms=[]))
+    (row,) = found.confirmation
+    assert row.contradicts == apart == (abs(row.z) > CONTRADICT) and row.source == "a free swing"
+    design = 0.5 * T**2 / SIGMA
+    assert row.by_jumps_sigma == pytest.approx(1 / math.sqrt(3 * design @ design), rel=0.02)
+    assert row.by_jumps == pytest.approx(9.81, abs=4 * row.by_jumps_sigma)
+    if apart:
+        assert "g is 9.87 ± 0.01 by a free swing" in found.confirmed and "by the recordings alone" in found.confirmed
+    else:
+        assert found.confirmed is None and found.fitted["g"].sigma < row.by_jumps_sigma
+    found.save(tmp_path)
+    assert json.loads((tmp_path / "diagnosis.json").read_text())["confirmation"][0]["verdict"] == row.verdict
+
+
+def test_a_measurement_of_nothing_is_refused():
+    with pytest.raises(InputError, match="'h' is no parameter that is fitted"):
+        study(measured=[jv.Measured.of("h", 1.0, 0.1, "a ruler")])
