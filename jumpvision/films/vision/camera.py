@@ -10,10 +10,10 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
+from jumpvision.films.calibration import CLICKED_MARK
 
 UP = {"-y": 1j, "+y": -1j, "-x": -1.0, "+x": 1.0}  # image directions as complex numbers, x right, y up
 OFF = 0.3  # px rms, by which marks are missed when they are clicked: less is no sign of perspective
-READING = 0.5  # px, standard uncertainty of each coordinate of a mark that is clicked
 SURE = 0.01  # chance of calling marks on a plane seen straight on a perspective view
 
 
@@ -131,9 +131,9 @@ def marks_share(place: NDArray[np.complex128], residual: float) -> float:
     """Relative standard uncertainty of the scale of marks at `place` (n,) [px], from the least squares of a similarity.
 
     residual [px]: of each coordinate, from more marks than the map needs; NaN without any to spare (two marks): then
-    READING. The known distances count as exact.
+    CLICKED_MARK. The known distances count as exact.
     """
-    noise = residual if math.isfinite(residual) else READING
+    noise = residual if math.isfinite(residual) else CLICKED_MARK.value
     return noise / float(np.sqrt(np.sum(np.abs(place - place.mean()) ** 2)))
 
 

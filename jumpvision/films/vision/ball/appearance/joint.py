@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from jumpvision.base.arrays import FROM_MAD, Array, Float32
+from jumpvision.films.calibration import OUTLINE_RADIUS
 from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.moving import Frames
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
@@ -36,7 +37,6 @@ OWN_TURNS = 12  # of a frame, with the shared unknowns as they are
 LARGEST, SMALL = 0.3, 0.05  # step of radius, blur [px] and exposure; first exposure
 OFF, STRAYED = 0.4, 0.5  # of the learned diameter, by which the fitted may differ; of the radius, by which a place may
 ODD, ODD_LIGHT = 2.8, 3.0  # times what a ball leaves in most frames; of the widest light or contrast: not the ball
-RIM = 0.1, 0.5  # px: standard uncertainty of an outline's radius, and of one that is only given
 WEAK = 1e-6  # 1 / rad^2: of the turn's prior
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
 BARE = 0.03  # share of a pixel, below which it shows the scene
@@ -250,7 +250,13 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
     height = float(np.std(shown)) + abs(float(np.median(shown)))
     widest = np.array([(FREE * height) ** 2, FREE**2])
     shared = _Shared(np.zeros(face.falls.size), 0.5 * layer.d, BLUR[0], 0.0)
-    film = _Film((0.5 * layer.d, RIM[not outlined] ** 2), shared, {i: places[i] for i in good}, height**2, widest)
+    film = _Film(
+        (0.5 * layer.d, OUTLINE_RADIUS.value[not outlined] ** 2),
+        shared,
+        {i: places[i] for i in good},
+        height**2,
+        widest,
+    )
     for turn in range(TURNS):
         pictures = _Pictures(face, film.shared)
         equations = {i: _Equations(cuts[i], film.places[i], film.shared, pictures, film.prior) for i in teach}
