@@ -60,8 +60,9 @@ from jumpvision.experiment.stages.recordings import (
 from jumpvision.experiment.stages.rod import rod
 from jumpvision.experiment.stages.summary import summary
 from jumpvision.experiment.stages.track import ball_motion, through, with_rest_zero
+from jumpvision.films.calibration import CLICKED_MARK
 from jumpvision.films.parameters import BedParams
-from jumpvision.films.vision.camera import READING, camera
+from jumpvision.films.vision.camera import camera
 from jumpvision.laboratory import write
 
 RECORDED = Path(__file__).parents[1] / "data_samples/loose_sand/stutter-7.0Hz-film/rod.avi"
@@ -155,7 +156,9 @@ def test_two_clicks_bring_their_own_uncertainty(tmp_path):
     picks = Picks(marks=(12.0, 40.0, 12.0, 540.0), distance=250.0)
     made_of, _ = with_picks(tmp_path, Recording("bed_image", "bed.png", ""), picks)
     assert made_of.values["scale"][0] == pytest.approx(5e-4)
-    assert made_of.values["scale_sigma"][0] == pytest.approx(5e-4 * math.sqrt(2.0) * READING / 500.0, rel=0.01)
+    assert made_of.values["scale_sigma"][0] == pytest.approx(
+        5e-4 * math.sqrt(2.0) * CLICKED_MARK.value / 500.0, rel=0.01
+    )
 
 
 @pytest.mark.parametrize("n", [3, 6])
@@ -180,7 +183,7 @@ def test_marks_state_the_error_of_their_scale(n):
 def test_two_marks_stand_for_half_a_pixel_and_win_over_the_key():
     two = Calibration(marks=((0.0, 0.0, 0.0, 0.0), (0.0, 400.0, 0.0, -0.2)))
     share = view_of(two, replace(FILM, scale_sigma=1e-4), SHAPE).scale_share
-    assert share == pytest.approx(READING * math.sqrt(2.0) / 400.0, rel=1e-12)
+    assert share == pytest.approx(CLICKED_MARK.value * math.sqrt(2.0) / 400.0, rel=1e-12)
     assert view_of(None, replace(FILM, scale_sigma=1e-5), SHAPE).scale_share == pytest.approx(0.02)
 
 
@@ -204,7 +207,9 @@ def test_what_experiments_share_is_told_by_their_apparatus(tmp_path):
     assert (a.scale, a.offset, a.rate) == (pytest.approx(0.01), 1e-3, 2e-4)
     assert a == found["b"] == found["h"] and a.apparatus != found["c"].apparatus
     assert found["d"].scale == pytest.approx(math.hypot(0.01, foreshortening(0.1)))
-    assert found["e"].scale == pytest.approx(READING * math.sqrt(2.0) / 500.0, rel=1e-4)  # the lens moves the marks
+    assert found["e"].scale == pytest.approx(
+        CLICKED_MARK.value * math.sqrt(2.0) / 500.0, rel=1e-4
+    )  # the lens moves the marks
     assert (found["f"].scale, found["g"].scale) == (0.02, 0.0)
 
 

@@ -84,6 +84,19 @@ def test_help_is_fast_and_light(words, seconds):
     assert out.strip().splitlines()[-1] == "[]"
 
 
+def test_a_calibrated_number_is_used_and_judged_by_what_is_there():
+    """A list of numbers grows stale: each is used where it says, and what judges it can be run."""
+    from jumpvision.films import calibration
+
+    records = {n: r for n, r in vars(calibration).items() if isinstance(r, calibration.Calibrated)}
+    text = "".join(f.read_text(encoding="utf-8") for n, f in modules().items() if not n.endswith("films.calibration"))
+    assert len(records) > 20
+    for name, r in records.items():
+        assert f"{name}.value" in text, name
+        assert r.judged_by == "none" or (ROOT.parent / r.judged_by).exists(), r.judged_by
+        assert re.fullmatch(r"20\d\d-\d\d-\d\d", r.date) and r.on and r.enters
+
+
 def test_the_conda_recipe_needs_what_pyproject_does():
     """The same packages from the same versions, under conda-forge's names."""
     project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]

@@ -31,8 +31,9 @@ from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.sections import Calibration, RodCorrections, RodVideo
 from jumpvision.experiment.stages.track import track
 from jumpvision.films.arrays.piv import piv as of_arrays
+from jumpvision.films.calibration import CLICKED_MARK
 from jumpvision.films.parameters import TrackParams
-from jumpvision.films.vision.camera import READING, camera
+from jumpvision.films.vision.camera import camera
 
 HARD = SAMPLES / "hard_ground"
 SAND = SAMPLES / "loose_sand" / "stutter-7.0Hz-film"
@@ -297,7 +298,7 @@ def test_nothing_is_written_over_that_somebody_else_changed(tmp_path, served):
     assert (status, said) == (200, {"written": [CORRECTIONS, "experiment.toml"]})
     e = open_experiment(tmp_path)
     assert e.section(RodVideo).ball_diameter == 0.0095 and e.section(RodCorrections).file == CORRECTIONS
-    assert (tmp_path / CORRECTIONS).read_text() == f"frame,x_px,y_px,sigma_px\n3,61.5,190,{READING:g}\n"
+    assert (tmp_path / CORRECTIONS).read_text() == f"frame,x_px,y_px,sigma_px\n3,61.5,190,{CLICKED_MARK.value:g}\n"
     # the scale is the ball's diameter over what was drawn, to the 1 % that it states
     assert e.section(RodVideo).scale == pytest.approx(9.5e-3 / 18, rel=0.02)
     assert Benches(tmp_path).bench.corrections() == {3: (61.5, 190.0)}

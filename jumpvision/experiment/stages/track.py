@@ -18,12 +18,13 @@ from jumpvision.experiment.inputs.logs import read_log
 from jumpvision.experiment.inputs.sections import Actuation, Calibration, RodCorrections, RodVideo
 from jumpvision.experiment.results.tables import Track
 from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.films.calibration import FIELD_OF_FRAME
 from jumpvision.films.frames import Film
 from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import FilmTracker, track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
 from jumpvision.films.vision.camera import Camera
-from jumpvision.films.vision.fields import INTERLACED, SIGMA, order_of
+from jumpvision.films.vision.fields import INTERLACED, order_of
 
 from .recordings import SCALE_OF_PIXELS, height_share, in_pixels, open_film, other_lens, view_of, with_common
 
@@ -66,7 +67,7 @@ def from_film(
     with open_film(film, balls.see if balls.ready else None) as frames:
         tracks, view = balls.tracks(frames), view_of(calibration, film, frames.shape)
         if film.fields != "together":
-            tracks = [replace(ball, sigma=ball.sigma * SIGMA) for ball in tracks]
+            tracks = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in tracks]
         elif np.mean(tracks[0].flag != "") > LOST and (order := order_of(frames)):
             warnings.warn(INTERLACED.format("[rod_video] fields", order), StageWarning, stacklevel=2)
         other, exposure = other_lens(calibration, film, frames.shape), balls.exposure(frames)

@@ -15,10 +15,11 @@ from jumpvision.base.arrays import Array
 from jumpvision.base.parameters import of_keywords
 from jumpvision.base.schema import InputError, StageWarning
 from jumpvision.estimate.height import exposure_shift, shift_noise, shift_sigma
+from jumpvision.films.calibration import FIELD_OF_FRAME
 from jumpvision.films.parameters import TrackParams
 from jumpvision.films.vision.ball.film import track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
-from jumpvision.films.vision.fields import INTERLACED, ORDERS, SIGMA, field, order_of
+from jumpvision.films.vision.fields import INTERLACED, ORDERS, field, order_of
 
 from .motion import with_derivatives
 
@@ -66,7 +67,7 @@ def track(
     markers = [(m[0], m[1]) for m in p.markers]
     found = track_film(images, settings, scene=p.background == "static", markers=markers)
     if halved:
-        found = [replace(ball, sigma=ball.sigma * SIGMA) for ball in found]
+        found = [replace(ball, sigma=ball.sigma * FIELD_OF_FRAME.value) for ball in found]
     elif order := order_of(images):
         warnings.warn(INTERLACED.format("fields", order), StageWarning, stacklevel=2)
     for number, ball in enumerate(found, 1):

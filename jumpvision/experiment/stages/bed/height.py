@@ -13,11 +13,10 @@ from jumpvision.experiment.inputs.sections import Bed, BedImage, Calibration, ne
 from jumpvision.experiment.results.values import BedHeight, BedValues
 from jumpvision.experiment.stages.recordings import open_pictures, other_lens, view_of
 from jumpvision.experiment.workflow.stage import StageWarning, stage
+from jumpvision.films.calibration import EDGE_OF_BED
 from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.camera import Camera
 from jumpvision.films.vision.surface import BedHeightPx, Surface, bed_height, bed_surface, volume_fraction
-
-EDGE_COMMON = 0.025  # px, by which all columns of one picture may be off together (light through the topmost grains)
 
 
 @stage(version=4)
@@ -43,7 +42,7 @@ def bed(image: BedImage, section: Bed | None, calibration: Calibration | None, *
         bed_height(replace(s, row=s.row - surfaces[0].row, common=s.common if s.clipped else 0.0), 0.0)
         for s in surfaces[1:]
     ]
-    common = np.sqrt(2.0) * EDGE_COMMON * scale
+    common = np.sqrt(2.0) * EDGE_OF_BED.value * scale
     change = [(0.0, 0.0), *((m.height, float(np.hypot(m.sigma, common))) for m in moved)]
     heights = [(f.height, f.sigma) for f in found]
     packings = [fraction(h, s, section, p, heights[0], c) for (h, s), c in zip(heights, change)]
