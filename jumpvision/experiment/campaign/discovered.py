@@ -15,7 +15,8 @@ from jumpvision.engine.naming import held_out_score
 from jumpvision.engine.search import Search
 from jumpvision.engine.worth.gain import Gain, gain
 from jumpvision.experiment.results import findings as record
-from jumpvision.jumper.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
+from jumpvision.jumper.mechanisms.own import acts_on, bare, mechanism, own_name
+from jumpvision.jumper.mechanisms.own import parameter as drawn
 from jumpvision.jumper.mechanisms.record import Mechanism
 from jumpvision.jumper.physics.passivity import POSITIONS, RATES, is_passive
 from jumpvision.jumper.question.forms import forms, seen_by
@@ -92,7 +93,6 @@ class Laws:
 
 def _named(found: Discovery, form: Mechanism, system: Jumper, problem: Problem) -> Law:
     """The law under its own name, fitted again from where it was, with what it can do."""
-    assert form.written is not None
     values, parameters = found.fit.named, []
     for p in form.parameters:
         q, name = p.prior(None), bare(form, p.name)

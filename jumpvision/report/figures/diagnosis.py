@@ -13,8 +13,7 @@ from jumpvision.engine.diagnose import Findings
 from jumpvision.engine.laws.expression import parse
 from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.experiment.results.findings import Cell, Discovered
-from jumpvision.jumper.mechanisms.own import LONG_AGO
-from jumpvision.jumper.mechanisms.record import STATE
+from jumpvision.jumper.mechanisms.record import LONG_AGO, STATE
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import PARTS
 from jumpvision.report.style import (
