@@ -37,7 +37,9 @@ BED_DAMPING = Mechanism(
 )
 PLACE = Mechanism("place", Body.CARRIAGE, (C_P,), *WORDS, "c_p |x_m| v_m", "-c_p * abs(x_m) * v_m")
 ANGLE = Mechanism("angle", Body.CARRIAGE, (C_A, LEAN), *WORDS, "c_a tan(lean) v_m", "-c_a * tan(lean) * v_m")
-LATE = Mechanism("late", Body.CARRIAGE, (C_U, T_U), *WORDS, "c_u u", "-c_u * u", state="(v_m - u) / t_u", state_unit="m/s")
+LATE = Mechanism(
+    "late", Body.CARRIAGE, (C_U, T_U), *WORDS, "c_u u", "-c_u * u", state="(v_m - u) / t_u", state_unit="m/s"
+)
 SLOW = Mechanism(
     "slow", Body.MOTOR, (V_TOP, T_TOP), *WORDS, "slow", "e / sqrt(1 + (e / v_top)**2) - V_c", {"e": "(X_c - X) / t_top"}
 )

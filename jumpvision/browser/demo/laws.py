@@ -17,7 +17,7 @@ from .controls import SAND
 
 TARGET = Path(__file__).with_name("static") / "physics" / "laws.js"
 BEDS = SAND | {"drag_cone": ("two_resistance", "inertial_drag", "added_mass")}  # the last of sealed worlds alone
-HEAD = """// The laws of the beds by name, from symbols and parameters in SI units to the ground's static and whole force on
+HEAD = """// The laws of the beds by name, from symbols and parameters in SI units to the static and the whole force on
 // the intruding foot [N], the mass that moves with it [kg] and the radius of its flat face [m]. Written from the
 // package's mechanisms by jumpvision.browser.demo.laws: change them there.
 """

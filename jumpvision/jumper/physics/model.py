@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import REQUIRED, InputError, check_value, closest, param, type_of
+from jumpvision.engine.laws import python
 from jumpvision.engine.laws.derivative import derivative
 from jumpvision.engine.laws.expression import Expression
-from jumpvision.engine.laws import python
 from jumpvision.engine.laws.tree import Node
 from jumpvision.jumper.mechanisms.record import FORCES, STATE, Body, Mechanism
 from jumpvision.jumper.mechanisms.registry import MECHANISMS, STATIC, ModelParameters, acting
@@ -25,6 +25,7 @@ GROUNDS = ("hard", "granular")
 
 OF_BED = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
 """Symbol of a law -> field of a Model."""
+SURFACE = 1e-6  # m: a power of depth below 1 has no slope at 0
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ class Model:
     @property
     def spare_drag(self) -> float:
         """alpha + (b - 1/2) dm_a/dz at the surface [kg/m]: linear in dm_a/dz, which falls to 0 with depth."""
-        drag = sum((self.force(m, z=0.0, v=1.0) for m in self.acting(Body.DRAG)), 0.0)
+        drag = sum((self.force(m, z=SURFACE, v=1.0) for m in self.acting(Body.DRAG)), 0.0)
         return drag - 0.5 * sum((self._slope_of_mass(m) for m in self.acting(Body.INERTIA)), 0.0)
 
     @property
@@ -186,7 +187,7 @@ class Model:
 
     def _slope_of_mass(self, m: Mechanism) -> Any:
         assert m.expression is not None
-        return self.value(derivative(m.expression.root, "z"), z=0.0)
+        return self.value(derivative(m.expression.root, "z"), z=SURFACE)
 
     def acting(self, *bodies: Body) -> tuple[Mechanism, ...]:
         """Its mechanisms that act on these, in the order of its terms."""

@@ -1,10 +1,10 @@
 """The jumper as a hybrid system: equations of motion in each mode (the rules that change it: `modes`).
 
 State s = [y, w, x_f, v_f(, X, V, u)]: y = x_r + (m_m/M) X_m, the height of the centre of mass of motor and rod [m],
-and its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where a feedback loop drives it; u, the
-internal state of a law of the user's own; behind them WORKS, where the energy ledger asks for them. In y the motor
-enters through X_m and X_m' alone (docs/physics.md section 1), so a velocity step of X_m needs no special treatment: y
-and w are continuous, and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
+and its rate w; the foot x_f, v_f; X and V, the motor's position and rate, only where a feedback loop or a law leads
+it; u, the internal state of a law; behind them energies (from MOTOR_WORK on), where the ledger asks for them. In y the
+motor enters through X_m and X_m' alone (docs/physics.md section 1), so a velocity step of X_m needs no special
+treatment: y and w are continuous, and v_r = w - (m_m/M) X_m' jumps by the impulse on the rod.
 
 Modes: AIR; STUCK (the foot rests on the ground); INTRUDE (granular only: the foot moves down). A massless foot (hard
 ground) follows the rod in the air, F_s = 0, and stands at 0 while x_r <= 0. The rail is `slip` = +1 or -1 (sign of

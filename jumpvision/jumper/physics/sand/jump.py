@@ -77,7 +77,7 @@ def simulate(
 def follow(
     model: Model, forcing: Forcing | Loop, t: Array, rtol: float, atol: float, stop: float, works: bool = False
 ) -> tuple[Motion, Array, Array]:
-    """`simulate` with the states [`granular`] at the end and at rest; works: with the energies WORKS behind them."""
+    """`simulate` with the states [`granular`] at the end and at rest; works: with the energies behind them."""
     constants, n = pack(model), granular.X
     if isinstance(forcing, Loop):
         limit_loop(constants, forcing, model)

@@ -1,4 +1,4 @@
-// The laws of the beds by name, from symbols and parameters in SI units to the ground's static and whole force on
+// The laws of the beds by name, from symbols and parameters in SI units to the static and the whole force on
 // the intruding foot [N], the mass that moves with it [kg] and the radius of its flat face [m]. Written from the
 // package's mechanisms by jumpvision.browser.demo.laws: change them there.
 
