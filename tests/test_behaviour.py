@@ -178,7 +178,7 @@ def test_the_scale_of_the_drag_matters_at_high_frequency_on_dense_sand():
 
 def test_added_mass_is_about_four_foot_masses():
     symbols = {n: CONE.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
-    assert cone_mass(np, 0.1, **symbols) == pytest.approx(3.9 * CONE.m_f, abs=0.05 * CONE.m_f)
+    assert cone_mass(np, z=0.1, **symbols) == pytest.approx(3.9 * CONE.m_f, abs=0.05 * CONE.m_f)
 
 
 # -- the delay -------------------------------------------------------------------------------------------------------

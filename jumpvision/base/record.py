@@ -7,8 +7,6 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from . import notebook as reprs
-
 
 class RecordError(ValueError):
     """A result file does not hold what its record declares."""
@@ -18,7 +16,11 @@ class Record(ABC):
     """A result with a file name; `save` writes the file into a folder, `load` reads it back unchanged."""
 
     file: ClassVar[str]
-    _repr_html_ = reprs.record
+
+    def _repr_html_(self) -> str:
+        from .notebook import record
+
+        return record(self)
 
     @abstractmethod
     def save(self, folder: Path) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +21,11 @@ from .discovery import Law, Laws
 from .fitting import Fit, Problem
 from .naming import Naming, name
 from .system import Costly, Parameter, System
-from .unexplained import Shapes, unexplained
-from .worth.design import Proposal, propose
 from .worth.gain import Choose, Gain, extrapolation, gain
+
+if TYPE_CHECKING:  # imported where they are asked for: most questions end before
+    from .unexplained import Shapes
+    from .worth.design import Proposal
 
 STARTS = 6  # of the baseline's fit where runs cost; else four times as many, over the ranges of its parameters
 NEIGHBOURS = ("kind", "volume_fraction", "delay", "frequency")  # labels that order conditions
@@ -138,6 +141,8 @@ class Order:
             return None if n.named else Unexplained()
         self.say("no mechanism explains all of it: describing what is left by generic forces")
         rng = np.random.default_rng(SEED)
+        from .unexplained import unexplained
+
         return unexplained(self.problem, [base, n.best.fit], self.shapes(), rng) or Unexplained()
 
     def foretell(self, d: Findings) -> Findings:
@@ -148,6 +153,8 @@ class Order:
         self.say("predicting held-out conditions")
         best, worth = naming.best.fit, self._gain(d)
         beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
+        from .worth.design import propose
+
         proposal = propose(*self.offered(), naming.tried) if self.offered else None
         seen = naming.best.detection if naming.named else found
         hidden = detectable(problem, best if naming.named else d.baseline, seen or found, self.rng)

@@ -14,7 +14,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
-from jumpvision.base import notebook as reprs
 from jumpvision.base.record import Record, RecordError, plain
 
 from . import FILE
@@ -190,6 +189,8 @@ class Diagnosis(Record):
         return "\n".join([lines[0], *(x if len(x) <= WIDE else x[: WIDE - 3] + "..." for x in lines[1:])])
 
     def _repr_html_(self) -> str:
+        from jumpvision.base import notebook as reprs
+
         rows = [
             {"model": " + ".join(c.mechanisms), "probability": f"{c.probability:.3f}", "parameters (90 %)": c.words}
             for c in self.models[:6]

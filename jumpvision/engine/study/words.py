@@ -10,7 +10,6 @@ from typing import Any, ClassVar
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import agreement, interval
-from jumpvision.engine.document.measured import confirmations
 from jumpvision.engine.document.sentence import Words
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
@@ -54,6 +53,8 @@ class StudySpeaker:
         if (alone := self.alone) is None:
             return {}
         units = {p.name: (p.start, p.unit or "1") for p in alone.parameters}
+        from jumpvision.engine.document.measured import confirmations
+
         rows = confirmations(alone, self.system.study.measured, units)
         apart = any(r.contradicts for r in rows)
         without = record.WithoutFilms(alone.named, alone.chi2) if apart else None

@@ -66,7 +66,7 @@ class Question(NamedTuple):
 
     def digest(self) -> str:
         """Of everything that the diagnosis depends on."""
-        own = [(m.name, m.acts_on, m.written, m.rate, m.parameters) for m in self.own]
+        own = [(m.name, m.acts_on, m.law, dict(m.let), m.state, m.parameters) for m in self.own]
         measured = [(m.names, m.source, m.values.tobytes(), m.covariance.tobytes()) for m in self.measured]
         beside = [repr(x) for x in (self.films, measured, own)]
         digest = hashlib.sha256(f"{VERSION} {__version__} {self.ranges} {self.priors} {beside}".encode())

@@ -95,7 +95,7 @@ def implied(fit: Fit, system: Jumper, own: Model, depth: float) -> tuple[float, 
         if "added_mass" not in model:
             return 0.0
         names = ("C", "mu", "theta", "R", "phi", "rho")
-        return float(cone_mass(np, depth, **{n: model.symbol(n) for n in names}))
+        return float(cone_mass(np, z=depth, **{n: model.symbol(n) for n in names}))
 
     at = mass(fit.named)
     steps = [STEP * p.scale for p in fit.parameters]

@@ -25,7 +25,7 @@ def model_toml(fit: Fit, system: Jumper, comment: str, ground: str = "") -> str:
     """The model as a file that `--model` takes: terms, parameters, their uncertainties; a re-fitted robot beside it."""
     model = system.build(fit.mechanisms, fit.named, ground)
     robot = {n: v for n, v in fit.named.items() if n in ROBOT}
-    laws = [m for m in map(model.mechanism, model.terms) if m.written]
+    laws = [m for m in map(model.mechanism, model.terms) if m.own]
     apart = {*ROBOT, *(n for m in laws for n in m.names)}
     own = {n: v for n, v in needed(model).items() if n not in apart}
     sigma = {p.name: fit.sigma(p.name) for p in fit.parameters}

@@ -205,7 +205,7 @@ def true_mass(row: Confirmation, campaign: Campaign, truth: Truth) -> float | No
     R, phi = robot and robot.foot_radius, own.get("volume_fraction")
     if C is None or mu is None or theta is None or R is None or phi is None or bed is None:
         return None
-    return float(cone_mass(np, row.depth_m, C, mu, theta, R, phi, bed.grain_density))
+    return float(cone_mass(np, z=row.depth_m, C=C, mu=mu, theta=theta, R=R, phi=phi, rho=bed.grain_density))
 
 
 def deviations(campaign: Campaign, outcomes: Sequence[Outcome]) -> Iterator[tuple[str, float]]:

@@ -35,7 +35,7 @@ AROUND = np.linspace(-1.0, 10.0, 12)  # s, of a recording, where a clock's error
 AFTER = 1.0  # s, simulated beyond the motor's stop where no track says how long
 
 
-@stage(version=8, any_of=("log", "law"))
+@stage(version=9, any_of=("log", "law"))
 def simulate(
     experiment: Experiment,
     robot: Robot,

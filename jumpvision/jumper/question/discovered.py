@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from jumpvision.engine.discovery import Discovery, Law, ceiling
 from jumpvision.engine.document import values as record
 from jumpvision.engine.fitting import Fit, Problem
-from jumpvision.jumper.mechanisms.own import acts_on, bare, drawn, mechanism, own_name
+from jumpvision.jumper.mechanisms.own import acts_on, bare, mechanism, own_name, parameter
 from jumpvision.jumper.mechanisms.record import Mechanism
 from jumpvision.jumper.physics.passivity import POSITIONS, RATES, is_passive
 
@@ -68,13 +68,12 @@ class JumperForms:
 
 def named(form: Mechanism, values: Mapping[str, float]) -> Mechanism:
     """A form under the name of a discovery, its parameters beginning at these values."""
-    assert form.written is not None
     parameters = []
     for p in form.parameters:
         q = p.prior(None)
         start = values.get(p.name, q.start)
         low, high = (q.low, q.high) if q.low < q.high else (start, start)
-        parameters.append(drawn(bare(form, p.name), start, low, high, p.unit, scale=q.scale))
+        parameters.append(parameter(bare(form, p.name), start, low, high, p.unit, scale=q.scale))
     text, state = form.equation, form.rate.text if form.rate else ""
     law = mechanism(NAME, acts_on(form), text, parameters, state=state, state_unit="m" if state else "")
     return replace(law, lacks=f"a law of no vocabulary on the {acts_on(law).replace('_', ' ')}, {text}")
@@ -109,8 +108,8 @@ def surface(law: Mechanism, seen: Mapping[str, Range], size: float) -> list[Mech
     for i, j in itertools.product(range(BUMPS), repeat=2):
         a, b = low + i * wide, slow + j * broad
         constants = (("a", a, "m"), ("l", 1.2 * wide, "m"), ("b", b, "m/s"), ("w", 1.2 * broad, "m/s"))
-        parameters = [drawn("r", 0.0, -1e3 * size, 1e3 * size, "N", scale=size)]
-        parameters += [drawn(n, value, value, value, unit) for n, value, unit in constants]
+        parameters = [parameter("r", 0.0, -1e3 * size, 1e3 * size, "N", scale=size)]
+        parameters += [parameter(n, value, value, value, unit) for n, value, unit in constants]
         text = f"r * exp(-(({x} - a) / l)**2 - (({v} - b) / w)**2)"
         out.append(mechanism(f"bump_{i}_{j}", acts_on(law), text, parameters))
     return out

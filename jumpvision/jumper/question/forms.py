@@ -13,7 +13,8 @@ from itertools import product
 import numpy as np
 
 from jumpvision.base.arrays import Array
-from jumpvision.jumper.mechanisms.own import drawn, mechanism
+from jumpvision.jumper.mechanisms.own import mechanism
+from jumpvision.jumper.mechanisms.own import parameter as drawn
 from jumpvision.jumper.mechanisms.record import Mechanism, Parameter
 from jumpvision.jumper.physics.model import Model
 from jumpvision.jumper.physics.sand.jump import arguments

@@ -395,5 +395,5 @@ def candidate(m: Mechanism, model: Model, sigma: Mapping[str, float]) -> Candida
         drops = tuple(sorted(set(own.names) - set(m.names)))
         return Candidate(tuple(parameters), replaces=own.name, drops=drops)
     shapes = tuple(itertools.product(*grids[1:]))
-    null = 0.0 if m.written else parameters[0].start
+    null = 0.0 if m.own else parameters[0].start
     return Candidate(tuple(parameters), null=null, shapes=shapes, goes_with=m.goes_with)

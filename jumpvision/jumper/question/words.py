@@ -59,7 +59,7 @@ class JumperSpeaker:
         """Those of a mechanism by name, the ends of a 90 % interval within its range."""
         own = self.system.model.mechanism(mechanism)
         return {
-            bare(own, p.name) if own.written else p.name: interval(fit, p)
+            bare(own, p.name) if own.own else p.name: interval(fit, p)
             for p in fit.parameters
             if p.name in own.names
         }

@@ -13,8 +13,7 @@ from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Cell, Discovered
 from jumpvision.engine.laws.expression import parse
 from jumpvision.engine.order import Findings
-from jumpvision.jumper.mechanisms.own import LONG_AGO
-from jumpvision.jumper.mechanisms.record import STATE
+from jumpvision.jumper.mechanisms.record import LONG_AGO, STATE
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import PARTS
 from jumpvision.report.style import (

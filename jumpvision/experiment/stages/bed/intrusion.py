@@ -116,8 +116,8 @@ def cone_family(R: float, theta: float) -> Family:
     area, whole = math.pi * R * R, R * math.tan(theta)
 
     def columns(z: Array, complete: float) -> Array:
-        flat = flat_volume(np, z, whole / complete, theta, R) / area
-        return np.stack([flat, cone_volume(np, z, whole / complete, theta, R)], axis=1)
+        cone = {"z": z, "mu": whole / complete, "theta": theta, "R": R}
+        return np.stack([flat_volume(np, **cone) / area, cone_volume(np, **cone)], axis=1)
 
     ends = whole / GROWTH[1], whole / GROWTH[0]
     return Family(("k1", "sigma_cone"), ("N/m", "N/m^3"), (0.0, area / math.cos(theta)), columns, range=ends)

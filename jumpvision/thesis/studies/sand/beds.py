@@ -363,8 +363,8 @@ def foot_radius(s: Sweep) -> Found:
     p, m = s.machine.model.parameters, s.machine.model
     cone: dict[str, Any] = {"C": p.C, "mu": p.mu, "theta": p.theta, "phi": m.volume_fraction, "rho": m.grain_density}
     full = r * math.tan(p.theta) / p.mu
-    mass = np.array([cone_mass(np, z, R=float(x), **cone) for z, x in zip(full, r)])
-    slope = np.array([cone_mass_slope(np, 0.0, R=float(x), **cone) for x in r])
+    mass = np.array([cone_mass(np, z=z, R=float(x), **cone) for z, x in zip(full, r)])
+    slope = np.array([cone_mass_slope(np, z=0.0, R=float(x), **cone) for x in r])
     extra: dict[str, Variable] = {
         "best_frequency_Hz": (("jump", "foot_radius"), results.pop("frequency"), "Hz", "of the highest jump"),
         "added_mass_kg": (("foot_radius",), mass, "kg", "of the complete cone (33)"),

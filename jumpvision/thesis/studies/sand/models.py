@@ -141,7 +141,7 @@ def force_models(s: Sweep) -> Found:
         m, law, here = motion(s, model, law_of, SAMPLES)
         results.append(batch(s, {n: v for n, v in law_of.items() if n != "phi"}, model))
         cone = {n: here.symbol(n) for n in ("C", "mu", "theta", "R", "phi", "rho")}
-        mass = cone_mass(np, np.maximum(-m.foot, 0.0), **cone) * (m.mode == MODES.index("intrude"))
+        mass = cone_mass(np, z=np.maximum(-m.foot, 0.0), **cone) * (m.mode == MODES.index("intrude"))
         up = (m.t > law.stop - 0.5 / frequency) & (m.t < law.stop)  # the second half cycle
         columns = {n: getattr(m, n) for n in ("rod", "foot", "motor", "spring_force", "ground_force", "mode")}
         for n, x in (columns | {"added_mass": mass * ("added_mass" in model)}).items():
