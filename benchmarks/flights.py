@@ -7,7 +7,7 @@ that the analysis has no model of: Student's t of 4 degrees of freedom, and whit
 ends 2 sigma away). Balls in closed form, with impacts shorter than a sample or a contact of 1 to 3 ms; jumps that begin
 and end abruptly; jumpers of motor, rod, spring and foot on hard ground, and on ground that yields and does not push
 back, by Runge-Kutta steps of 20 us with the change of contact located by halving. A jump or bounce must be found where
-it is higher than 20 sigma and lasts 8 samples; it may be found where it is higher than 2 sigma and lasts 2.
+it is higher than 20 sigma and lasts 8 samples, and what is found must be one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from jumpvision.estimate.flight import Flights, contact_flights, restitution, tr
 
 RATES = (240.0, 500.0, 1000.0, 2000.0, 4000.0)
 G = 9.81
-MUST, MAY = (20.0, 8.0), (2.0, 2.0)  # sigmas of height, samples of time
+MUST = (20.0, 8.0)  # sigmas of height, samples of time
 STEP = 2e-5  # s
 Rng = np.random.Generator
 
@@ -107,9 +107,10 @@ def ball(rng: Rng, contact: float = 0.0) -> Scene:
         a, b = table[np.maximum(k, 0)].T
         y = np.where(k == 0, fall - 0.5 * G * (times - held) ** 2, 0.5 * G * (times - a) * (b - times))
         speed = np.concatenate([[math.sqrt(2.0 * fall * G)], 0.5 * G * np.diff(table[1:], axis=1)[:, 0]])[np.maximum(k, 0)]
-        inside = (times > b) & (k < n)  # a sine that leaves at e of the speed it came with: near enough for 3 ms
-        bump = 0.0 if not contact else -speed * contact / math.pi * np.sin(math.pi * np.clip((times - b) / contact, 0, 1))
-        return np.where(k < 0, fall, np.where(times <= b, y, np.where(inside, bump, 0.0)))
+        inside = (times > b) & (k < n)
+        since = np.clip(times - b, 0.0, contact)  # half a swing whose damping leaves e of the speed
+        dip = 0.0 if not contact else -speed * contact / math.pi * e ** (since / contact) * np.sin(math.pi * since / contact)
+        return np.where(k < 0, fall, np.where(times <= b, y, np.where(inside, dip, 0.0)))
 
     return Scene(
         f"ball, contacts of {1e3 * contact:g} ms",
@@ -278,13 +279,13 @@ def filmed(rng: Rng, make: Callable[[Rng], Scene], families: Iterable[str]) -> R
     return Record(scene, t, h, np.full(t.size, noise) if stated else None, noise, rate, family)
 
 
-def matched(f: Flights, true: np.ndarray) -> list[tuple[int, int]]:
-    """(found, true) of every true flight whose middle lies in a found one, one to one."""
+def matched(f: Flights, true: np.ndarray, last: float) -> list[tuple[int, int]]:
+    """(found, true) of every true flight whose middle lies in a found one, one to one. last [s]: of the record."""
     out = []
     begin = np.where(np.isfinite(f.lift_off), f.lift_off, -np.inf)
     end = np.where(np.isfinite(f.landing), f.landing, np.inf)
     for k, (a, b) in enumerate(true):
-        middle = 0.5 * ((a if np.isfinite(a) else b) + (b if np.isfinite(b) else a))
+        middle = 0.5 * (a + (b if np.isfinite(b) else last))
         at = np.flatnonzero((begin < middle) & (middle < end))
         if at.size == 1 and at[0] not in [i for i, _ in out]:
             out.append((int(at[0]), k))
@@ -292,12 +293,12 @@ def matched(f: Flights, true: np.ndarray) -> list[tuple[int, int]]:
 
 
 def right_count(r: Record, f: Flights) -> bool:
-    """Every flight that must be found is, one by one, and none besides those that may be."""
-    pairs = matched(f, r.scene.flights)
-    must, may = r.seen(MUST), r.seen(MAY)
+    """Every flight that must be found is, one by one, and what is found is a flight."""
+    pairs = matched(f, r.scene.flights, r.t[-1])
+    must = r.seen(MUST)
     found = np.zeros(must.size, bool)
     found[[k for _, k in pairs]] = True
-    return bool(np.all(found[must]) and len(f) == len(pairs) and np.all(may[found] | ~np.isfinite(may[found])))
+    return bool(np.all(found[must]) and len(f) == len(pairs))
 
 
 @dataclass
@@ -427,7 +428,7 @@ def jumpers(rng: Rng, number: int, each: bool) -> list[Row]:
             if not right[-1]:
                 say(each, r, f)
             must = r.seen(MUST)
-            for i, k in matched(f, r.scene.flights):
+            for i, k in matched(f, r.scene.flights, r.t[-1]):
                 if must[k] and np.isfinite(f.time[i]):
                     true = r.scene.flights[k]
                     lift.append((f.lift_off[i] - true[0]) / f.lift_off_sigma[i])
@@ -446,7 +447,7 @@ def contact_beside(rng: Rng, r: Record, f: Flights) -> list[bool]:
     air = np.any((t[:, None] > edges[:, 0]) & (t[:, None] < edges[:, 1]), axis=1)
     log = contact_flights(t, (~air).astype(float), debounce=0.0)
     out, must = [], r.seen(MUST)
-    for i, k in matched(f, r.scene.flights):
+    for i, k in matched(f, r.scene.flights, r.t[-1]):
         near = np.flatnonzero(np.abs(log.lift_off - r.scene.flights[k, 0]) < 2e-3)
         if must[k] and near.size:
             for a, sa, b, sb in (
@@ -470,7 +471,7 @@ def balls(rng: Rng, number: int, each: bool) -> list[Row]:
             right.append(right_count(r, f))
             if not right[-1]:
                 say(each, r, f)
-            for i, k in matched(f, r.scene.flights):
+            for i, k in matched(f, r.scene.flights, r.t[-1]):
                 if r.seen(MUST)[k] and np.isfinite(f.time[i]) and k:
                     lasts.append((f.time[i] - np.diff(r.scene.flights[k])[0]) / f.time_sigma[i])
             e = restitution(f.only(np.arange(len(f)) > 0), after=0.0)
@@ -516,7 +517,7 @@ def scales(rng: Rng, number: int, each: bool) -> list[Row]:
                     say(each, r, f)
             else:
                 good = said
-                for i, k in matched(f, r.scene.flights):
+                for i, k in matched(f, r.scene.flights, r.t[-1]):
                     if r.seen(MUST)[k] and np.isfinite(f.time[i]):
                         good = good or abs(f.time[i] - np.diff(r.scene.flights[k])[0]) < 2.0 * f.time_sigma[i]
                 small.append(bool(good))

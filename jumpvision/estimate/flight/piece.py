@@ -45,8 +45,12 @@ class Piece:
 
     @property
     def weights(self) -> Array:
-        """1/m^2, (n,): of white noise that is worth as much as this over many samples."""
-        return np.asarray(self.sigma**-2 * (1.0 - self.rho) / (1.0 + self.rho))
+        """1/m^2, (n,): of white noise that is worth as much as this over many samples; next to none where the last
+        sample, which `seen` needs, is not there."""
+        out = self.sigma**-2 * (1.0 - self.rho) / (1.0 + self.rho)
+        if self.rho:
+            out[np.diff(self.t, prepend=-np.inf) > 1.5 * self.step] *= LEAST
+        return np.asarray(out)
 
     @property
     def seen(self) -> tuple[Array, Array]:
@@ -57,6 +61,9 @@ class Piece:
         y[1:] = (self.y[1:] - self.rho * self.y[:-1]) / (1.0 - self.rho)
         t[1:] = (self.t[1:] - self.rho * self.t[:-1]) / (1.0 - self.rho)
         return t, y
+
+
+LEAST = 1e-4  # of the weight of a sample that cannot be told from its neighbour's noise
 
 
 @dataclass(frozen=True)

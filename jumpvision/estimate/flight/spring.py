@@ -89,13 +89,14 @@ def sprung(
     reach: tuple[int, int],
     edges: tuple[int, ...],
     how: Settings,
+    shares: tuple[float, ...] = SHRUNK,
 ) -> Sprung | None:
     """Fit of the flight of samples inside[0] .. inside[1] and of the contact as far as reach[0] .. reach[1].
 
     The contact is left out bit by bit from its turning point on, until a spring explains the rest of it.
     """
     best = None
-    for share in SHRUNK:
+    for share in shares:
         lo = inside[0] - round(share * (inside[0] - reach[0])) if -1 in edges else inside[0]
         hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
         found = _fitted(piece.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how)

@@ -85,9 +85,14 @@ def flights_in(piece: Piece, how: Settings) -> list[tuple[Motion, Flight]]:
 
 
 def flies(f: Flight, how: Settings) -> bool:
-    """Whether a curvature excludes none at all and agrees with gravity's, and no swing explains it."""
+    """Whether a curvature excludes none at all and agrees with gravity's, no swing explains it, and its ends are told
+    better than its length."""
     bend, sigma = f.curvature
     near = NEAR * math.hypot(sigma, how.gravity_sigma) + LIKE * how.gravity
+    times = [e.time for e in f.edges if e]
+    vague = max((e.variance for e in f.edges if e), default=0.0)
+    if len(times) == 2 and not 0.0 < vague < (times[1] - times[0]) ** 2:
+        return False
     return -bend > POWER * sigma and abs(bend + how.gravity) < near and not f.swing
 
 
