@@ -180,7 +180,8 @@ def settled(piece: Piece, parts: list[Part], gravity: float) -> Motion:
         if k in corners and lines[k].chi2 + lines[k + 1].chi2 - before[k][1] <= SLACK * price(piece):
             continue
         corners.pop(k, None)
-        parts[k], parts[k + 1] = replace(parts[k], j=before[k][0]), replace(parts[k + 1], i=before[k][0])
+        border = min(max(before[k][0], parts[k].i + 1), parts[k + 1].j - 1)
+        parts[k], parts[k + 1] = replace(parts[k], j=border), replace(parts[k + 1], i=border)
         lines[k : k + 2] = [p.line(piece, gravity) for p in parts[k : k + 2]]
     return Motion(piece, parts, lines, corners)
 

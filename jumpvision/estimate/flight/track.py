@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import Array, with_digits_of
 
 from ..estimate import checked, checked_sigma
 from ..mean import difference_noise
 from .edges import Flight, flight
 from .flights import NAN, Flights
 from .learning import with_noise
-from .motion import POWER, Motion, motion
+from .motion import POWER, Motion, curvature, motion
 from .piece import Piece
 from .segments import FLIGHT, LIKE
 from .spring import Ring, Settings
 
+FEWEST = 6  # samples of a piece
+GROSS = 1.5  # times its stated sigma that a track scatters, which is said
+TOLD = 3.0  # sigmas by which the curvature of all flights is another than gravity's, which is said
+FAR, LONGEST, TRIED = 2.5, 8, 3  # factor, samples, number of other curvatures that are looked at
 NEAR = 5.0  # sigmas within which the curvature of a flight must be that of gravity
 
 
@@ -49,8 +54,62 @@ def track_flights(
     if not stated:
         sigma = np.full(t.size, noise_of(h))
     how = Settings(gravity, gravity_sigma, shortest, ring, lag)
-    cut, _ = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
-    return collected([(m, f) for piece in cut for m, f in flights_in(piece, how)])
+    cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
+    whole, warned = as_filmed(cut, how)
+    if stated and noise.factor > GROSS:
+        warned.append(
+            f"the track scatters by {noise.factor:.2g} times its sigma ({noise.factor * float(np.median(sigma)):.2g} m): "
+            "the sigmas of the flights are widened"
+        )
+    return replace(collected([(m, f) for m, flying in whole for f in flying]), warnings=tuple(warned))
+
+
+Whole = list[tuple[Motion, list[Flight]]]
+
+
+def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[str]]:
+    """The flights of all pieces, at the curvature that they have: gravity's, or what a wrong scale, frame rate or tilt
+    makes of it, which is then said."""
+    whole = [flights_in(piece, how) for piece in cut]
+    for bend in others(whole, how):
+        tried = [flights_in(piece, replace(how, gravity=bend)) for piece in cut]
+        whole = tried if aloft(tried) > aloft(whole) else whole
+    flying = [f for _, some in whole for f in some]
+    if not flying:
+        return whole, []
+    weight = np.array([f.curvature[1] for f in flying]) ** -2.0
+    bend = -float(np.average([f.curvature[0] for f in flying], weights=weight))
+    sigma = float(weight.sum()) ** -0.5
+    if abs(bend - how.gravity) < TOLD * math.hypot(sigma, how.gravity_sigma, LIKE * how.gravity):
+        return whole, []
+    said = (
+        f"free flight at {with_digits_of(bend, sigma)} ± {with_digits_of(sigma, sigma)} m/s^2, not {how.gravity:g}: "
+        "scale, frame rate or tilt"
+    )
+    return [flights_in(piece, replace(how, gravity=bend, gravity_sigma=sigma)) for piece in cut], [said]
+
+
+def others(whole: Whole, how: Settings) -> list[float]:
+    """Curvatures [m/s^2] that long smooth motions have which are no flights at gravity's, at most TRIED of them."""
+    found = []
+    longest = max((f.j - f.i for _, some in whole for f in some), default=0)
+    for m, _ in whole:
+        for p in m.parts:
+            if p.kind != FLIGHT and len(p) >= max(LONGEST, 0.5 * longest):
+                bend, sigma = curvature(m.piece, p.i, p.j)
+                if bend < -POWER * sigma and 1.0 / FAR < -bend / how.gravity < FAR:
+                    found.append((bend / sigma, -bend))
+    return [b for _, b in sorted(found)[:TRIED]]
+
+
+def aloft(whole: Whole) -> float:
+    """Time [s] in flights whose ends are known for what they are."""
+    return sum(
+        float(m.piece.t[f.j - 1] - m.piece.t[f.i])
+        for m, some in whole
+        for f in some
+        if all(e is None or e.kind != "contact" for e in f.edges) and any(f.edges)
+    )
 
 
 def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple[int, int]]:
@@ -59,7 +118,8 @@ def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple
     t [s] increasing, h [m] up, sigma [m] > 0, shape (n,), all finite, without gaps.
     """
     (piece,), _ = with_noise([Piece(t, h, sigma)], gravity, stated=True)
-    at = [(m.piece.t[f.i], m.piece.t[f.j - 1]) for m, f in flights_in(piece, Settings(gravity))]
+    m, flying = flights_in(piece, Settings(gravity))
+    at = [(m.piece.t[f.i], m.piece.t[f.j - 1]) for f in flying]
     return [(int(np.searchsorted(t, a)), int(np.searchsorted(t, b)) + 1) for a, b in at]
 
 
@@ -75,13 +135,13 @@ def noise_of(h: Array) -> float:
     return max(difference_noise(h), rounding, float(np.finfo(float).tiny))
 
 
-def flights_in(piece: Piece, how: Settings) -> list[tuple[Motion, Flight]]:
-    """The flights of a piece, each with the motion that it is part of."""
-    if piece.t.size < 6:
-        return []
-    whole = motion(piece, how.gravity)
-    flying = [flight(whole, k, how) for k, part in enumerate(whole.parts) if part.kind == FLIGHT]
-    return [(whole, f) for f in flying if flies(f, how) and lasts(whole.piece, f, how)]
+def flights_in(piece: Piece, how: Settings) -> tuple[Motion, list[Flight]]:
+    """The motion of a piece, and its flights."""
+    if piece.t.size < FEWEST:
+        return Motion(piece, [], [], {}), []
+    m = motion(piece, how.gravity)
+    flying = [flight(m, k, how) for k, part in enumerate(m.parts) if part.kind == FLIGHT]
+    return m, [f for f in flying if flies(f, how) and lasts(m.piece, f, how)]
 
 
 def flies(f: Flight, how: Settings) -> bool:
