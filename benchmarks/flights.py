@@ -106,10 +106,16 @@ def ball(rng: Rng, contact: float = 0.0) -> Scene:
         k = np.searchsorted(table[:, 0], times, side="right") - 1
         a, b = table[np.maximum(k, 0)].T
         y = np.where(k == 0, fall - 0.5 * G * (times - held) ** 2, 0.5 * G * (times - a) * (b - times))
-        speed = np.concatenate([[math.sqrt(2.0 * fall * G)], 0.5 * G * np.diff(table[1:], axis=1)[:, 0]])[np.maximum(k, 0)]
+        speed = np.concatenate([[math.sqrt(2.0 * fall * G)], 0.5 * G * np.diff(table[1:], axis=1)[:, 0]])[
+            np.maximum(k, 0)
+        ]
         inside = (times > b) & (k < n)
         since = np.clip(times - b, 0.0, contact)  # half a swing whose damping leaves e of the speed
-        dip = 0.0 if not contact else -speed * contact / math.pi * e ** (since / contact) * np.sin(math.pi * since / contact)
+        dip = (
+            0.0
+            if not contact
+            else -speed * contact / math.pi * e ** (since / contact) * np.sin(math.pi * since / contact)
+        )
         return np.where(k < 0, fall, np.where(times <= b, y, np.where(inside, dip, 0.0)))
 
     return Scene(
@@ -339,7 +345,14 @@ def covered(name: str, z: list[float]) -> list[Row]:
     if not a.size:
         return []
     note = f"rms {np.sqrt(np.mean(a**2)):.2f}, median {np.median(a):+.2f}, beyond 5: {np.sum(np.abs(a) > 5)}"
-    bias = Row(f"{name}: |bias| in sigmas (mean, |z| < 5)", abs(float(np.mean(a[np.abs(a) < 5]))), 1.0 / math.sqrt(a.size), -10, 0.2, a.size)
+    bias = Row(
+        f"{name}: |bias| in sigmas (mean, |z| < 5)",
+        abs(float(np.mean(a[np.abs(a) < 5]))),
+        1.0 / math.sqrt(a.size),
+        -10,
+        0.2,
+        a.size,
+    )
     return [share(f"{name}: within a sigma", list(np.abs(a) < 1.0), 0.64, 0.72, note), bias]
 
 
@@ -366,7 +379,10 @@ def say(each: bool, r: Record, f: Flights) -> None:
     if each:
         true = [f"{x:.4f}-{y:.4f}" for x, y in r.scene.flights]
         got = [f"{x:.4f}-{y:.4f} {'/'.join(k)}" for x, y, k in zip(f.lift_off, f.landing, f.kinds)]
-        print(f"  {r.scene.name} {r.family} {r.rate:g} Hz {1e6 * r.noise:.0f} um {'stated' if r.sigma is not None else ''}: {true} found {got}", flush=True)
+        print(
+            f"  {r.scene.name} {r.family} {r.rate:g} Hz {1e6 * r.noise:.0f} um {'stated' if r.sigma is not None else ''}: {true} found {got}",
+            flush=True,
+        )
 
 
 def at_rest(rng: Rng, number: int, each: bool) -> list[Row]:
@@ -407,8 +423,19 @@ def single(rng: Rng, number: int, each: bool) -> list[Row]:
                 say(each, r, f)
         name = f"abrupt jump, {' or '.join(families)}"
         rows.append(share(f"{name}: exactly one", one, low=0.98))
-        rows += [x for n, z in (("lift-off", lift), ("flight time", lasts), ("height", height)) for x in covered(f"{name}: {n}", z)]
-        rows.append(share(f"{name}: flight time within half a sample", [s <= 0.5 for s in samples], low=0.99, note=f"median {np.median(samples):.3f}"))
+        rows += [
+            x
+            for n, z in (("lift-off", lift), ("flight time", lasts), ("height", height))
+            for x in covered(f"{name}: {n}", z)
+        ]
+        rows.append(
+            share(
+                f"{name}: flight time within half a sample",
+                [s <= 0.5 for s in samples],
+                low=0.99,
+                note=f"median {np.median(samples):.3f}",
+            )
+        )
     return rows
 
 
@@ -491,10 +518,18 @@ def scales(rng: Rng, number: int, each: bool) -> list[Row]:
             r = filmed(rng, make, MODELLED)
             if not r.seen(MUST).any():
                 continue
-            off = 0.0 if wrong is False else 0.02 if wrong is None else math.exp(rng.uniform(math.log(0.03), math.log(0.3)))
+            off = (
+                0.0
+                if wrong is False
+                else 0.02
+                if wrong is None
+                else math.exp(rng.uniform(math.log(0.03), math.log(0.3)))
+            )
             factor = (1.0 + off) ** float(rng.choice([-1.0, 1.0]))
             if rng.integers(2):  # the scale; else the rate
-                r = Record(r.scene, r.t, r.h * factor, None if r.sigma is None else r.sigma * factor, r.noise, r.rate, r.family)
+                r = Record(
+                    r.scene, r.t, r.h * factor, None if r.sigma is None else r.sigma * factor, r.noise, r.rate, r.family
+                )
                 change = factor
             else:
                 s = factor**-0.5
@@ -502,7 +537,7 @@ def scales(rng: Rng, number: int, each: bool) -> list[Row]:
                 r = Record(moved, r.t * s, r.h, r.sigma, r.noise, r.rate / s, r.family)
                 change = factor
             f = r.flights()
-            said = bool(f.warnings)
+            said = bool(f.doubts)
             best = max(np.diff(r.scene.flights, axis=1)[r.seen(MUST), 0], default=0.0)
             eff = r.noise * (math.sqrt(1.7 / 0.3) if r.family == "AR .7" else 1.0)
             known = eff * math.sqrt(720.0 / max(best * r.rate, 4.0)) / max(best, 1e-9) ** 2

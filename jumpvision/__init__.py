@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 __version__ = "0.1.0"
-VERBS = ("open", "run", "diagnose", "sweep", "plan", "ringdown", "triangulate")
+VERBS = ("open", "run", "diagnose", "sweep", "plan", "ringdown", "flights", "triangulate")
 TYPES = ("Recording", "Study", "Parameter", "Mechanism", "Channel")  # what diagnose takes of a user's own simulator
 
 

@@ -197,7 +197,9 @@ def _cost(motion: Motion, part: Part, lo: int, hi: int) -> float:
 def released(motion: Motion, k: int) -> Beside | None:
     """The rest from which the flight k is let go: it begins at its apex, as high as the rest."""
     line, level, at = motion.lines[k], motion.lines[k - 1], float(motion.piece.t[motion.parts[k].i])
-    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(motion, k):
+    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(
+        motion, k
+    ):
         return None
     apex = line.origin - float(line.p[1]) / (2.0 * line.bend)
     sigma = math.hypot(math.sqrt(float(line.row(apex) @ line.cov @ line.row(apex))), math.sqrt(float(level.cov[0, 0])))

@@ -237,5 +237,3 @@ def calm(parts: list[Part], fewest: int) -> list[Part]:
         if len(p) - 2 * cut >= (fewest if p.kind != CURVED else 2 * fewest):
             out.append(replace(p, i=p.i + cut, j=p.j - cut))
     return out
-
-

@@ -29,7 +29,9 @@ class Noise:
 
     def of_stated(self) -> Noise:
         """For a sigma that is stated: believed until the scatter contradicts it, never shrunk."""
-        sure = self.n and self.factor > 1.0 + SURE * math.sqrt((1.0 + self.rho**2) / (1.0 - self.rho**2) / (2.0 * self.n))
+        sure = self.n and self.factor > 1.0 + SURE * math.sqrt(
+            (1.0 + self.rho**2) / (1.0 - self.rho**2) / (2.0 * self.n)
+        )
         return Noise(self.factor if sure else 1.0, self.rho, self.n)
 
 
@@ -99,5 +101,3 @@ def _between(x: Array, cost: Array, k: int) -> float:
         return float(x[k])
     a, b, c = cost[k - 1 : k + 2]
     return float(x[k] + 0.5 * (x[1] - x[0]) * (a - c) / max(a - 2.0 * b + c, 1e-300))
-
-

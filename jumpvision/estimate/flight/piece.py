@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -94,7 +95,7 @@ class Line:
         """Standard uncertainty of the slope [m/s]."""
         k = np.arange(self.p.size)
         row = k * (t - self.origin) ** np.maximum(k - 1, 0)
-        return float(np.sqrt(max(row @ self.cov @ row, 0.0)))
+        return math.sqrt(max(float(row @ self.cov @ row), 0.0))
 
     def row(self, t: float) -> Array:
         """d at(t) / d p."""

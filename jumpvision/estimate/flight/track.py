@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,7 @@ from jumpvision.base.arrays import Array, with_digits_of
 from ..estimate import checked, checked_sigma
 from ..mean import difference_noise
 from .edges import Flight, flight
-from .flights import NAN, Flights
+from .flights import NAN, Doubt, Flights
 from .learning import with_noise
 from .motion import POWER, Motion, curvature, motion
 from .piece import Piece
@@ -41,7 +42,22 @@ def track_flights(
     lag: float = 0.0,
     ring: Ring | None = None,
 ) -> Flights:
-    """Flights from the track."""
+    """Flights from the track: the record as one motion of rest, straight motion, contact and flight.
+
+    t [s] increasing, h [m] up, sigma [m] > 0 of independent or correlated noise, shape (n,), or None: as the record
+    scatters; NaN samples are left out, but a gap longer than max_gap [s] ends a flight with a NaN edge. gravity
+    [m/s^2] along the rail, > 0, known to gravity_sigma. Flights shorter than `shortest` [s] are left out. ripple [m]:
+    amplitude by which a hanging foot shakes the rod in flight, about m_f/(M + m_f) of the foot's own; it widens sigma
+    where the record is cut (0: no foot); ring: its frequency, fitted along. lag [s]: c/k of a damper beside the
+    spring. The motor must not move during the flight: the rod alone then follows no parabola (give the time after
+    the forcing, or the centre of mass of motor and rod).
+
+    Segments are chosen by evidence (`segments`), the noise and its correlation learned from them (`learning`). A flight
+    has a parabola of curvature -gravity. It ends where that meets a rest or the next flight (an impact shorter than a
+    sample), or where the body is on a spring of free stiffness, whichever the evidence prefers (`edges`). A damper that
+    is not told makes both edges early by c/k (0.24 ms for the robot of Table 3) and leaves the flight time. Where
+    nothing explains a contact the sigma is a sample interval. Raises ValueError for arrays that cannot be used.
+    """
     stated = sigma is not None
     t, h, sigma = checked("track_flights", t=t, h=h, sigma=np.ones(np.size(t)) if sigma is None else sigma)
     checked_sigma("track_flights", sigma)
@@ -57,17 +73,18 @@ def track_flights(
     cut, noise = with_noise([Piece(t[i:j], h[i:j], sigma[i:j]) for i, j in pieces(t, max_gap)], gravity, stated)
     whole, warned = as_filmed(cut, how)
     if stated and noise.factor > GROSS:
-        warned.append(
-            f"the track scatters by {noise.factor:.2g} times its sigma ({noise.factor * float(np.median(sigma)):.2g} m): "
-            "the sigmas of the flights are widened"
+        said = (
+            f"the track scatters by {noise.factor:.2g} times its sigma of {float(np.median(sigma)):.2g} m: what is said of "
+            "its flights is widened"
         )
-    return replace(collected([(m, f) for m, flying in whole for f in flying]), warnings=tuple(warned))
+        warned.append(Doubt("noise", said, (noise.factor,)))
+    return replace(collected([(m, f) for m, flying in whole for f in flying]), doubts=tuple(warned))
 
 
 Whole = list[tuple[Motion, list[Flight]]]
 
 
-def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[str]]:
+def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[Doubt]]:
     """The flights of all pieces, at the curvature that they have: gravity's, or what a wrong scale, frame rate or tilt
     makes of it, which is then said."""
     whole = [flights_in(piece, how) for piece in cut]
@@ -86,7 +103,8 @@ def as_filmed(cut: list[Piece], how: Settings) -> tuple[Whole, list[str]]:
         f"free flight at {with_digits_of(bend, sigma)} ± {with_digits_of(sigma, sigma)} m/s^2, not {how.gravity:g}: "
         "scale, frame rate or tilt"
     )
-    return [flights_in(piece, replace(how, gravity=bend, gravity_sigma=sigma)) for piece in cut], [said]
+    doubt = Doubt("curvature", said, (bend, sigma, how.gravity))
+    return [flights_in(piece, replace(how, gravity=bend, gravity_sigma=sigma)) for piece in cut], [doubt]
 
 
 def others(whole: Whole, how: Settings) -> list[float]:
@@ -124,8 +142,9 @@ def in_flight(t: Array, h: Array, sigma: Array, *, gravity: float) -> list[tuple
 
 
 def pieces(t: Array, max_gap: float) -> Iterator[tuple[int, int]]:
+    """(first, one past the last) sample of every stretch without a longer gap [s]."""
     cuts = [0, *(np.flatnonzero(np.diff(t) > max_gap) + 1).tolist(), t.size]
-    return zip(cuts, cuts[1:])
+    return pairwise(cuts)
 
 
 def noise_of(h: Array) -> float:
@@ -177,11 +196,20 @@ def collected(found: list[tuple[Motion, Flight]]) -> Flights:
                 shared[a, lag - 1] = sum(s * f.covariance(i, other, j) for (i, j), s in signs.items())
     bends = np.array([f.curvature for _, f in found]).reshape(-1, 2)
     kinds = tuple((_kind(f, 0), _kind(f, 1)) for _, f in found)
-    return Flights(*table.T.copy(), covariance, shared, bends[:, 0].copy(), bends[:, 1].copy(), kinds)
+    up, up_sigma, down, down_sigma = table.T.copy()
+    return Flights(
+        up,
+        up_sigma,
+        down,
+        down_sigma,
+        covariance=covariance,
+        shared=shared,
+        curvature=bends[:, 0].copy(),
+        curvature_sigma=bends[:, 1].copy(),
+        kinds=kinds,
+    )
 
 
 def _kind(f: Flight, k: int) -> str:
     e = f.edges[k]
     return e.kind if e else "outside"
-
-
