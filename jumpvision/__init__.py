@@ -13,8 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from jumpvision.base.doors import ArraysOrFolder
-
 __version__ = "0.1.0"
 VERBS = {  # name: the module that has it
     "open": "api",
@@ -23,6 +21,7 @@ VERBS = {  # name: the module that has it
     "sweep": "api",
     "plan": "api",
     "ringdown": "estimate.oscillation",
+    "flights": "estimate.free_flight",
     "triangulate": "films.arrays.space",
 }
 TYPES = {  # what diagnose takes of a user's own simulator
@@ -78,6 +77,8 @@ def __getattr__(name: str) -> Any:
     if name in VERBS or name in TYPES:
         return getattr(import_module(f"jumpvision.{(VERBS | TYPES)[name]}"), name)
     if name in OF_ARRAYS:
+        from jumpvision.base.doors import ArraysOrFolder
+
         globals()[name] = found = ArraysOrFolder(of_arrays(name), partial(_stage, name))
         return found
     if name == "__all__":

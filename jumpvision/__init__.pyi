@@ -10,6 +10,7 @@ from .api_study import diagnose as diagnose
 from .api import sweep as sweep
 from .api import plan as plan
 from .estimate.oscillation import ringdown as ringdown
+from .estimate.free_flight import flights as flights
 from .films.arrays.space import triangulate as triangulate
 from .engine import Recording as Recording
 from .engine import Study as Study

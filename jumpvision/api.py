@@ -6,8 +6,8 @@
     jv.track(experiment).table
 
 What is computed is kept where the command line keeps it, so neither computes what the other has; `results` names
-another folder. `jv.piv`, `jv.track`, `jv.bed`, `jv.crater` and `jv.intrusion` take arrays too, as `jv.ringdown` does:
-they need no folder then and write nothing.
+another folder. `jv.piv`, `jv.track`, `jv.bed`, `jv.crater` and `jv.intrusion` take arrays too, as `jv.ringdown` and
+`jv.flights` do: they need no folder then and write nothing.
 Warnings are Python warnings here. Bad calls and folders raise jumpvision.base.schema.InputError.
 """
 

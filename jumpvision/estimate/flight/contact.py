@@ -47,5 +47,3 @@ def runs(flag: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """(first, one past the last) index of every run of True."""
     change = np.flatnonzero(np.diff(np.concatenate(([0], flag.astype(np.int8), [0]))))
     return [(int(i), int(j)) for i, j in zip(change[::2], change[1::2])]
-
-

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array
 
-from ..estimate import Estimate, fit_line
+from ..estimate import Estimate, scatter_factor
 
 NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """What a record contradicts: kind "curvature" (values: as filmed, its sigma, gravity [m/s^2]) or "noise" (values:
+    scatter over the stated sigma), and the message for people."""
+
+    kind: str
+    message: str
+    values: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -22,8 +32,8 @@ class Flights:
     NaN stands for an edge outside the record (in the air when it begins or ends). `len()` is n_jumps.
     covariance: of a flight's lift-off and landing [s^2]; shared (n, 2): covariance of its time with that of the next
     and of the one after it [s^2], by the impacts and parabolas that they share. curvature [m/s^2]: of the track in
-    flight, fitted freely, with its standard uncertainty. kinds: what each flight begins and ends with. warnings: what
-    is wrong with the record as a whole.
+    flight, fitted freely, with its standard uncertainty. kinds: what each flight begins and ends with. doubts: what is
+    wrong with the record as a whole.
     """
 
     lift_off: Array
@@ -35,7 +45,7 @@ class Flights:
     curvature: Array = field(default_factory=lambda: np.zeros(0))
     curvature_sigma: Array = field(default_factory=lambda: np.zeros(0))
     kinds: tuple[tuple[str, str], ...] = ()
-    warnings: tuple[str, ...] = ()
+    doubts: tuple[Doubt, ...] = ()
 
     def __post_init__(self) -> None:
         n = self.lift_off.size
@@ -65,16 +75,17 @@ class Flights:
             follows = np.zeros(at.size, bool)
             follows[: at.size - lag] = (at[lag:] - at[:-lag] == lag) if at.size > lag else False
             shared[~follows, lag - 1] = 0.0
-        rows = {k: getattr(self, k)[at] for k in ("lift_off", "lift_off_sigma", "landing", "landing_sigma", "covariance")}
-        own = {k: getattr(self, k)[at] if len(getattr(self, k)) else getattr(self, k) for k in ("curvature", "curvature_sigma")}
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("shared", "kinds", "doubts")}
+        rows = {k: a[at] if len(a) else a for k, a in arrays.items()}
         kinds = tuple(self.kinds[i] for i in at) if self.kinds else ()
-        return Flights(**rows, **own, shared=shared, kinds=kinds, warnings=self.warnings)
+        return Flights(**rows, shared=shared, kinds=kinds, doubts=self.doubts)
 
 
 def flights_of(rows: list[tuple[float, ...]]) -> Flights:
     """Of rows lift_off, its sigma, landing, its sigma."""
     table = np.array(rows, dtype=float).reshape(-1, 4)
-    return Flights(*(table[:, c].copy() for c in range(4)))
+    up, up_sigma, down, down_sigma = table.T.copy()
+    return Flights(up, up_sigma, down, down_sigma)
 
 
 def final_flight(flights: Flights, *, after: float) -> int | None:
@@ -104,7 +115,22 @@ def restitution(flights: Flights, *, after: float) -> Estimate:
     free = free[: ends[0] + 1] if ends.size else free
     if free.size < 2:
         return Estimate(NAN, NAN, "", free.size, NAN, f"{free.size} free flights, two are needed")
-    time, sigma = flights.time[free], flights.time_sigma[free]
-    line = fit_line(np.arange(free.size), np.log(time), sigma / time)
-    e = math.exp(line.slope)
-    return Estimate(e, e * line.slope_sigma, "", free.size, line.chi2)
+    time, shared = flights.time[free], flights.shared[free]
+    cov = np.diag(flights.time_sigma[free] ** 2)
+    for lag in (1, 2):  # an impact ends one flight and begins the next
+        at = np.arange(free.size - lag)
+        cov[at, at + lag] = cov[at + lag, at] = shared[: free.size - lag, lag - 1]
+    slope, sigma, chi2 = _slope(np.log(time), cov / np.outer(time, time))
+    e = math.exp(slope)
+    return Estimate(e, e * sigma, "", free.size, chi2)
+
+
+def _slope(y: Array, cov: Array) -> tuple[float, float, float]:
+    """(slope, its sigma with the scatter factor, chi^2) of y (n,) over 0, 1, ... with covariance (n, n)."""
+    a = np.stack([np.ones(y.size), np.arange(y.size)], axis=1)
+    inverse = np.linalg.pinv(cov, hermitian=True)
+    of_slope = np.linalg.inv(a.T @ inverse @ a)
+    p = of_slope @ (a.T @ inverse @ y)
+    off = y - a @ p
+    chi2 = float(off @ inverse @ off)
+    return float(p[1]), scatter_factor(chi2, y.size - 2) * math.sqrt(float(of_slope[1, 1])), chi2

@@ -11,10 +11,11 @@ import numpy as np
 from jumpvision.base.arrays import Array
 
 from .motion import calm, parts_of
-from .noise import LONG, Noise, guessed, learned
+from .noise import LONG, SURE, Noise, guessed, learned
 from .piece import Piece
 from .segments import FLIGHT, NUMBERS, evidence
 
+RESTING = 40  # samples of rest that are believed more than all others
 LEARNED = 3  # rounds
 ENOUGH = 0.05  # change of factor or correlation that needs no further round
 
@@ -26,14 +27,29 @@ def with_noise(given: list[Piece], gravity: float, stated: bool) -> tuple[list[P
     of the whole motion with the one and with the other, then learned from its calm parts.
     """
     noise = _first(given, gravity, stated)
+    price = math.log(max(sum(p.t.size for p in given), 2))
     for _ in range(LEARNED):
-        found = learned(_stretches(given, _scaled(given, noise), gravity), math.log(max(sum(p.t.size for p in given), 2)))
+        found = _shown(list(_stretches(given, _scaled(given, noise), gravity)), price)
         if found is None:
             break
         last, noise = noise, found.of_stated() if stated else found
         if abs(last.factor / noise.factor - 1.0) < ENOUGH and abs(last.rho - noise.rho) < ENOUGH:
             break
     return _scaled(given, noise), noise
+
+
+def _shown(stretches: list[tuple[Piece, Array]], price: float) -> Noise | None:
+    """Of all stretches where they agree with those of rest, else of those: a motion may be none of what it was taken
+    for."""
+    everywhere = learned(stretches, price)
+    at_rest = learned([(p, c) for p, c in stretches if c.shape[1] == 1], price)
+    if everywhere is None or at_rest is None or at_rest.n < RESTING:
+        return everywhere
+    off = abs(math.log(everywhere.factor / at_rest.factor)) / math.sqrt(
+        (1 + at_rest.rho**2) / (1 - at_rest.rho**2) / (2 * at_rest.n)
+    )
+    turned = abs(everywhere.rho - at_rest.rho) / math.sqrt((1.0 - at_rest.rho**2) / at_rest.n)
+    return everywhere if max(off, turned) < SURE else at_rest
 
 
 def _first(given: list[Piece], gravity: float, stated: bool) -> Noise:

@@ -140,7 +140,9 @@ def change_points(t: Array, y: Array, w: Array, allowed: float) -> Index:
         pairs = left.plus(right.moved(origin[1::2] - at))
         if size % 2:
             last = sums[size - 1 :]
-            pairs = Sums(*(np.concatenate([getattr(pairs, k), getattr(last, k)], axis=-1) for k in ("time", "height", "square")))
+            pairs = Sums(
+                *(np.concatenate([getattr(pairs, k), getattr(last, k)], axis=-1) for k in ("time", "height", "square"))
+            )
             at = np.append(at, origin[-1])
         sums, origin = pairs, at
     nodes = [np.array([0, n])]

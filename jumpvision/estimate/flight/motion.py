@@ -47,7 +47,6 @@ class Motion:
     parts: list[Part]
     lines: list[Line]
     corners: dict[int, float]
-    cost: float
 
 
 def parts_of(piece: Piece, gravity: float) -> tuple[Piece, list[Part]]:
@@ -65,7 +64,16 @@ def parts_of(piece: Piece, gravity: float) -> tuple[Piece, list[Part]]:
 def motion(piece: Piece, gravity: float) -> Motion:
     """The piece as one motion, cut where its curves meet."""
     piece, parts = parts_of(piece, gravity)
+    parts = [p if falls(piece, p, gravity) else replace(p, kind=CURVED) for p in parts]
     return settled(piece, without_touches(piece, parts, gravity), gravity)
+
+
+def falls(piece: Piece, part: Part, gravity: float) -> bool:
+    """Whether a part that is called a flight bends as one by itself: not by few samples that any curve may take."""
+    if part.kind != FLIGHT:
+        return True
+    bend, sigma = curvature(piece, part.i, part.j)
+    return -bend > POWER * sigma
 
 
 def price(piece: Piece) -> float:
@@ -171,9 +179,10 @@ def settled(piece: Piece, parts: list[Part], gravity: float) -> Motion:
         if k in corners and lines[k].chi2 + lines[k + 1].chi2 - before[k][1] <= SLACK * price(piece):
             continue
         corners.pop(k, None)
-        parts[k], parts[k + 1] = replace(parts[k], j=before[k][0]), replace(parts[k + 1], i=before[k][0])
+        border = min(max(before[k][0], parts[k].i + 1), parts[k + 1].j - 1)
+        parts[k], parts[k + 1] = replace(parts[k], j=border), replace(parts[k + 1], i=border)
         lines[k : k + 2] = [p.line(piece, gravity) for p in parts[k : k + 2]]
-    return Motion(piece, parts, lines, corners, 0.0)
+    return Motion(piece, parts, lines, corners)
 
 
 def _moved(piece: Piece, parts: list[Part], k: int, at: float) -> tuple[int, ...]:
@@ -206,6 +215,8 @@ def turning(motion: Motion, k: int, side: int) -> int:
         part, line = motion.parts[m], motion.lines[m]
         if part.kind == FLIGHT:
             return part.j if side < 0 else part.i
+        if part.kind == REST:  # of a contact's turn, if it is one
+            return part.i + len(part) // 2
         back = np.flatnonzero(side * line.slopes(piece.t[part.i : part.j]) >= 0.0)
         if back.size:
             return part.i + int(back[0] if side > 0 else back[-1] + 1)
@@ -225,5 +236,3 @@ def calm(parts: list[Part], fewest: int) -> list[Part]:
         if len(p) - 2 * cut >= (fewest if p.kind != CURVED else 2 * fewest):
             out.append(replace(p, i=p.i + cut, j=p.j - cut))
     return out
-
-

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jumpvision.base.arrays import MAD, Array
+from jumpvision.base.arrays import Array
 
 from .piece import Piece
 
 STRONGEST = 0.8  # correlation from sample to sample that is looked for
 RHOS = np.linspace(0.0, STRONGEST, 17)
 LONG, MOST = 12, 40_000  # samples of a stretch that tells noise; of all of them, at most
+QUARTILE = 0.31864  # lower quartile of the absolute value of a normal deviate
 SURE = 3.0  # standard deviations by which the scatter must exceed what is stated
 
 
@@ -28,7 +29,9 @@ class Noise:
 
     def of_stated(self) -> Noise:
         """For a sigma that is stated: believed until the scatter contradicts it, never shrunk."""
-        sure = self.n and self.factor > 1.0 + SURE * math.sqrt((1.0 + self.rho**2) / (1.0 - self.rho**2) / (2.0 * self.n))
+        sure = self.n and self.factor > 1.0 + SURE * math.sqrt(
+            (1.0 + self.rho**2) / (1.0 - self.rho**2) / (2.0 * self.n)
+        )
         return Noise(self.factor if sure else 1.0, self.rho, self.n)
 
 
@@ -44,7 +47,7 @@ def guessed(scaled: Array) -> list[Noise]:
     which a quick motion imitates: guesses."""
     if scaled.size < 16:
         return [Noise(1.0, 0.0)]
-    one, two = ((float(np.median(np.abs(_third(scaled, k)))) / MAD) ** 2 for k in (1, 2))
+    one, two = ((float(np.quantile(np.abs(_third(scaled, k)), 0.25)) / QUARTILE) ** 2 for k in (1, 2))
     if one <= 0.0:
         return [Noise(1.0, 0.0)]
     ratio = np.asarray(_bends(RHOS, 2)) / np.asarray(_bends(RHOS, 1))
@@ -98,5 +101,3 @@ def _between(x: Array, cost: Array, k: int) -> float:
         return float(x[k])
     a, b, c = cost[k - 1 : k + 2]
     return float(x[k] + 0.5 * (x[1] - x[0]) * (a - c) / max(a - 2.0 * b + c, 1e-300))
-
-

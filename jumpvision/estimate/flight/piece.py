@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,8 +46,12 @@ class Piece:
 
     @property
     def weights(self) -> Array:
-        """1/m^2, (n,): of white noise that is worth as much as this over many samples."""
-        return np.asarray(self.sigma**-2 * (1.0 - self.rho) / (1.0 + self.rho))
+        """1/m^2, (n,): of white noise that is worth as much as this over many samples; next to none where the last
+        sample, which `seen` needs, is not there."""
+        out = self.sigma**-2 * (1.0 - self.rho) / (1.0 + self.rho)
+        if self.rho:
+            out[np.diff(self.t, prepend=-np.inf) > 1.5 * self.step] *= LEAST
+        return np.asarray(out)
 
     @property
     def seen(self) -> tuple[Array, Array]:
@@ -57,6 +62,9 @@ class Piece:
         y[1:] = (self.y[1:] - self.rho * self.y[:-1]) / (1.0 - self.rho)
         t[1:] = (self.t[1:] - self.rho * self.t[:-1]) / (1.0 - self.rho)
         return t, y
+
+
+LEAST = 1e-4  # of the weight of a sample that cannot be told from its neighbour's noise
 
 
 @dataclass(frozen=True)
@@ -87,7 +95,7 @@ class Line:
         """Standard uncertainty of the slope [m/s]."""
         k = np.arange(self.p.size)
         row = k * (t - self.origin) ** np.maximum(k - 1, 0)
-        return float(np.sqrt(max(row @ self.cov @ row, 0.0)))
+        return math.sqrt(max(float(row @ self.cov @ row), 0.0))
 
     def row(self, t: float) -> Array:
         """d at(t) / d p."""

@@ -65,7 +65,9 @@ def _partition(t: Array, y: Array, w: Array, nodes: Index, gravity: float) -> tu
 def _costs(fit: Fit, nodes: Index, start: Index, gravity: float, price: float) -> tuple[Array, Index]:
     """(cost, kind) (m, l) of the best kind of every segment."""
     length = nodes[1:][:, None] - nodes[np.maximum(start, 0)]
-    chi2 = np.stack([fit.flat, fit.straight, fit.falling(gravity, LIKE * gravity), np.where(length <= 3, 0.0, fit.curved)])
+    chi2 = np.stack(
+        [fit.flat, fit.straight, fit.falling(gravity, LIKE * gravity), np.where(length <= 3, 0.0, fit.curved)]
+    )
     chi2[0] = np.where(length <= 1, 0.0, chi2[0])
     chi2[1] = np.where(length <= 2, 0.0, chi2[1])
     numbers = np.array(NUMBERS)[:, None, None] + 1

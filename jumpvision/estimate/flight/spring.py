@@ -89,13 +89,14 @@ def sprung(
     reach: tuple[int, int],
     edges: tuple[int, ...],
     how: Settings,
+    shares: tuple[float, ...] = SHRUNK,
 ) -> Sprung | None:
     """Fit of the flight of samples inside[0] .. inside[1] and of the contact as far as reach[0] .. reach[1].
 
     The contact is left out bit by bit from its turning point on, until a spring explains the rest of it.
     """
     best = None
-    for share in SHRUNK:
+    for share in shares:
         lo = inside[0] - round(share * (inside[0] - reach[0])) if -1 in edges else inside[0]
         hi = inside[1] + round(share * (reach[1] - inside[1])) if 1 in edges else inside[1]
         found = _fitted(piece.part(lo, hi), piece.t[inside[0]], piece.t[inside[1] - 1], edges, how)
@@ -177,7 +178,13 @@ def _fitted(
         return np.vstack([out, -np.hstack([prior, np.zeros((len(prior), 2 * len(edges)))])])
 
     noise = float(np.median(piece.sigma))
-    scale = [noise, noise / span] + [1.0] * free_gravity + [noise] * len(swing) + [piece.step] * len(edges) + [0.2] * len(edges)
+    scale = (
+        [noise, noise / span]
+        + [1.0] * free_gravity
+        + [noise] * len(swing)
+        + [piece.step] * len(edges)
+        + [0.2] * len(edges)
+    )
     q0 = np.concatenate([p, where, np.log(stiff)])
     fit = least_squares_fit(residual, q0, scale=scale, jacobian=jacobian)
     if fit is None:

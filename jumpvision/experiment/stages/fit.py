@@ -12,7 +12,15 @@ import numpy as np
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import Doubt
 from jumpvision.estimate.estimate import Estimate
-from jumpvision.estimate.flight import Flights, contact_flights, final_flight, flight_height, restitution, track_flights
+from jumpvision.estimate.flight import (
+    Flights,
+    Ring,
+    contact_flights,
+    final_flight,
+    flight_height,
+    restitution,
+    track_flights,
+)
 from jumpvision.estimate.height import at_rest, jump_height, rest_height
 from jumpvision.estimate.oscillation import decay_fits
 from jumpvision.estimate.ringdown import peaks_damping, ring_down, swings_until
@@ -65,7 +73,7 @@ class Recordings(Inputs):
     clock: Clock | None
 
 
-@stage(version=14, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
+@stage(version=15, any_of=("rod", "contact", "column", "flow", "intrusion", "spring", "log"))
 def fit(experiment: Experiment, given: Recordings, *, p: FitParams) -> Fits:
     """Ring-down, flights, spring, column profile, jammed front, actuator: every fit with its uncertainty.
 
@@ -166,22 +174,38 @@ def find_flights(
         return contact_flights(*contact_of(contact), debounce=p.debounce)
     if rod is None or robot is None:
         return None
+    spring, foot = robot.spring_stiffness, hanging_foot(robot)
     motion = motion_of(*rod.arrays, robot, law, log)
-    return track_flights(
+    found = track_flights(
         motion.t,
         motion.height,
         motion.sigma,
         gravity=robot.gravity,
+        gravity_sigma=robot.sigma.gravity,
         shortest=p.shortest_flight,
         max_gap=p.max_gap,
-        ripple=foot_ripple(*spring) if (spring := hanging_foot(robot)) else 0.0,
+        ripple=foot_ripple(*foot) if foot else 0.0,
+        lag=robot.spring_damping / spring if spring else 0.0,
+        ring=swing_of(robot),
     )
+    for doubt in found.doubts:
+        warnings.warn(f"flights: {doubt.message}", StageWarning, stacklevel=2)
+    return found
+
+
+def swing_of(robot: Robot) -> Ring | None:
+    """How a foot that hangs from the spring shakes the rod in flight; None without one."""
+    foot = hanging_foot(robot)
+    if foot is None:
+        return None
+    k, m_f, mass, _ = foot
+    light = 1.0 / m_f + 1.0 / mass
+    return Ring(math.sqrt(k * light), 0.5 * robot.spring_damping * light)
 
 
 def longer_than(flights: Flights, shortest: float) -> Flights:
     """The flights of at least `shortest` seconds, and those that the record cuts."""
-    keep = ~(flights.time < shortest)
-    return Flights(*(getattr(flights, k)[keep] for k in ("lift_off", "lift_off_sigma", "landing", "landing_sigma")))
+    return flights.only(~(flights.time < shortest))
 
 
 def flight_fits(

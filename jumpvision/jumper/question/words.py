@@ -59,9 +59,7 @@ class JumperSpeaker:
         """Those of a mechanism by name, the ends of a 90 % interval within its range."""
         own = self.system.model.mechanism(mechanism)
         return {
-            bare(own, p.name) if own.own else p.name: interval(fit, p)
-            for p in fit.parameters
-            if p.name in own.names
+            bare(own, p.name) if own.own else p.name: interval(fit, p) for p in fit.parameters if p.name in own.names
         }
 
     def noise(self, d: Findings) -> record.Noise:
