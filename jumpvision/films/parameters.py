@@ -30,7 +30,7 @@ class TrackParams(Params):
     markers: tuple[tuple[float, ...], ...] = param(
         (), "px", "[[column, row], ...] of further balls in the first frame: track_2.csv, track_3.csv ..."
     )
-    diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=3, hi=2000)
+    diameter: float | None = param(None, "px", "ball diameter; default: from [rod_video]", lo=6, hi=2000)
     exposure_correction: str = param(
         "apply",
         "",

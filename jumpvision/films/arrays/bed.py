@@ -8,8 +8,11 @@ import numpy as np
 import pandas as pd
 
 from jumpvision.base.parameters import of_keywords
+from jumpvision.base.schema import InputError
 from jumpvision.films.parameters import BedParams
 from jumpvision.films.vision.surface import bed_height, bed_surface
+
+from .images import grey_images, only_numbers, scale_problem
 
 
 def bed(
@@ -24,12 +27,13 @@ def bed(
     columns: how many were used; NaN where fewer than 8 show a surface. Raises InputError for a parameter, ValueError
     for pictures that are not grey.
     """
-    p = of_keywords(BedParams, parameters, folder=("reference_height", "reference_fraction"), scale=scale)
-    images = np.asarray(pictures)
-    images = images[None] if images.ndim == 2 else images
-    if images.ndim != 3 or not images.size:
-        raise ValueError(f"bed: pictures of shape {images.shape}: give one grey picture (H, W), or a stack (n, H, W)")
-    limit = saturation or (float(np.iinfo(images.dtype).max) if images.dtype.kind == "u" else None)
+    if problem := scale_problem("jv.bed", scale):
+        raise InputError([problem])
+    p = of_keywords(BedParams, parameters, folder=("reference_height", "reference_fraction"))
+    given = pictures if np.ma.isMaskedArray(pictures) else np.asarray(pictures)
+    images = only_numbers("bed", grey_images("bed", given[None] if given.ndim == 2 else given))
+    kind = images[0].dtype
+    limit = saturation or (float(np.iinfo(kind).max) if kind.kind == "u" else None)
     unit, size = ("px", 1.0) if scale is None else ("m", scale)
     rows = []
     for picture in images:

@@ -21,6 +21,7 @@ from jumpvision.films.vision.ball.film import track_film
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack
 from jumpvision.films.vision.fields import INTERLACED, ORDERS, field, order_of
 
+from .images import grey_images, in_grey, only_numbers, scale_problem
 from .motion import with_derivatives
 
 
@@ -52,10 +53,12 @@ def track(
     shift_sigma [px]: what the exposure added and was taken out, NaN beside a gap. flag: "" or why the ball is lost (all
     else is NaN then). Raises InputError for a parameter, ValueError for what is no stack of grey images.
     """
-    p = of_keywords(TrackParams, parameters, folder=("exposure_correction",), frame_rate=frame_rate, scale=scale)
-    images = [np.asarray(f) for f in frames]
-    if not images or any(f.ndim != 2 for f in images):
-        raise ValueError(f"track: {len(images)} frame(s): give grey images (H, W), one or more in a stack")
+    if problem := scale_problem("jv.track", scale):
+        raise InputError([problem])
+    p = of_keywords(TrackParams, parameters, folder=("exposure_correction",), frame_rate=frame_rate)
+    images = in_grey(only_numbers("track", grey_images("track", frames)))
+    if not images:
+        raise ValueError("track: no frame: give grey images (H, W), one or more in a stack")
     if fields not in ORDERS:
         raise InputError([f"jv.track fields = {fields!r}: must be one of {', '.join(ORDERS)}"])
     if halved := fields != "together":
