@@ -287,7 +287,7 @@ def test_wrong_images_and_parameters_are_named(samples):
         jv.piv(np.zeros((64, 64)), np.zeros((64, 64)), windw=32)
     with pytest.raises(ValueError, match="give grey images"):
         jv.piv(np.zeros((64, 64)))
-    with pytest.raises(ValueError, match="give grey images"):
+    with pytest.raises(ValueError, match="make it grey"):
         jv.track(np.zeros((2, 8, 8, 3)))
     for call, why in (
         (lambda: jv.track(np.zeros((2, 8, 8)), exposure_correction="none"), "exposure_correction: not for arrays"),
