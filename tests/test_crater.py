@@ -103,27 +103,27 @@ def test_the_critical_packing_is_covered(n, understated):
 
 def test_two_halves_tell_little_of_their_own_asymmetry():
     """Hardly any noise, halves whose relief differs by 10 %: the mean of two values is within one sigma of Student's t
-    with one freedom, 1.84 times half their difference, in 0.683 of 300 (+- 3 * 0.027); within half of it in a half."""
+    with one freedom, 1.84 times half their difference, in 0.683 of 200 (+- 3 * 0.033); within half of it in a half."""
     x, inside = np.arange(500) * PITCH, []
     axis = float(x.mean())
     h, volume = crater_profile(np.abs(x - axis), **SHAPE)
-    for seed in range(300):
+    for seed in range(200):
         rng = np.random.default_rng([7, seed])
         uneven = h * np.where(x < axis, *(1 + rng.normal(0, 0.1, 2))) + rng.normal(0, 2e-6, x.size)
         c = line_crater(x, uneven, np.full(x.size, 2e-6), axis=axis, radius=0.03)
         inside.append(abs(c.volume - volume) < c.sigma)
-    assert np.mean(inside) == pytest.approx(0.683, abs=0.081)
+    assert np.mean(inside) == pytest.approx(0.683, abs=0.099)
 
 
 def test_errors_of_the_packing_are_in_the_chi2_of_its_zero():
     """Where errors are as stated chi2 is n - 2 on average, here with those of phi five times those of the volume:
-    200 draws of 18 degrees of freedom, +- 3 * 6/sqrt(200)."""
+    60 draws of 18 degrees of freedom, +- 3 * 6/sqrt(60)."""
     phi, chi2 = np.linspace(0.57, 0.63, 20), []
-    for seed in range(200):
+    for seed in range(60):
         rng = np.random.default_rng([8, seed])
         seen, volume = phi + rng.normal(0, 2e-3, 20), 3e-5 * (phi - 0.605) + rng.normal(0, 1.2e-8, 20)
         chi2.append(critical_fraction(seen, np.full(20, 2e-3), volume, np.full(20, 1.2e-8)).chi2)
-    assert np.mean(chi2) == pytest.approx(18.0, abs=1.3)
+    assert np.mean(chi2) == pytest.approx(18.0, abs=2.4)
 
 
 def test_no_zero_crossing_is_said():
