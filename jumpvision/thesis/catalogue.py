@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.experiment import files
@@ -25,12 +25,15 @@ from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, resistances, single
 from jumpvision.report.figures.pictures import Tracked, tracks
 from jumpvision.report.pages.charts import fits_of
-from jumpvision.report.style import FORMATS, lettered, printed, save
+from jumpvision.report.style import FORMATS, NewFigure, lettered, printed, save
 from jumpvision.thesis.figures.sweeps import read_sweep, sweep_figure
 from jumpvision.thesis.studies.compute import setting
 from jumpvision.thesis.studies.study import studies
 
-Draw = Callable[[Any], Any]  # what makes a figure -> the figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Draw = Callable[[NewFigure], "Figure"]  # what makes a figure -> the figure
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,9 +17,13 @@ from jumpvision.experiment.inputs.sections import Actuation, MotorLog, NotApplic
 from jumpvision.experiment.results.values import ConeValues, Fits, Intrusion, IntrusionEvent, SpringTest
 from jumpvision.experiment.stages.rod import commanded, read_motor
 from jumpvision.experiment.workflow.stage import stage
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, styled
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure, styled
 
 from .pictures import Picture, png
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 class IntrusionPicture(Picture):
@@ -33,7 +37,7 @@ def intrusion_picture(intrusion: Intrusion) -> IntrusionPicture:
         return IntrusionPicture(png(single(intrusion, Figure)))
 
 
-def single(intrusion: Intrusion, Figure: Any) -> Any:
+def single(intrusion: Intrusion, Figure: NewFigure) -> Figure:
     """Force against depth with the fitted curve and the cone; what is left over; overshoot against depth."""
     v, fits = intrusion.values, intrusion.fits
     p = v["profile"]
@@ -59,16 +63,16 @@ def single(intrusion: Intrusion, Figure: Any) -> Any:
     return figure
 
 
-def draw_cone(axis: Any, z: Array, cone: ConeValues) -> None:
+def draw_cone(axis: Axes, z: Array, cone: ConeValues) -> None:
     """The fitted cone against depth [mm], and its flat face and mantle apart (thesis Fig 55)."""
-    axis.plot(z, cone["force_N"], color=GREEN, lw=1.0, ls=":", label="RFT cone, fitted")
+    axis.plot(z, np.array(cone["force_N"]), color=GREEN, lw=1.0, ls=":", label="RFT cone, fitted")
     for part, force, ls in (("flat", cone["flat_N"], "--"), ("mantle", cone["mantle_N"], "-.")):
-        axis.plot(z, force, color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
+        axis.plot(z, np.array(force), color=GREEN, lw=0.7, ls=ls, label=f"its {part}")
     if cone["complete_depth_m"] * 1e3 < np.max(z):
         axis.axvline(cone["complete_depth_m"] * 1e3, color=GREEN, lw=0.6, ls=":", label="cone complete")
 
 
-def draw_events(axis: Any, events: Sequence[IntrusionEvent], fits: Fits) -> None:
+def draw_events(axis: Axes, events: Sequence[IntrusionEvent], fits: Fits) -> None:
     """Overshoot against depth, with the proportional law of each kind."""
     for kind, name, color, mark in (("reintrusion", "s", MEASURED, "o"), ("stop_go", "s_p", ACCENT, "s")):
         mine = [e for e in events if e["kind"] == kind]
@@ -87,7 +91,7 @@ def draw_events(axis: Any, events: Sequence[IntrusionEvent], fits: Fits) -> None
         axis.text(0.5, 0.5, "no pause or withdrawal", ha="center", transform=axis.transAxes, color=QUIET)
 
 
-def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: Any) -> Any:
+def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: NewFigure) -> Figure:
     """k1, k2 per foot area, delta and ripples against packing; force against depth by foot beside the cone."""
     figure = Figure(figsize=(9.6, 6.4), layout="constrained")
     axes = figure.subplots(2, 2)
@@ -115,7 +119,15 @@ def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: Any)
     return figure
 
 
-def points(axis: Any, rows: Sequence[SlowIntrusion], name: str, color: str, mark: str, factor: Any, label: str) -> None:
+def points(
+    axis: Axes,
+    rows: Sequence[SlowIntrusion],
+    name: str,
+    color: str,
+    mark: str,
+    factor: Array,
+    label: str,
+) -> None:
     """One fit of each intrusion against packing, with sigma."""
     if rows:
         value, sigma = np.array([r.fits[name] for r in rows]).T * factor
@@ -123,7 +135,7 @@ def points(axis: Any, rows: Sequence[SlowIntrusion], name: str, color: str, mark
         axis.errorbar(phi, value, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=label)
 
 
-def draw_feet(axis: Any, rows: Sequence[SlowIntrusion]) -> None:
+def draw_feet(axis: Axes, rows: Sequence[SlowIntrusion]) -> None:
     """First intrusions in the loosest bed by foot radius; the fitted cone of each, its face and mantle apart."""
     import matplotlib as mpl
 
@@ -224,7 +236,7 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
         return MotorPicture(png(figure))
 
 
-def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: Any) -> Any:
+def actuator(rows: Sequence[Driven], found: Bandwidth, Figure: NewFigure) -> Figure:
     """Amplitude ratio with the -3 dB level and the bandwidth, and lag, both with 2 sigma."""
     figure = Figure(figsize=(8.6, 3.2), layout="constrained")
     left, right = figure.subplots(1, 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,9 @@ from jumpvision.report.style import ACCENT, MEASURED, MODEL, QUIET, styled
 from jumpvision.thesis.studies.sand.discs import CONSTANT, DiscBed, DiscNumbers
 from jumpvision.thesis.studies.sand.feet import Foot
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 SHOWN = 0.25, 0.6, 1.0  # of the stroke
 
 
@@ -24,7 +27,7 @@ def disc_picture(runs: Sequence[xr.Dataset], bed: DiscBed, numbers: DiscNumbers)
     data = runs[0]
     with styled() as Figure:
         figure = Figure(figsize=(10.0, 6.4), layout="constrained")
-        top, below = figure.subfigures(2, 1, height_ratios=(1.5, 1))
+        (top,), (below,) = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.5, 1))
         axes = top.subplots(1, len(SHOWN), sharey=True)
         for axis, share in zip(axes, SHOWN):
             cells = draw_discs(axis, data, bed, round(share * (data.sizes["t"] - 1)))
@@ -53,7 +56,7 @@ def told(value: float, sigma: float) -> str:
     return f"{value:.1f} ± {sigma:.1f}" if math.isfinite(sigma) else f"{value:.1f}"
 
 
-def draw_discs(axis: Any, data: xr.Dataset, bed: DiscBed, k: int) -> Any:
+def draw_discs(axis: Axes, data: xr.Dataset, bed: DiscBed, k: int) -> Any:
     """The discs near the foot at instant k, and the triangle of 60 degrees below its face."""
     from matplotlib.collections import EllipseCollection
     from matplotlib.patches import Rectangle
@@ -113,7 +116,7 @@ def foot_picture(triangles: Array, found: pd.DataFrame, foot: Foot) -> bytes:
         return png(figure)
 
 
-def curves(axis: Any, kinds: Sequence[Any], name: str) -> None:
+def curves(axis: Axes, kinds: Sequence[Any], name: str) -> None:
     """One column against depth for at most MOST pairs of angles, evenly chosen."""
     import matplotlib as mpl
 
@@ -122,7 +125,7 @@ def curves(axis: Any, kinds: Sequence[Any], name: str) -> None:
         axis.plot(1e3 * rows.depth_m, rows[name], color=color, label=f"tilt {tilt:g}°, attack {attack:g}°")
 
 
-def draw_side(axis: Any, triangles: Array) -> None:
+def draw_side(axis: Axes, triangles: Array) -> None:
     """The body seen along y, as it stands without tilt."""
     from matplotlib.collections import PolyCollection
 
