@@ -124,24 +124,10 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
 
         done.files.append(
             write_report(
-                done.campaign,
-                done.outcomes,
-                done.rows,
-                done.plan.results,
-                single=done.single,
-                diagnosis=done.diagnosis,
+                done.campaign, done.outcomes, done.rows, done.plan.results, single=done.single, diagnosis=done.diagnosis
             )
         )
-    terminal.outcome(
-        done.campaign,
-        done.outcomes,
-        done.plan.results,
-        done.files,
-        as_json=options.json,
-        single=done.single,
-        diagnosis=done.diagnosis,
-        told=done.told,
-    )
+    terminal.outcome(done, as_json=options.json)
     for text in done.notes:
         terminal.line(f"note: {text}")
     return FAILED if done.failed else DONE

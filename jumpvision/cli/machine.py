@@ -13,7 +13,7 @@ from typing import Literal
 
 from jumpvision import __version__
 
-from .app import DONE, app
+from .app import DONE, app, cores
 
 
 @app.command
@@ -162,17 +162,8 @@ def completion(shell: Literal["bash", "zsh", "fish", "powershell"] | None = None
 
 
 NEEDED = (
-    "numpy",
-    "scipy",
-    "pandas",
-    "xarray",
-    "netCDF4",
-    "numba",
-    "opencv-python-headless",
-    "scikit-image",
-    "av",
-    "tifffile",
-    "matplotlib",
+    *("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba"),
+    *("opencv-python-headless", "scikit-image", "av", "tifffile", "matplotlib"),
 )
 EXTRAS = {  # package: what it is for, the extra that installs it
     "h5py": ("reads .h5 films and MATLAB fields", "hdf5"),
@@ -225,8 +216,7 @@ def codecs() -> list[Finding]:
 
 def processors() -> list[Finding]:
     """Cores that may be used, and memory."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    out = [("cores", f"{usable} of {os.cpu_count()} may be used", "")]
+    out = [("cores", f"{cores()} of {os.cpu_count()} may be used", "")]
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         size = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9
         out.append(("memory", f"{size:.1f} GB", ""))

@@ -111,19 +111,22 @@ def read_toml(file: Path) -> tuple[dict[str, Any], list[str]]:
         return {}, [f"{file}: cannot be read: {e.strerror}"]
 
 
+def tables_of(file: Path) -> dict[str, Any]:
+    """What a TOML file holds. InputError where it cannot be read."""
+    tables, problems = read_toml(file)
+    if problems:
+        raise InputError(problems)
+    return tables
+
+
 def read_model(file: Path) -> ModelSpec:
     """[model] of a TOML file such as model.toml; its other tables are left alone. InputError with every problem."""
-    try:
-        table, problems = read_toml(file)
-    except OSError as e:
-        raise InputError([f"{file}: cannot be read ({e.strerror}); name a TOML file with a [model]"]) from None
-    spec = None
-    if not problems and not isinstance(table.get("model"), Mapping):
-        problems = [f"{file}: [model]: missing; give terms and their parameters"]
-    elif not problems:
-        own, problems = own_of(table.get("mechanism", {}), f"{file}: [mechanism]", file)
-        if not problems:
-            spec, problems = model_of(table["model"], f"{file} [model]", table.get("mechanism", {}), own)
+    table, spec = tables_of(file), None
+    if not isinstance(table.get("model"), Mapping):
+        raise InputError([f"{file}: [model]: missing; give terms and their parameters"])
+    own, problems = own_of(table.get("mechanism", {}), f"{file}: [mechanism]", file)
+    if not problems:
+        spec, problems = model_of(table["model"], f"{file} [model]", table.get("mechanism", {}), own)
     if spec is None:
         raise InputError(problems)
     return spec
@@ -132,7 +135,7 @@ def read_model(file: Path) -> ModelSpec:
 def model_tables(file: Path) -> dict[str, Any]:
     """[model], [mechanism] and [robot] of a model.toml as overrides of a folder's own. InputError: every problem."""
     read_model(file)
-    return {k: v for k, v in read_toml(file)[0].items() if k in ("model", "robot", "mechanism")}
+    return {k: v for k, v in tables_of(file).items() if k in ("model", "robot", "mechanism")}
 
 
 def model_of(

@@ -119,10 +119,7 @@ def drawn_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, wor
     if workers <= 1 or not jobs:
         yield
         return
-    with (
-        worker_pool(workers, aside=True) as pool,
-        ThreadPoolExecutor(workers) as threads,
-    ):
+    with worker_pool(workers, aside=True) as pool, ThreadPoolExecutor(workers) as threads:
         for _ in range(workers):
             threads.submit(work, pool)
         try:

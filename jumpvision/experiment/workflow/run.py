@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import time
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared
 from jumpvision.base.schema import InputError, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
+from jumpvision.experiment.inputs.model import tables_of
 from jumpvision.experiment.inputs.sections import NotApplicable
 from jumpvision.experiment.results import Record, plain
 from jumpvision.experiment.results.summary import UNKNOWN, Summary
@@ -54,12 +54,7 @@ class Pipeline:
 
 def read_pipeline(file: Path) -> Pipeline:
     """The definition in a TOML file. Raises InputError with every problem."""
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as e:
-        raise InputError([f"{file}: cannot be read: {e.strerror}"]) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as e:
-        raise InputError([f"{file}: not valid TOML: {e}"]) from None
+    table = tables_of(file)
     keys = {"description", "stages", "params"}
     problems = [f"{file}: {key}: unknown key{closest(key, keys)}" for key in table if key not in keys]
     stages, known = table.get("stages"), declared()

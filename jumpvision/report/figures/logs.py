@@ -120,13 +120,7 @@ def resistances(rows: Sequence[SlowIntrusion], laws: IntrusionLaws, Figure: NewF
 
 
 def points(
-    axis: Axes,
-    rows: Sequence[SlowIntrusion],
-    name: str,
-    color: str,
-    mark: str,
-    factor: Array,
-    label: str,
+    axis: Axes, rows: Sequence[SlowIntrusion], name: str, color: str, mark: str, factor: Array, label: str
 ) -> None:
     """One fit of each intrusion against packing, with sigma."""
     if rows:

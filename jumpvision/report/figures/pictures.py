@@ -307,10 +307,7 @@ def draw_front(axis: Axes, fits: Fits, column: Column) -> None:
     if mu and cut and mu.known and np.isfinite(x).any():
         line = np.array([np.nanmin(x), np.nanmax(x)])
         axis.plot(
-            line,
-            mu.value * line + cut.value * 1e3,
-            color=MODEL,
-            label=rf"$\mu$ = {measured(mu.value, mu.sigma)}",
+            line, mu.value * line + cut.value * 1e3, color=MODEL, label=rf"$\mu$ = {measured(mu.value, mu.sigma)}"
         )
         axis.legend()
     axis.set(title="jammed front", xlabel="foot depth [mm]", ylabel="thickness [mm]")

@@ -151,10 +151,7 @@ def intrusion_chart(results: Path) -> Chart | None:
     every = -(-len(profile["depth_m"]) // MOST)
     z, force, fitted = (np.array(profile[k], float)[::every] for k in ("depth_m", "force_N", "fitted_N"))
     z = z * 1e3
-    shown = [
-        series("measured", "measured", z, force, size=2),
-        series("fit", "model", z, fitted, kind="line"),
-    ]
+    shown = [series("measured", "measured", z, force, size=2), series("fit", "model", z, fitted, kind="line")]
     if v["cone"]:
         shown.append(series("RFT cone", "green", z, np.array(v["cone"]["force_N"])[::every], kind="line", dash=True))
     delta = intrusion.fits.known("delta")

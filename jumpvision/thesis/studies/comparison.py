@@ -248,9 +248,7 @@ def _dataset(
     variables["model_step_m"] = xr.Variable(("trial", "parameter"), steps, words)
     coords = {
         n: xr.Variable(
-            ("condition",),
-            [j.law[n] for j in first],
-            {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning},
+            ("condition",), [j.law[n] for j in first], {"units": AXES[n].unit or "1", "long_name": AXES[n].meaning}
         )
         for n in COORDS
     }
@@ -268,9 +266,7 @@ def _dataset(
     )
     behind, more = simulated_map(robot, jumps)
     return xr.Dataset(
-        variables | behind,
-        coords | more,
-        as_attributes(Setting.of(robot, compare.name)) | as_attributes(whole),
+        variables | behind, coords | more, as_attributes(Setting.of(robot, compare.name)) | as_attributes(whole)
     )
 
 

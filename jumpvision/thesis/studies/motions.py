@@ -42,13 +42,7 @@ def grid(s: Sweep) -> Found:
         s = dataclasses.replace(s, ranges={n: x for n, x in ranges.items() if n not in s.values})
     given = {**s.values, **s.ranges}
     results = grid_results(s.machine, given, workers=s.workers, say=s.say)
-    data = dataset(
-        s,
-        given,
-        tuple(s.ranges),
-        results,
-        f0_Hz=s.robot.f0,
-    )
+    data = dataset(s, given, tuple(s.ranges), results, f0_Hz=s.robot.f0)
     failed = int(np.isnan(results["com_height_m"]).sum())
     if failed:
         s.say(f"warning: {failed} of {data.com_height_m.size} motions could not be followed; they are NaN")

@@ -257,14 +257,7 @@ def estimates(s: Sweep) -> Found:
     for n, v in found.items():
         extra[f"estimate_{n}"] = (("alpha",), v, "1", f"f_opt / f_0 of eq. ({n})")
     extra["estimate_13"] = ((), np.asarray(peak), "1", "f_opt / f_0 of eq. (13), for alpha >= 0.9")
-    data = dataset(
-        s,
-        {"kind": list(kinds), "alpha": a},
-        ("kind", "alpha"),
-        best,
-        extra,
-        f0_Hz=s.robot.f0,
-    )
+    data = dataset(s, {"kind": list(kinds), "alpha": a}, ("kind", "alpha"), best, extra, f0_Hz=s.robot.f0)
     sim, low = best["frequency_ratio"][0], a < 0.9
     rows = [
         s.number(
@@ -308,12 +301,7 @@ def two_frequency(s: Sweep) -> Found:
         ),
     }
     data = dataset(
-        s,
-        {"jump": ["two frequencies", *TYPES], "alpha": a},
-        ("jump", "alpha"),
-        results,
-        extra,
-        f0_Hz=s.robot.f0,
+        s, {"jump": ["two frequencies", *TYPES], "alpha": a}, ("jump", "alpha"), results, extra, f0_Hz=s.robot.f0
     )
     h, p = results["com_height_m"], results["peak_power_W"]
     always = bool(np.all(h[0] >= h[1:].max(axis=0) * (1 - 1e-6)))

@@ -146,14 +146,7 @@ def jump_types(s: Sweep) -> Found:
         "height_after_hop_m": (("phi",), after, "m", "delayed stutter, above the rod's rest after the hop"),
         "equivalent_phi": (("phi",), alike, "1", "volume fraction whose single jump is as high as from after the hop"),
     }
-    data = dataset(
-        s,
-        {"jump": list(TYPES), "phi": phi},
-        over,
-        results,
-        extra,
-        facts=JumpTypes(older),
-    )
+    data = dataset(s, {"jump": list(TYPES), "phi": phi}, over, results, extra, facts=JumpTypes(older))
     return data, _rows_of_types(s, data)
 
 
@@ -371,13 +364,7 @@ def foot_radius(s: Sweep) -> Found:
         "drag_kg_per_m": (("foot_radius",), (p.b or 0.0) * slope, "kg/m", "b dm_a/dz at the surface"),
         "cone_depth_m": (("foot_radius",), full, "m", "depth where the cone is complete, R tan(theta)/mu"),
     }
-    data = dataset(
-        s,
-        {"jump": list(kinds), "foot_radius": r},
-        ("jump", "foot_radius"),
-        results,
-        extra,
-    )
+    data = dataset(s, {"jump": list(kinds), "foot_radius": r}, ("jump", "foot_radius"), results, extra)
     power = {n: np.polyfit(np.log(r), np.log(data[n].values), 1)[0] for n in ("added_mass_kg", "drag_kg_per_m")}
     h = data.jump_height_m.values * 1e3
     rows = [

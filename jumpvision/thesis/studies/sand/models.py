@@ -244,13 +244,7 @@ def drag_scale(s: Sweep) -> Found:
         "scaled_height_m": (("scale", *over), h, "m", "jump height with b times scale"),
         "massless_height_m": (over, massless, "m", "jump height without the added mass"),
     }
-    data = dataset(
-        s,
-        {"jump": list(kinds), "phi": phi, "frequency": f, "scale": SCALES},
-        over,
-        results,
-        extra,
-    )
+    data = dataset(s, {"jump": list(kinds), "phi": phi, "frequency": f, "scale": SCALES}, over, results, extra)
     best = results["jump_height_m"].max(axis=2)
     lost = massless.max(axis=2) - best
     span = np.ptp(h, axis=0)
