@@ -27,7 +27,7 @@ from jumpvision.report.figures.pictures import Tracked, tracks
 from jumpvision.report.pages.charts import fits_of
 from jumpvision.report.style import FORMATS, NewFigure, lettered, printed, save
 from jumpvision.thesis.figures.sweeps import read_sweep, sweep_figure
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.study import studies
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def available(source: Path) -> dict[str, tuple[str, Draw]]:
 def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
     """The figure of a sweep or a comparison."""
     data = read_sweep(file)
-    told = setting(data)
+    told = origin_of(data)
     own = file.stem if "-" in file.stem else f"sweep-{told.analysis}"  # one that another has taken the name of
     return own, (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
 

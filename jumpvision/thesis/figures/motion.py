@@ -11,7 +11,7 @@ from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFigure
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies import motions, thresholds
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +77,7 @@ def bifurcation(data: xr.Dataset, Figure: NewFigure) -> Figure:
     low = np.nanpercentile(data.apex_height_m, 1) * 1e3 if np.isfinite(data.apex_height_m).any() else 0.1
     axis.set_ylim(bottom=max(low * 0.7, 1e-2))
     axis.legend()
-    x, y = data.map_frequency / setting(data).f0_Hz, data.map_amplitude * 1e3
+    x, y = data.map_frequency / origin_of(data).f0_Hz, data.map_amplitude * 1e3
     edges = [-0.5, 0.5, 1.5, 2.5, 4.5, 8.5, 99]
     colors = mpl.colormaps["viridis"](np.linspace(0.1, 1.0, 5))
     kinds = mpl.colors.ListedColormap(["#dddddd", *colors])

@@ -12,7 +12,7 @@ from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, NewFi
 from jumpvision.thesis.figures.sweeps import figure_of
 from jumpvision.thesis.studies import animals as animals_of
 from jumpvision.thesis.studies import scaling
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,7 +171,7 @@ def two_frequency(data: xr.Dataset, Figure: NewFigure) -> Figure:
 def height_amplitude(data: xr.Dataset, Figure: NewFigure) -> Figure:
     """Maps of height / A with the best frequency (black) and the least amplitude that lifts off (white)."""
     figure = Figure(figsize=(9.6, 3.8), layout="constrained")
-    f0 = setting(data).f0_Hz or 1.0
+    f0 = origin_of(data).f0_Hz or 1.0
     for axis, kind in zip(figure.subplots(1, 2), data.jump.values):
         one = data.sel(jump=kind)
         seen = axis.pcolormesh(

@@ -18,7 +18,7 @@ from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNE
 from jumpvision.thesis.studies import comparison as compared
 from jumpvision.thesis.studies import motions
 from jumpvision.thesis.studies.axes import AXES
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.study import Study
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def read_sweep(file: Path) -> xr.Dataset:
     except (OSError, ValueError) as e:
         raise InputError([f"{file}: not a NetCDF file that can be read ({e})"]) from None
     try:
-        setting(data)
+        origin_of(data)
     except RecordError as e:
         raise InputError([f"{file}: {e}; give the sweep.nc or comparison.nc of `jumpvision sweep`"]) from None
     return data
@@ -78,7 +78,7 @@ def sweep_figure(data: xr.Dataset, Figure: NewFigure) -> Figure:
         steps = {d: -(-data.sizes[d] // DRAWN) for d in data.com_height_m.dims[:2]}
         data = data.isel({d: slice(None, None, n) for d, n in steps.items()})
     import_all("jumpvision.thesis.figures")
-    return FIGURES.get(setting(data).analysis, grid)(data, Figure)
+    return FIGURES.get(origin_of(data).analysis, grid)(data, Figure)
 
 
 @figure_of(motions.grid)
@@ -107,7 +107,7 @@ def grid(data: xr.Dataset, Figure: NewFigure) -> Figure:
 
 def _what(data: xr.Dataset, dims: Any) -> str:
     """The robot and the values that all jumps share."""
-    told = setting(data)
+    told = origin_of(data)
     constants = told.values
     law = [n for n in ("frequency", "phase", "amplitude", "cycles", "delay") if n not in dims]
     if "alpha" in data.coords and "amplitude" in law and "amplitude" not in data.coords:
@@ -147,7 +147,7 @@ def one_map(figure: Figure, axis: Axes, values: xr.DataArray, data: xr.Dataset) 
     if values.name == "n_jumps":
         ticks = np.arange(0, top + 1)
         bar.set_ticks(list(ticks), labels=[f"{t:d}" if t < COUNTED else f"≥ {t:d}" for t in ticks])
-    told = setting(data)
+    told = origin_of(data)
     if "frequency" in values.dims and told.f0_Hz is not None and told.ground == "hard":
         (axis.axhline if up == "frequency" else axis.axvline)(told.f0_Hz, color="white", lw=0.8, ls=":")
     axis.set(title=title, xlabel=label(right), ylabel=label(up))

@@ -39,8 +39,8 @@ from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.batch import hard_points, resolve
 
 from .axes import AXES
-from .compute import Setting
-from .machine import Machine, machine
+from .compute import Origin
+from .setup import Setup, setup_of
 from .study import Found, Measured, Row, study
 
 LEVEL = 0.05  # corrected p of a condition that stands out
@@ -142,7 +142,7 @@ def compare(given: Measured) -> Found:
         rng=np.random.default_rng(0),
         shared=np.transpose(shared) if common.any() else (),
     )
-    robot = machine("hard", jumps[0].experiment.path, given.overrides)
+    robot = setup_of("hard", jumps[0].experiment.path, given.overrides)
     data = _dataset(campaign, robot, jumps, at, steps, names, found)
     return data, rows(data)
 
@@ -204,7 +204,7 @@ def _ends(owner: Any, name: str, value: float, sigma: float) -> tuple[float, flo
 
 def _dataset(
     campaign: Campaign,
-    robot: Machine,
+    robot: Setup,
     jumps: list[Jump],
     at: NDArray[np.int64],
     steps: Array,
@@ -266,11 +266,11 @@ def _dataset(
     )
     behind, more = simulated_map(robot, jumps)
     return xr.Dataset(
-        variables | behind, coords | more, as_attributes(Setting.of(robot, compare.name)) | as_attributes(whole)
+        variables | behind, coords | more, as_attributes(Origin.of(robot, compare.name)) | as_attributes(whole)
     )
 
 
-def simulated_map(robot: Machine, jumps: list[Jump]) -> tuple[dict[str, xr.Variable], dict[str, xr.Variable]]:
+def simulated_map(robot: Setup, jumps: list[Jump]) -> tuple[dict[str, xr.Variable], dict[str, xr.Variable]]:
     """The model's height between the points, over frequency and phase; nothing where robots or the rest differ."""
     rest = {n: {round(j.law[n], 9) for j in jumps} for n in COORDS[2:]}
     sections = [(j.experiment.section(Robot), j.experiment.section(ModelSpec)) for j in jumps]

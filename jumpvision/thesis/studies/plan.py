@@ -23,7 +23,7 @@ from jumpvision.jumper.mechanisms.registry import acting
 from jumpvision.jumper.physics.forcing import Forcing
 from jumpvision.jumper.physics.model import GROUNDS, Model
 
-from .machine import machine
+from .setup import setup_of
 
 if TYPE_CHECKING:
     from jumpvision.jumper.planning.plan import Plan, Planner
@@ -126,7 +126,7 @@ def planned_robot(
         robot, spec = e.section(Robot), e.section(ModelSpec)
         if robot is not None:
             sigma |= asdict(robot.sigma)
-    found = machine(ground, experiment, given, model_file=model_file)
+    found = setup_of(ground, experiment, given, model_file=model_file)
     if model_file is not None:
         spec = read_model(model_file)
     sigma["volume_fraction"] = found.phi_sigma

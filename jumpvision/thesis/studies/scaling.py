@@ -116,7 +116,7 @@ def alpha(s: Sweep) -> Found:
         best,
         extra,
         f0_Hz=s.robot.f0,
-        facts=Alpha(s.robot.mass * s.robot.gravity / (s.robot.stiffness * s.machine.values["amplitude"])),
+        facts=Alpha(s.robot.mass * s.robot.gravity / (s.robot.stiffness * s.setup.values["amplitude"])),
     )
     up, of_flight = crossing(a, h[0] / h[1], rising=True), flight["flight_height_m"]
     flights = crossing(a, of_flight[0] / of_flight[1], rising=True)
@@ -225,7 +225,7 @@ def height_amplitude(s: Sweep) -> Found:
         extra,
         f0_Hz=s.robot.f0,
     )
-    i, j = (int(np.argmin(np.abs(amplitude - a))) for a in (s.machine.values["amplitude"], amplitude[-1]))
+    i, j = (int(np.argmin(np.abs(amplitude - a))) for a in (s.setup.values["amplitude"], amplitude[-1]))
     rows = [
         s.number(
             f"{name}: best f/f_0 at A {1e3 * amplitude[i]:.2f} and {1e3 * amplitude[j]:.2f} mm; greatest height / A",

@@ -69,7 +69,7 @@ THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 a
 
 
 @dataclass(frozen=True)
-class Machine:
+class Setup:
     """A robot on its ground with the law it follows where no axis says otherwise. thesis: unchanged the thesis' one."""
 
     name: str
@@ -86,7 +86,7 @@ class Machine:
         return self.model.exact
 
 
-def machine(
+def setup_of(
     ground: str,
     experiment: Path | None,
     overrides: Mapping[str, Mapping[str, Any]],
@@ -94,8 +94,8 @@ def machine(
     model_file: Path | None = None,
     laws: Laws | None = None,
     bed_seen: BedHeight | None = None,
-) -> Machine:
-    """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place.
+) -> Setup:
+    """That of an experiment.toml (or its folder) or the thesis', with --set values in their place.
 
     bed_seen: the bed's record where it is at hand; else an experiment's picture of the bed is measured where [bed]
     gives no volume fraction. model_file: a TOML file whose [model] replaces the other; its [robot], as a diagnosis
@@ -164,7 +164,7 @@ def machine(
     phi, phi_sigma = packing(bed, bed_seen)
     if phi is not None and phi_sigma:
         name += f", volume fraction {phi:.4f} ± {phi_sigma:.2g} as measured"
-    return Machine(name, model, values, thesis, laws, motor, phi_sigma or 0.0)
+    return Setup(name, model, values, thesis, laws, motor, phi_sigma or 0.0)
 
 
 def _bed_of(e: Experiment) -> BedHeight | None:
@@ -174,8 +174,8 @@ def _bed_of(e: Experiment) -> BedHeight | None:
         return None if workspace.missing(BedHeight) else workspace.make(BedHeight)
 
 
-def remembering(robot: Machine) -> Machine:
-    """The machine with stop_go_overshoot, the bed's memory of a pause, where its laws or --set know s_p and lam.
+def remembering(robot: Setup) -> Setup:
+    """The setup with stop_go_overshoot, the bed's memory of a pause, where its laws or --set know s_p and lam.
 
     A model that has an overshoot already stays as it is.
     """
