@@ -40,7 +40,7 @@ from jumpvision.experiment.workflow.provenance import settle
 from jumpvision.experiment.workflow.run import Plan
 from jumpvision.experiment.workflow.stage import STAGES
 from jumpvision.experiment.workflow.workspace import Workspace
-from jumpvision.report.figures import PICTURES, drawn_diagnosis
+from jumpvision.report.figures import PICTURES, diagnosis_png
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -376,4 +376,4 @@ def _run(
 ) -> Run:
     opened = _opened(folder)
     made = plan(*_places(opened, results), pictures=PICTURES if pictures else (), command="jumpvision.run()")
-    return run_folder(opened, made, workers=workers, ask=ask, draw=drawn_diagnosis, say=_warn)
+    return run_folder(opened, made, workers=workers, ask=ask, draw=diagnosis_png, say=_warn)

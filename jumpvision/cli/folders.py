@@ -55,7 +55,7 @@ def work(
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment, folder_of
     from jumpvision.experiment.workflow.many import prepare
     from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
-    from jumpvision.report.figures import PICTURES, drawn_diagnosis
+    from jumpvision.report.figures import PICTURES, diagnosis_png
 
     from . import terminal
 
@@ -88,7 +88,7 @@ def work(
             watcher=progress,
             elsewhere=elsewhere,
             ask=ask,
-            draw=drawn_diagnosis,
+            draw=diagnosis_png,
             pictured=options.pictures,
             say=lambda text: terminal.line(f"diagnose: {text}"),
         )
@@ -120,7 +120,7 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
             list(dict.fromkeys(f"{done.campaign.path}: {why}" for o in done.outcomes for why in o.not_run))
         )
     if page and any(o.steps for o in done.outcomes):
-        from jumpvision.report.pages.made import write_report
+        from jumpvision.report.pages.report import write_report
 
         done.files.append(
             write_report(

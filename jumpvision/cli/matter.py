@@ -144,7 +144,7 @@ def rft(
     with show.progress():
         found = feet.forces(foot, triangles, grains, *axes)
     results, numbers = output.results or Path("results/rft"), feet.numbers(triangles, found, grains)
-    told = feet.told_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
+    told = feet.facts_of(foot, table, stl, numbers, "jumpvision " + shlex.join(sys.argv[1:]))
     files = feet.write_forces(found, told, [f for f in (stl, table) if f], results)
     if output.pictures:
         from jumpvision.thesis.figures.matter import foot_picture

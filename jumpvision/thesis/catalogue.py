@@ -169,7 +169,7 @@ def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str,
             lambda F: films.column(fits, Column.load(folder), F),
         ),
     )
-    if fits.known("cone_slope_kg_m"):
+    if fits.determined("cone_slope_kg_m"):
         yield (
             f"added-mass{end}",
             (

@@ -49,7 +49,7 @@ def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
     if told.analysis != grid.name or not np.isfinite(data.com_height_m).any():
         return f"{told.ground} ground: {told.analysis.replace('-', ' ')}".capitalize() + ".", []
     best = data.isel(data.com_height_m.argmax(...)) if data.com_height_m.dims else data
-    at = ", ".join(said(str(d), float(best[d])) for d in data.com_height_m.dims)
+    at = ", ".join(axis_value(str(d), float(best[d])) for d in data.com_height_m.dims)
     height = f"{1e3 * float(best.com_height_m):.4g}"
     text = f"{told.robot.capitalize()}: the highest of "
     text += f"{data.com_height_m.size} jumps raises the centre of mass {height} mm" + (f", at {at}." if at else ".")
@@ -61,9 +61,9 @@ def words(data: xr.Dataset) -> tuple[str, list[tuple[str, str, str]]]:
     return text, facts
 
 
-def said(name: str, value: float) -> str:
+def axis_value(name: str, value: float) -> str:
     """frequency 8.2 Hz."""
-    return AXES[name].said(value, 3)
+    return AXES[name].text(value, 3)
 
 
 def charts_of(data: xr.Dataset) -> list[Chart]:

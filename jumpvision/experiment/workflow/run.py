@@ -140,8 +140,8 @@ def run_experiment(
                 outcome.errors += [text for text in said if text not in outcome.errors]
     already = {s.stage: s for s in before.steps} if before else {}
     outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
-    if Summary in workspace.made:
-        outcome.summary = workspace.made[Summary]
+    if Summary in workspace.records:
+        outcome.summary = workspace.records[Summary]
     try:
         outcome.notes = settle(workspace, plan.command)
     except (OSError, InputError) as e:
@@ -155,7 +155,7 @@ def run_experiment(
 
 def _as_noted(experiment: Experiment, plan: Plan, results: Path, key: str) -> Outcome | None:
     """What became of an experiment, where all is as an earlier run noted it."""
-    told = unchanged.told(plan.cache, results, key)
+    told = unchanged.noted(plan.cache, results, key)
     if told is None:
         return None
     as_now = {"state": "cached", "seconds": 0.0}

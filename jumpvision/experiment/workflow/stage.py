@@ -55,7 +55,7 @@ class Stage:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
 
-    def made_of(self, values: Mapping[str, Any]) -> Any:
+    def called_with(self, values: Mapping[str, Any]) -> Any:
         """What the function makes of its inputs and `p`, given one by one by their names."""
         left = dict(values)
         together = {

@@ -57,7 +57,7 @@ def note(workspace: Workspace, key: str, told: Mapping[str, Any]) -> None:
     os.utime(memory(workspace.cache, NOTES, results), (at, at))
 
 
-def told(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
+def noted(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
     """What became of an experiment, if all is as it was noted; else None."""
     place, now = memory(cache, NOTES, results), time.time()
     try:

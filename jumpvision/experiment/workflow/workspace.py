@@ -118,7 +118,7 @@ class Workspace:
         return self._make(output)[1]
 
     @property
-    def made(self) -> dict[type, Any]:
+    def records(self) -> dict[type, Any]:
         """The records made so far, by type."""
         return {output: record for output, (_, record) in self._made.items()}
 
@@ -269,7 +269,7 @@ class Workspace:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", StageWarning)
             try:
-                record = made.made_of(arguments)
+                record = made.called_with(arguments)
             except NotApplicable as e:
                 nothing_to_do = e.problems
             except MissingKey as e:

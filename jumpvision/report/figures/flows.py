@@ -98,7 +98,7 @@ class Map(NamedTuple):
     signed: bool = False
 
 
-def drawn(
+def draw_maps(
     figure: Figure, shape: tuple[int, int], data: xr.Dataset, unit: str, panels: Sequence[Map], title: str
 ) -> None:
     """Maps over data.x and data.y (rising) [unit], of whose velocity the first has the streamlines."""
@@ -135,7 +135,7 @@ def maps(field: xr.Dataset, flow: xr.Dataset, i: int, unit: str, Figure: NewFigu
         Map("shear rate [1/s]", g.shear_rate.values, "magma"),
         Map("divergence [1/s]", g.divergence.values, SIGNED, True),
     )
-    drawn(figure, (2, 2), f, unit, panels, f"t = {float(f.t):.4g} s")
+    draw_maps(figure, (2, 2), f, unit, panels, f"t = {float(f.t):.4g} s")
     return figure
 
 
@@ -162,7 +162,7 @@ def statistics_picture(found: Statistics, piv: Piv) -> StatisticsPicture:
     )
     with styled() as Figure:
         figure = Figure(figsize=(9.6, tall(data, 3, 11.0)), layout="compressed")
-        drawn(figure, (3, 2), data, unit, panels, f"mean of {found.fields} fields")
+        draw_maps(figure, (3, 2), data, unit, panels, f"mean of {found.fields} fields")
         return StatisticsPicture(png(figure))
 
 

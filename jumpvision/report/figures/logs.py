@@ -50,9 +50,9 @@ def single(intrusion: Intrusion, Figure: NewFigure) -> Figure:
         left.plot(z, p["first_N"], color=MODEL, lw=0.8, ls="--", label="without events")
     if v["cone"]:
         draw_cone(left, z, v["cone"])
-    if delta := fits.known("delta"):
+    if delta := fits.determined("delta"):
         left.axvline(delta.value * 1e3, color=QUIET, lw=0.8, label=r"bend $\delta$")
-        left.set_title(rf"$\delta$ = {shown(delta, 1e3)} mm")
+        left.set_title(rf"$\delta$ = {with_sigma(delta, 1e3)} mm")
     else:
         left.set_title(f"one slope suffices (p = {v['p_one_slope']:.2g})")
     left.set(xlabel="depth below the surface [mm]", ylabel="force [N]")
@@ -81,7 +81,7 @@ def draw_events(axis: Axes, events: Sequence[IntrusionEvent], fits: Fits) -> Non
         z = np.array([e["depth_m"] for e in mine]) * 1e3
         o, sigma = np.array([(e["overshoot_N"], e["sigma_N"]) for e in mine]).T
         axis.errorbar(z, o, sigma, fmt=mark, ms=4, lw=0.8, color=color, label=kind.replace("_", "-"))
-        if s := fits.known(name):
+        if s := fits.determined(name):
             law = rf"${name} z$"
             axis.plot([0, z.max()], [0, s.value * z.max() * 1e-3], color=color, lw=0.8, label=law)
     axis.set(title="overshoot", xlabel="depth of the event [mm]", ylabel="overshoot [N]")
@@ -178,14 +178,16 @@ def spring_picture(fit: Fits, spring: SpringTest) -> SpringPicture:
                 rest.plot(x[mine], left[mine], ".", ms=4, color=color)
         rest.axhline(0.0, color=QUIET, lw=0.8)
         whole.legend()
-        whole.set(xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {shown(fit['spring_stiffness'])} N/m")
+        whole.set(
+            xlabel="displacement [mm]", ylabel="force [N]", title=f"k = {with_sigma(fit['spring_stiffness'])} N/m"
+        )
         loop = fit.get("spring_hysteresis_N")
-        title = f"hysteresis ±{shown(loop)} N" if loop else "one direction: no hysteresis measured"
+        title = f"hysteresis ±{with_sigma(loop)} N" if loop else "one direction: no hysteresis measured"
         rest.set(xlabel="displacement [mm]", ylabel="measured − line [N]", title=title)
         return SpringPicture(png(figure))
 
 
-def shown(e: Estimate, factor: float = 1.0) -> str:
+def with_sigma(e: Estimate, factor: float = 1.0) -> str:
     """Value ± sigma."""
     return measured(finite(e.value), e.sigma, factor)
 
@@ -197,7 +199,7 @@ class MotorPicture(Picture):
 @stage(version=2, picture=True)
 def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     """Encoder and command, their difference, and where force was logged the work it does."""
-    if not fits.known("actuator_ratio"):
+    if not fits.determined("actuator_ratio"):
         raise NotApplicable(["motor_picture needs a log from rest to rest"])
     t, position = read_motor(log, law)
     around = (t > law.start - 0.05) & (t < law.stop + 0.1)
@@ -205,23 +207,23 @@ def motor_picture(fits: Fits, log: MotorLog, law: Actuation) -> MotorPicture:
     command = commanded(law)(t)[0]
     logged = read_log(log, "time_s", "position_m", optional=("force_N",))
     force = logged.force_N.to_numpy()[around] if "force_N" in logged else None
-    done, peak = fits.get("motor_work_J"), fits.known("peak_power_W")
+    done, peak = fits.get("motor_work_J"), fits.determined("peak_power_W")
     with styled() as Figure:
         panels = 3 if force is not None and done else 2
         figure = Figure(figsize=(3.3 * panels, 3.2), layout="constrained")
         axes = figure.subplots(1, panels)
         axes[0].plot(t, command * 1e3, color=MODEL, label="command")
         axes[0].plot(t, position * 1e3, ".", ms=2, color=MEASURED, label="encoder")
-        axes[0].set(title=f"ratio {shown(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
+        axes[0].set(title=f"ratio {with_sigma(fits['actuator_ratio'])}", ylabel="motor on the rod [mm]")
         axes[1].plot(t, (position - command) * 1e3, color=MEASURED, lw=0.8)
-        axes[1].set(title=f"lag {shown(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
+        axes[1].set(title=f"lag {with_sigma(fits['actuator_lag_s'], 1e3)} ms", ylabel="encoder − command [mm]")
         if force is not None and done:
             work = np.r_[0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(position))]
             axes[2].plot(t, work, color=MEASURED, label="so far")
             axes[2].axhline(done.value, color=QUIET, lw=0.8, ls="--", label="in all")
-            title = f"work {shown(done)} J"
+            title = f"work {with_sigma(done)} J"
             if peak:
-                title += f"\npeak power {shown(peak)} W"
+                title += f"\npeak power {with_sigma(peak)} W"
             axes[2].set(title=title, ylabel="work of the motor's force [J]")
         for axis in axes:
             axis.axvspan(law.start, law.stop, color=ACCENT, alpha=0.12, lw=0, label="motor runs")

@@ -96,7 +96,7 @@ def overlay(track: Track, film: RodVideo, *, p: OverlayParams) -> TrackFilm:
         ball = found.iloc[len(found) // 2]
         white = brightness(frames[int(ball.frame)], ball)
         factor = round(SHORT_SIDE / min(frames.shape)) or 1
-        pictures = (drawn(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
+        pictures = (frame_with_path(frames[i], (track.table, *track.others), i, white, factor) for i in shown)
         return TrackFilm(webm(watch(pictures, "frames drawn", len(shown)), RATE, LINES))
 
 
@@ -110,7 +110,7 @@ def brightness(image: Image, ball: pd.Series) -> float:
     return max(1.0, white)
 
 
-def drawn(image: Image, tables: Sequence[pd.DataFrame], i: int, white: float, factor: int) -> NDArray[np.uint8]:
+def frame_with_path(image: Image, tables: Sequence[pd.DataFrame], i: int, white: float, factor: int) -> Bgr:
     """Frame i (row, column, BGR), enlarged or shrunk, with the balls' positions; even sides, as the codec needs."""
     small = shrunk(image, LONG_SIDE)
     zoom, image = factor / (max(image.shape) // max(small.shape)), small

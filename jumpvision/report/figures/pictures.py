@@ -93,7 +93,7 @@ def show_frame(axis: Axes, image: Image, **look: Any) -> None:
     axis.imshow(shrunk(image), cmap="gray", **{"extent": (-0.5, columns - 0.5, rows - 0.5, -0.5), **look})
 
 
-def drawn(draw: Callable[..., Figure], *data: xr.Dataset) -> bytes:
+def png_of(draw: Callable[..., Figure], *data: xr.Dataset) -> bytes:
     """PNG of a drawing function's figure in the house style."""
     with styled() as Figure:
         return png(draw(*data, Figure))
@@ -232,7 +232,7 @@ def fit_picture(fits: Fits, rod: RodMotion | None, column: Column | None, flow: 
     panels: list[Callable[[Axes], None]] = []
     if column is not None:
         panels += [partial(draw, fits=fits, column=column) for draw in COLUMN_PANELS]
-        if flow is not None and fits.known("cone_slope_kg_m"):
+        if flow is not None and fits.determined("cone_slope_kg_m"):
             panels.append(partial(draw_cone, fits=fits, column=column, flow=flow))
     if rod is not None and fits.get("ring_start_s"):
         panels.append(partial(draw_ring, fits=fits, rod=rod))
@@ -291,7 +291,7 @@ def draw_beta(axis: Axes, fits: Fits, column: Column) -> None:
     """beta against the foot's depth."""
     c = column.field
     axis.errorbar(c.foot_depth * 1e3, c.beta_deg, c.beta_deg_sigma, fmt=".", lw=0.7, color=MEASURED)
-    if b := fits.known("beta_deg"):
+    if b := fits.determined("beta_deg"):
         axis.axhline(b.value, color=MODEL, label=f"mean {measured(b.value, b.sigma)}°")
         axis.legend(loc="upper center")  # least certain where the foot is slow: at the ends
     axis.margins(y=0.2)
@@ -321,7 +321,7 @@ def draw_theta(axis: Axes, fits: Fits, column: Column) -> None:
         ("theta_deg", MEASURED, ".", "side of the cone"),
     ):
         axis.errorbar(c.foot_depth * 1e3, c[name], c[f"{name}_sigma"], fmt=mark, lw=0.7, ms=4, color=color, label=label)
-    if theta := fits.known("theta_deg"):
+    if theta := fits.determined("theta_deg"):
         axis.axhline(theta.value, color=MODEL, label=f"mean {measured(theta.value, theta.sigma)}°")
     axis.legend()
     axis.set(title=r"$\theta$ of the cone", xlabel="foot depth [mm]", ylabel=r"$\theta$ [°]", ylim=(30, 90))

@@ -44,14 +44,16 @@ def disc_picture(runs: Sequence[xr.Dataset], bed: DiscBed, numbers: DiscNumbers)
         left.set(title="front below the face", ylabel="[mm]")
         middle.axhline(60.0, color=QUIET, lw=0.8, ls="--")
         middle.axvspan(1e3 * CONSTANT * bed.stroke, 1e3 * bed.stroke, color=QUIET, alpha=0.15, lw=0)
-        middle.set(title=f"θ = {told(numbers.theta_deg, numbers.theta_sigma_deg)}°", ylabel="angle of the sides [°]")
+        middle.set(
+            title=f"θ = {with_sigma(numbers.theta_deg, numbers.theta_sigma_deg)}°", ylabel="angle of the sides [°]"
+        )
         right.set(title="added mass; the plug alone (orange)", ylabel="[kg]", ylim=(0.0, None))
         for axis in (left, middle, right):
             axis.set_xlabel("depth of the foot [mm]")
         return png(figure)
 
 
-def told(value: float, sigma: float) -> str:
+def with_sigma(value: float, sigma: float) -> str:
     """A number of several beds with its sigma, of one bed alone."""
     return f"{value:.1f} ± {sigma:.1f}" if math.isfinite(sigma) else f"{value:.1f}"
 

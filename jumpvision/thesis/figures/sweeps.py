@@ -13,7 +13,7 @@ from jumpvision.base.schema import InputError
 from jumpvision.experiment.results import RecordError
 from jumpvision.experiment.results.fields import attributes_of
 from jumpvision.experiment.workflow.stage import import_all
-from jumpvision.report.figures.pictures import drawn
+from jumpvision.report.figures.pictures import png_of
 from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure
 from jumpvision.thesis.studies import comparison as compared
 from jumpvision.thesis.studies import motions
@@ -69,7 +69,7 @@ def read_sweep(file: Path) -> xr.Dataset:
 
 def picture(data: xr.Dataset) -> bytes:
     """The figure as PNG."""
-    return drawn(sweep_figure, data)
+    return png_of(sweep_figure, data)
 
 
 def sweep_figure(data: xr.Dataset, Figure: NewFigure) -> Figure:
@@ -114,7 +114,7 @@ def _what(data: xr.Dataset, dims: Any) -> str:
         law.remove("amplitude")
     said = [(n, float(data[n]) if n in data.coords else constants[n]) for n in law]
     said += [(str(n), float(v)) for n, v in data.coords.items() if not v.ndim and n not in law]
-    words = [AXES[n].said(v, 4) for n, v in said if v or n != "delay"]
+    words = [AXES[n].text(v, 4) for n, v in said if v or n != "delay"]
     dotted = "; dotted: natural frequency" if told.ground == "hard" and told.f0_Hz and "frequency" in dims else ""
     return f"{told.robot}: {', '.join(words)}{dotted if len(dims) > 1 else ''}"
 
@@ -200,7 +200,7 @@ def panels(data: xr.Dataset, Figure: NewFigure) -> Figure:
     axes = figure.subplots(2, 3, sharex=True, sharey=True).flat
     for axis, i in zip(axes, at):
         one_map(figure, axis, height.isel({third: i}), data)
-        axis.set_title(f"height at {AXES[third].said(float(data[third][i]), 4)}")
+        axis.set_title(f"height at {AXES[third].text(float(data[third][i]), 4)}")
     for axis in list(axes)[: 6 - len(at)]:
         axis.set_visible(False)
     return figure

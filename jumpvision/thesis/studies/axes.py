@@ -41,7 +41,7 @@ class Axis:
             return f"{'>' if self.open_lo else '>='} {self.lo:g}{unit}"
         return f"in {'(' if self.open_lo else '['}{self.lo:g}, {self.hi:g}]{unit}"
 
-    def said(self, value: float, digits: int) -> str:
+    def text(self, value: float, digits: int) -> str:
         """frequency 8.2 Hz."""
         return f"{self.label} {value * self.factor:.{digits}g} {self.shown}".rstrip()
 
