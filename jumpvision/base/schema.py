@@ -214,6 +214,7 @@ class NotApplicable(InputError):
     """A stage finds that the folder has nothing for it to do: a film without a foot has no cone. Not a failure."""
 
 
+@dataclasses.dataclass(frozen=True)
 class Section:
     """One table of the file; `name` is its TOML name."""
 

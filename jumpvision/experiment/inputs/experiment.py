@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from jumpvision.base import notebook as reprs
 from jumpvision.base.schema import InputError, closest, read
@@ -22,6 +22,7 @@ from .overrides import TABLES
 from .parameters import PARAMS
 from .sections import SECTIONS, Calibration, Header, Section
 
+S = TypeVar("S", bound=Section)
 EXPERIMENT, CAMPAIGN = "experiment.toml", "campaign.toml"
 
 
@@ -44,9 +45,16 @@ class Experiment:
     def ground(self) -> str:
         return self.header.ground
 
-    def section(self, cls: type[Section]) -> Any:
+    def section(self, cls: type[S]) -> S | None:
         """The section of this type, or None."""
-        return self.sections.get(cls.name)
+        found = self.sections.get(cls.name)
+        return found if isinstance(found, cls) else None
+
+    def required(self, cls: type[S]) -> S:
+        """The section of this type. InputError where it is not given."""
+        if (found := self.section(cls)) is None:
+            raise InputError([f"{self.path / EXPERIMENT}: [{cls.name}]: missing"])
+        return found
 
     _repr_html_ = reprs.experiment
 

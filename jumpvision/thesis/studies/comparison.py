@@ -76,11 +76,11 @@ class Jump:
 
 def law_of(e: Experiment) -> dict[str, float]:
     """The numbers of [actuation]; the phase counts modulo 2 pi."""
-    a = e.section(Actuation)
+    a = e.required(Actuation)
     return {
-        "frequency": a.frequency,
+        "frequency": a.frequency or math.nan,
         "phase": a.start_phase % (2 * math.pi),
-        "amplitude": a.amplitude,
+        "amplitude": a.amplitude or math.nan,
         "cycles": a.cycles,
         "delay": a.delay,
     }
@@ -160,7 +160,7 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
     """The measured height beside the model's, and what one sigma of each uncertain parameter does to the latter."""
     workspace = Workspace(e, o.results, plan.cache)
     rod, p = workspace.make(RodMotion), workspace.parameters(simulate)
-    log, law, motor = (e.section(s) for s in (MotorLog, Actuation, Motor))
+    log, law, motor = e.section(MotorLog), e.section(Actuation), e.section(Motor)
 
     def height(robot: Robot, spec: ModelSpec, p: SimulateParams = p) -> float:
         with warnings.catch_warnings():
@@ -168,7 +168,7 @@ def measured_jump(e: Experiment, o: Outcome, plan: Plan) -> Jump:
             done = simulate(e, robot, spec, log, law, motor, None, None, rod, p=p)
         return float(simulated_height(done, law) or math.nan)
 
-    robot, spec = e.section(Robot), e.section(ModelSpec) or ModelSpec()  # hard ground without [model]: no term
+    robot, spec = e.required(Robot), e.section(ModelSpec) or ModelSpec()  # hard ground without [model]: no term
     steps = {name: (height(*high) - height(*low)) * share for name, low, high, share in variations(robot, spec)}
     model = height(robot, spec)
     if log is not None:  # smoothed by its encoder's step: twice that shows what smoothing does, 0 where the law drives

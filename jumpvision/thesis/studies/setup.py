@@ -111,15 +111,13 @@ def setup_of(
             raise InputError(
                 [f"sweep {ground} --experiment {experiment}: its ground is '{e.ground}'; sweep {e.ground} instead"]
             )
-        robot, law, motor, bed, spec = (e.section(s) for s in (Robot, Actuation, Motor, Bed, ModelSpec))
-        if robot is None:
+        if (robot := e.section(Robot)) is None:
             raise InputError([f"{folder / 'experiment.toml'}: [robot]: missing; a sweep needs the robot's values"])
-        name, thesis = e.name, False
+        motor, bed, name, thesis = e.section(Motor), e.section(Bed), e.name, False
         if bed_seen is None and (bed is None or bed.volume_fraction is None) and ground == "granular":
             bed_seen = _bed_of(e)
-        law = law or Actuation()
-        default = () if ground == "hard" else ("two_resistance", "inertial_drag")
-        spec = spec or ModelSpec(default)
+        law = e.section(Actuation) or Actuation()
+        spec = e.section(ModelSpec) or ModelSpec(() if ground == "hard" else ("two_resistance", "inertial_drag"))
     else:
         robot, law, motor, bed, spec = _thesis(ground, overrides)
         name, thesis = f"thesis robot, {ground} ground", not overrides
@@ -136,11 +134,11 @@ def setup_of(
     except InputError as error:
         at = f"{e.path / 'experiment.toml'}: "
         raise InputError([p.replace(at, f"{model_file}: ") if model_file else p for p in error.problems]) from None
-    usual = Actuation(**THESIS[ground]["actuation"])  # where the experiment has no [actuation] or lacks these
+    usual = THESIS[ground]["actuation"]  # where the experiment has no [actuation] or lacks these
     if not law.moves:
         law = dataclasses.replace(law, kind="stutter")
-    frequency = law.frequency or usual.frequency
-    amplitude = law.amplitude or usual.amplitude
+    frequency: float = law.frequency or usual["frequency"]
+    amplitude: float = law.amplitude or usual["amplitude"]
     values = {
         "motor_mass": model.m_m,
         "rod_mass": model.rod_mass,

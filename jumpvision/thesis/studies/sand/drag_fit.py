@@ -64,7 +64,7 @@ def measured(given: Measured) -> Seen:
         for said in (w for w in o.warnings if "[bed] volume_fraction" in w):
             say(f"warning: {e.name}: {said}")
         used.append(e)
-        laws.append(law_of(e) | {"dwell_gain": e.section(Actuation).dwell_gain})
+        laws.append(law_of(e) | {"dwell_gain": e.required(Actuation).dwell_gain})
         seen.append((*o.summary.jump_height.numbers, *o.summary.volume_fraction.numbers))
     if not used:
         raise InputError([f"{campaign.path}: no experiment has a measured jump height and a volume fraction"])
