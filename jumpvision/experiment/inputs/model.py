@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from jumpvision.base.schema import InputError, check_value, closest, param, read
+from jumpvision.base.schema import InputError, Toml, check_value, closest, param, read
 from jumpvision.base.storage import irregular
 
 from .sections import Section
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from jumpvision.jumper.physics.packing import Laws
 
 LARGEST = 10**6  # bytes of a TOML file
-OwnTables = Mapping[str, Any]  # the user's tables [mechanism.NAME], as TOML has them
+OwnTables = Toml  # the user's tables [mechanism.NAME], as TOML has them
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def model_tables(file: Path) -> dict[str, Any]:
 
 
 def model_of(
-    table: Mapping[str, Any], where: str, tables: OwnTables, own: Mapping[str, Mechanism]
+    table: Toml, where: str, tables: OwnTables, own: Mapping[str, Mechanism]
 ) -> tuple[ModelSpec | None, list[str]]:
     """(the section, problems) of a [model] table; None where there are problems. where: file and section, to name.
 
@@ -199,7 +199,7 @@ def model_of(
 
 
 def considered_of(
-    table: Mapping[str, Any], where: str, tables: OwnTables, own: Mapping[str, Mechanism]
+    table: Toml, where: str, tables: OwnTables, own: Mapping[str, Mechanism]
 ) -> tuple[Considered | None, list[str]]:
     """(the section, problems) of a [diagnosis] table; own, tables: as in `model_of`."""
     found, problems = read(Considered, table, where)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared
-from jumpvision.base.schema import InputError, closest
+from jumpvision.base.schema import InputError, Toml, closest
 from jumpvision.base.storage import sweep_leftovers
 from jumpvision.experiment.inputs.experiment import Experiment
 from jumpvision.experiment.inputs.model import tables_of
@@ -49,7 +49,7 @@ class Pipeline:
     """Stages by name (None: all that have inputs) and parameters by stage."""
 
     stages: tuple[str, ...] | None = None
-    params: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    params: Mapping[str, Toml] = field(default_factory=dict)
 
 
 def read_pipeline(file: Path) -> Pipeline:

@@ -8,12 +8,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from jumpvision.base.schema import InputError
+from jumpvision.base.schema import InputError, Toml
 from jumpvision.experiment.inputs.experiment import open_experiment
 from jumpvision.experiment.inputs.model import ModelSpec, read_model
 from jumpvision.experiment.inputs.sections import Motor, Robot
@@ -112,7 +112,7 @@ def seeded() -> np.random.Generator:
 
 
 def planned_robot(
-    ground: str, experiment: Path | None, model_file: Path | None, overrides: Mapping[str, Mapping[str, Any]]
+    ground: str, experiment: Path | None, model_file: Path | None, overrides: Mapping[str, Toml]
 ) -> Robot1D:
     """The robot of an experiment.toml (or its folder), or the thesis' one. InputError names what lacks."""
     given = dict(overrides)

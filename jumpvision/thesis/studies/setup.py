@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jumpvision.base.schema import InputError, closest, read
+from jumpvision.base.schema import InputError, Toml, closest, read
 from jumpvision.experiment.inputs.experiment import Experiment, merged, open_experiment
 from jumpvision.experiment.inputs.model import ModelSpec, model_tables, read_model
 from jumpvision.experiment.inputs.sections import Actuation, Bed, Header, Motor, Robot
@@ -89,7 +89,7 @@ class Setup:
 def setup_of(
     ground: str,
     experiment: Path | None,
-    overrides: Mapping[str, Mapping[str, Any]],
+    overrides: Mapping[str, Toml],
     *,
     model_file: Path | None = None,
     laws: Laws | None = None,
@@ -204,7 +204,7 @@ def plain_model(model: Model) -> Model:
     )
 
 
-def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
+def _thesis(ground: str, overrides: Mapping[str, Toml]) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
     tables = THESIS[ground]
     problems = [
         f"--set {name}: unknown section of the thesis' robot{closest(name, tables)}"

@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
-from jumpvision.base.schema import InputError, closest
+from jumpvision.base.schema import InputError, Toml, closest
 from jumpvision.experiment.workflow.stage import import_all
 from jumpvision.jumper.physics.batch import resolve
 from jumpvision.jumper.physics.hard.jump import HardRobot
@@ -31,7 +31,7 @@ ROBOT_AXES = ("gravity", "rod_mass", "motor_mass", "stiffness", "zeta")  # every
 Say = Callable[[str], None]
 Row = dict[str, str | float | None]
 Found = tuple[xr.Dataset, list[Row]]  # the data set and the table of numbers
-Tables = Mapping[str, Mapping[str, Any]]  # --set values: {section: {key: value}}
+Tables = Mapping[str, Toml]  # --set values: {section: {key: value}}
 
 
 @dataclass(frozen=True)
