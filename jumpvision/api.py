@@ -356,7 +356,8 @@ def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) 
     """The PNG figures that show a record, drawn or from the cache."""
     for module in PICTURES:
         importlib.import_module(module)
-    workspace, out = Workspace(experiment, results, cache), []
+    workspace = Workspace(experiment, results, cache)
+    out: list[bytes] = []
     for shown, stage in list(STAGES.items()):
         png = stage.picture and shown.file.endswith(".png")  # type: ignore[attr-defined]  # no films: they take long
         if png and stage.inputs[0].type is output and not workspace.missing(shown):

@@ -11,7 +11,6 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from jumpvision.base.progress import HOOK, SHARE, WORKERS, Hook, Shared
 from jumpvision.base.schema import InputError, Toml, closest
@@ -25,7 +24,7 @@ from jumpvision.experiment.results.summary import UNKNOWN, Summary
 from . import unchanged
 from .entries import versions
 from .provenance import settle
-from .stage import STAGES, declared, results_stages, stage_named
+from .stage import STAGES, Stage, declared, results_stages, stage_named
 from .workspace import NotCached, Step, Workspace
 
 
@@ -140,8 +139,8 @@ def run_experiment(
                 outcome.errors += [text for text in said if text not in outcome.errors]
     already = {s.stage: s for s in before.steps} if before else {}
     outcome.steps = [already.get(s.stage, s) for s in workspace.steps]
-    if Summary in workspace.records:
-        outcome.summary = workspace.records[Summary]
+    if isinstance(found := workspace.records.get(Summary), Summary):
+        outcome.summary = found
     try:
         outcome.notes = settle(workspace, plan.command)
     except (OSError, InputError) as e:
@@ -181,7 +180,7 @@ def _note(workspace: Workspace, outcome: Outcome, key: str) -> None:
         unchanged.note(workspace, key, told)
 
 
-def wanted(plan: Plan) -> Iterator[tuple[type, Any]]:
+def wanted(plan: Plan) -> Iterator[tuple[type, Stage]]:
     """The stages of a plan, then the registered pictures of what those stages make."""
     chosen = {s.output: s for s in results_stages() if plan.stages is None or s.name in plan.stages}
     yield from chosen.items()
