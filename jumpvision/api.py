@@ -35,7 +35,7 @@ from jumpvision.experiment.workflow.provenance import settle
 from jumpvision.experiment.workflow.run import Plan
 from jumpvision.experiment.workflow.stage import STAGES
 from jumpvision.experiment.workflow.workspace import Workspace
-from jumpvision.report.figures import PICTURES, drawn_diagnosis
+from jumpvision.report.figures import PICTURES, diagnosis_png
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -232,7 +232,8 @@ def _pictures(experiment: Experiment, output: type, results: Path, cache: Path) 
     """The PNG figures that show a record, drawn or from the cache."""
     for module in PICTURES:
         importlib.import_module(module)
-    workspace, out = Workspace(experiment, results, cache), []
+    workspace = Workspace(experiment, results, cache)
+    out: list[bytes] = []
     for shown, stage in list(STAGES.items()):
         png = stage.picture and shown.file.endswith(".png")  # type: ignore[attr-defined]  # no films: they take long
         if png and stage.inputs[0].type is output and not workspace.missing(shown):
@@ -252,4 +253,4 @@ def _run(
 ) -> Run:
     opened = _opened(folder)
     made = plan(*_places(opened, results), pictures=PICTURES if pictures else (), command="jumpvision.run()")
-    return run_folder(opened, made, workers=workers, ask=ask, draw=drawn_diagnosis, say=_warn)
+    return run_folder(opened, made, workers=workers, ask=ask, draw=diagnosis_png, say=_warn)

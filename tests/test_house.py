@@ -50,7 +50,7 @@ def test_only_what_shows_reads_a_truth():
     """The reader of truth.json is named by the two files that show it, and where it stands."""
     ours = [f for f in modules().values() if f.relative_to(ROOT).parts[0] != "laboratory"]
     readers = {str(f.relative_to(ROOT)) for f in ours if "truth_of" in f.read_text()}
-    assert readers == {"experiment/campaign/truth.py", "report/pages/made.py"}
+    assert readers == {"experiment/campaign/truth.py", "report/pages/report.py"}
 
 
 @pytest.mark.parametrize("name", CORE)

@@ -36,8 +36,8 @@ from jumpvision.films.grains.grid import VectorGrid
 from jumpvision.report.figures.diagnosis import beyond
 from jumpvision.report.figures.overlays import STRIP, ConeDrawing, webm
 from jumpvision.report.pages.charts import heights_chart, marked
-from jumpvision.report.pages.made import write_report
 from jumpvision.report.pages.quantities import UNITS, fit_rows, shown_in, small, typeset
+from jumpvision.report.pages.report import write_report
 from jumpvision.report.pages.words import INK as PEN
 from jumpvision.report.pages.words import OTHERS, drawing, experiment_words
 from jumpvision.report.style import MEASURED

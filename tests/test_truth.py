@@ -16,6 +16,7 @@ from diagnosis_sample import causes, confirmation, diagnosis, parameter
 from jumpvision.base.arrays import measured
 from jumpvision.cli import terminal as show
 from jumpvision.engine.document.values import Cause
+from jumpvision.experiment.campaign.folder import Run
 from jumpvision.experiment.campaign.truth import (
     Truth,
     confirmation_rows,
@@ -27,7 +28,7 @@ from jumpvision.experiment.campaign.truth import (
 from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.experiment.results.fields import Flow
 from jumpvision.experiment.results.summary import Summary, Uncertain
-from jumpvision.experiment.workflow.run import Outcome
+from jumpvision.experiment.workflow.run import Outcome, Plan
 from jumpvision.report.pages.page import causes_shown
 
 SAND = SAMPLES / "loose_sand"
@@ -156,12 +157,13 @@ def test_the_terminal_shows_the_tables_and_json_nothing_but_json(campaign, capsy
     d = diagnosed(["depth_drag"], {"b": parameter(17.3, 0.02)}, [row])
     outcomes = [Outcome(FILM, SAND, summary=Summary(FILM, jump_height=Uncertain(0.0067, 1e-5)))]
     show.diagnosis(d, campaign, [], as_json=False)
-    show.outcome(campaign, outcomes, SAND, [], as_json=False, single=False, diagnosis=d)
+    done = Run(campaign, False, Plan(SAND, SAND / ".cache"), outcomes, d)
+    show.outcome(done, as_json=False)
     text = capsys.readouterr().out
     assert text.count("outside 95 % (5.0 sigma)") == 2 and text.count("added mass, 23.0 mm deep") == 2
     show.diagnosis(d, campaign, [], as_json=True)
     assert json.loads(capsys.readouterr().out) == d.values
-    show.outcome(campaign, outcomes, SAND, [], as_json=True, single=False, diagnosis=d)
+    show.outcome(done, as_json=True)
     assert json.loads(capsys.readouterr().out)["diagnosis"] == d.values
 
 

@@ -22,6 +22,11 @@ ABOUT = (
 app = App(name="jumpvision", help="\n\n".join(ABOUT), version=__version__)
 
 
+def option(help: str, group: str | None = None) -> Parameter:
+    """What help says of an option, and under which head."""
+    return Parameter(help=help, group=group)
+
+
 @Parameter(name="*", show_default=False)
 @dataclass(frozen=True)
 class Options:

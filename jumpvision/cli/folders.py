@@ -55,7 +55,7 @@ def work(
     from jumpvision.experiment.inputs.experiment import Campaign, Experiment, folder_of
     from jumpvision.experiment.workflow.many import prepare
     from jumpvision.experiment.workflow.run import Pipeline, Plan, read_pipeline
-    from jumpvision.report.figures import PICTURES, drawn_diagnosis
+    from jumpvision.report.figures import PICTURES, diagnosis_png
 
     from . import terminal
 
@@ -88,7 +88,7 @@ def work(
             watcher=progress,
             elsewhere=elsewhere,
             ask=ask,
-            draw=drawn_diagnosis,
+            draw=diagnosis_png,
             pictured=options.pictures,
             say=lambda text: terminal.line(f"diagnose: {text}"),
         )
@@ -120,28 +120,14 @@ def show(done: Run, options: Options, *, page: bool = False) -> int:
             list(dict.fromkeys(f"{done.campaign.path}: {why}" for o in done.outcomes for why in o.not_run))
         )
     if page and any(o.steps for o in done.outcomes):
-        from jumpvision.report.pages.made import write_report
+        from jumpvision.report.pages.report import write_report
 
         done.files.append(
             write_report(
-                done.campaign,
-                done.outcomes,
-                done.rows,
-                done.plan.results,
-                single=done.single,
-                diagnosis=done.diagnosis,
+                done.campaign, done.outcomes, done.rows, done.plan.results, single=done.single, diagnosis=done.diagnosis
             )
         )
-    terminal.outcome(
-        done.campaign,
-        done.outcomes,
-        done.plan.results,
-        done.files,
-        as_json=options.json,
-        single=done.single,
-        diagnosis=done.diagnosis,
-        told=done.told,
-    )
+    terminal.outcome(done, as_json=options.json)
     for text in done.notes:
         terminal.line(f"note: {text}")
     return FAILED if done.failed else DONE

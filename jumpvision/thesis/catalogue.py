@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from jumpvision.base.schema import InputError, closest
 from jumpvision.engine.document.diagnosis import Diagnosis
@@ -25,12 +25,15 @@ from jumpvision.report.figures.diagnosis import gains, heights
 from jumpvision.report.figures.logs import actuator, resistances, single
 from jumpvision.report.figures.pictures import Tracked, tracks
 from jumpvision.report.pages.charts import fits_of
-from jumpvision.report.style import FORMATS, lettered, printed, save
+from jumpvision.report.style import FORMATS, NewFigure, lettered, printed, save
 from jumpvision.thesis.figures.sweeps import read_sweep, sweep_figure
-from jumpvision.thesis.studies.compute import setting
+from jumpvision.thesis.studies.compute import origin_of
 from jumpvision.thesis.studies.study import studies
 
-Draw = Callable[[Any], Any]  # what makes a figure -> the figure
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Draw = Callable[[NewFigure], "Figure"]  # what makes a figure -> the figure
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,7 @@ def available(source: Path) -> dict[str, tuple[str, Draw]]:
 def of_sweep(file: Path) -> tuple[str, tuple[str, Draw]]:
     """The figure of a sweep or a comparison."""
     data = read_sweep(file)
-    told = setting(data)
+    told = origin_of(data)
     own = file.stem if "-" in file.stem else f"sweep-{told.analysis}"  # one that another has taken the name of
     return own, (f"{told.ground} ground: {told.analysis}", lambda F: sweep_figure(data, F))
 
@@ -166,7 +169,7 @@ def of_film(name: str, folder: Path, end: str) -> Iterator[tuple[str, tuple[str,
             lambda F: films.column(fits, Column.load(folder), F),
         ),
     )
-    if fits.known("cone_slope_kg_m"):
+    if fits.determined("cone_slope_kg_m"):
         yield (
             f"added-mass{end}",
             (

@@ -23,7 +23,7 @@ from jumpvision.experiment.inputs.sections import Actuation, GrainVideo, MotorLo
 from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import CraterShape, Intrusion
 from jumpvision.experiment.workflow.many import draw as draw_experiments
-from jumpvision.experiment.workflow.many import drawn_beside, run_campaign
+from jumpvision.experiment.workflow.many import drawing_beside, run_campaign
 from jumpvision.experiment.workflow.provenance import digest_of_results, settle_tables
 from jumpvision.experiment.workflow.run import Outcome, Plan, run_single
 
@@ -119,7 +119,7 @@ def run_folder(
             from .diagnose import question
 
             told = {o.name: o for o in run.outcomes}
-            with drawn_beside(plan, campaign, run.outcomes, workers=workers):
+            with drawing_beside(plan, campaign, run.outcomes, workers=workers):
                 run.diagnosis, run.files = question(
                     campaign,
                     told,

@@ -48,7 +48,7 @@ def recordings_of(campaign: Campaign, outcomes: Mapping[str, Outcome]) -> list[R
             if not isinstance(forcing, Loop):
                 fine = np.linspace(t[0], t[-1], FINE * (t.size - 1) + 1)
                 inputs |= {"motor_time_s": fine, "motor_m": forcing(fine)[0]}
-        labels = {"kind": law.kind if law else "logged_motion"}
+        labels: dict[str, str | float | None] = {"kind": law.kind if law else "logged_motion"}
         labels |= {"frequency": law.frequency, "delay": law.delay} if law else {}
         group = e.header.group or e.name
         known = sigma if states_noise(e) else None

@@ -202,7 +202,7 @@ def true_mass(row: Confirmation, campaign: Campaign, truth: Truth) -> float | No
     e = campaign[row.experiment]
     robot, bed, own = e.section(Robot), e.section(Bed), truth_of(e.path)
     C, mu, theta = (truth.value(n) for n in ("C", "mu", "theta"))
-    R, phi = robot and robot.foot_radius, own.get("volume_fraction")
+    R, phi = robot.foot_radius if robot else None, own.get("volume_fraction")
     if C is None or mu is None or theta is None or R is None or phi is None or bed is None:
         return None
     return float(cone_mass(np, z=row.depth_m, C=C, mu=mu, theta=theta, R=R, phi=phi, rho=bed.grain_density))

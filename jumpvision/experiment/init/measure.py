@@ -104,7 +104,7 @@ def _ball(path: Path, picks: Picks) -> tuple[Values, Values, list[str]]:
     if picks.ball_diameter:
         values["ball_diameter"] = (1e-3 * picks.ball_diameter, "as given")
     seed = (picks.ball[0], picks.ball[1]) if picks.ball else None
-    seen = _seen(path, seed)
+    seen = _balls_in(path, seed)
     if not seen:
         if seed is None:
             return values, {}, ["no ball was found in the first frames: give --ball COLUMN,ROW, or run init --pick"]
@@ -134,7 +134,7 @@ Ball = tuple[str, float, float, float]  # polarity, column, row, diameter [px]
 
 
 @lru_cache(maxsize=32)  # a page asks again for every number that is typed beside it
-def _seen(path: Path, seed: tuple[float, float] | None) -> list[tuple[int, Ball]]:
+def _balls_in(path: Path, seed: tuple[float, float] | None) -> list[tuple[int, Ball]]:
     """The ball in the first frames, with their numbers; where it moves into a film later, there."""
     film, _ = opened(path)
     with film:

@@ -89,7 +89,7 @@ def robot_and_bed(ground: str) -> str:
 
 def _section(name: str, values: Values, keys: Sequence[str], *, facts: Sequence[str] = (), live: bool = True) -> str:
     """A table; live: as values, else all of it as comments."""
-    fields = {f.name: f for f in dataclasses.fields(SECTIONS[name])}  # type: ignore[arg-type]
+    fields = {f.name: f for f in dataclasses.fields(SECTIONS[name])}
     lines = [f"[{name}]", *facts]
     for key in dict.fromkeys([*values, *keys]):
         if key in values:

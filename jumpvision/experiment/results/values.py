@@ -191,7 +191,7 @@ class Fits(Record):
         """The fit of this name; None where the data did not ask for it."""
         return self.estimates.get(name)
 
-    def known(self, name: str) -> Estimate | None:
+    def determined(self, name: str) -> Estimate | None:
         """The same; None too where the data do not allow it."""
         found = self.estimates.get(name)
         return found if found is not None and found.known else None

@@ -185,13 +185,14 @@ def of_arrays(tables: Any, time_s: Any = None, motor_m: Any = None) -> pd.DataFr
     InputError for tables, ValueError for arrays that are none.
     """
     e = without_folder(tables, "jv.simulate")
-    robot, spec, law, motor, bed = (e.section(kind) for kind in (Robot, ModelSpec, Actuation, Motor, Bed))
-    if lacking := [k.name for k, there in ((Robot, robot), (ModelSpec, spec)) if there is None]:
+    robot, spec = e.section(Robot), e.section(ModelSpec)
+    if robot is None or spec is None:
+        lacking = [k.name for k in (Robot, ModelSpec) if e.section(k) is None]
         raise InputError([f"jv.simulate: {', '.join(lacking)}: missing"])
     p = of_keywords(SimulateParams, e.params.get("simulate", {}))
-    model = build_model(e, robot, spec, bed, None)
+    model = build_model(e, robot, spec, e.section(Bed), None)
     if time_s is None:
-        return moved(model, *driver(None, law, motor, p), None, p).table
+        return moved(model, *driver(None, e.section(Actuation), e.section(Motor), p), None, p).table
     time, position = checked("simulate", time_s=time_s, motor_m=motor_m)
     usable = np.isfinite(time + position).all() and (np.diff(time) > 0.0).all()
     if time.size < FEWEST or not usable:

@@ -25,13 +25,7 @@ RULES = ["--rerun-incomplete", "--keep-going", "--scheduler", "greedy", "--noloc
 
 
 def hand_over(
-    campaign: Campaign,
-    plan: Plan,
-    profile: str,
-    *,
-    options: list[str],
-    jobs: int | None,
-    frames: Mapping[str, int],
+    campaign: Campaign, plan: Plan, profile: str, *, options: list[str], jobs: int | None, frames: Mapping[str, int]
 ) -> dict[str, list[str]]:
     """Run every experiment under Snakemake; the reasons, by name, of those that failed.
 

@@ -102,7 +102,7 @@ def draw(campaign: Campaign, plan: Plan, outcomes: list[Outcome], *, workers: in
 
 
 @contextlib.contextmanager
-def drawn_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, workers: int) -> Iterator[None]:
+def drawing_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, workers: int) -> Iterator[None]:
     """Beside the work within, pictures are drawn in processes that make way for it, and put into `outcomes`; with its
     end no further ones are begun."""
     at = {o.name: i for i, o in enumerate(outcomes) if o.undrawn}
@@ -119,10 +119,7 @@ def drawn_beside(plan: Plan, campaign: Campaign, outcomes: list[Outcome], *, wor
     if workers <= 1 or not jobs:
         yield
         return
-    with (
-        worker_pool(workers, aside=True) as pool,
-        ThreadPoolExecutor(workers) as threads,
-    ):
+    with worker_pool(workers, aside=True) as pool, ThreadPoolExecutor(workers) as threads:
         for _ in range(workers):
             threads.submit(work, pool)
         try:

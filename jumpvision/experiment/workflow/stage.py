@@ -15,7 +15,10 @@ import types
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
+
+if TYPE_CHECKING:
+    from jumpvision.base.record import Record
 
 from jumpvision.base.schema import StageWarning as StageWarning
 
@@ -44,7 +47,7 @@ class Stage:
     function: Callable[..., Any]
     version: int
     inputs: tuple[Input, ...]
-    output: type
+    output: type[Record]
     params: type | None
     any_of: tuple[str, ...]
     picture: bool = False  # a figure drawn from records, not a result that others need
@@ -53,7 +56,7 @@ class Stage:
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self.function(*args, **kwargs)
 
-    def made_of(self, values: Mapping[str, Any]) -> Any:
+    def called_with(self, values: Mapping[str, object]) -> Record | None:
         """What the function makes of its inputs and `p`, given one by one by their names."""
         left = dict(values)
         together = {
@@ -64,7 +67,7 @@ class Stage:
     @property
     def help(self) -> str:
         """What it makes, in a line, with the file."""
-        return f"{first_paragraph(self.function.__doc__).removesuffix('.')} ({self.output.file})."  # type: ignore[attr-defined]
+        return f"{first_paragraph(self.function.__doc__).removesuffix('.')} ({self.output.file})."
 
 
 STAGES: dict[type, Stage] = {}  # by output type

@@ -45,7 +45,7 @@ def note(workspace: Workspace, key: str, told: Mapping[str, Any]) -> None:
     results, at = workspace.results, time.time()  # before the first look at a file
     receipt = results / PROVENANCE
     files = {**workspace.counted(), receipt: (stamp(receipt), sha256(receipt))}
-    foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()  # type: ignore[attr-defined]
+    foreign = {s.output.file for s in STAGES.values()} - workspace.outputs.keys()
     content = {
         "key": key,
         "recordings": {str(path): [str(f) for f in files] for path, files in workspace.recordings.items()},
@@ -57,7 +57,7 @@ def note(workspace: Workspace, key: str, told: Mapping[str, Any]) -> None:
     os.utime(memory(workspace.cache, NOTES, results), (at, at))
 
 
-def told(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
+def noted(cache: Path, results: Path, key: str) -> Mapping[str, Any] | None:
     """What became of an experiment, if all is as it was noted; else None."""
     place, now = memory(cache, NOTES, results), time.time()
     try:

@@ -13,7 +13,7 @@ DRAWN = "pictures", "grains", "flows", "bed", "logs", "overlays"
 PICTURES = tuple(f"jumpvision.report.figures.{module}" for module in DRAWN)  # whose import registers figures as stages
 
 
-def drawn_diagnosis(found: Findings, system: Jumper, data: Diagnosis) -> bytes:
+def diagnosis_png(found: Findings, system: Jumper, data: Diagnosis) -> bytes:
     """diagnosis.png; what draws it is imported when it is drawn, as most runs find theirs in the cache."""
     from .diagnosis import diagnosis_picture
 

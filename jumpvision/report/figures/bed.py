@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +16,13 @@ from jumpvision.experiment.stages.bed.crater import read_map
 from jumpvision.experiment.stages.recordings import open_pictures
 from jumpvision.experiment.workflow.stage import stage
 from jumpvision.jumper.physics.air import Drop
-from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, styled
+from jumpvision.report.style import ACCENT, GREEN, MEASURED, MODEL, QUIET, SIGNED, NewFigure, styled
 
 from .pictures import Picture, png, show_frame
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 class AirPicture(Picture):
@@ -86,7 +90,7 @@ def as_floats(values: Column) -> Array:
     return np.array(values, float)
 
 
-def draw_map(figure: Any, axis: Any, v: CraterValues, depth: CraterDepth) -> None:
+def draw_map(figure: Figure, axis: Axes, v: CraterValues, depth: CraterDepth) -> None:
     """Height about its median with the circle that was integrated."""
     scale = depth.scale or 1.0
     z = read_map(depth) * depth.height_scale
@@ -101,7 +105,7 @@ def draw_map(figure: Any, axis: Any, v: CraterValues, depth: CraterDepth) -> Non
     axis.set(title="depth map and integrated disc", xlabel="column [px]", ylabel="row [px]")
 
 
-def draw_profile(axis: Any, v: CraterValues) -> None:
+def draw_profile(axis: Axes, v: CraterValues) -> None:
     """Height against distance from the axis; a line's two halves one over the other."""
     r, h = as_floats(v["profile"]["r_m"]) * 1e3, as_floats(v["profile"]["height_m"]) * 1e3
     if r.min() < 0.0:
@@ -119,7 +123,7 @@ def draw_profile(axis: Any, v: CraterValues) -> None:
     axis.legend()
 
 
-def critical(craters: Sequence[Crater], found: ZeroCrossing, Figure: Any) -> Any:
+def critical(craters: Sequence[Crater], found: ZeroCrossing, Figure: NewFigure) -> Figure:
     """Volume change against volume fraction, where that is known, with the line through phi_c."""
     known = [c for c in craters if c.volume_fraction is not None]
     phi, v = np.array([(c.volume_fraction, c.volume_m3) for c in known], float).T

@@ -1,6 +1,6 @@
 """report.html: self-contained pages without network, one for each experiment and one for the campaign.
 
-The campaign's page holds what only the campaign shows and links to the experiments' pages. `made` says when they are
+The campaign's page holds what only the campaign shows and links to the experiments' pages. `report` says when they are
 written.
 """
 

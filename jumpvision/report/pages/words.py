@@ -96,7 +96,7 @@ def experiment_words(kind: Any, summary: Summary, fits: Fits, *, whole: bool = F
             facts.append((gap.replace("-", "−"), "mm", "model − measured"))
         text += "."
     for name, label, unit, factor in OTHERS:
-        if fit := fits.known(name):
+        if fit := fits.determined(name):
             foot = f" ({WHOLE if whole else HALF})" if name == "added_mass_kg" else ""
             facts.append((measured(fit.value, fit.sigma, factor), unit, label + foot))
     if (phi := summary.volume_fraction).value is not None:

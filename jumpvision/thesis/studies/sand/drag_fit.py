@@ -20,7 +20,7 @@ from jumpvision.jumper.physics.model import fitted_parameter
 from jumpvision.jumper.physics.packing import fit_packing_law
 from jumpvision.thesis.studies.comparison import law_of, problem
 from jumpvision.thesis.studies.compute import ATOL, RTOL, dataset
-from jumpvision.thesis.studies.machine import machine
+from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Found, Measured, Sweep, study
 
 from .beds import kink
@@ -64,7 +64,7 @@ def measured(given: Measured) -> Seen:
         for said in (w for w in o.warnings if "[bed] volume_fraction" in w):
             say(f"warning: {e.name}: {said}")
         used.append(e)
-        laws.append(law_of(e) | {"dwell_gain": e.section(Actuation).dwell_gain})
+        laws.append(law_of(e) | {"dwell_gain": e.required(Actuation).dwell_gain})
         seen.append((*o.summary.jump_height.numbers, *o.summary.volume_fraction.numbers))
     if not used:
         raise InputError([f"{campaign.path}: no experiment has a measured jump height and a volume fraction"])
@@ -89,7 +89,7 @@ def drag_fit(given: Measured) -> Found:
     """
     seen = measured(given)
     used, phi, height, sigma, common = seen.used, seen.phi, seen.height, seen.sigma, seen.common
-    robot = machine("granular", used[0].path, given.overrides, model_file=given.model_file, laws=given.laws)
+    robot = setup_of("granular", used[0].path, given.overrides, model_file=given.model_file, laws=given.laws)
     s = Sweep(given.study, dataclasses.replace(robot, thesis=False), {}, {}, given.workers, given.say)
     name = "b" if "depth_drag" in robot.model else "alpha"
     if not {"depth_drag", "inertial_drag"} & set(robot.model.terms):

@@ -179,7 +179,7 @@ def write_forces(found: pd.DataFrame, told: Mapping[str, object], inputs: Sequen
     return files
 
 
-def told_of(foot: Foot, table: Path | None, stl: Path | None, found: FootNumbers, command: str) -> dict[str, object]:
+def facts_of(foot: Foot, table: Path | None, stl: Path | None, found: FootNumbers, command: str) -> dict[str, object]:
     """What rft.json says."""
     law = f"table {table}" if table else {"3d": "Agarwal et al. 2023", "2d": "Li et al. 2013"}[foot.law]
     return {"command": command, "foot": asdict(foot) | {"stl": stl and str(stl)}, "law": law, "numbers": asdict(found)}

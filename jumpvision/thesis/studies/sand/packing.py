@@ -16,7 +16,7 @@ from jumpvision.experiment.inputs.sections import Preparation
 from jumpvision.experiment.results.fields import as_attributes
 from jumpvision.experiment.workflow.many import run_campaign
 from jumpvision.experiment.workflow.run import Plan
-from jumpvision.thesis.studies.compute import Setting
+from jumpvision.thesis.studies.compute import Origin
 from jumpvision.thesis.studies.sand.compaction import LEAST, NAMES, Compaction, fit_compaction
 from jumpvision.thesis.studies.study import Found, Measured, Row, study
 
@@ -152,5 +152,5 @@ def _dataset(given: Measured, used: list[Prepared], laws: dict[tuple[float, floa
         "law": xr.Variable(("setting",), [law.law for law in laws.values()]),
         "law_pulses": xr.Variable(("law_pulses",), curve, {"units": "1"}),
     }
-    made = Setting.of(None, given.study.name)
+    made = Origin.of(None, given.study.name)
     return xr.Dataset(variables, coords, as_attributes(made) | as_attributes(Settings(" | ".join(map(_words, laws)))))

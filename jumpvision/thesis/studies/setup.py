@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jumpvision.base.schema import InputError, closest, read
+from jumpvision.base.schema import InputError, Toml, closest, read
 from jumpvision.experiment.inputs.experiment import Experiment, merged, open_experiment
 from jumpvision.experiment.inputs.model import ModelSpec, model_tables, read_model
 from jumpvision.experiment.inputs.sections import Actuation, Bed, Header, Motor, Robot
@@ -69,7 +69,7 @@ THESIS: dict[str, dict[str, dict[str, Any]]] = {  # docs/physics.md sections 2 a
 
 
 @dataclass(frozen=True)
-class Machine:
+class Setup:
     """A robot on its ground with the law it follows where no axis says otherwise. thesis: unchanged the thesis' one."""
 
     name: str
@@ -86,16 +86,16 @@ class Machine:
         return self.model.exact
 
 
-def machine(
+def setup_of(
     ground: str,
     experiment: Path | None,
-    overrides: Mapping[str, Mapping[str, Any]],
+    overrides: Mapping[str, Toml],
     *,
     model_file: Path | None = None,
     laws: Laws | None = None,
     bed_seen: BedHeight | None = None,
-) -> Machine:
-    """The machine of an experiment.toml (or its folder) or the thesis', with --set values in their place.
+) -> Setup:
+    """That of an experiment.toml (or its folder) or the thesis', with --set values in their place.
 
     bed_seen: the bed's record where it is at hand; else an experiment's picture of the bed is measured where [bed]
     gives no volume fraction. model_file: a TOML file whose [model] replaces the other; its [robot], as a diagnosis
@@ -111,15 +111,13 @@ def machine(
             raise InputError(
                 [f"sweep {ground} --experiment {experiment}: its ground is '{e.ground}'; sweep {e.ground} instead"]
             )
-        robot, law, motor, bed, spec = (e.section(s) for s in (Robot, Actuation, Motor, Bed, ModelSpec))
-        if robot is None:
+        if (robot := e.section(Robot)) is None:
             raise InputError([f"{folder / 'experiment.toml'}: [robot]: missing; a sweep needs the robot's values"])
-        name, thesis = e.name, False
+        motor, bed, name, thesis = e.section(Motor), e.section(Bed), e.name, False
         if bed_seen is None and (bed is None or bed.volume_fraction is None) and ground == "granular":
             bed_seen = _bed_of(e)
-        law = law or Actuation()
-        default = () if ground == "hard" else ("two_resistance", "inertial_drag")
-        spec = spec or ModelSpec(default)
+        law = e.section(Actuation) or Actuation()
+        spec = e.section(ModelSpec) or ModelSpec(() if ground == "hard" else ("two_resistance", "inertial_drag"))
     else:
         robot, law, motor, bed, spec = _thesis(ground, overrides)
         name, thesis = f"thesis robot, {ground} ground", not overrides
@@ -136,11 +134,11 @@ def machine(
     except InputError as error:
         at = f"{e.path / 'experiment.toml'}: "
         raise InputError([p.replace(at, f"{model_file}: ") if model_file else p for p in error.problems]) from None
-    usual = Actuation(**THESIS[ground]["actuation"])  # where the experiment has no [actuation] or lacks these
+    usual = THESIS[ground]["actuation"]  # where the experiment has no [actuation] or lacks these
     if not law.moves:
         law = dataclasses.replace(law, kind="stutter")
-    frequency = law.frequency or usual.frequency
-    amplitude = law.amplitude or usual.amplitude
+    frequency: float = law.frequency or usual["frequency"]
+    amplitude: float = law.amplitude or usual["amplitude"]
     values = {
         "motor_mass": model.m_m,
         "rod_mass": model.rod_mass,
@@ -164,7 +162,7 @@ def machine(
     phi, phi_sigma = packing(bed, bed_seen)
     if phi is not None and phi_sigma:
         name += f", volume fraction {phi:.4f} ± {phi_sigma:.2g} as measured"
-    return Machine(name, model, values, thesis, laws, motor, phi_sigma or 0.0)
+    return Setup(name, model, values, thesis, laws, motor, phi_sigma or 0.0)
 
 
 def _bed_of(e: Experiment) -> BedHeight | None:
@@ -174,8 +172,8 @@ def _bed_of(e: Experiment) -> BedHeight | None:
         return None if workspace.missing(BedHeight) else workspace.make(BedHeight)
 
 
-def remembering(robot: Machine) -> Machine:
-    """The machine with stop_go_overshoot, the bed's memory of a pause, where its laws or --set know s_p and lam.
+def remembering(robot: Setup) -> Setup:
+    """The setup with stop_go_overshoot, the bed's memory of a pause, where its laws or --set know s_p and lam.
 
     A model that has an overshoot already stays as it is.
     """
@@ -206,7 +204,7 @@ def plain_model(model: Model) -> Model:
     )
 
 
-def _thesis(ground: str, overrides: Mapping[str, Mapping[str, Any]]) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
+def _thesis(ground: str, overrides: Mapping[str, Toml]) -> tuple[Robot, Actuation, Motor, Bed, ModelSpec]:
     tables = THESIS[ground]
     problems = [
         f"--set {name}: unknown section of the thesis' robot{closest(name, tables)}"
