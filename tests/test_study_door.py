@@ -70,3 +70,35 @@ def test_other_measurements_are_taken_in_and_contradictions_said(off, apart, tmp
 def test_a_measurement_of_nothing_is_refused():
     with pytest.raises(InputError, match="'h' is no parameter that is fitted"):
         study(measured=[jv.Measured.of("h", 1.0, 0.1, "a ruler")])
+
+
+def coast(p, r, force):
+    """Speed of a coasting body by Runge-Kutta of the fourth order, a step a sample."""
+    h, v, out = T[1], r.inputs["start"], []
+    for _ in r.t:
+        out.append(v)
+        a = force(v=v)
+        b = force(v=v + h / 2 * a)
+        c = force(v=v + h / 2 * b)
+        v += h / 6 * (a + 2 * b + 2 * c + force(v=v + h * c))
+    return np.array(out)
+
+
+def test_a_law_that_no_mechanism_of_a_study_is_is_found():
+    """v' = -k |v|^1.5 has the closed solution (|v0|^-1/2 + k t / 2)^-2; only a constant force is on the list."""
+    rng, k, size = np.random.default_rng(4), 1.2, 2.0
+    runs = []
+    for start in (4.0, -3.0, 2.0, -1.0):
+        v = np.sign(start) * (abs(start) ** -0.5 + 0.5 * k * T) ** -2
+        runs.append(jv.Recording(f"from {start}", T, v + SIGMA * rng.standard_normal(T.size), {"start": start}))
+    tilt = jv.Mechanism("tilt", [jv.Parameter("a", 0.0, (-5, 5))], law="-a")
+    asked = jv.Study(coast, [], [tilt], [jv.Channel("v", "m/s", noise=SIGMA)], symbols={"v": size}, force=2.0)
+    found = jv.diagnose(runs, asked)
+    law = found.discovered
+    assert found.named == () and found.status == "complete" and law.r2 > 0.99
+    assert law.law == "-r * sign(v) * abs(v / 2)**p" and set(law.parameters) == {"r", "p"}
+    for name, true in (("p", 1.5), ("r", k * size**1.5)):
+        assert abs(law.parameters[name].value - true) < 4 * law.parameters[name].sigma < 0.05 * true
+    assert law.law in found.sentence and "no mechanism of the study explains" in found.sentence
+    assert found.gain.ratio > 10 and found.extended_model.parameters["power_v_p"] == law.parameters["p"].value
+    assert np.std(np.concatenate([x.measured - x.extended for x in found.traces])) < 1.2 * SIGMA

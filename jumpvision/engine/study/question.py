@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from jumpvision.base.schema import InputError
+from jumpvision.engine.discovery import Laws
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import document
 from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 
+from .discovered import StudyForms
 from .learn import learn_readings
 from .processes import How, described
 from .runs import BudgetUsed, Runs
@@ -38,8 +40,10 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
         system = studied(study, recordings, runs)
         found, stopped = _asked(system, how)
         alone = _alone(found, system)
-        data = document(found, StudySpeaker(system, alone), stopped)
-        object.__setattr__(data, "traces", traces(found, system))
+        stated = found.law.system if found.law else system
+        assert isinstance(stated, Studied)
+        data = document(found, StudySpeaker(stated, alone), stopped)
+        object.__setattr__(data, "traces", traces(found, stated))
         return data
     finally:
         runs.close()
@@ -77,7 +81,9 @@ def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     """(what is found, why it is not all there could be; "" where it is)."""
     reached: list[Findings] = []
     rng, say = np.random.default_rng(SEED), how.progress or silent
-    order = Order(problem_of(system), rng, by=("kind",), say=say, reached=reached.append)
+    problem, forms = problem_of(system), system.study.forms
+    laws = Laws(problem, StudyForms(system), say) if forms else None
+    order = Order(problem, rng, by=("kind",), laws=laws, say=say, reached=reached.append)
     try:
         return order.all(), ""
     except BudgetUsed as e:
