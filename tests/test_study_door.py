@@ -102,3 +102,31 @@ def test_a_law_that_no_mechanism_of_a_study_is_is_found():
     assert law.law in found.sentence and "no mechanism of the study explains" in found.sentence
     assert found.gain.ratio > 10 and found.extended_model.parameters["power_v_p"] == law.parameters["p"].value
     assert np.std(np.concatenate([x.measured - x.extended for x in found.traces])) < 1.2 * SIGMA
+
+
+def pulled(p, r):
+    """A line whose slope is an input u; two causes are alike but for a bump of one about u = 2.5."""
+    u = r.inputs["u"]
+    return (p["g"] * u**2 + p["a"] * u + p["b"] * (u + 3 * math.exp(-(((u - 2.5) / 0.3) ** 2)))) * r.t
+
+
+def test_the_inputs_that_tell_two_causes_apart_are_proposed():
+    """Measured where both causes do the same: of the nine values from 0 to 4 only 2.5 tells them apart."""
+    rng = np.random.default_rng(5)
+    runs = [
+        jv.Recording(f"u = {u}", T, (u**2 + 0.2 * u) * T + SIGMA * rng.standard_normal(T.size), {"u": u})
+        for u in (0.5, 1.0, 1.5)
+    ]
+    causes = [jv.Mechanism(n, [jv.Parameter(n, 0.0, (-1, 1))]) for n in ("a", "b")]
+    given = [jv.Parameter("g", 1.0, (0.5, 2))], causes, [jv.Channel("y", "m", noise=SIGMA)]
+    found = jv.diagnose(runs, jv.Study(pulled, *given, inputs={"u": (0.0, 4.0)}))
+    best = found.next_experiment
+    assert set(found.indistinguishable[0]) == {"a", "b"} and set(best.separates) == {"a", "b"}
+    assert best.inputs == {"u": 2.5} and best.words == "u = 2.5" and best.expected_log10_odds > 10
+    assert found.values["next_experiment"]["frequency"] is None and len(found.traces) == 3
+    assert jv.diagnose(runs, jv.Study(pulled, *given)).next_experiment is None
+
+
+def test_inputs_of_a_recording_that_is_fitted_for_itself_are_refused():
+    with pytest.raises(InputError, match="'start' is fitted to each recording"):
+        jv.Study(fall, [jv.Parameter("start", 0.1, sigma=0.1, each=True)], inputs={"u": (0, 1)})

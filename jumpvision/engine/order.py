@@ -148,6 +148,7 @@ class Order:
         self.say("predicting held-out conditions")
         best, worth = naming.best.fit, self._gain(d)
         beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
+        self.reached(replace(d, gain=worth, extrapolation=beyond))
         proposal = propose(*self.offered(), naming.tried) if self.offered else None
         seen = naming.best.detection if naming.named else found
         hidden = detectable(problem, best if naming.named else d.baseline, seen or found, self.rng)

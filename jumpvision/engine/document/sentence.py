@@ -42,7 +42,8 @@ def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
     if stopped and not d.causes:
         return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
     said = _named(d, words) if d.named else _unnamed(d, words)
-    return words.misses + said + (f"; not tried on conditions held out: {stopped}." if stopped else ".")
+    left = "the rest was not asked" if d.gain else "not tried on conditions held out"
+    return words.misses + said + (f"; {left}: {stopped}." if stopped else ".")
 
 
 def _unnamed(d: Diagnosis, words: Words) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -14,13 +16,11 @@ from jumpvision.engine.document.measured import motions_alone
 from jumpvision.engine.fitting import Fit, Problem
 from jumpvision.engine.order import Findings, Order, fit_baseline, silent
 
-from .discovered import StudyForms
 from .learn import learn_readings
 from .processes import How, described
 from .runs import BudgetUsed, Runs
 from .study import Recording, Study
 from .system import Studied
-from .walk import with_walks
 from .words import StudySpeaker, traces
 
 SEED = 1  # of the simulated noise: the same data give the same answer
@@ -35,7 +35,7 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     if problems := recordings_problems(recordings):
         raise InputError(problems)
     study = described(how.source, recordings) if study is None else study
-    runs = Runs(study, recordings, how)
+    runs = Runs(study, [*recordings, *_unmade(study, recordings)], how)
     try:
         system = studied(study, recordings, runs)
         found, stopped = _asked(system, how)
@@ -58,6 +58,8 @@ def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studie
         raise runs.count.failures[0]
     if not any(c.process for c in study.channels):
         return system
+    from .walk import with_walks
+
     base = fit_baseline(problem_of(system), np.random.default_rng(SEED))
     return Studied(study, recordings, with_walks(system, base), runs)
 
@@ -80,16 +82,31 @@ def problem_of(system: Studied) -> Problem:
 def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     """(what is found, why it is not all there could be; "" where it is)."""
     reached: list[Findings] = []
-    rng, say = np.random.default_rng(SEED), how.progress or silent
-    problem, forms = problem_of(system), system.study.forms
-    laws = Laws(problem, StudyForms(system), say) if forms else None
-    order = Order(problem, rng, by=("kind",), laws=laws, say=say, reached=reached.append)
+    problem, rng, say = problem_of(system), np.random.default_rng(SEED), how.progress or silent
+    order = Order(problem, rng, by=("kind",), say=say, reached=reached.append)
+    if system.study.forms:
+        from .discovered import StudyForms
+
+        order = replace(order, laws=Laws(problem, StudyForms(system), say))
+    if system.study.inputs:
+        from .offers import offer
+
+        order = replace(order, offered=partial(offer, system, problem))
     try:
         return order.all(), ""
     except BudgetUsed as e:
         if not reached:
             raise
         return reached[-1], e.problems[0]
+
+
+def _unmade(study: Study, recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings that could be made next."""
+    if not study.inputs:
+        return []
+    from .offers import unmade
+
+    return unmade(study, recordings)
 
 
 def recordings_problems(recordings: Sequence[Recording]) -> list[str]:

@@ -43,6 +43,7 @@ class StudySpeaker:
         count, channels = self.system.runs.count, self.system.study.channels
         return {
             **self._measured(),
+            "next_experiment": self._proposal(d),
             "unit": channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
             "fitted": intervals(d.best, [p.name for p in d.best.parameters]),
             "lacks": {name: m.lacks for name, m in self.system.mechanisms.items()},
@@ -58,6 +59,13 @@ class StudySpeaker:
         apart = any(r.contradicts for r in rows)
         without = record.WithoutFilms(alone.named, alone.chi2) if apart else None
         return {"confirmation": tuple(rows), "without_films": without}
+
+    def _proposal(self, d: Findings) -> record.NextExperiment | None:
+        """The inputs that would tell most."""
+        if (p := d.next_experiment) is None:
+            return None
+        inputs = {n: float(p.labels[n]) for n in self.system.study.inputs}
+        return record.NextExperiment(str(p.labels["kind"]), None, None, p.separates, p.expected_log10_odds, inputs)
 
     def words(self, data: Diagnosis) -> Words:
         lacks = data.lacks or {}

@@ -62,6 +62,8 @@ def attributes(d: Diagnosis) -> Mapping[str, str]:
     rows = {f"{p:.3f}  {m}": w for m, p, w in ((" + ".join(c.mechanisms), c.probability, c.words) for c in d.models)}
     rows |= {f"fitted: {n}": str(p) for n, p in (d.fitted or {}).items()}
     rows |= {"other measurements": d.confirmed} if d.confirmed else {}
+    if n := d.next_experiment:
+        rows["next experiment"] = f"{n.words} separates {' from '.join(n.separates)}"
     rows |= {"not named": d.could_hide} if d.could_hide else {}
     rows |= {f"warning {k}": w for k, w in enumerate(d.noise.warnings, 1)}
     if d.runs:
