@@ -17,6 +17,7 @@ from jumpvision.engine.document.sentence import Words, contradictions, plus_minu
 from jumpvision.engine.document.sentence import sentence as sentence_of
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
+from jumpvision.engine.system import Indexed
 from jumpvision.engine.worth.gain import apex
 from jumpvision.jumper.mechanisms.own import bare
 from jumpvision.jumper.mechanisms.registry import MECHANISMS
@@ -140,12 +141,12 @@ def values(fit: Fit, system: Jumper) -> dict[str, float]:
     out: dict[str, float] = {}
     for ground in system.bases:
         out = needed(system.build(fit.mechanisms, fit.named, ground)) | out
-    return out | {n: v for n, v in fit.named.items() if n in ROBOT or of_beds(n, system)}
+    return out | {n: v for n, v in fit.named.items() if n in ROBOT or _of_a_bed(n, system)}
 
 
-def of_beds(name: str, system: Jumper) -> bool:
+def _of_a_bed(name: str, system: Jumper) -> bool:
     """Whether a parameter is that of one of several beds, `k1[1]`."""
-    return name.split("[")[0] in system.apart
+    return isinstance(name, Indexed) and name.of in system.apart
 
 
 def needed(model: Model) -> dict[str, float]:
