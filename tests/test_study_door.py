@@ -130,3 +130,14 @@ def test_the_inputs_that_tell_two_causes_apart_are_proposed():
 def test_inputs_of_a_recording_that_is_fitted_for_itself_are_refused():
     with pytest.raises(InputError, match="'start' is fitted to each recording"):
         jv.Study(fall, [jv.Parameter("start", 0.1, sigma=0.1, each=True)], inputs={"u": (0, 1)})
+
+
+def test_the_page_of_a_study_holds_what_the_verdict_rests_on(tmp_path):
+    """Causes in the study's words, limits, other measurements and parameters, as of a campaign."""
+    measured = [jv.Measured.of("g", 9.81, 0.01, "a free swing")]
+    found = jv.diagnose(falls(6, c=0.4), study(measured=measured), results=tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert found.named == ("drag",) and "the drag of the air" in page and found.sentence in page
+    for text in ("Mechanisms and their parameters", "by the recordings alone", "a free swing", "simulations made"):
+        assert text in page
+    assert "nan" not in page.split("<main>")[1].split("base64")[0].lower()
