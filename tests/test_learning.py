@@ -19,7 +19,7 @@ from jumpvision.engine.noise.learning import differences
 from jumpvision.engine.noise.noise import Noise, Stretch, powers
 from jumpvision.engine.noise.whitening import axes, joined
 from jumpvision.engine.order import fit_baseline
-from jumpvision.engine.priors import Measured, known
+from jumpvision.engine.priors import Measured, prior_of
 from jumpvision.engine.system import Indexed, Parameter
 from jumpvision.jumper.question import jumps as apparatus
 from jumpvision.jumper.question.jumper import Jumper
@@ -288,7 +288,7 @@ FREE = (
 
 def test_priors_and_a_measurement_are_the_gaussians_they_state():
     m = Measured(("theta", "mu", "C"), np.array([1.1, 2.0, 9.0]), np.diag([0.02**2, 0.03**2, 1.0]) + 1e-4, "film")
-    before = known(FREE, [m])
+    before = prior_of(FREE, [m])
     covariance = np.linalg.inv(before.precision + np.diag([0.0, 1e-9, 0.0]))
     sub = m.among(("mu", "theta"))
     assert sub.names == ("theta", "mu")
@@ -304,9 +304,9 @@ def test_the_chance_of_a_measurement_is_that_of_the_prior_prediction():
     """ln p(m) / N(m | m, S) = ln N(m | c, S + P) - ln N(m | m, S), measurements one after the other as together."""
     a = Measured(("mu",), np.array([2.9]), np.array([[0.3**2]]), "film")
     expected = -0.5 * 0.7**2 / (0.3**2 + 0.4**2) - 0.5 * math.log((0.3**2 + 0.4**2) / 0.3**2)
-    assert known(FREE, [a]).log_chance == pytest.approx(expected)
+    assert prior_of(FREE, [a]).log_chance == pytest.approx(expected)
     b = Measured(("mu",), np.array([2.5]), np.array([[0.2**2]]), "film")
-    both = known(FREE, [a, b]).log_chance
+    both = prior_of(FREE, [a, b]).log_chance
     covariance = np.full((2, 2), 0.4**2) + np.diag([0.3**2, 0.2**2])
     off = np.array([0.7, 0.3])
     together = -0.5 * off @ np.linalg.solve(covariance, off) - 0.5 * np.log(

@@ -91,7 +91,7 @@ class Runs:
             )
         wanted = list(new.items())
         began = time.perf_counter()
-        for k, value in self.maker.made([a for _, a in wanted]):
+        for k, value in self.maker.results([a for _, a in wanted]):
             key, ask = wanted[k]
             found[key] = self._checked(value, ask)
             self._keep(key, found[key])

@@ -260,7 +260,7 @@ class Jumper:
         said = []
         for row, values, (model, like) in zip(out, sets, told):
             heights = model.filmed(row, t)
-            said.append([self._seen(i, heights[self.tracks.places[like[i]]], values) for i in which])
+            said.append([self._reported(i, heights[self.tracks.places[like[i]]], values) for i in which])
         return said
 
     def _alike(self, models: Iterable[Model]) -> Alike:
@@ -275,7 +275,7 @@ class Jumper:
             self.alike[beds] = [both.index(b) for b in both], [own.index(o) for o in own]
         return self.alike[beds]
 
-    def _seen(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
+    def _reported(self, i: int, height: Array, values: Mapping[str, float]) -> Array:
         """True heights of an observation as its apparatus reports them [m]."""
         k, jump, o = self.apparatus[i], self.jumps[i], self.observations[i]
         height = height * common_error(values, "scale", k)
