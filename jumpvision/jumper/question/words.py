@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -42,13 +42,21 @@ BODIES = {
 
 
 @dataclass(frozen=True)
+class Beside:
+    """What stands beside the jumps: energies of some, what films and tests measure, the jumps without these."""
+
+    energy: tuple[record.Energies, ...] = ()
+    confirmation: tuple[record.Confirmation, ...] = ()
+    without_films: record.WithoutFilms | None = None
+
+
+@dataclass(frozen=True)
 class JumperSpeaker:
-    """Jumps as the document has them. system: with the law of no vocabulary where one was found; beside: fields of what
-    films and tests say."""
+    """Jumps as the document has them. system: with the law of no vocabulary where one was found."""
 
     learned: Learned
     system: Jumper
-    beside: Mapping[str, Any] = field(default_factory=dict)
+    beside: Beside
     heights: ClassVar[bool] = True
 
     def model(self, fit: Fit) -> record.Model:
@@ -83,24 +91,27 @@ class JumperSpeaker:
             warnings=(*learned.warnings, *agreement(d), *unrepeated(learned, d)),
         )
 
-    def own(self, d: Findings) -> Mapping[str, Any]:
-        """Heights, what an apparatus has wrong in common, the jump to be made next, what films and tests say."""
-        return {
-            "heights": heights_of(d, self.system),
-            "common": common_of(d.named_fit),
-            "next_experiment": proposal(d),
-            **self.beside,
-        }
+    def completed(self, data: Diagnosis, d: Findings) -> Diagnosis:
+        """The record with heights, what an apparatus has wrong in common, the jump to be made next, films and tests."""
+        return replace(
+            data,
+            heights=heights_of(d, self.system),
+            common=common_of(d.named_fit),
+            next_experiment=proposal(d),
+            energy=self.beside.energy,
+            confirmation=self.beside.confirmation,
+            without_films=self.beside.without_films,
+        )
 
     def words(self, data: Diagnosis) -> Words:
         return words_of(data, {m.name: m.lacks for m in self.system.model.own})
 
 
-def diagnosis_of(d: Findings, learned: Learned, **beside: Any) -> Diagnosis:
-    """The record of a campaign's findings. beside: energy, confirmation, without_films, as the record has them."""
+def diagnosis_of(d: Findings, learned: Learned, beside: Beside | None = None) -> Diagnosis:
+    """The record of a campaign's findings."""
     system = d.law.system if d.law else learned.system
     assert isinstance(system, Jumper)
-    data = document(d, JumperSpeaker(learned, system, beside))
+    data = document(d, JumperSpeaker(learned, system, beside or Beside()))
     return replace(data, confirmed=confirmed(data))
 
 
