@@ -75,7 +75,8 @@ offered = candidates(sand, command_drives=True)
 out["offered"] = {n: [p.name + " " + p.unit for p in offered[n].parameters] for n in ("rail_drag", "bed_damping")}
 out["on hard ground"] = "bed_damping" in candidates(model, command_drives=True)
 heights = [Some(kind="single", simulated_m=0.02 + x, measured_m=0.01) for x in (0, 1e-3)]
-named = dict(named=("rail_drag",), indistinguishable=(), gain=None, status="complete", left_over=None, unexplained=None)
+nothing = dict.fromkeys(("gain", "left_over", "unexplained", "discovered"))
+named = dict(named=("rail_drag",), indistinguishable=(), status="complete", **nothing)
 out["sentence"] = sentence(Some(adequate=False, heights=heights, **named))
 print(json.dumps(out))
 """
