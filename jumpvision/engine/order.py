@@ -148,7 +148,6 @@ class Order:
         self.say("predicting held-out conditions")
         best, worth = naming.best.fit, self._gain(d)
         beyond = extrapolation(problem, d.baseline, best, self.by[0], self._times) if self.by else {}
-        self.reached(replace(d, gain=worth, extrapolation=beyond))
         proposal = propose(*self.offered(), naming.tried) if self.offered else None
         seen = naming.best.detection if naming.named else found
         hidden = detectable(problem, best if naming.named else d.baseline, seen or found, self.rng)
@@ -163,9 +162,12 @@ class Order:
     def _gain(self, d: Findings) -> Gain | None:
         """Of the law with its form as it was found; else by the vocabulary, searched anew in every fold."""
         if d.law is None:
-            return gain(self.problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
-        whole, rng = self.problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
-        return gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)
+            found = gain(self.problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
+        else:
+            whole, rng = self.problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
+            found = gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)
+        self.reached(replace(d, gain=found))
+        return found
 
 
 def diagnose(
