@@ -57,7 +57,7 @@ def test_the_law_is_found_with_its_exponents(found):
     assert told.r2 > 0.95 and told.ceiling_r2 >= told.r2 and told.passive is True
     assert law.status == "complete"
     assert 0.0 < told.seen["z"][1] < 0.1 and told.seen["v"][0] < -0.05
-    said = law_in_words(told, words_of(diagnosis()))
+    said = law_in_words(told, words_of(diagnosis()), "does")
     assert "p = 1.0" in said or "p = 0.9" in said
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shutil
 from dataclasses import replace
 
@@ -16,7 +17,7 @@ from benchmarks.diagnosis import Case, run
 from jumpvision.base.record import RecordError
 from jumpvision.cli import main
 from jumpvision.engine.document.diagnosis import Diagnosis
-from jumpvision.engine.document.values import Height, LeftOver, Unexplained
+from jumpvision.engine.document.values import Closest, Discovered, Estimated, Gain, Height, LeftOver, Unexplained
 from jumpvision.jumper.question.words import sentence
 
 
@@ -133,6 +134,32 @@ def test_the_sentence_gives_no_zero_for_heights_that_agree():
     assert text.startswith(
         "The simulation meets the measured heights to 0.05 mm but not the tracks because it lacks dry"
     )
+
+
+LAW = Discovered(
+    law="-r * abs(v_m)**p", acts_on="carriage",
+    parameters={"r": Estimated(1.0, math.inf, "N"), "p": Estimated(1.5, 0.1, "1")},
+    seen={}, r2=0.97, passive=True, ceiling_r2=None, beside=("coulomb_friction",), stability={}, rivals=(),
+)  # fmt: skip
+
+
+def test_a_law_beside_named_mechanisms_is_said():
+    text = sentence(diagnosis(named=("coulomb_friction",), discovered=LAW, status="complete"))
+    assert (
+        "because it lacks dry friction on the rail; a force on the carriage explains the rest: -r * abs(v_m)**p" in text
+    )
+    assert "r = 1 N, p = 1.5 ± 0.1" in text
+
+
+@pytest.mark.parametrize("x", [math.nan, math.inf])
+@pytest.mark.parametrize("named", [(), ("payload",)])
+def test_a_number_that_is_not_known_reaches_no_sentence(x, named):
+    height = Height("a", "single", 6.0, 0.0, None, 0.05, x, x)
+    gain = Gain(("a",), x, x, 1.0, 1.0, x, (0.0, x), False)
+    near = None if named else Closest(("payload",), 0.5, {}, x, gain)
+    told = {"named": named, "heights": (height,), "gain": gain, "closest": near, "left_over": LeftOver(x, x, x)}
+    text = sentence(diagnosis(**told, status="partial" if named else "undetermined", discovered=None))
+    assert not re.search(r"\b(nan|inf|None)\b", text)
 
 
 def test_a_file_without_a_key_is_refused_by_its_name():

@@ -70,3 +70,74 @@ def test_other_measurements_are_taken_in_and_contradictions_said(off, apart, tmp
 def test_a_measurement_of_nothing_is_refused():
     with pytest.raises(InputError, match="'h' is no parameter that is fitted"):
         study(measured=[jv.Measured.of("h", 1.0, 0.1, "a ruler")])
+
+
+def coast(p, r, force):
+    """Speed of a coasting body by Runge-Kutta of the fourth order, a step a sample."""
+    h, v, out = T[1], r.inputs["start"], []
+    for _ in r.t:
+        out.append(v)
+        a = force(v=v)
+        b = force(v=v + h / 2 * a)
+        c = force(v=v + h / 2 * b)
+        v += h / 6 * (a + 2 * b + 2 * c + force(v=v + h * c))
+    return np.array(out)
+
+
+def test_a_law_that_no_mechanism_of_a_study_is_is_found():
+    """v' = -k |v|^1.5 has the closed solution (|v0|^-1/2 + k t / 2)^-2; only a constant force is on the list."""
+    rng, k, size = np.random.default_rng(4), 1.2, 2.0
+    runs = []
+    for start in (4.0, -3.0, 2.0, -1.0):
+        v = np.sign(start) * (abs(start) ** -0.5 + 0.5 * k * T) ** -2
+        runs.append(jv.Recording(f"from {start}", T, v + SIGMA * rng.standard_normal(T.size), {"start": start}))
+    tilt = jv.Mechanism("tilt", [jv.Parameter("a", 0.0, (-5, 5))], law="-a")
+    asked = jv.Study(coast, [], [tilt], [jv.Channel("v", "m/s", noise=SIGMA)], symbols={"v": size}, force=2.0)
+    found = jv.diagnose(runs, asked)
+    law = found.discovered
+    assert found.named == () and found.status == "complete" and law.r2 > 0.99
+    assert law.law == "-r * sign(v) * abs(v / 2)**p" and set(law.parameters) == {"r", "p"}
+    for name, true in (("p", 1.5), ("r", k * size**1.5)):
+        assert abs(law.parameters[name].value - true) < 4 * law.parameters[name].sigma < 0.05 * true
+    assert law.law in found.sentence and "no mechanism of the study explains" in found.sentence
+    assert found.gain.ratio > 10 and found.extended_model.parameters["power_v_p"] == law.parameters["p"].value
+    assert np.std(np.concatenate([x.measured - x.extended for x in found.traces])) < 1.2 * SIGMA
+
+
+def pulled(p, r):
+    """A line whose slope is an input u; two causes are alike but for a bump of one about u = 2.5."""
+    u = r.inputs["u"]
+    return (p["g"] * u**2 + p["a"] * u + p["b"] * (u + 3 * math.exp(-(((u - 2.5) / 0.3) ** 2)))) * r.t
+
+
+def test_the_inputs_that_tell_two_causes_apart_are_proposed():
+    """Measured where both causes do the same: of the nine values from 0 to 4 only 2.5 tells them apart."""
+    rng = np.random.default_rng(5)
+    runs = [
+        jv.Recording(f"u = {u}", T, (u**2 + 0.2 * u) * T + SIGMA * rng.standard_normal(T.size), {"u": u})
+        for u in (0.5, 1.0, 1.5)
+    ]
+    causes = [jv.Mechanism(n, [jv.Parameter(n, 0.0, (-1, 1))]) for n in ("a", "b")]
+    given = [jv.Parameter("g", 1.0, (0.5, 2))], causes, [jv.Channel("y", "m", noise=SIGMA)]
+    found = jv.diagnose(runs, jv.Study(pulled, *given, inputs={"u": (0.0, 4.0)}))
+    best = found.next_experiment
+    assert set(found.indistinguishable[0]) == {"a", "b"} and set(best.separates) == {"a", "b"}
+    assert best.inputs == {"u": 2.5} and best.words == "u = 2.5" and best.expected_log10_odds > 10
+    assert found.values["next_experiment"]["frequency"] is None and len(found.traces) == 3
+    assert jv.diagnose(runs, jv.Study(pulled, *given)).next_experiment is None
+
+
+def test_inputs_of_a_recording_that_is_fitted_for_itself_are_refused():
+    with pytest.raises(InputError, match="'start' is fitted to each recording"):
+        jv.Study(fall, [jv.Parameter("start", 0.1, sigma=0.1, each=True)], inputs={"u": (0, 1)})
+
+
+def test_the_page_of_a_study_holds_what_the_verdict_rests_on(tmp_path):
+    """Causes in the study's words, limits, other measurements and parameters, as of a campaign."""
+    measured = [jv.Measured.of("g", 9.81, 0.01, "a free swing")]
+    found = jv.diagnose(falls(6, c=0.4), study(measured=measured), results=tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert found.named == ("drag",) and "the drag of the air" in page and found.sentence in page
+    for text in ("Mechanisms and their parameters", "by the recordings alone", "a free swing", "simulations made"):
+        assert text in page
+    assert "nan" not in page.split("<main>")[1].split("base64")[0].lower()

@@ -221,10 +221,9 @@ def diagnosis(found: Diagnosis, campaign: Campaign, made: list[Path], *, as_json
     if found.could_hide:
         line(found.could_hide)
     if n := found.next_experiment:
-        what = f"{n.kind} at {n.frequency} Hz" + (f", delay {n.delay} s" if n.delay else "")
         far = n.expected_log10_odds >= CERTAIN
         odds = "beyond doubt, it is expected" if far else f"odds of {10**n.expected_log10_odds:.2g} expected"
-        line(f"next experiment: {what} separates {' from '.join(n.separates)} ({odds})")
+        line(f"next experiment: {n.words} separates {' from '.join(n.separates)} ({odds})")
     line("written: " + ", ".join(str(f) for f in made))
 
 

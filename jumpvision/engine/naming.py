@@ -16,7 +16,9 @@ from .fitting import Fit, Problem
 from .search import Enough, Key, Search, Start, limits, log_prior
 
 CONFIDENCE = 0.9  # of the set of models that is kept
-ESTABLISHED = 0.03  # of what a mechanism alone explains: more may not be left where it is named though misfit is left
+# Of what a mechanism alone explains: more may not be left where it is named though misfit is left. Substitutes left 3 %
+# and more in the laboratory's campaigns with effects outside the vocabulary (`benchmarks.diagnosis --outside`).
+ESTABLISHED = 0.03
 SHARE = 1 / 3  # of a named effect: a mechanism that may make so much of it is declared beside it
 TWIN = 50.0  # of chi^2: what an exchange would cost, linear, is judged by a fit if it is less
 PRIORS = (1 / 3, 1.0, 3.0)  # factors on the ranges of all strengths, for the sensitivity of the probabilities

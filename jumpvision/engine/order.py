@@ -169,9 +169,12 @@ class Order:
     def _gain(self, d: Findings) -> Gain | None:
         """Of the law with its form as it was found; else by the vocabulary, searched anew in every fold."""
         if d.law is None:
-            return gain(self.problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
-        whole, rng = self.problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
-        return gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)
+            found = gain(self.problem, fit_baseline, self._times, self.rng, NEIGHBOURS, self.choose)
+        else:
+            whole, rng = self.problem.asked_of(d.law.system), np.random.default_rng(LAW_SEED)
+            found = gain(whole, fit_baseline, self._times, rng, NEIGHBOURS, d.law.fitted_anew)
+        self.reached(replace(d, gain=found))
+        return found
 
 
 def diagnose(

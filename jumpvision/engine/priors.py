@@ -63,7 +63,7 @@ class Known:
         return np.asarray(self.rows.T @ self.rows)
 
 
-def known(free: Sequence[Parameter], measured: Sequence[Measured]) -> Known:
+def prior_of(free: Sequence[Parameter], measured: Sequence[Measured]) -> Known:
     """Priors and measurements of the parameters `free`, in their order."""
     names = [p.name for p in free]
     rows = [np.eye(len(free))[i] / p.sigma for i, p in enumerate(free) if math.isfinite(p.sigma)]

@@ -6,9 +6,8 @@ What only some systems have (heights, an apparatus, runs) and their words come f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -51,8 +50,8 @@ class Speaker(Protocol):
         """The noise, where it was learned, and what a reader must be warned of."""
         ...
 
-    def own(self, d: Findings) -> Mapping[str, Any]:
-        """Fields of the record that only such a system has."""
+    def completed(self, data: Diagnosis, d: Findings) -> Diagnosis:
+        """The record with what only such a system has."""
         ...
 
     def words(self, data: Diagnosis) -> Words: ...
@@ -93,7 +92,7 @@ def document(d: Findings, speaker: Speaker, stopped: str = "") -> Diagnosis:
         sentence="",
         confirmed=None,
     )
-    data = replace(data, **(of_law(d.law) if d.law else {}), **speaker.own(d))
+    data = speaker.completed(with_law(data, d.law) if d.law else data, d)
     off = rms(np.array([h.simulated_m - h.measured_m for h in data.heights]))
     data = replace(data, baseline=replace(data.baseline, rmse_height_m=off))
     words = speaker.words(data)
@@ -136,17 +135,17 @@ def closest(d: Findings, speaker: Speaker) -> record.Closest | None:
     return record.Closest(e.mechanisms, e.probability, found, rmse(speaker, e.fit), worth)
 
 
-def of_law(law: Law) -> dict[str, Any]:
-    """What a law of no list puts in the place of what the vocabulary says."""
-    test = law.found.detection
-    return {
-        "named": law.fit.mechanisms[:-1],
-        "status": law.status,
-        "left_over": record.LeftOver(test.chi2_per_dof, 1.0 - law.found.r2, 1.0),
-        "indistinguishable": (),
-        "closest": None,
-        "discovered": law.described,
-    }
+def with_law(data: Diagnosis, law: Law) -> Diagnosis:
+    """The record with a law of no list in the place of what the vocabulary says."""
+    return replace(
+        data,
+        named=law.fit.mechanisms[:-1],
+        status=law.status,
+        left_over=record.LeftOver(law.found.detection.chi2_per_dof, 1.0 - law.found.r2, 1.0),
+        indistinguishable=(),
+        closest=None,
+        discovered=law.described,
+    )
 
 
 def left_over(d: Findings) -> record.LeftOver | None:

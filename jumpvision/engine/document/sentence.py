@@ -42,7 +42,8 @@ def sentence(d: Diagnosis, words: Words, stopped: str = "") -> str:
     if stopped and not d.causes:
         return f"{words.misses}; which mechanism it lacks is not known yet: {stopped}."
     said = _named(d, words) if d.named else _unnamed(d, words)
-    return words.misses + said + (f"; not tried on conditions held out: {stopped}." if stopped else ".")
+    left = "the rest was not asked" if d.gain else "not tried on conditions held out"
+    return words.misses + said + (f"; {left}: {stopped}." if stopped else ".")
 
 
 def _unnamed(d: Diagnosis, words: Words) -> str:
@@ -50,19 +51,24 @@ def _unnamed(d: Diagnosis, words: Words) -> str:
         return f", by so little (p = {d.p_value:.2g}) that no cause is likelier than chance"
     text = f", and no mechanism of the {words.vocabulary} explains all that it gets wrong"
     if d.discovered:
-        return text + law_in_words(d.discovered, words)
+        return text + law_in_words(d.discovered, words, "does")
     if near := d.closest:
         falls = near.gain and math.isfinite(near.gain.ratio)
         text += f"; the closest, {_listed(near.mechanisms, words.called)}, "
         text += f"brings the {words.error} down {near.gain.ratio:.1f}x" if near.gain and falls else "helps"
-        text += f" and leaves {words.size(near.rmse_track_m)}, beyond the noise"
+        left = (
+            f" and leaves {words.size(near.rmse_track_m)}" if math.isfinite(near.rmse_track_m) else " and leaves more"
+        )
+        text += f"{left}, beyond the noise"
     return text + _generic(d, "would")
 
 
 def _named(d: Diagnosis, words: Words) -> str:
     partial = d.status == record.Status.PARTIAL
     text = f"{' in part' if partial else ''} because it lacks {_listed(d.named, words.lacks)}"
-    if partial and d.left_over:
+    if d.discovered:
+        text += law_in_words(d.discovered, words, "explains the rest")
+    if partial and d.left_over and math.isfinite(d.left_over.share):
         text += (
             f", and {100 * d.left_over.share:.2g} % of the discrepancy (in chi^2) stays beyond the noise, unexplained"
         )
@@ -79,8 +85,8 @@ def _named(d: Diagnosis, words: Words) -> str:
     return text
 
 
-def law_in_words(law: record.Discovered, words: Words) -> str:
-    """What was discovered, as the end of the verdict."""
+def law_in_words(law: record.Discovered, words: Words, does: str) -> str:
+    """What was discovered, as the end of the verdict. does: what it does that the vocabulary does not."""
     free = ", ".join(
         f"{n} = {plus_minus(p.value, p.sigma)}{f' {p.unit}' if p.unit != '1' else ''}"
         for n, p in law.parameters.items()
@@ -88,7 +94,7 @@ def law_in_words(law: record.Discovered, words: Words) -> str:
     )
     fixed = ", ".join(f"{n} = {p.value:g} {p.unit}" for n, p in law.parameters.items() if p.sigma == 0.0)
     what = words.acts_on.get(law.acts_on, "a law")
-    text = f"; {what} does: {law.law} with {free}{f' ({fixed})' if fixed else ''}"
+    text = f"; {what} {does}: {law.law} with {free}{f' ({fixed})' if fixed else ''}"
     text += f", {100 * law.r2:.3g} % of it"
     if law.ceiling_r2 is not None:
         text += f" (any smooth force of the same position and rate: {100 * law.ceiling_r2:.3g} %)"
@@ -119,7 +125,9 @@ def contradictions(d: Diagnosis, apart: tuple[str, str]) -> str | None:
 
 
 def plus_minus(value: float, sigma: float) -> str:
-    """With as many digits as sigma has worth."""
+    """With as many digits as sigma has worth; a value alone where its sigma is not known."""
+    if not math.isfinite(sigma):
+        return f"{value:.3g}"
     digits = max(0, -math.floor(math.log10(sigma))) if sigma > 0 else 1
     return f"{value:.{digits}f} ± {sigma:.{digits}f}"
 

@@ -258,13 +258,22 @@ class Discovered:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """The jump that best tells two explanations apart."""
+    """The experiment that best tells two explanations apart: a jump, or the inputs of a user's own simulator."""
 
     kind: str
-    frequency: float
-    delay: float
+    frequency: float | None
+    delay: float | None
     separates: tuple[str, ...]
     expected_log10_odds: float
+    inputs: Mapping[str, float] | None = field(default=None, metadata=OPTIONAL)
+
+    @property
+    def words(self) -> str:
+        """What is to be done."""
+        if self.inputs:
+            return ", ".join(f"{n} = {x:.4g}" for n, x in self.inputs.items())
+        at = f" at {self.frequency} Hz" if self.frequency is not None else ""
+        return self.kind + at + (f", delay {self.delay} s" if self.delay else "")
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ DEGREE = 5  # of the polynomial that a smooth course is over a window
 WINDOWS = (14, 20, 28, 40, 56, 80)  # samples
 FIRST = 0.01  # of the spread of the readings
 ROUGH = 6.0  # times the median power: a window with a kink, which tells nothing of the noise
-MORE = 1.3  # times the power of the shortest windows: over a longer one the course is no such polynomial
+MORE = 1.3  # times the power of the shortest windows, more than chance makes it: the course is no such polynomial there
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from jumpvision.base.schema import InputError
+from jumpvision.engine.discovery import Laws
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.document import document
 from jumpvision.engine.document.measured import motions_alone
@@ -18,7 +21,6 @@ from .processes import How, described
 from .runs import BudgetUsed, Runs
 from .study import Recording, Study
 from .system import Studied
-from .walk import with_walks
 from .words import StudySpeaker, traces
 
 SEED = 1  # of the simulated noise: the same data give the same answer
@@ -33,13 +35,15 @@ def diagnose(recordings: Sequence[Recording], study: Study | None, how: How | No
     if problems := recordings_problems(recordings):
         raise InputError(problems)
     study = described(how.source, recordings) if study is None else study
-    runs = Runs(study, recordings, how)
+    runs = Runs(study, [*recordings, *_unmade(study, recordings)], how)
     try:
         system = studied(study, recordings, runs)
         found, stopped = _asked(system, how)
         alone = _alone(found, system)
-        data = document(found, StudySpeaker(system, alone), stopped)
-        object.__setattr__(data, "traces", traces(found, system))
+        stated = found.law.system if found.law else system
+        assert isinstance(stated, Studied)
+        data = document(found, StudySpeaker(stated, alone), stopped)
+        object.__setattr__(data, "traces", traces(found, stated))
         return data
     finally:
         runs.close()
@@ -54,6 +58,8 @@ def studied(study: Study, recordings: Sequence[Recording], runs: Runs) -> Studie
         raise runs.count.failures[0]
     if not any(c.process for c in study.channels):
         return system
+    from .walk import with_walks
+
     base = fit_baseline(problem_of(system), np.random.default_rng(SEED))
     return Studied(study, recordings, with_walks(system, base), runs)
 
@@ -76,14 +82,31 @@ def problem_of(system: Studied) -> Problem:
 def _asked(system: Studied, how: How) -> tuple[Findings, str]:
     """(what is found, why it is not all there could be; "" where it is)."""
     reached: list[Findings] = []
-    rng, say = np.random.default_rng(SEED), how.progress or silent
-    order = Order(problem_of(system), rng, by=("kind",), say=say, reached=reached.append)
+    problem, rng, say = problem_of(system), np.random.default_rng(SEED), how.progress or silent
+    order = Order(problem, rng, by=("kind",), say=say, reached=reached.append)
+    if system.study.forms:
+        from .discovered import StudyForms
+
+        order = replace(order, laws=Laws(problem, StudyForms(system), say))
+    if system.study.inputs:
+        from .offers import offer
+
+        order = replace(order, offered=partial(offer, system, problem))
     try:
         return order.all(), ""
     except BudgetUsed as e:
         if not reached:
             raise
         return reached[-1], e.problems[0]
+
+
+def _unmade(study: Study, recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings that could be made next."""
+    if not study.inputs:
+        return []
+    from .offers import unmade
+
+    return unmade(study, recordings)
 
 
 def recordings_problems(recordings: Sequence[Recording]) -> list[str]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from jumpvision.engine.document import values as record
 from jumpvision.engine.document.diagnosis import Diagnosis
@@ -38,27 +38,32 @@ class StudySpeaker:
     def noise(self, d: Findings) -> record.Noise:
         return noise_of(d, self.system)
 
-    def own(self, d: Findings) -> Mapping[str, Any]:
-        count, channels = self.system.runs.count, self.system.study.channels
-        return {
-            **self._measured(),
-            "unit": channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
-            "fitted": intervals(d.best, [p.name for p in d.best.parameters]),
-            "lacks": {name: m.lacks for name, m in self.system.mechanisms.items()},
-            "runs": record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
-        }
-
-    def _measured(self) -> Mapping[str, Any]:
-        """What the recordings alone say of what else was measured."""
-        if (alone := self.alone) is None:
-            return {}
-        units = {p.name: (p.start, p.unit or "1") for p in alone.parameters}
+    def completed(self, data: Diagnosis, d: Findings) -> Diagnosis:
+        """The record with unit, fitted parameters, words and runs, what else was measured, the next experiment."""
         from jumpvision.engine.document.measured import confirmations
 
-        rows = confirmations(alone, self.system.study.measured, units)
-        apart = any(r.contradicts for r in rows)
-        without = record.WithoutFilms(alone.named, alone.chi2) if apart else None
-        return {"confirmation": tuple(rows), "without_films": without}
+        count, channels = self.system.runs.count, self.system.study.channels
+        alone = self.alone
+        units = {p.name: (p.start, p.unit or "1") for p in alone.parameters} if alone else {}
+        rows = confirmations(alone, self.system.study.measured, units) if alone else []
+        apart = alone is not None and any(r.contradicts for r in rows)
+        return replace(
+            data,
+            next_experiment=self._proposal(d),
+            confirmation=tuple(rows),
+            without_films=record.WithoutFilms(alone.named, alone.chi2) if alone and apart else None,
+            unit=channels[0].unit or "1" if len(channels) == 1 else SEVERAL,
+            fitted=intervals(d.best, [p.name for p in d.best.parameters]),
+            lacks={name: m.lacks for name, m in self.system.mechanisms.items()},
+            runs=record.Runs(count.made, count.kept, count.seconds, tuple(str(f) for f in count.failures)),
+        )
+
+    def _proposal(self, d: Findings) -> record.NextExperiment | None:
+        """The inputs that would tell most."""
+        if (p := d.next_experiment) is None:
+            return None
+        inputs = {n: float(p.labels[n]) for n in self.system.study.inputs}
+        return record.NextExperiment(str(p.labels["kind"]), None, None, p.separates, p.expected_log10_odds, inputs)
 
     def words(self, data: Diagnosis) -> Words:
         lacks = data.lacks or {}

@@ -35,7 +35,7 @@ from jumpvision.jumper.question.forms import Shaped
 from jumpvision.jumper.question.jumper import Jumper, content
 from jumpvision.jumper.question.jumps import Jump
 from jumpvision.jumper.question.learning import Learned, learn_noise
-from jumpvision.jumper.question.words import diagnosis_of, values
+from jumpvision.jumper.question.words import Beside, diagnosis_of, values
 
 from .explore.offers import Way, offer, usual
 from .films import Film, confirmation, energies, films
@@ -253,13 +253,8 @@ def _answer(asked: Question, begun: Begun, draw: Draw, say: Say) -> Answer:
     alone = motions_alone(found.named_fit, problem)
     rows = confirmation(alone, system, asked.films, asked.measured)
     apart = asked.measured and any(r.contradicts for r in rows)
-    data = diagnosis_of(
-        found,
-        learned,
-        energy=tuple(energies(found, system)),
-        confirmation=tuple(rows),
-        without_films=WithoutFilms(values(alone, system), alone.chi2) if apart else None,
-    )
+    without = WithoutFilms(values(alone, system), alone.chi2) if apart else None
+    data = diagnosis_of(found, learned, Beside(tuple(energies(found, system)), tuple(rows), without))
     with_law = found.law.system if found.law else system
     assert isinstance(with_law, Jumper)
     models = model_files(found.best, with_law, data.sentence + " Made by jumpvision diagnose.")

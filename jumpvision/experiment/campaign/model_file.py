@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 
 from jumpvision.engine.fitting import Fit
+from jumpvision.engine.system import Indexed
 from jumpvision.experiment import files
 from jumpvision.jumper.mechanisms.own import acts_on, bare
 from jumpvision.jumper.mechanisms.record import Mechanism
 from jumpvision.jumper.mechanisms.registry import ModelParameters
 from jumpvision.jumper.physics.model import ROBOT
 from jumpvision.jumper.question.jumper import Jumper
-from jumpvision.jumper.question.jumps import called
 from jumpvision.jumper.question.words import needed
 
 
@@ -35,7 +35,7 @@ def model_toml(fit: Fit, system: Jumper, comment: str, ground: str = "") -> str:
         first = next(j.name for j in system.jumps if j.model.ground == model.ground)
         lines.append(f"# {', '.join(differ)}: not the same in all experiments; here as in {first}")
     for name, k, x in ((n, k, x) for n, given in system.apart.items() for k, x in enumerate(given)):
-        own_name = called(name, k)
+        own_name = Indexed(name, k)
         if own_name in sigma:
             lines.append(f"# {name} declared as {x:g}: {fit.named[own_name]!r} +- {sigma[own_name]:.2g}")
         if x == getattr(system.bases[model.ground].parameters, name):

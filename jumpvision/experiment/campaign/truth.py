@@ -162,8 +162,8 @@ def confirmation_rows(diagnosis: Diagnosis, campaign: Campaign) -> list[dict[str
         mass = r.depth_m is not None
         quantity = f"added mass, {1e3 * r.depth_m:.1f} mm deep" if r.depth_m is not None else r.quantity
         row = {"quantity": quantity, "source": r.source, "unit": unit_words(r.unit)}
-        row["measured"] = measured(known(r.by_film), r.by_film_sigma)
-        row["jumps alone"] = measured(known(r.by_jumps), r.by_jumps_sigma)
+        row["measured"] = measured(finite(r.by_film), r.by_film_sigma)
+        row["jumps alone"] = measured(finite(r.by_jumps), r.by_jumps_sigma)
         row |= {"z": f"{r.z:+.1f}" if isfinite(r.z) else "", "verdict": r.verdict}
         if truth:
             true = true_mass(r, campaign, truth) if mass else truth.value(r.quantity)
@@ -174,7 +174,7 @@ def confirmation_rows(diagnosis: Diagnosis, campaign: Campaign) -> list[dict[str
     return rows
 
 
-def known(value: float) -> float | None:
+def finite(value: float) -> float | None:
     """None for a number that is not known."""
     return value if isfinite(value) else None
 

@@ -204,9 +204,6 @@ def _instruments() -> list[Mechanism]:
     ]
 
 
-INSTRUMENTS = ("clock_rate", "frames_dropped", "lens")
-
-
 def shape_name(acts_on: str, i: int, j: int) -> str:
     """Such as `v*z^2`, `a*z`, `v_m*x_r`."""
     q, rate = {"carriage": ("x_r", "v_m"), "foot_mass": ("z", "a")}.get(acts_on, ("z", "v"))

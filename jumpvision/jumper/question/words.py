@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from jumpvision.engine.document.sentence import Words, contradictions, plus_minu
 from jumpvision.engine.document.sentence import sentence as sentence_of
 from jumpvision.engine.fitting import Fit
 from jumpvision.engine.order import Findings
+from jumpvision.engine.system import Indexed
 from jumpvision.engine.worth.gain import apex
 from jumpvision.jumper.mechanisms.own import bare
 from jumpvision.jumper.mechanisms.registry import MECHANISMS
@@ -41,13 +42,21 @@ BODIES = {
 
 
 @dataclass(frozen=True)
+class Beside:
+    """What stands beside the jumps: energies of some, what films and tests measure, the jumps without these."""
+
+    energy: tuple[record.Energies, ...] = ()
+    confirmation: tuple[record.Confirmation, ...] = ()
+    without_films: record.WithoutFilms | None = None
+
+
+@dataclass(frozen=True)
 class JumperSpeaker:
-    """Jumps as the document has them. system: with the law of no vocabulary where one was found; beside: fields of what
-    films and tests say."""
+    """Jumps as the document has them. system: with the law of no vocabulary where one was found."""
 
     learned: Learned
     system: Jumper
-    beside: Mapping[str, Any] = field(default_factory=dict)
+    beside: Beside
     heights: ClassVar[bool] = True
 
     def model(self, fit: Fit) -> record.Model:
@@ -80,24 +89,27 @@ class JumperSpeaker:
             warnings=(*learned.warnings, *agreement(d), *unrepeated(learned, d)),
         )
 
-    def own(self, d: Findings) -> Mapping[str, Any]:
-        """Heights, what an apparatus has wrong in common, the jump to be made next, what films and tests say."""
-        return {
-            "heights": heights_of(d, self.system),
-            "common": common_of(d.named_fit),
-            "next_experiment": proposal(d),
-            **self.beside,
-        }
+    def completed(self, data: Diagnosis, d: Findings) -> Diagnosis:
+        """The record with heights, what an apparatus has wrong in common, the jump to be made next, films and tests."""
+        return replace(
+            data,
+            heights=heights_of(d, self.system),
+            common=common_of(d.named_fit),
+            next_experiment=proposal(d),
+            energy=self.beside.energy,
+            confirmation=self.beside.confirmation,
+            without_films=self.beside.without_films,
+        )
 
     def words(self, data: Diagnosis) -> Words:
         return words_of(data, {m.name: m.lacks for m in self.system.model.own})
 
 
-def diagnosis_of(d: Findings, learned: Learned, **beside: Any) -> Diagnosis:
-    """The record of a campaign's findings. beside: energy, confirmation, without_films, as the record has them."""
+def diagnosis_of(d: Findings, learned: Learned, beside: Beside | None = None) -> Diagnosis:
+    """The record of a campaign's findings."""
     system = d.law.system if d.law else learned.system
     assert isinstance(system, Jumper)
-    data = document(d, JumperSpeaker(learned, system, beside))
+    data = document(d, JumperSpeaker(learned, system, beside or Beside()))
     return replace(data, confirmed=confirmed(data))
 
 
@@ -138,12 +150,12 @@ def values(fit: Fit, system: Jumper) -> dict[str, float]:
     out: dict[str, float] = {}
     for ground in system.bases:
         out = needed(system.build(fit.mechanisms, fit.named, ground)) | out
-    return out | {n: v for n, v in fit.named.items() if n in ROBOT or of_beds(n, system)}
+    return out | {n: v for n, v in fit.named.items() if n in ROBOT or _of_a_bed(n, system)}
 
 
-def of_beds(name: str, system: Jumper) -> bool:
+def _of_a_bed(name: str, system: Jumper) -> bool:
     """Whether a parameter is that of one of several beds, `k1[1]`."""
-    return name.split("[")[0] in system.apart
+    return isinstance(name, Indexed) and name.of in system.apart
 
 
 def needed(model: Model) -> dict[str, float]:
