@@ -21,7 +21,6 @@ from jumpvision.films.grains.steady import Velocities
 from jumpvision.films.parameters import PathsParams
 
 FEWEST = 4  # vectors along an axis
-TOUCH = 0.02  # of the time between the frames of a pair, by which the next may begin beside the end of this one
 
 
 def paths(field: xr.Dataset, *, spacing: float = 16.0, **parameters: Any) -> pd.DataFrame:
@@ -83,7 +82,8 @@ def chain(spans: Sequence[Span], start: int) -> list[Span]:
     """Spans that touch one another, from the first of field `start` on: each begins where the one before ends."""
     out: list[Span] = []
     for s in spans:
-        near = TOUCH * (s.end - s.begin)
+        # the next pair may begin this part of the time between its frames beside the end of this one
+        near = 0.02 * (s.end - s.begin)
         if s.field < start or (out and s.begin < out[-1].end - near):
             continue
         if out and s.begin > out[-1].end + near:

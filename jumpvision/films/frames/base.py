@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 Image = NDArray[Any]
 
-RATE_MISMATCH = 1e-3  # relative difference of declared and recorded frame rate that is worth a warning
-
 
 class FrameError(ValueError):
     """A film that cannot be read: names the file, what is wrong, what is allowed and the remedy."""
@@ -157,7 +155,8 @@ def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
     """Whether a rate [Hz] disagrees with (n >= 2,) stamps [s]. Their mean step is exact where stamps are coarse or
     jitter, their median step where frames are lost; a rate that fits either agrees."""
     step = np.diff(stamps)
-    return all(not abs(rate * typical - 1) <= RATE_MISMATCH for typical in (float(step.mean()), float(np.median(step))))
+    # a declared rate that is off by less is the recorded one, rounded
+    return all(not abs(rate * typical - 1) <= 1e-3 for typical in (float(step.mean()), float(np.median(step))))
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:

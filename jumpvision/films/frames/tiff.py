@@ -13,7 +13,6 @@ import numpy as np
 from .base import Film, FrameError, Image, check_image, clock, lost, native_type, single_channel
 
 MOST_PAGES = 40_000  # looking one up takes 0.2 ms
-MAX_COMPRESSION = 2000  # pixel bytes a stored byte; a larger claim is a damaged header
 
 
 class TiffFilm(Film):
@@ -95,7 +94,8 @@ class TiffFilm(Film):
                     )
                 stored = sum(page.databytecounts)
                 ends = [a + n for a, n in zip(page.dataoffsets, page.databytecounts)]
-                if not ends or max(ends) > size or self._nbytes > MAX_COMPRESSION * stored:
+                # pixel bytes a stored byte: a larger claim is a damaged header
+                if not ends or max(ends) > size or self._nbytes > 2000 * stored:
                     return i
         except FrameError:
             raise

@@ -16,7 +16,6 @@ from .gradients import correlated_variance
 from .grid import Plane
 
 REACH = 2  # vectors on each side of the greatest shear rate through which its parabola is laid
-LEAST_RIDGE = 4.0  # sigmas of the shear rate below which a row has no ridge
 LEAST_ROWS = 4  # on both sides together, beyond the three parameters
 SOFT = 1.5  # robust sigmas beyond which a row weighs less
 
@@ -134,7 +133,8 @@ def _ridge(rate: Array, sigma: Array, r: Array, reach: float, step: float) -> fl
         return math.nan
     j = int(np.argmax(np.where(use, rate, -np.inf)))
     near = np.arange(j - REACH, j + REACH + 1)
-    if near[0] < 0 or near[-1] >= r.size or not np.isfinite(rate[near]).all() or rate[j] < LEAST_RIDGE * sigma[j]:
+    # a row whose shear rate is below 4 sigma has no ridge
+    if near[0] < 0 or near[-1] >= r.size or not np.isfinite(rate[near]).all() or rate[j] < 4.0 * sigma[j]:
         return math.nan
     k = np.arange(-REACH, REACH + 1, dtype=float)
     bend, slope, _ = np.polyfit(k, rate[near], 2)
@@ -144,7 +144,6 @@ def _ridge(rate: Array, sigma: Array, r: Array, reach: float, step: float) -> fl
     return float(r[j] + shift * step * np.sign(r[min(j + 1, r.size - 1)] - r[max(j - 1, 0)]))
 
 
-ROUNDS = 3  # of choosing the vectors from the line found
 INSIDE, OUTSIDE = 1.5, 1.0  # windows from the line within which vectors count
 LEAST = 40  # vectors, for eleven parameters
 SHARPER = 1.5  # how much less the blur may be: it is known within about that factor
@@ -251,7 +250,7 @@ def cone_side(
         )
         return found.x, found.jac, 2.0 * float(found.cost)
 
-    for _ in range(ROUNDS):
+    for _ in range(3):  # the vectors are chosen from the line found
         out = _outwards(p, d, r)
         near = ok & (out < OUTSIDE * window) & (out > -INSIDE * window) & (np.abs(r - p[2]) < edge)
         sides = min(np.count_nonzero(near & (r > 0.0)), np.count_nonzero(near & (r < 0.0)))

@@ -14,8 +14,6 @@ from jumpvision.films.calibration import CLIPPED_EDGE, VISIBLE_GLOW
 REACH = 8  # px, rows on each side of the edge
 PER_PIXEL = 4  # bins a pixel
 FEWEST = 32  # columns, below which no profile is made
-BELOW = 1.5  # px under the clipped edge: further down grains and light between them bend the profile
-DEEP = 4.5  # px, from which on the profile is the dark of the bed
 NAN = float("nan")
 
 
@@ -43,7 +41,8 @@ def clipped_shift(grey: Array, row: Array, saturation: float) -> tuple[float, fl
     kept = (count >= 8) & (np.bincount(at, (y >= saturation).ravel()) < 0.01 * count)
     t, weight = (np.flatnonzero(kept) + low) / PER_PIXEL, np.sqrt(count[kept])
     mean = np.bincount(at, y.ravel())[kept] / count[kept] / saturation
-    deep, edge = t > DEEP, t < BELOW
+    # px under the clipped edge: further down grains and light between them bend the profile;
+    deep, edge = t > 4.5, t < 1.5  # from 4.5 px on it is the dark of the bed
     if deep.sum() < 4 or edge.sum() < 6:
         return NAN, NAN
     dark, t, mean, weight = float(np.average(mean[deep], weights=weight[deep] ** 2)), t[edge], mean[edge], weight[edge]

@@ -19,8 +19,6 @@ from jumpvision.base.arrays import Array
 from jumpvision.films.calibration import CLICKED_MARK
 
 LEAST = 6  # marks of a camera, not in one plane
-STEP = 1e-6  # relative to a parameter's own scale, of a derivative
-ROUNDS = 12  # of Gauss and Newton, at most: each squares the error
 FAR = 5.5  # sigma by which the rays of one body miss each other: chance 4e-8
 
 
@@ -141,7 +139,7 @@ def triangulate(
         return np.concatenate([c.sees(place, radius) for c in cameras], axis=-1)
 
     place = _crossing(cameras, pixels)
-    for _ in range(ROUNDS):
+    for _ in range(12):  # Gauss-Newton; each squares the error
         slope = _slope(view, place)
         step = _solved(slope * weight[:, :, None], (seen - view(place)) * weight)
         place = place + step
@@ -197,7 +195,7 @@ def _by_parameter(camera: Pinhole, place: Array, radius: float) -> Array:
     sides = []
     for k in range(10):
         step = np.zeros(10)
-        step[k] = STEP * max(abs(camera.p[k]), 1e-2)
+        step[k] = 1e-6 * max(abs(camera.p[k]), 1e-2)  # of the parameter's own scale
         up, down = (projected(camera.p + s * step, place, radius) for s in (1, -1))
         sides.append((up - down) / (2.0 * step[k]))
     return np.stack(sides, axis=-1)

@@ -23,9 +23,6 @@ CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 LEAST = 20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
 
 
-FAINT = 0.3  # of the typical contrast: where the scene is as bright as the ball, the share cannot be had
-
-
 class Background:
     """scene: (row, column) [grey], NaN where never seen; level: its median; ball: grey of the ball inside its edge."""
 
@@ -33,7 +30,8 @@ class Background:
         self.scene, self.level, self.ball = scene, level, ball
         contrast = ball - scene
         with np.errstate(invalid="ignore", divide="ignore"):
-            usable = np.isfinite(contrast) & (contrast / (ball - level) > FAINT)
+            # where the scene is nearly as bright as the ball, the ball's share of a pixel cannot be had
+            usable = np.isfinite(contrast) & (contrast / (ball - level) > 0.3)
             self.gain = np.where(usable, (ball - level) / contrast, 1.0)
             self.offset = np.where(usable, level - scene * self.gain, 0.0)
 

@@ -15,11 +15,7 @@ from .sums import ROOM, SECTORS, accumulate, pixels_in_use
 NAMES = ("x", "y", "R", "s", "b", "a", "bx", "by", "gx", "gy", "wx", "wy")
 X, Y, R, S, B, A, BX, BY, GX, GY, WX, WY = range(12)
 MIN_S = 0.29  # px, the blur of a square pixel alone
-ROUGH_END = 0.05  # of sigma: last step of a fit that need not come to rest
 MAX_STEPS = 40
-ROWS_FROM = 8.0  # px: a ball of twice this radius is approached by every second row, of thrice by every third ...
-SETTLED = 0.1  # of sigma: the last step; each is some tenth of the one before
-NEAR = 20.0  # last steps: from here on the next may be the last, and its sums are kept
 
 
 @njit(cache=True)
@@ -96,11 +92,13 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
                 zone[3], zone[4] = p[10], p[11]
             zone[5] = min(0.4 * p[2], 12.0)
             zone[6] = max(4.0, 5.0 * p[3])
-            pixels = pixels_in_use(img, zone, 1 if settled else max(1, int(p[2] / ROWS_FROM)))
+            # a ball of 16 px radius is approached by every second row, of 24 px by every third
+            pixels = pixels_in_use(img, zone, 1 if settled else max(1, int(p[2] / 8.0)))
             frozen, count = settled, pixels.shape[1]
             if count <= n_par:
                 break
-        near = settled and size < NEAR * enough
+        # within 20 last steps the next may be the last, and its sums are kept
+        near = settled and size < 20.0 * enough
         if near:
             classes[:] = 0.0
             sectors[:] = 0.0
@@ -128,7 +126,8 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
         if not (abs(p[10]) < 1e4 and abs(p[11]) < 1e4):
             break
         size = max(abs(step[0]), abs(step[1]), abs(step[2]))
-        enough = max(3e-5, SETTLED * np.sqrt(min(cov[0, 0], cov[1, 1])))
+        # the last step is a tenth of sigma; each is some tenth of the one before
+        enough = max(3e-5, 0.1 * np.sqrt(min(cov[0, 0], cov[1, 1])))
         if size < 0.1 and not settled:
             settled = True
             soft = 1.0
@@ -151,7 +150,8 @@ def _fit(img, p, n_par, noise, mean, weight):  # type: ignore[no-untyped-def]
     if not _invert(h, n_par, cov):
         good = False
     elif settled and not good:  # a pixel that goes in and out of the fit: the rest of the walk is a part of sigma
-        good = size < ROUGH_END * np.sqrt(max(cov[0, 0], cov[1, 1]))
+        # a fit that need not come to rest ends with a twentieth of sigma
+        good = size < 0.05 * np.sqrt(max(cov[0, 0], cov[1, 1]))
     return cov, classes, sectors, total / max(1.0, count - n_par), good
 
 
@@ -210,8 +210,6 @@ def _summary(classes, sectors, contrast, streak):  # type: ignore[no-untyped-def
     return noise, shares, shifts, sigmas
 
 
-SECTOR_OFF = 0.5  # a sector of the rim whose contrast is off by more than this part is covered
-SURE = 6.0  # standard deviations of a sector's shift from which on it counts as one
 # Of the 16 sectors' shifts, what the fit leaves free; enters every sigma of a disc by the rim factor. Set on white
 # noise, diameters of 10-40 px (2026-11-21); benchmarks/ball.py judges sigma on drawn discs of the same kind.
 RIM_FREEDOM = 12.7
@@ -230,10 +228,12 @@ def rim_faults(sectors, shifts, sigmas, rim, factor):  # type: ignore[no-untyped
     """(sectors whose contrast is wrong, largest significant shift of a sector from its usual place `rim` [px])."""
     off, dent = 0, 0.0
     for q in range(len(rim)):
-        if not abs(sectors[q] - 1.0) < SECTOR_OFF:
+        # a sector of the rim whose contrast is off by more than half is covered
+        if not abs(sectors[q] - 1.0) < 0.5:
             off += 1
         moved = abs(shifts[q] - rim[q])
-        if moved > SURE * sigmas[q] * math.sqrt(factor):
+        # a shift of a sector counts from 6 standard deviations on
+        if moved > 6.0 * sigmas[q] * math.sqrt(factor):
             dent = max(dent, moved)
     return off, dent
 

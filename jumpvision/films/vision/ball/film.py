@@ -32,7 +32,6 @@ MEMORY = 2**28  # bytes of windows kept; frames beyond are read again
 WORTHWHILE = 500  # frames from which on a frame's whole measurement is compiled code's: fewer are done sooner without
 BLOCK = 16  # windows that are measured together without the scene
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
-SAME = 0.5  # diameters: two balls nearer than this are one
 
 
 class Frames(Protocol):
@@ -238,7 +237,8 @@ def together(trackers: Sequence[BallTracker], views: Sequence[View], before: Seq
     for k, f in enumerate(found):
         for m in range(k):
             g = found[m]
-            if not f.flag and not g.flag and math.hypot(f.x - g.x, f.y - g.y) < SAME * f.diameter:
+            # two balls nearer than half a diameter are one
+            if not f.flag and not g.flag and math.hypot(f.x - g.x, f.y - g.y) < 0.5 * f.diameter:
                 worse = k if _off(f, expected[k]) > _off(g, expected[m]) else m
                 found[worse] = Found(Flag(Reason.OTHER_BALL))
     return [t.keep(f) for t, f in zip(trackers, found, strict=True)]

@@ -17,15 +17,11 @@ from .disc import BX, FACTOR, FRAMES, GY, NOISE_FRAMES, SEEN, WX, WY, A, B, R, S
 from .reasons import GOOD, Flag, Reason
 from .search import half_height_centroid
 
-MIN_CONTRAST = 3.0  # ball over background in standard deviations of the noise of one pixel
 DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was given
 DIAMETER_SEEN = 0.12  # and from the frames before
-MOST_SECTORS_OFF = 2  # of 16: a thin rod holding the ball is not an occlusion
-MOST_DROPPED = 0.25  # part of the edge pixels
 MOST_CHI2 = 4.0
 CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
 RIM_OFF, RIM_OFF_PX = 0.04, 0.6  # a sector's rim off the fitted circle by this part of the diameter or px is covered
-UNCERTAIN, UNCERTAIN_FRESH = 0.05, 0.015  # largest sigma over diameter; a new ball must be clearer: clutter is not
 DIGITS = 1.0 / 12.0  # variance of digitising [grey^2]
 FARTHEST = 3.0  # px from the start: a fit that ends beyond it is made again in the crop about its end
 
@@ -77,7 +73,8 @@ def _judge(fit, sigma, height, width, noise, fresh, wanted, memory):  # type: ig
     if not good or not math.isfinite(sigma):
         return NOT_CONVERGED, 0.0, 0.0
     d, contrast = 2.0 * p[R], wanted.sign * (p[A] - p[B])
-    if contrast <= MIN_CONTRAST * math.sqrt(noise):
+    # a ball stands out by more than 3 standard deviations of the noise of one pixel
+    if contrast <= 3.0 * math.sqrt(noise):
         return NO_CONTRAST, 0.0, 0.0
     before = wanted.sign * (memory.last[A] - memory.last[B])
     if before > 0.0 and not 1.0 / CONTRAST_SEEN < contrast / before < CONTRAST_SEEN:
@@ -92,18 +89,19 @@ def _judge(fit, sigma, height, width, noise, fresh, wanted, memory):  # type: ig
     ):
         return AT_BORDER, 0.0, 0.0
     off, dent = rim_faults(sectors, shifts, sigmas, memory.rim, memory.mean[FACTOR])
-    if off > MOST_SECTORS_OFF:
+    if off > 2:  # of 16: a thin rod that holds the ball is no occlusion
         return COVERED_SECTORS, float(off), 0.0
     if dent > min(RIM_OFF * d, RIM_OFF_PX):
         return COVERED_RIM, dent, 0.0
-    if dropped > MOST_DROPPED:
+    if dropped > 0.25:  # of the edge pixels
         return COVERED_EDGE, dropped, 0.0
     for expected, most in ((wanted.given, DIAMETER_GIVEN), (memory.mean[SEEN], DIAMETER_SEEN)):  # NaN: not known
         if abs(d - expected) > most * expected + 5.0 * math.sqrt(cov[R, R]):
             return OTHER_DIAMETER, d, expected
     if not fresh and chi2 > MOST_CHI2:
         return POOR_FIT, chi2, 0.0
-    if sigma > (UNCERTAIN_FRESH if fresh else UNCERTAIN) * d:
+    # of the diameter; a new ball must be clearer: clutter is not
+    if sigma > (0.015 if fresh else 0.05) * d:
         return UNCERTAIN_PLACE, 0.0, 0.0
     return FITS, 0.0, 0.0
 

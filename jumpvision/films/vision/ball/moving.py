@@ -27,15 +27,12 @@ from .search import find_blobs
 
 SAMPLED = 41  # frames of which the scene is the median
 MOST_FRAMES = 400  # that are searched, from the first
-FASTEST = 15.0  # diameters a frame
 ALIKE = 1.3  # largest ratio of diameters along a path, and CONTRASTS of contrasts
 CONTRASTS = 1.8
-LEAST = 4  # frames of a path, and FAR its least extent [diameters]
 FAR = 2.0
 HOLE = 6  # frames that a path may be hidden for
 BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the speed and diameters
 BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
-JERK = 1.0  # of the speed: off a path, where a hand lets go or a ball bounces
 OFF, DRIFT = 0.12, 0.7  # the next off the parabola of the last, likewise
 
 
@@ -131,17 +128,19 @@ def paths(by_frame: Mapping[int, Sequence[Spot]]) -> list[Path]:
     for i in sorted(by_frame):
         for a in by_frame[i]:
             for b in (s for j in (i + 1, i + 2) for s in by_frame.get(j, ())):
+                # no ball flies farther than 15 diameters a frame
                 if (
                     (id(a), id(b)) in joined
                     or not _like(a, b)
-                    or math.hypot(b.x - a.x, b.y - a.y) > FASTEST * a.d * (b.i - a.i)
+                    or math.hypot(b.x - a.x, b.y - a.y) > 15.0 * a.d * (b.i - a.i)
                 ):
                     continue
                 for c in (s for j in (b.i + 1, b.i + 2) for s in by_frame.get(j, ())):
                     if _like(b, c) and _straight(a, b, c):
                         found.append(_longer([a, b, c], by_frame))
                         joined |= {(id(s), id(t)) for s, t in itertools.pairwise(found[-1])}
-    found = [p for p in found if len(p) >= LEAST and extent(p) > FAR]
+    # a path has at least four frames
+    found = [p for p in found if len(p) >= 4 and extent(p) > FAR]
     found.sort(key=lambda p: (-len(p), -float(np.median([s.contrast for s in p]))))
     kept: list[Path] = []
     taken: set[tuple[int, float, float]] = set()
@@ -165,7 +164,8 @@ def _filled(path: Path, by_frame: Mapping[int, Sequence[Spot]], taken: set[tuple
         speed = math.hypot(other.x - near.x, other.y - near.y) / abs(other.i - near.i)
         x, y = at(path, i)
         free = [s for s in by_frame[i] if (s.i, s.x, s.y) not in taken and _like(near, s)]
-        free = [s for s in free if math.hypot(s.x - x, s.y - y) < JERK * speed + STEP * s.d]
+        # a hand lets go, or a ball bounces: off the path by no more than its speed
+        free = [s for s in free if math.hypot(s.x - x, s.y - y) < 1.0 * speed + STEP * s.d]
         if len(free) == 1:
             out[i] = free[0]
     return tuple(out[i] for i in sorted(out))

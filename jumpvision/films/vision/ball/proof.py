@@ -20,13 +20,7 @@ from .moving import MOST_FRAMES, AtHand, Frames, Path, Spot, at, elsewhere, movi
 from .reasons import Flag, Reason
 from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
 
-MOVES = 1.0  # diameters: a track that reaches less far stands still
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
-NEARBY, ANYHOW = 0.5, 1.5  # speeds: how far a path may have come unseen from the seed; the only one of the film
-SHORTER = 0.7  # of the longest path: shorter ones are not preferred for lying nearer to the seed
-ENOUGH = 12  # frames from which their median is a scene to take out
-MANY = 0.15  # share of frames lost from which the film is searched for what moves
-GAINS = 1.1  # the search must find the ball moving in so many times as many frames
 PLACE, STAYS, PLACES = 0.2, 3, 5  # diameters; frames there; places that are looked at
 AWAY, ASKED = 1.2, 3  # diameters; frames that are asked whether the same stands there without the ball
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
@@ -43,16 +37,20 @@ def proved(track: BallTrack, frames: Frames, settings: BallSettings) -> BallTrac
     good = track.flag == ""
     d = float(np.median(track.diameter[good])) if good.any() else settings.diameter or MIN_DIAMETER
     still = stands(track)
-    if still or np.mean(~good) > MANY:
+    if still or np.mean(~good) > 0.15:  # so many lost: the film is searched for what moves
         scene = still_scene(frames)
         paths = moving_paths(frames, scene, settings.diameter, settings.polarity, MIN_DIAMETER)
-        came = NEARBY if len(paths) > 1 else ANYHOW
+        # speeds that a path may have come unseen from the seed; the only one of the film more
+        came = 0.5 if len(paths) > 1 else 1.5
         ours = [p for p in paths if settings.seed is None or _begins(p, settings.seed, came)]
         if seed := settings.seed:  # of those about as long as the longest: a shadow flies beside its ball
-            ours = sorted(ours, key=lambda p: (len(p) < SHORTER * len(ours[0]), _apart(p, seed)))
+            # paths below 0.7 of the longest are not preferred for lying nearer to the seed
+            ours = sorted(ours, key=lambda p: (len(p) < 0.7 * len(ours[0]), _apart(p, seed)))
         if ours:
-            moving = follow(ours[0], frames, settings, scene if len(frames) >= ENOUGH else None)
-            if (still and settings.seed is None) or _movers(moving, d) > GAINS * _movers(track, d):
+            # of 12 frames the median is a scene to take out
+            moving = follow(ours[0], frames, settings, scene if len(frames) >= 12 else None)
+            # the search must find the ball moving in a tenth more frames
+            if (still and settings.seed is None) or _movers(moving, d) > 1.1 * _movers(track, d):
                 return _told(standing(moving, frames, settings), ours, still and bool(good.any()), track)
         if still and good.sum() >= STAYS and len(frames) > STAYS:
             place = float(np.median(track.x[good])), float(np.median(track.y[good]))
@@ -74,7 +72,8 @@ def stands(track: BallTrack) -> bool:
     good = track.flag == ""
     if not good.any():
         return True
-    return math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) < MOVES * float(np.median(track.diameter[good]))
+    # a track that reaches less far than a diameter stands still
+    return math.hypot(np.ptp(track.x[good]), np.ptp(track.y[good])) < 1.0 * float(np.median(track.diameter[good]))
 
 
 def follow(path: Path, frames: Frames, settings: BallSettings, scene: Float32 | None = None) -> BallTrack:

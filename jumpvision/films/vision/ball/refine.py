@@ -21,19 +21,16 @@ from .measure import DiscMeasure, Found, Start, at_least, complete, window_half
 from .moving import Frames
 from .track import BallTrack
 
-MOST = 400  # good frames: a longer film learns its light and scene on the way
 FEWEST = 6  # good frames of which a scatter is taken
-SAMPLED, VIEWS = 41, 4  # frames of which the scene is the mean; views of it that a frame must have
 OUTLIER = 4.0  # standard deviations from the scene's median, or from the scene outside the ball: something else
 SHARED = (R, S, BX, BY, GX, GY)
-FAST = 4.0  # px a frame, from which a streak may show
 STEPS = 0.3  # diameters: a fit that goes farther is not of this ball
 
 
 def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
     """The track with its good frames fitted once more, where that makes the median sigma less."""
     good = np.flatnonzero(track.flag == "")
-    if not FEWEST <= good.size <= MOST:
+    if not FEWEST <= good.size <= 400:  # a longer film learns its light and scene on the way
         return track
     d = float(np.median(track.diameter[good]))
     scenes = _Scenes(track, frames, d)
@@ -85,7 +82,8 @@ class _Scenes:
     """What stands behind the ball in each frame, as other frames of the film show it."""
 
     def __init__(self, track: BallTrack, frames: Frames, d: float):
-        which = np.unique(np.linspace(0, len(frames) - 1, min(SAMPLED, len(frames))).astype(int))
+        # the scene is the mean of 41 frames
+        which = np.unique(np.linspace(0, len(frames) - 1, min(41, len(frames))).astype(int))
         self.frames = [np.asarray(frames[int(i)]) for i in which]
         self.x, self.y = track.x[which], track.y[which]
         self.away = 0.5 * d + CLEAR
@@ -97,7 +95,7 @@ class _Scenes:
         at = np.s_[y0 : int(y + half) + 2, x0 : int(x + half) + 2]
         apart = np.hypot(self.x - x, self.y - y)
         views = [f[at] for f, r in zip(self.frames, apart) if not r < self.away + half]
-        if len(views) < VIEWS:
+        if len(views) < 4:  # too few to tell the scene
             return None
         stack = np.asarray(views, dtype=np.float32)
         middle = np.median(stack, axis=0)
@@ -154,7 +152,8 @@ def _speeds(track: BallTrack) -> Array:
 
 def _streaks(fits: dict[int, disc.DiscFit], speed: Array) -> dict[int, tuple[Array, float]]:
     """Streak of each frame [px] and its variance: the exposure's share of a frame is the film's."""
-    fast = {i: f for i, f in fits.items() if float(np.hypot(*speed[i])) > FAST}
+    # a streak may show from 4 px a frame on
+    fast = {i: f for i, f in fits.items() if float(np.hypot(*speed[i])) > 4.0}
     if len(fast) < FEWEST:
         return {}
     v = np.array([speed[i] for i in fast])

@@ -27,11 +27,9 @@ from .validate import error_length, factors, local_median, noise_within, normali
 
 Usable = Callable[[int], Mask]  # (H, W) of frame k, True where it is usable
 
-MAX_SIGMA = 2.0  # px, a match less certain than this is no match; below it, its sigma says what it is worth
 LARGEST_STEP = 0.25  # of the window; a step further has left the texture it was computed from
 STIFFNESS = 1.0  # of the surface through the vectors: damps noise between neighbours, keeps waves of 6 vectors to 1 %
 NEAR = 3  # vectors, side of the neighbourhood over which the square of the last change is averaged
-TOO_MANY = 0.01  # share of failed vectors above which a correlation is asked for other starts
 TRIAL = 384  # px, side of the middle part with which a second prefilter is tried
 MARGIN = 12  # px of border around a frame beyond half a window: gradient stencil, spline, half of a displacement
 
@@ -219,7 +217,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     raw, reason = m.p[:2], _judge(m, start, s)
     again = _to_try(reason)
     edge = np.zeros(again.shape, bool)
-    if again.sum() > TOO_MANY * np.isin(reason, code.MATCHED).sum():
+    # where more than 1 % failed a correlation is asked for other starts
+    if again.sum() > 0.01 * np.isin(reason, code.MATCHED).sum():
         m, reason, edge = _second_try(pairs, grid, m, reason, s)
     first, matched = reason, ~scipy.ndimage.binary_dilation(again, np.ones((3, 3)))
     for k in range(1, times):
@@ -233,7 +232,8 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     sigma = m.sigma * factor[:, None, None]
     measured = np.isin(reason, code.MEASURED)
     reason[measured & _to_try(first)] = code.SECOND_PEAK
-    reason[measured & ~(sigma[:2].max(0) < MAX_SIGMA)] = code.LOW_CORRELATION
+    # a match less certain than 2 px is none; below, its sigma says what it is worth
+    reason[measured & ~(sigma[:2].max(0) < 2.0)] = code.LOW_CORRELATION
     measured = np.isin(reason, code.MEASURED)
     reason[edge & _to_try(reason)] = code.EDGE_PEAK
     p = np.where(measured, m.p, np.nan)

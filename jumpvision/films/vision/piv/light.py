@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from jumpvision.films.parameters import PivParams
 
 SEEN = 64  # frames that a background is made from, of either exposure
-CLIP = 3.0  # times the mean of a tile's histogram, above which CLAHE cuts it
 
 
 class Frames(Protocol):
@@ -59,5 +58,6 @@ def equalised(image: NDArray[Any], tile: int) -> NDArray[np.float32]:
     low, high = float(np.nanmin(grey)), float(np.nanmax(grey))
     whole = np.nan_to_num((grey - low) * (65535.0 / max(high - low, 1e-6))).astype(np.uint16)
     rows, columns = (max(1, round(n / tile)) for n in image.shape)
-    even = cv2.createCLAHE(clipLimit=CLIP, tileGridSize=(columns, rows)).apply(whole)
+    # cut at three times the mean of a tile's histogram
+    even = cv2.createCLAHE(clipLimit=3.0, tileGridSize=(columns, rows)).apply(whole)
     return np.asarray(np.where(np.isfinite(grey), even * np.float32(255.0 / 65535.0), np.nan), np.float32)

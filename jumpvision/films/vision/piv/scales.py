@@ -28,8 +28,6 @@ from .validate import response
 ORDER = 3  # of the differences that the surfaces keep small: parabolas stay, waves of twice the length to 2 %
 SHORTEST = 0.7  # rad a vector, a wave of 9 vectors: halved by the first surface; by the next half of it, and so on
 COMPARED = 5  # vectors, side of the neighbourhood of P for the first surface, about half of that wave
-STILL = 0.05  # of the noise expected: less is no noise but equal pictures, which tell nothing of it
-WIDER = 2  # times the neighbourhood of P is that of what smoothing took from the motion
 
 
 class Noise(NamedTuple):
@@ -76,7 +74,8 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
         shares.append(w - kept)
         kept = w
         # signed, so that noise, which is above 1 as often as below, does not count
-        far = min(WIDER * side + 1, 2 * min(ny, nx) - 1)
+        # what smoothing took from the motion is told over twice the neighbourhood of P
+        far = min(2 * side + 1, 2 * min(ny, nx) - 1)
         doubt = SMOOTHED_AWAY.value * math.sqrt(_spread(noise, SHORTEST)) * side / far
         over = _around((1 - w) ** 2 * (power - 1), far)
         lost += np.where(over > doubt, over, 0) * chance * of_noise
@@ -112,7 +111,8 @@ def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
         e = p - (along_y(s, p) if down else along_x(s, p))
         power = _power(e, (rest[:, None] if down else rest) * np.where(known, sigma, 1) ** 2, known)
         calm.append(float(np.quantile((_around(power, COMPARED) / share)[known], CALM_PLACES.value)) / expected)
-    if min(calm) < STILL:
+    # less than 0.05 of the noise expected is none but equal pictures, which tell nothing of it
+    if min(calm) < 0.05:
         return 1.0
     telling = known.sum() * spread  # neighbourhoods that do not share their noise
     found = (telling * min(calm) + CALM_WORTH.value) / (telling + CALM_WORTH.value)

@@ -19,18 +19,11 @@ from jumpvision.films.vision.ball.measure import Found
 from jumpvision.films.vision.ball.moving import Frames, Path
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
-WINDOW = 0.8  # diameters: half width of the picture of a ball
-ROUNDS = 3  # of learning
-TEACHERS = 40  # frames that teach at most
 TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried
 STEPS, REST, H = 15, 1e-3, 0.3  # of a fit; px: the last; of a difference
 UNLIKE = 0.3  # of the change against the scene, which a fit may leave
-EDGE = 1.0  # px: half width of a ball's rim
 RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the strongest
-CLOSED = 0.6  # least share of the rays on which what is seen ends at the rim
-ROUND = 0.08  # diameters: largest scatter of an outline about its circle
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
-LEAST = 0.002  # of the height, that noise is taken for, up to what digitising leaves
 OUTLIER = 3.0  # standard deviations, from which a pixel counts less
 
 
@@ -59,7 +52,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
     """The layer that a path's frames show, their fits, and whether a round rim is seen; None where nothing holds."""
     h, w = scene.shape
     inside = [s for s in path if 0.6 * d < s.x < w - 0.6 * d and 0.6 * d < s.y < h - 0.6 * d]
-    inside = inside[:: max(1, len(inside) // TEACHERS)]
+    inside = inside[:: max(1, len(inside) // 40)]  # forty frames teach enough
     if len(inside) < 3:
         return None
     usual = float(np.median([s.contrast for s in inside]))
@@ -67,7 +60,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
     order = sorted(inside, key=lambda s: abs(s.i - best.i))
     where = {best.i: Place(best.x, best.y, 0.0, 0.0, 1.0, best.found)}
     layer = _taught(frames, scene, where, _round(d, d))
-    for turn in range(ROUNDS):
+    for turn in range(3):  # each round learns from better places
         now: dict[int, Place] = {best.i: where[best.i]} if turn == 0 else {}
         for s in order:
             if s.i in now:
@@ -92,9 +85,10 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
 
 def _round(d: float, size: float) -> Float32:
     """Share of the pixels of a window for diameter d that a disc of a size takes in its middle."""
-    k = 2 * math.ceil(WINDOW * d) + 1
+    k = 2 * math.ceil(0.8 * d) + 1  # half width of the picture: 0.8 diameters
     v, u = np.indices((k, k)) - (k - 1) / 2
-    return np.clip((0.5 * size - np.hypot(u, v)) / (2 * EDGE) + 0.5, 0.0, 1.0).astype(np.float32)
+    # a ball's rim is blurred over 2 px
+    return np.clip((0.5 * size - np.hypot(u, v)) / (2 * 1.0) + 0.5, 0.0, 1.0).astype(np.float32)
 
 
 def shifted(place: Place, u: float, v: float) -> Place:
@@ -161,7 +155,8 @@ def _outline(
             if below.size and below[0] and strong[q]:
                 at[q] = r[begin + below[0]]
         ok = np.isfinite(at)
-        if turn and np.mean(ok[strong]) < CLOSED:
+        # what is seen must end at the rim on so many of the rays
+        if turn and np.mean(ok[strong]) < 0.6:
             return None
         for _ in range(3):
             if ok.sum() < RAYS // 5:
@@ -177,7 +172,8 @@ def _outline(
         u, v, size = float(centre[0]), float(centre[1]), 2.0 * radius
         if not (math.hypot(u, v) < 0.4 * layer.d and 0.6 < size / layer.d < 1.6):
             return None
-    return (u, v, size) if spread < ROUND * size else None
+    # an outline that scatters more about its circle is not round
+    return (u, v, size) if spread < 0.08 * size else None
 
 
 def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) -> Place:
@@ -214,7 +210,8 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
             columns.append(((light - behind) * (a1 - a0) + contrast * (m1 - m0)) / (2 * (dx + dy + dt)))
         j = np.stack([*columns, alpha, shown], axis=-1)[part]
         r = left[part]
-        noise = max(FROM_MAD * float(np.median(np.abs(r))), min(0.3, LEAST * height))
+        # noise is at least 0.002 of the height, up to what digitising leaves
+        noise = max(FROM_MAD * float(np.median(np.abs(r))), min(0.3, 0.002 * height))
         weight = np.minimum(1.0, OUTLIER * noise / np.maximum(np.abs(r), 1e-9))
         normal = j.T @ (weight[:, None] * j)
         prior = noise**2 / np.array([np.inf, np.inf, np.inf, (FREE * height) ** 2, FREE**2])
