@@ -16,7 +16,7 @@ from jumpvision.films.vision.stereo import triangulate as places_of
 
 from .motion import with_derivatives
 
-SEEN = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables must have
+COLUMNS = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables must have
 
 
 def triangulate(
@@ -49,7 +49,7 @@ def triangulate(
         _camera(name, pixel, marks, lens) for name, pixel in zip(("first", "second"), (seen_first, seen_second))
     )
     for name, table in (("first", first), ("second", second)):
-        missing = [c for c in SEEN if c not in table.columns]
+        missing = [c for c in COLUMNS if c not in table.columns]
         if missing or len(table) < 2:
             what = f"columns missing: {missing}" if missing else "fewer than 2 rows"
             raise InputError([f"jv.triangulate: {name} table: {what}; give what jv.track gives"])

@@ -74,7 +74,7 @@ def track(
         for note in ball.notes:
             warnings.warn(f"ball {number}: {note}" if markers else note, StageWarning, stacklevel=2)
     time = np.arange(len(images)) / frame_rate + exposure / 2.0
-    bodies = [_seen(ball, time, exposure) for ball in found]
+    bodies = [_in_pixels(ball, time, exposure) for ball in found]
     if masses:
         bodies.insert(0, _centre_of_mass(bodies, np.asarray(masses, float)))
     tables = [_moving(body, scale, origin, angle, window) for body in bodies]
@@ -110,7 +110,7 @@ def _check(
         raise InputError(problems)
 
 
-def _seen(ball: BallTrack, time: Array, exposure: float) -> pd.DataFrame:
+def _in_pixels(ball: BallTrack, time: Array, exposure: float) -> pd.DataFrame:
     """frame, time_s, x_px, y_px, sigma_px, flag of a ball, at mid-exposure; with an exposure its shifts [px]."""
     lost = ball.flag != ""
     x, y, sigma = (np.where(lost, np.nan, c) for c in (ball.x, ball.y, ball.sigma))

@@ -112,7 +112,7 @@ def carried(grid: Grid, steps: Iterable[Step], x: Array, y: Array) -> Carried:
         place[:, go] = at + moved
         now = ended(grid, f.measured, np.isfinite(f.u), middle, place[:, go], foot)
         why[go] = np.where((off > near) & (now == UNDER_WAY), LOST, now)
-        variance = lasts**2 * np.stack([between(grid, known(s), *middle) ** 2 for s in f[2:4]], -1)
+        variance = lasts**2 * np.stack([between(grid, with_largest(s), *middle) ** 2 for s in f[2:4]], -1)
         plain[go] = np.minimum(variance, SUDDEN_NOISE.value * plain[go])
         noise = np.eye(2) * (0.5 * (1.0 - OWN_NOISE.value) * plain[go][:, None])
         half = 0.5 * lasts * surface.gradient(*middle)
@@ -158,7 +158,7 @@ def ended(
     return np.select([pushed, ~inside, ~cell], [FOOT, OUTSIDE, UNSEEN], why).astype(np.int8)
 
 
-def known(sigma: Array) -> Array:
+def with_largest(sigma: Array) -> Array:
     """Uncertainties with the largest in place of NaN."""
     there = np.isfinite(sigma)
     return np.where(there, sigma, np.max(sigma, where=there, initial=0.0))

@@ -211,7 +211,7 @@ def cone_side(
         beneath, beside, down, each = d[near], r[near], -v[near], sigma[near]
         t = (beneath - middle) / half
 
-        def told(q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
+        def terms(q: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
             """The blur's bell, S, n, the step along the side, what n is multiplied with, and exp(-lag) / sigma."""
             width = math.exp(q[10]) if spread is None else spread
             out = _outwards(q, beneath, beside)
@@ -222,11 +222,11 @@ def cone_side(
             return bell, beyond, n, step, fall, np.exp(-(step * beyond + fall * n + q[9] * n * n)) / each
 
         def residual(q: Array) -> Array:
-            return np.asarray(down / each - q[3] * told(q)[-1])
+            return np.asarray(down / each - q[3] * terms(q)[-1])
 
         def slopes(q: Array) -> Array:
             width = math.exp(q[10]) if spread is None else spread
-            bell, beyond, n, step, fall, share = told(q)
+            bell, beyond, n, step, fall, share = terms(q)
             sine, cosine, off = math.sin(q[0]), math.cos(q[0]), beside - q[2]
             deeper = fall + 2.0 * q[9] * n
             by_lag = q[3] * share

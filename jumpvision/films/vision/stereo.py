@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike
 from jumpvision.base.arrays import Array
 from jumpvision.films.calibration import CLICKED_MARK
 
+FOCAL, CENTRE, BENT, TURN, SHIFT = 0, slice(1, 3), 3, slice(4, 7), slice(7, 10)  # places in p of a Pinhole
 LEAST = 6  # marks of a camera, not in one plane
 FAR = 5.5  # sigma by which the rays of one body miss each other: chance 4e-8
 
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A camera from its marks. p: (9,) f, c_x, c_y [px], k1, rotation vector (3,), T (3,) [m], less what is not fitted.
+    """A camera from its marks. p: (10,) f, c_x, c_y [px], k1, rotation vector (3,), T (3,) [m].
 
     covariance: (10, 10) of p, zero for what was not fitted. residual_px: rms of a coordinate; NaN with none to spare.
     """
@@ -43,11 +44,11 @@ def projected(p: Array, place: Array, radius: float = 0.0) -> Array:
 
     The outline of a ball of `radius` [m] is an ellipse about a c/(c^2 - radius^2), not about a/c: the tangent cone.
     """
-    rotation = scipy.spatial.transform.Rotation.from_rotvec(p[4:7]).as_matrix()
-    a, b, c = np.moveaxis(np.asarray(place) @ rotation.T + p[7:], -1, 0)
+    rotation = scipy.spatial.transform.Rotation.from_rotvec(p[TURN]).as_matrix()
+    a, b, c = np.moveaxis(np.asarray(place) @ rotation.T + p[SHIFT], -1, 0)
     x, y = (q * c / (c * c - radius * radius) for q in (a, b))
-    bent = p[0] * (1.0 + p[3] * (x * x + y * y))
-    return np.stack([p[1] + bent * x, p[2] + bent * y], axis=-1)
+    scale = p[FOCAL] * (1.0 + p[BENT] * (x * x + y * y))
+    return np.stack([scale * x, scale * y], axis=-1) + p[CENTRE]
 
 
 def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhole:
@@ -80,8 +81,8 @@ def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhol
     residual = math.sqrt(2.0 * found.cost / spare) if spare > 0 else math.nan
     p, covariance = start.copy(), np.zeros((10, 10))
     p[free] = found.x
-    depth = place @ scipy.spatial.transform.Rotation.from_rotvec(p[4:7]).as_matrix()[2] + p[9]
-    if not (p[0] > 0.0 and (depth > 0.0).all()):
+    depth = place @ scipy.spatial.transform.Rotation.from_rotvec(p[TURN]).as_matrix()[2] + p[SHIFT][2]
+    if not (p[FOCAL] > 0.0 and (depth > 0.0).all()):
         raise ValueError("marks: no camera sees them so; are pixels and places in the same order, rows counted down?")
     noise = residual if spare >= 3 else CLICKED_MARK.value
     scale = np.linalg.norm(found.jac, axis=0)
@@ -169,14 +170,14 @@ def _crossing(cameras: tuple[Pinhole, Pinhole], pixels: tuple[Array, Array]) -> 
     normal, right = np.zeros((len(pixels[0]), 3, 3)), np.zeros((len(pixels[0]), 3))
     for camera, pixel in zip(cameras, pixels):
         p = camera.p
-        rotation = scipy.spatial.transform.Rotation.from_rotvec(p[4:7]).as_matrix()
-        x = (pixel - p[1:3]) / p[0]
-        x = x / (1.0 + p[3] * np.sum(x * x, axis=1, keepdims=True))
+        rotation = scipy.spatial.transform.Rotation.from_rotvec(p[TURN]).as_matrix()
+        x = (pixel - p[CENTRE]) / p[FOCAL]
+        x = x / (1.0 + p[BENT] * np.sum(x * x, axis=1, keepdims=True))
         ray = np.column_stack([x, np.ones(len(x))]) @ rotation
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         across = np.eye(3) - ray[:, :, None] * ray[:, None, :]
         normal += across
-        right += across @ (-rotation.T @ p[7:])
+        right += across @ (-rotation.T @ p[SHIFT])
     out = np.full_like(right, np.nan)
     good = np.isfinite(normal).all(axis=(1, 2))
     out[good] = np.linalg.solve(normal[good], right[good][..., None])[..., 0]

@@ -17,13 +17,13 @@ from jumpvision.base.progress import watch
 from .appearance.flight import in_flight, is_shadow
 from .appearance.template import track_template
 from .background import LEAST, SceneSum, View, Window
-from .disc import WX, WY, A
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
-from .proof import proved, standing, stands
 from .reasons import Flag, Reason
 from .refine import refined
 from .track import BallSettings, BallTrack, BallTracker, as_track
+from .unknowns import WX, WY, A
+from .validate import is_still, validated, without_still_objects
 
 VIEWS = 100  # frames that all count for the scene; of the next 100 every second does, of the next 200 every fourth ...
 KEPT = 2**25  # bytes of a short film, kept whole for its last fit; of each kind of samples
@@ -144,10 +144,10 @@ class FilmTracker:
         """Proves the track while the balls are measured again without the scene, and takes the better one."""
         first = [as_track(list(f)) for f in zip(*self._found, strict=True)]
         if len(first) == 1:
-            sure = proved(first[0], frames, self.settings)
+            sure = validated(first[0], frames, self.settings)
             dark = self.settings.polarity == "dark"
             unsure = self.settings.seed is None and self.still and len(frames) <= MOST_FRAMES
-            if unsure and (stands(sure) or (dark and is_shadow(sure, frames))):
+            if unsure and (is_still(sure) or (dark and is_shadow(sure, frames))):
                 flying = in_flight(frames, self.settings.diameter, None)
                 if flying is not None:
                     return [replace(flying, notes=(FLYING,))]
@@ -158,7 +158,7 @@ class FilmTracker:
             return self._refined(first)
         second = [as_track(list(f)) for f in zip(*found, strict=True)]
         if len(second) == 1 and not self.settings.streak:  # a sticker's remains, where the ball has left
-            second = [standing(second[0], frames, self.settings)]
+            second = [without_still_objects(second[0], frames, self.settings)]
         return self._refined([b if _better(a, b) else a for a, b in zip(first, second, strict=True)])
 
     def _refined(self, tracks: list[BallTrack]) -> list[BallTrack]:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from jumpvision.base.arrays import MAD, Float32
 
 from .background import View, Window
-from .disc import A, B
 from .measure import DiscMeasure, Found, Start
 from .search import find_blobs
+from .unknowns import A, B
 
 SAMPLED = 41  # frames of which the scene is the median
 MOST_FRAMES = 400  # that are searched, from the first

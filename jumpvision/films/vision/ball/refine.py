@@ -16,10 +16,11 @@ from jumpvision.base.arrays import FROM_MAD, Array
 
 from . import disc
 from .background import CLEAR, Background, View
-from .disc import BX, BY, GX, GY, LIGHT, RIM_FREEDOM, WX, A, B, R, S, X, Y
+from .disc import LIGHT, RIM_FREEDOM
 from .measure import DiscMeasure, Found, Start, at_least, complete, window_half
 from .moving import Frames
 from .track import BallTrack
+from .unknowns import BX, BY, GX, GY, WX, A, B, R, S, X, Y
 
 FEWEST = 6  # good frames of which a scatter is taken
 OUTLIER = 4.0  # standard deviations from the scene's median, or from the scene outside the ball: something else

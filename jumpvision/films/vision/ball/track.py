@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .background import Background, View
-from .disc import WX, WY
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .reasons import COVERED, GOOD, Flag, Reason
 from .search import Blob, find_blobs
+from .unknowns import WX, WY
 
 MIN_DIAMETER = 6.0  # px: below it neither the fit nor the search has enough rim
 POLARITIES = ("bright", "dark")
@@ -274,7 +274,7 @@ class BallTracker:
         if self.last is not None:
             n = self.lost + 1
             self.velocity = ((x - self.last[0]) / n, (y - self.last[1]) / n)
-        self.last, self.lost, self.d = (x, y), 0, self.measurer.seen
+        self.last, self.lost, self.d = (x, y), 0, self.measurer.mean_diameter
 
     def _miss(self, found: Found) -> Found:
         if self.last is not None:

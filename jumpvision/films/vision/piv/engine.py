@@ -21,7 +21,7 @@ from .frame import GAIN, LIGHT, STRONG, Frame, prepare, roughness, sharp
 from .pair import TIMES, Settings, VectorField, backend, combined
 from .predict import Mask, at, flow, predict
 from .refine import Grid, Match, Pairs, refine
-from .scales import Noise, drawn_together, true_noise
+from .scales import Noise, noise_factor, smoothed
 from .solve import COVERED, FLAT, STEPPED
 from .validate import error_length, factors, local_median, noise_within, normalised_median, unresolved
 
@@ -243,9 +243,9 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     filled = np.where(holes, near, p[:2])
     whole = _whole(np.concatenate([filled, p[2:]]), s.step)
     noise = Noise(s.window, s.step, STIFFNESS, times)
-    sigma *= true_noise(whole, sigma[:2], noise)
+    sigma *= noise_factor(whole, sigma[:2], noise)
     missed = unresolved(m.finer, measured, s.window, s.step, noise_within(*noise))
-    missed += STILL_MOVING.value[s.preset] * _under_way(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
+    missed += STILL_MOVING.value[s.preset] * _last_change(np.nan_to_num(m.p[:2] - start), np.nan_to_num(sigma[:2]))
 
     def stated(spread: Array, share: Array | float) -> Array:
         sigma = np.sqrt(spread**2 + share * missed + SPLINE_ERROR.value[s.preset] ** 2)
@@ -257,9 +257,9 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
         of_pictures = np.mean([2 * min(a.noise, b.noise) for a, b in pairs]) / np.maximum(m.rest, 1e-12)
         if m.jump is not None:
             whole = _beside_jumps(pairs, grid, m, measured, whole, s)
-        drawn = drawn_together(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
+        smooth = smoothed(whole, sigma[:2], np.fmin(of_pictures, 1.0), noise)
         # where neighbours count for more, no motion exceeded the noise
-        best = np.concatenate([np.where(measured, drawn.p, filled), stated(drawn.sigma, drawn.own)])
+        best = np.concatenate([np.where(measured, smooth.p, filled), stated(smooth.sigma, smooth.own)])
     shape = reason.shape
     return VectorField(
         x,
@@ -278,7 +278,7 @@ def _match(pairs: Pairs, s: Settings) -> VectorField:
     )
 
 
-def _under_way(change: Array, sigma: Array) -> Array:
+def _last_change(change: Array, sigma: Array) -> Array:
     """Mean square [px^2] (2, ny, nx) by which the last step has changed vectors, beyond what their noise explains.
 
     In a band the steps come to rest slowly; the finer windows tell it over a neighbourhood only.

@@ -54,7 +54,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
     taps = _taps(smooth, fine)
     c = np.empty((len(taps), len(taps) * padded.shape[0], padded.shape[1]), np.float32)
 
-    def told() -> tuple[float, NDArray[np.bool_]]:
+    def noise_and_usable() -> tuple[float, NDArray[np.bool_]]:
         noise = white(image, mask)
         return noise, usable & ~dark_body(grey, usable, noise if math.isfinite(noise) else 0.0)
 
@@ -64,7 +64,7 @@ def prepare(image: NDArray[np.generic], mask: NDArray[np.bool_] | None, pad: int
         for of_columns, kernel_x in enumerate(taps)
         for part in _parts(len(padded), 1 if fine else 2)  # fine ones are four filters already
     ]
-    (noise, usable), *_ = at_once([told, *filters])
+    (noise, usable), *_ = at_once([noise_and_usable, *filters])
     keep = usable if usable.all() else scipy.ndimage.binary_erosion(usable, iterations=GUARD, border_value=1)
     weight = np.ascontiguousarray(np.pad(keep, pad), np.uint8)
     return Frame(grey, usable, c, weight, pad, rounding, kept * noise)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from jumpvision.films.parameters import PivParams
 
-SEEN = 64  # frames that a background is made from, of either exposure
+BACKGROUND_FRAMES = 64  # frames that a background is made from, of either exposure
 
 
 class Frames(Protocol):
@@ -39,11 +39,11 @@ def light_of(frames: Frames, stride: int, p: PivParams) -> Light:
 
 
 def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.float32]:
-    """Minimum or mean (H, W) of up to SEEN frames, evenly from `first` on, `stride` apart; one at a time in memory."""
+    """Minimum or mean (H, W) of BACKGROUND_FRAMES or fewer, evenly from `first` on, `stride` apart, one at a time."""
     every = np.arange(first, len(frames), stride)
     if every.size < 3:
         raise ValueError(f'[params.piv] background = "{how}": needs 3 frames or pairs, found {every.size}; take "none"')
-    shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, SEEN)).round().astype(int))]
+    shown = every[np.unique(np.linspace(0, every.size - 1, min(every.size, BACKGROUND_FRAMES)).round().astype(int))]
     out = frames[int(shown[0])].astype(np.float32)
     for i in shown[1:]:
         out = np.minimum(out, frames[int(i)]) if how == "minimum" else out + frames[int(i)]

@@ -1,4 +1,4 @@
-"""Vectors drawn together over scales where they differ by no more than noise, and how large that noise is.
+"""Vectors smoothed over scales where they differ by no more than noise, and how large that noise is.
 
 Surfaces s_1, s_2, ... through the vectors s_0, each damping waves of twice the length of the one before; e_k =
 s_(k-1) - s_k is what the field holds between two scales. Where its mean square around a place is P times what noise
@@ -39,19 +39,19 @@ class Noise(NamedTuple):
     times: int
 
 
-class Drawing(NamedTuple):
-    """Vectors drawn together."""
+class Smoothed(NamedTuple):
+    """Smoothed vectors."""
 
     p: Array  # (2, ny, nx) [px]
     sigma: Array  # (2, ny, nx) [px]
     own: Array  # (ny, nx) share that each vector has of itself
 
 
-def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Drawing:
+def smoothed(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Smoothed:
     """p, sigma: (2, ny, nx) [px], p finite, sigma NaN where not measured.
 
     by_chance: (ny, nx) the share of sigma^2 that the noise of the pictures explains. The rest is motion that a window
-    does not follow: no neighbour takes it away, and there drawing vectors together would cost what they did resolve.
+    does not follow: no neighbour takes it away, and there smoothing would cost what they did resolve.
     """
     ny, nx = p.shape[1:]
     known = _known(sigma)
@@ -84,15 +84,15 @@ def drawn_together(p: Array, sigma: Array, by_chance: Array, noise: Noise) -> Dr
     total = np.zeros_like(p)
     for k, b in enumerate(of_each):
         total += b * (cov[k, k] * b + 2 * sum(cov[k, m] * of_each[m] for m in range(k)))
-    drawn = np.asarray(sum(a * f for a, f in zip(shares, fields)))
-    return Drawing(drawn, np.sqrt(np.maximum(total, 0) + lost), shares[0])
+    best = np.asarray(sum(a * f for a, f in zip(shares, fields)))
+    return Smoothed(best, np.sqrt(np.maximum(total, 0) + lost), shares[0])
 
 
-def true_noise(p: Array, sigma: Array, noise: Noise) -> float:
+def noise_factor(p: Array, sigma: Array, noise: Noise) -> float:
     """Factor on sigma that makes the shortest waves that a window sees as large as noise alone would.
 
-    p, sigma as of `drawn_together`. Waves along either axis are asked, and the calmest places of the calmer axis tell,
-    so that bands and eddies have no say; it is drawn towards 1 where few vectors tell, and kept within CALM_RANGE.
+    p, sigma as of `smoothed`. Waves along either axis are asked, and the calmest places of the calmer axis tell,
+    so that bands and eddies have no say; it is pulled towards 1 where few vectors tell, and kept within CALM_RANGE.
     """
     ny, nx = p.shape[1:]
     known = _known(sigma)

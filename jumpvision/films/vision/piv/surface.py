@@ -179,7 +179,7 @@ def _add_block(row, f, of):  # type: ignore[no-untyped-def]
         row[i] = (((near + f4 * b4[i]) + f5 * b5[i]) + f6 * b6[i]) + f7 * b7[i]
 
 
-class Drawn(NamedTuple):
+class Drawn(NamedTuple):  # the name stands in caches of compiled code, which cannot be read without it
     """Fields of vectors at every column of pixels, still on the knots of the rows: `line` makes a row of pixels."""
 
     lines: Float32  # (n, knots, width)
@@ -187,7 +187,7 @@ class Drawn(NamedTuple):
     weight: Float32  # (height, 4)
 
 
-def drawn(rows: Axis, columns: Axis, fields: Array, jump: NDArray[np.float64] | None = None) -> Drawn:
+def pixel_spline(rows: Axis, columns: Axis, fields: Array, jump: NDArray[np.float64] | None = None) -> Drawn:
     """Fields of vectors (n, ny, nx) for the pixels of both axes; with jumps, where they are is one field more."""
     if jump is not None:
         fields = np.concatenate([fields, jump[None]])
@@ -213,9 +213,9 @@ def _widen(first, last, c, knot, weight, out):  # type: ignore[no-untyped-def]
 
 
 @nb.njit(cache=True, fastmath={"contract"})
-def line(drawn, field, j, out):  # type: ignore[no-untyped-def]
+def line(spline, field, j, out):  # type: ignore[no-untyped-def]
     """Row j of pixels of one of the fields of `Drawn`."""
-    lines, knot, weight = drawn
+    lines, knot, weight = spline
     k = knot[j]
     w0, w1, w2, w3 = weight[j, 0], weight[j, 1], weight[j, 2], weight[j, 3]
     c0, c1, c2, c3 = lines[field, k], lines[field, k + 1], lines[field, k + 2], lines[field, k + 3]

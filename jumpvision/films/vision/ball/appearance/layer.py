@@ -59,7 +59,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
     best = min(inside, key=lambda s: abs(s.contrast - usual))
     order = sorted(inside, key=lambda s: abs(s.i - best.i))
     where = {best.i: Place(best.x, best.y, 0.0, 0.0, 1.0, best.found)}
-    layer = _taught(frames, scene, where, _round(d, d))
+    layer = _learned_layer(frames, scene, where, _round(d, d))
     for turn in range(3):  # each round learns from better places
         now: dict[int, Place] = {best.i: where[best.i]} if turn == 0 else {}
         for s in order:
@@ -79,7 +79,7 @@ def learned(frames: Frames, scene: Float32, path: Path, d: float) -> tuple[Layer
         outline = _outline(frames, scene, where, layer)
         x, y, size = outline or (0.0, 0.0, d)
         where = {i: shifted(p, x, y) for i, p in where.items()}
-        layer = _taught(frames, scene, where, _round(d, size))
+        layer = _learned_layer(frames, scene, where, _round(d, size))
     return layer, where, outline is not None
 
 
@@ -105,7 +105,7 @@ def sampled(image: Float32, x: float, y: float, turn: float, k: int) -> Float32:
     return np.asarray(cv2.remap(image, at_x, at_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE))
 
 
-def _taught(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
+def _learned_layer(frames: Frames, scene: Float32, where: dict[int, Place], alpha: Float32) -> Layer:
     """The layer of this share that the frames show at their places."""
     k = alpha.shape[0]
     seen = []
@@ -199,14 +199,14 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
     face = layer.shown[layer.alpha > 0.5]
     height = float(np.std(face)) + abs(float(np.median(face) - np.median(behind)))
     for _ in range(STEPS):
-        alpha, shown = _laid(layer, x - x0, y - y0, turn)
+        alpha, shown = _warped(layer, x - x0, y - y0, turn)
         model = behind * (1.0 - alpha) + light * alpha + contrast * shown
         part = np.hypot(xx + x0 - x, yy + y0 - y) < 0.5 * layer.d + 3.0
         part[: cut[0]] = part[k - cut[1] :] = part[:, : cut[2]] = part[:, k - cut[3] :] = False
         left = grey - model
         columns = []
         for dx, dy, dt in ((H, 0.0, 0.0), (0.0, H, 0.0), (0.0, 0.0, 2 * H / layer.d)):
-            (a1, m1), (a0, m0) = (_laid(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt) for g in (1.0, -1.0))
+            (a1, m1), (a0, m0) = (_warped(layer, x - x0 + g * dx, y - y0 + g * dy, turn + g * dt) for g in (1.0, -1.0))
             columns.append(((light - behind) * (a1 - a0) + contrast * (m1 - m0)) / (2 * (dx + dy + dt)))
         j = np.stack([*columns, alpha, shown], axis=-1)[part]
         r = left[part]
@@ -236,7 +236,7 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
     return Place(x, y, turn, light, contrast, Found(GOOD, x, y, sigma, layer.d, unlike))
 
 
-def _laid(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _warped(layer: Layer, x: float, y: float, turn: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """alpha and what is shown, of the layer laid at (x, y) of its own window, turned."""
     k = layer.alpha.shape[0]
     c, s, m = math.cos(turn), math.sin(turn), (k - 1) / 2
