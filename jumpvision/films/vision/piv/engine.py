@@ -199,7 +199,7 @@ def vector_places(pixels: int, window: int, step: int) -> Array:
 
 
 def length_of_errors(window: int, step: int, preset: str) -> float:
-    """Distance [px] over which vectors as they were matched share their error.
+    """Distance [px] over which unsmoothed vectors share their error.
 
     The error of a mean over an area is as if one vector in about (length)^2 were independent; sigma of a vector does
     not hold that.

@@ -117,7 +117,7 @@ class VectorField:
     reason: NDArray[np.int8]  # (ny, nx) key of REASONS
     u_raw: Array  # (ny, nx) before replacement
     v_raw: Array
-    matched: Array  # (4, ny, nx) [px] u, v and their sigmas before vectors were drawn together: for means and fits
+    matched: Array  # (4, ny, nx) [px] u, v and their sigmas unsmoothed: for means and fits
     gradient: Array  # (2, 2, ny, nx) [1], [[u_x, u_y], [v_x, v_y]] fitted inside the window, NaN where not measured
     gradient_sigma: Array  # (2, 2, ny, nx) [1], standard uncertainty
 
