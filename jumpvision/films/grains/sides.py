@@ -145,7 +145,7 @@ def _ridge(rate: Array, sigma: Array, r: Array, reach: float, step: float) -> fl
 
 
 INSIDE, OUTSIDE = 1.5, 1.0  # windows from the line within which vectors count
-LEAST = 40  # vectors, for eleven parameters
+LEAST_VECTORS = 40  # vectors, for eleven parameters
 SHARPER = 1.5  # how much less the blur may be: it is known within about that factor
 SHORTEST = 1.5  # windows: depth over which a shorter side has no angle
 STEEP = (math.radians(15.0), math.radians(88.0))  # of a side that can be told from the face and from a wall
@@ -254,8 +254,10 @@ def cone_side(
         out = _outwards(p, d, r)
         near = ok & (out < OUTSIDE * window) & (out > -INSIDE * window) & (np.abs(r - p[2]) < edge)
         sides = min(np.count_nonzero(near & (r > 0.0)), np.count_nonzero(near & (r < 0.0)))
-        if sides < LEAST // 2:
-            return _none(int(near.sum()), f"{near.sum()} vectors about both sides; {LEAST} are needed, half on each")
+        if sides < LEAST_VECTORS // 2:
+            return _none(
+                int(near.sum()), f"{near.sum()} vectors about both sides; {LEAST_VECTORS} are needed, half on each"
+            )
         p, jacobian, chi2 = solved(p, blur)
         if not STEEP[0] < p[0] < STEEP[1]:
             return _none(int(near.sum()), "no line at which the grains begin to lag behind the foot")

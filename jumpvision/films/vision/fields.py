@@ -12,7 +12,6 @@ from jumpvision.films.frames.base import Film, Image
 ORDERS = ("together", "top", "bottom")  # as they come; the upper, the lower rows first
 COMBED = 1.3  # mean square of what differs between neighbouring rows over that between rows of one field
 MOVED = 6.0  # of the frames' usual difference: pixels that something moves over
-COLUMNS = 640  # of them, or some more
 
 INTERLACED = 'the film is interlaced: every frame shows two instants; give {} = "{}" to follow both'
 
@@ -65,7 +64,7 @@ def order_of(frames: Sequence[Image] | Film) -> str:
     if n < 2 or len(np.asarray(frames[0])) < 8:
         return ""
     at = np.unique(np.linspace(0, n - 2, min(8, n - 1)).astype(int))  # eight places of the film
-    thin = slice(None, None, max(1, np.asarray(frames[0]).shape[1] // COLUMNS))
+    thin = slice(None, None, max(1, np.asarray(frames[0]).shape[1] // 640))
     pairs = [[np.asarray(frames[int(k + j)])[:, thin].astype(np.float32) for j in (0, 1)] for k in at]
     scene = np.median([f for pair in pairs for f in pair], axis=0)
     combs: list[tuple[float, float, float]] = []  # in what moves: between neighbours, in a field; neighbours elsewhere

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Array
 
-NARROW, WIDE = 2.0, 8.0  # px, the line is looked for where the mean over the one exceeds that over the other
 SPECKLE_SIZES = (0.2, 0.8, 1.6)  # px, standard deviations of the Gaussians that make up the correlation of speckle
 NAN = float("nan")
 
@@ -44,9 +43,9 @@ def laser_line(image: ArrayLike, *, saturation: float | None = None) -> LaserLin
     column = np.arange(nx, dtype=float)
     whole = np.isfinite(grey)
     grey = np.where(whole, grey, np.nanmedian(grey))
-    strength = scipy.ndimage.gaussian_filter1d(grey, NARROW, axis=0) - scipy.ndimage.gaussian_filter1d(
-        grey, WIDE, axis=0
-    )
+    # a line is where the mean over 2 px exceeds that over 8 px
+    narrow, wide = (scipy.ndimage.gaussian_filter1d(grey, size, axis=0) for size in (2.0, 8.0))
+    strength = narrow - wide
     typical = float(np.median(strength.max(axis=0)))
     noise = FROM_MAD * float(np.median(np.abs(np.diff(grey, axis=0)))) / np.sqrt(2.0)
     if not typical > max(3.0 * noise, 1e-9 * float(np.abs(grey).max())):

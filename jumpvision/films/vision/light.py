@@ -13,7 +13,7 @@ from jumpvision.films.calibration import CLIPPED_EDGE, VISIBLE_GLOW
 
 REACH = 8  # px, rows on each side of the edge
 PER_PIXEL = 4  # bins a pixel
-FEWEST = 32  # columns, below which no profile is made
+LEAST_COLUMNS = 32  # columns, below which no profile is made
 NAN = float("nan")
 
 
@@ -31,7 +31,7 @@ def clipped_shift(grey: Array, row: Array, saturation: float) -> tuple[float, fl
     below the edge. NaN where there are too few columns, or nothing of the edge is left to see.
     """
     column = np.flatnonzero(np.isfinite(row) & (row > REACH + 1) & (row < len(grey) - REACH - 2))
-    if column.size < FEWEST:
+    if column.size < LEAST_COLUMNS:
         return NAN, NAN
     rows = np.rint(row[column]).astype(int)[:, None] + np.arange(-REACH, REACH + 1)
     y = grey[rows, column[:, None]]
@@ -64,7 +64,7 @@ def glow_shift(grey: Array, row: Array) -> tuple[float, float]:
     """
     ny = grey.shape[0]
     column = np.flatnonzero(np.isfinite(row) & (row > REACH + 1) & (row < ny - REACH - 2))
-    if column.size < FEWEST:
+    if column.size < LEAST_COLUMNS:
         return 0.0, 0.0
     middle = np.rint(row[column]).astype(int)
     rows = middle[:, None] + np.arange(-REACH, REACH + 1)

@@ -19,7 +19,7 @@ from jumpvision.base.arrays import Array
 from jumpvision.films.calibration import CLICKED_MARK
 
 FOCAL, CENTRE, BENT, TURN, SHIFT = 0, slice(1, 3), 3, slice(4, 7), slice(7, 10)  # places in p of a Pinhole
-LEAST = 6  # marks of a camera, not in one plane
+LEAST_MARKS = 6  # marks of a camera, not in one plane
 FAR = 5.5  # sigma by which the rays of one body miss each other: chance 4e-8
 
 
@@ -56,15 +56,15 @@ def pinhole(pixel: ArrayLike, place: ArrayLike, *, lens: bool = False) -> Pinhol
 
     lens: fit the distortion k1 too. The places count as exact; what is left of the pixels over the spare coordinates is
     their uncertainty, or CLICKED_MARK where none or too few (below 3) are to spare. Raises ValueError for fewer than
-    LEAST marks, marks in one plane, or none that a camera could see so.
+    LEAST_MARKS marks, marks in one plane, or none that a camera could see so.
     """
     pixel, place = np.asarray(pixel, float), np.asarray(place, float)
     if pixel.shape != (len(place), 2) or place.shape != (len(place), 3):
         raise ValueError(f"marks: pixels {pixel.shape} and places {place.shape}: give (n, 2) and (n, 3)")
     if not (np.isfinite(pixel).all() and np.isfinite(place).all()):
         raise ValueError("marks: a coordinate is not a finite number")
-    if len(place) < LEAST:
-        raise ValueError(f"marks: {len(place)}; a camera needs {LEAST} or more, not all in one plane")
+    if len(place) < LEAST_MARKS:
+        raise ValueError(f"marks: {len(place)}; a camera needs {LEAST_MARKS} or more, not all in one plane")
     size = np.linalg.svd(place - place.mean(axis=0), compute_uv=False)
     if size[2] < 1e-2 * size[0]:
         raise ValueError("marks: they lie in one plane (or nearly); add some before or behind it")

@@ -20,7 +20,9 @@ from jumpvision.base.arrays import Array
 CLEAR = 4.0  # px between the ball's edge and a pixel that counts as scene
 
 
-LEAST = 20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
+LEAST_VIEWS = (
+    20  # views of a pixel before its mean is used: its noise is then below 5 % of a single frame's, in variance
+)
 
 
 class Background:
@@ -66,12 +68,12 @@ class SceneSum:
 
     def background(self) -> Background | None:
         """None where too little of the scene is ever seen to be of use."""
-        if self._total is None or not self._greys or self._views < LEAST:
+        if self._total is None or not self._greys or self._views < LEAST_VIEWS:
             return None
         scene = self._total / float(self._views)
         at = np.nonzero(self._hidden)
         seen = self._views - self._hidden[at]
-        scene[at] = np.where(seen >= LEAST, self._total[at] / np.maximum(seen, 1), np.nan)
+        scene[at] = np.where(seen >= LEAST_VIEWS, self._total[at] / np.maximum(seen, 1), np.nan)
         known = scene[~np.isnan(scene)]
         if not known.size:
             return None

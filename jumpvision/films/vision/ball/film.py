@@ -16,7 +16,7 @@ from jumpvision.base.progress import watch
 
 from .appearance.flight import in_flight, is_shadow
 from .appearance.template import track_template
-from .background import LEAST, SceneSum, View, Window
+from .background import LEAST_VIEWS, SceneSum, View, Window
 from .measure import AS_THEY_ARE, Block, Found, window_half
 from .moving import MOST_FRAMES, AtHand
 from .reasons import Flag, Reason
@@ -169,7 +169,7 @@ class FilmTracker:
 
     def _without_scene(self, frames: AtHand) -> list[list[Found]]:
         """The measurements of all frames once more, without the scene; none where too little of it is known."""
-        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST:
+        if self._scene is None or sum(not f[0].flag for f in self._found) < LEAST_VIEWS:
             return []
         scene = self._scene.background()
         if scene is None:

@@ -22,7 +22,6 @@ DIAMETER_GIVEN = 0.25  # allowed relative difference from the diameter that was 
 DIAMETER_SEEN = 0.12  # and from the frames before
 MOST_CHI2 = 4.0
 CONTRAST_SEEN = 2.0  # largest factor between the contrast and that of the last good frame
-RIM_OFF, RIM_OFF_PX = 0.04, 0.6  # a sector's rim off the fitted circle by this part of the diameter or px is covered
 DIGITS = 1.0 / 12.0  # variance of digitising [grey^2]
 FARTHEST = 3.0  # px from the start: a fit that ends beyond it is made again in the crop about its end
 
@@ -92,7 +91,7 @@ def _judge(fit, sigma, height, width, noise, fresh, wanted, memory):  # type: ig
     off, dent = rim_faults(sectors, shifts, sigmas, memory.rim, memory.mean[RIM_FACTOR])
     if off > 2:  # of 16: a thin rod that holds the ball is no occlusion
         return COVERED_SECTORS, float(off), 0.0
-    if dent > min(RIM_OFF * d, RIM_OFF_PX):
+    if dent > min(0.04 * d, 0.6):  # px: a sector's rim so far off the circle is covered
         return COVERED_RIM, dent, 0.0
     if dropped > 0.25:  # of the edge pixels
         return COVERED_EDGE, dropped, 0.0

@@ -33,7 +33,6 @@ FAR = 2.0
 HOLE = 6  # frames that a path may be hidden for
 BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the speed and diameters
 BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
-OFF, DRIFT = 0.12, 0.7  # the next off the parabola of the last, likewise
 
 
 class Frames(Protocol):
@@ -208,7 +207,8 @@ def _longer(path: list[Spot], by_frame: Mapping[int, Sequence[Spot]]) -> Path:
             best = None
             for gap in range(1, HOLE + 1):
                 x, y = at(tail, last.i + end * gap)
-                reach = (DRIFT * last.d + OFF * speed) * (0.5 + 0.5 * gap)
+                # the next lies near the parabola through the last
+                reach = (0.7 * last.d + 0.12 * speed) * (0.5 + 0.5 * gap)
                 near = [
                     (math.hypot(s.x - x, s.y - y), s) for s in by_frame.get(last.i + end * gap, ()) if _like(last, s)
                 ]

@@ -22,7 +22,7 @@ from .moving import Frames
 from .track import BallTrack
 from .unknowns import BX, BY, GX, GY, WX, A, B, R, S, X, Y
 
-FEWEST = 6  # good frames of which a scatter is taken
+LEAST_FRAMES = 6  # good frames of which a scatter is taken
 OUTLIER = 4.0  # standard deviations from the scene's median, or from the scene outside the ball: something else
 SHARED = (R, S, BX, BY, GX, GY)
 STEPS = 0.3  # diameters: a fit that goes farther is not of this ball
@@ -31,12 +31,12 @@ STEPS = 0.3  # diameters: a fit that goes farther is not of this ball
 def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
     """The track with its good frames fitted once more, where that makes the median sigma less."""
     good = np.flatnonzero(track.flag == "")
-    if not FEWEST <= good.size <= 400:  # a longer film learns its light and scene on the way
+    if not LEAST_FRAMES <= good.size <= 400:  # a longer film learns its light and scene on the way
         return track
     d = float(np.median(track.diameter[good]))
     scenes = _Scenes(track, frames, d)
     first = {int(i): f for i in good if (f := _free(frames, track, int(i), polarity)) is not None}
-    if len(first) < FEWEST:
+    if len(first) < LEAST_FRAMES:
         return track
     ball = float(np.median([f.fit.p[A] for f in first.values() if f.fit]))
     crops = {i: c for i in first if (c := scenes.without(np.asarray(frames[i]), track, i, ball, d)) is not None}
@@ -66,7 +66,7 @@ def refined(track: BallTrack, frames: Frames, polarity: str) -> BallTrack:
             fit = disc.fit_disc(crops[i].grey, p, streak=i in streaks, noise=own, mean=at, var=spread)
             if fit.converged and math.hypot(fit.p[X] - p[X], fit.p[Y] - p[Y]) < STEPS * d:
                 fits[i] = fit
-        if len(fits) < max(FEWEST, 0.8 * good.size):
+        if len(fits) < max(LEAST_FRAMES, 0.8 * good.size):
             return track
         noise = at_least(np.median([complete(f.noise, floor) for f in fits.values()], axis=0), floor)
     return _taken(track, fits, crops)
@@ -155,7 +155,7 @@ def _streaks(fits: dict[int, disc.DiscFit], speed: Array) -> dict[int, tuple[Arr
     """Streak of each frame [px] and its variance: the exposure's share of a frame is the film's."""
     # a streak may show from 4 px a frame on
     fast = {i: f for i, f in fits.items() if float(np.hypot(*speed[i])) > 4.0}
-    if len(fast) < FEWEST:
+    if len(fast) < LEAST_FRAMES:
         return {}
     v = np.array([speed[i] for i in fast])
     w = np.array([f.p[WX:] for f in fast.values()])

@@ -21,8 +21,8 @@ from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import A, B
 
 USUAL, ON_PATH = 1.25, 0.4  # largest ratio of contrasts along a path; diameters off it
-PLACE, STAYS, PLACES = 0.2, 3, 5  # diameters; frames there; places that are looked at
-AWAY, ASKED = 1.2, 3  # diameters; frames that are asked whether the same stands there without the ball
+PLACE, STAYS = 0.2, 3  # diameters; frames there
+ASKED = 3  # frames that are asked whether the same stands there without the ball
 STANDS = "doubt: the same stands here in frame {} while the ball is at ({:.0f}, {:.0f})"
 STILL = "doubt: stands still while something moves at ({:.0f}, {:.0f})"
 REMEDY = "; give track.seed = [column, row]"
@@ -132,9 +132,9 @@ def without_still_objects(track: BallTrack, frames: Frames, settings: BallSettin
             places.append(left[near])
         left = left[~near]
     flag = track.flag.astype(object)
-    for members in sorted(places, key=len, reverse=True)[:PLACES]:
+    for members in sorted(places, key=len, reverse=True)[:5]:
         x, y = float(np.median(track.x[members])), float(np.median(track.y[members]))
-        away, near_by = (g[np.hypot(track.x[g] - x, track.y[g] - y) > AWAY * d] for g in (good, at_hand))
+        away, near_by = (g[np.hypot(track.x[g] - x, track.y[g] - y) > 1.2 * d] for g in (good, at_hand))
         if not away.size:
             continue
         away = near_by if near_by.size >= ASKED else away

@@ -88,8 +88,6 @@ def _filtered(
 
 
 CELL = 4  # px, side of the blocks in which a dark body is looked for
-DARK, SMOOTH = 0.4, 0.3  # of the light and of the contrast that is usual in the picture: less of both is a body,
-LARGEST = 0.6  # of the picture: a body is darker than most of it, or the picture is dark
 
 
 def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray[np.bool_]:
@@ -112,10 +110,10 @@ def dark_body(grey: Float32, usable: NDArray[np.bool_], noise: float) -> NDArray
     if not there.any():
         return out
     usual = [float(np.median(q[there][::4])) for q in (light, contrast, of_light)]
-    # grains in the shade keep their contrast over their light, a body does not
-    body = (light < DARK * usual[0]) & (contrast < SMOOTH**2 * usual[1]) & (of_light < 0.5**2 * usual[2]) & there
-    # bright particles on a dark ground have gaps that are no body
-    if usual[2] > 0.5 or not body.any() or body.sum() > LARGEST * there.sum():
+    # a body has little of the usual light and contrast; grains in the shade keep their contrast over their light
+    body = (light < 0.4 * usual[0]) & (contrast < 0.3**2 * usual[1]) & (of_light < 0.5**2 * usual[2]) & there
+    # bright particles on a dark ground have gaps that are no body; a picture that is mostly dark has none
+    if usual[2] > 0.5 or not body.any() or body.sum() > 0.6 * there.sum():
         return out
     square_of_3 = np.ones((3, 3), np.uint8)
     whole = cv2.morphologyEx(body.astype(np.uint8), cv2.MORPH_OPEN, square_of_3)

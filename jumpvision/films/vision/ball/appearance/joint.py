@@ -30,9 +30,8 @@ from .layer import Layer, Place, shifted
 FINE, OVER = 3, 2  # points of the picture to a pixel; of the disc that it is blurred from, to one of these
 ROOM = 2.5  # px beyond the rim, that are fitted
 BLUR = 0.76, 0.35  # px: of a rim, first and least
-TEACHERS, FEWEST = 40, 4  # frames that teach at most, and at least
 TURNS, REST, FIRST = 15, 0.2, 4  # of the fit; standard deviations of a place: the last; before which none is the last
-LARGEST, SMALL = 0.3, 0.05  # step of radius, blur [px] and exposure; first exposure
+LARGEST = 0.3  # step of radius, blur [px] and exposure
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame, at first
 H = 0.02  # px: of differences by the radius and the blur
 
@@ -238,7 +237,7 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
         return None
     good = [i for i, p in enumerate(places) if not p.found.flag]
     cuts = {i: _cut(np.asarray(frames[i], np.float32), scene, places, i, layer.d) for i in good}
-    teach = good[:: max(1, math.ceil(len(good) / TEACHERS))]
+    teach = good[:: max(1, math.ceil(len(good) / 40))]
     face = _Face(0.5 * layer.d)
     shown = layer.shown[layer.alpha > 0.5]
     height = float(np.std(shown)) + abs(float(np.median(shown)))
@@ -258,7 +257,7 @@ def adjusted(frames: Frames, scene: Float32, places: list[Place], layer: Layer, 
             odd = _odd(equations, film.places, widest)
             teach = [i for i in teach if i not in odd]
             equations = {i: equations[i] for i in teach}
-        if len(teach) < FEWEST:
+        if len(teach) < 4:  # too few to tell what they share
             return None
         cov, moved = _stepped(film, face, equations, widest, turn)
         # the fitted diameter may differ from the learned one by so much
@@ -313,7 +312,7 @@ def _stepped(
     step = cov @ right
     radius, blur, exposure = np.clip(step[w:], -LARGEST, LARGEST)
     if turn == 1:  # its derivative is none at none
-        exposure = SMALL
+        exposure = 0.05  # to begin with
     film.shared = _Shared(
         s.waves + step[:w],
         s.radius + radius,

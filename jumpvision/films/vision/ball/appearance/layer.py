@@ -20,8 +20,7 @@ from jumpvision.films.vision.ball.moving import Frames, Path
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried
-STEPS, REST, H = 15, 1e-3, 0.3  # of a fit; px: the last; of a difference
-UNLIKE = 0.3  # of the change against the scene, which a fit may leave
+H = 0.3  # px: of a difference
 RAYS, WEAK = 64, 0.12  # of an outline; least change just inside it, of the strongest
 FREE = 0.1  # of the contrast, by which light and contrast may change from frame to frame
 OUTLIER = 3.0  # standard deviations, from which a pixel counts less
@@ -198,7 +197,7 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
     yy, xx = np.indices((k, k))
     face = layer.shown[layer.alpha > 0.5]
     height = float(np.std(face)) + abs(float(np.median(face) - np.median(behind)))
-    for _ in range(STEPS):
+    for _ in range(15):  # Gauss-Newton
         alpha, shown = _warped(layer, x - x0, y - y0, turn)
         model = behind * (1.0 - alpha) + light * alpha + contrast * shown
         part = np.hypot(xx + x0 - x, yy + y0 - y) < 0.5 * layer.d + 3.0
@@ -223,13 +222,13 @@ def fit(image: Float32, scene: Float32, layer: Layer, start: Place, d: float) ->
         x, y, turn, light, contrast = (v + short * float(s) for v, s in zip((x, y, turn, light, contrast), step))
         if not math.hypot(x - start.x, y - start.y) < 0.5 * d:
             return lost(Reason.NOT_CONVERGED)
-        if size < REST:
+        if size < 1e-3:  # px
             break
     if not (reach < x < w - 1 - reach and reach < y < h - 1 - reach):
         return lost(Reason.AT_BORDER)
     ball = part & (alpha > 0.5)
     unlike = float(np.sum(left[ball] ** 2) / max(np.sum((grey - behind)[ball] ** 2), 1e-9))
-    if unlike > UNLIKE or not 0.5 < contrast < 2.0:
+    if unlike > 0.3 or not 0.5 < contrast < 2.0:
         return lost(Reason.UNLIKE, contrast, unlike)
     cov = np.linalg.inv(normal) * float(np.sum(weight * r**2) / max(np.sum(weight) - 5.0, 1.0))
     sigma = math.sqrt(max(cov[0, 0], cov[1, 1]))
