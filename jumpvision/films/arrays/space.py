@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.schema import InputError, StageWarning
-from jumpvision.films.vision.stereo import FAR, at_times, pinhole
+from jumpvision.films.vision.stereo import FAR, Pinhole, at_times, pinhole
 from jumpvision.films.vision.stereo import triangulate as places_of
 
 from .motion import with_derivatives
@@ -22,9 +21,9 @@ COLUMNS = ("time_s", "x_px", "y_px", "sigma_px")  # what two cameras' tables mus
 def triangulate(
     first: pd.DataFrame,
     second: pd.DataFrame,
-    marks: Any,
-    seen_first: Any,
-    seen_second: Any,
+    marks: ArrayLike,
+    seen_first: ArrayLike,
+    seen_second: ArrayLike,
     *,
     offset: float = 0.0,
     ball_diameter: float = 0.0,
@@ -76,7 +75,7 @@ def triangulate(
     )
 
 
-def _camera(name: str, pixel: ArrayLike, marks: ArrayLike, lens: bool) -> Any:
+def _camera(name: str, pixel: ArrayLike, marks: ArrayLike, lens: bool) -> Pinhole:
     pixel, marks = np.asarray(pixel, float), np.asarray(marks, float)
     if len(pixel) != len(marks):
         text = f"{len(pixel)} pixels of {len(marks)} marks; give one each, in the same order"

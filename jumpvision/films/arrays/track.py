@@ -5,11 +5,13 @@ from __future__ import annotations
 import cmath
 import math
 import warnings
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from jumpvision.base.arrays import Array
 from jumpvision.base.parameters import of_keywords
@@ -25,7 +27,7 @@ from .motion import with_derivatives
 
 
 def track(
-    frames: Any,
+    frames: Iterable[ArrayLike],
     *,
     frame_rate: float = 1.0,
     scale: float | None = None,

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import replace
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jumpvision.base.progress import watch
+from jumpvision.films.frames.base import Frames, Image
 
 from .appearance.flight import in_flight, is_shadow
 from .appearance.template import track_template
@@ -34,13 +33,6 @@ BLOCK = 16  # windows that are measured together without the scene
 FLYING = "no plain disc that moves was found: followed is what is round and flies farthest, as a picture"
 
 
-class Frames(Protocol):
-    """What is read of a film: its length, and a frame (row, column) of grey levels by its number."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
-
-
 def track_film(
     frames: Frames, settings: BallSettings, *, scene: bool, markers: Sequence[tuple[float, float]] = ()
 ) -> list[BallTrack]:
@@ -60,11 +52,11 @@ class Samples:
     """Some frames of a film: evenly spread ones, and one of each place that the ball comes to."""
 
     def __init__(self) -> None:
-        self.even: dict[int, NDArray[Any]] = {}
-        self.places: dict[int, tuple[Found, NDArray[Any]]] = {}
+        self.even: dict[int, Image] = {}
+        self.places: dict[int, tuple[Found, Image]] = {}
         self._step = 1
 
-    def see(self, i: int, image: NDArray[Any], found: Found) -> None:
+    def see(self, i: int, image: Image, found: Found) -> None:
         """Frame i, where the ball was found."""
         most = min(SAMPLES, KEPT // max(1, image.nbytes))
         if i % self._step == 0:
@@ -78,7 +70,7 @@ class Samples:
                 self.places[i] = found, image
 
     @property
-    def all(self) -> dict[int, NDArray[Any]]:
+    def all(self) -> dict[int, Image]:
         """The frames by number."""
         return self.even | {i: image for i, (_, image) in self.places.items()}
 
@@ -95,13 +87,13 @@ class FilmTracker:
         self._windows: list[list[Window | None]] = []
         self._scene = SceneSum() if scene and settings.method == "disc" else None
         self._room, self.still = MEMORY, scene
-        self._kept: list[NDArray[Any]] | None = None
+        self._kept: list[Image] | None = None
         if self._scene is not None and not markers and not settings.streak:
             self._kept = []
         self._samples = Samples()
         self.shape = (0, 0)
 
-    def see(self, image: NDArray[Any]) -> None:
+    def see(self, image: Image) -> None:
         """The next frame (row, column); it is kept for a while and must not change."""
         if self.settings.method == "template":  # has to see the whole film first
             return
@@ -112,7 +104,7 @@ class FilmTracker:
         """The first ball in the frames followed so far."""
         return [f[0] for f in self._found]
 
-    def _follow(self, image: NDArray[Any]) -> None:
+    def _follow(self, image: Image) -> None:
         i, self.shape = len(self._found), (image.shape[0], image.shape[1])
         plain = self._trackers[0].next(image) if len(self._trackers) == 1 and i >= WORTHWHILE else None
         found = [plain] if plain else together(self._trackers, [View.of(image) for _ in self._trackers], None)
@@ -213,7 +205,7 @@ class FilmTracker:
             pixels = pixels.astype(np.float64)
         return Block(pixels, corners, np.array(starts))
 
-    def _window(self, image: NDArray[Any], found: Found) -> Window | None:
+    def _window(self, image: Image, found: Found) -> Window | None:
         """A copy of the part of a frame that the ball is measured in."""
         if found.flag or found.p is None:
             return None

@@ -12,13 +12,12 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from jumpvision.base.arrays import MAD, Float32
+from jumpvision.films.frames.base import Frames, Image
 
 from .background import View, Window
 from .measure import DiscMeasure, Found, Start
@@ -35,27 +34,20 @@ BENT, STEP = 0.35, 0.8  # a third point off the line of two by this part of the 
 BESIDE, SIZE, TOLD = 1.5, 0.3, 0.1  # diameters, square diameters, share of the frames: motion that is not the ball's
 
 
-class Frames(Protocol):
-    """Frames (row, column) of grey levels by their number."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
-
-
 class AtHand:
     """A film of which some frames are kept, and of most the window about the ball: to decode them again takes long.
 
     whole: kept frames by number. windows: of each frame, None where none is kept. Two threads may ask at once.
     """
 
-    def __init__(self, frames: Frames, whole: Mapping[int, NDArray[Any]], windows: Sequence[Window | None]):
+    def __init__(self, frames: Frames, whole: Mapping[int, Image], windows: Sequence[Window | None]):
         self._frames, self.whole, self._windows = frames, whole, windows
         self._reading = threading.Lock()
 
     def __len__(self) -> int:
         return len(self._frames)
 
-    def __getitem__(self, i: int, /) -> NDArray[Any]:
+    def __getitem__(self, i: int, /) -> Image:
         if i in self.whole:
             return self.whole[i]
         with self._reading:
@@ -95,9 +87,7 @@ def still_scene(frames: Frames) -> Float32:
     return np.median(stack, axis=0).astype(np.float32)
 
 
-def spots(
-    i: int, image: NDArray[Any], scene: Float32, diameter: float | None, polarity: str, least: float
-) -> list[Spot]:
+def spots(i: int, image: Image, scene: Float32, diameter: float | None, polarity: str, least: float) -> list[Spot]:
     """What is round and differs from the scene in frame i, each fitted as a disc."""
     sign = 1.0 if polarity == "bright" else -1.0
     change = np.clip(sign * (np.asarray(image, dtype=np.float32) - scene), 0.0, None)

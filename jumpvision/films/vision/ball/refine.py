@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from jumpvision.base.arrays import FROM_MAD, Array
+from jumpvision.films.frames.base import Frames
 
 from . import disc
 from .background import CLEAR, Background, View
 from .disc import LIGHT, RIM_FREEDOM
 from .measure import DiscMeasure, Found, Start, at_least, complete, window_half
-from .moving import Frames
 from .track import BallTrack
 from .unknowns import BX, BY, GX, GY, WX, A, B, R, S, X, Y
 

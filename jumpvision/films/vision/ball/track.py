@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.films.frames.base import Image
+
 from .background import Background, View
 from .measure import AS_THEY_ARE, Block, DiscMeasure, Found, Start, ThresholdMeasure, span
 from .reasons import COVERED, GOOD, Flag, Reason
@@ -119,7 +121,7 @@ class BallTracker:
             self._at(f.x, f.y)
         return found
 
-    def next(self, image: NDArray[Any]) -> Found | None:
+    def next(self, image: Image) -> Found | None:
         """As `step` in a frame that is a matter of course; else None, and nothing is taken note of."""
         if self.last is None or self.lost or image.dtype not in AS_THEY_ARE:
             return None

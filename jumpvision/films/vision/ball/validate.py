@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Float32
+from jumpvision.films.frames.base import Frames, Image
 
 from .background import Background, View
 from .measure import DiscMeasure, Found, Start
-from .moving import MOST_FRAMES, AtHand, Frames, Path, Spot, at, elsewhere, moving_paths, still_scene
+from .moving import MOST_FRAMES, AtHand, Path, Spot, at, elsewhere, moving_paths, still_scene
 from .reasons import Flag, Reason
 from .track import MIN_DIAMETER, BallSettings, BallTrack, BallTracker, as_track
 from .unknowns import A, B
@@ -183,7 +183,7 @@ def _same_object(one: Found, two: Found) -> bool:
     return math.hypot(one.x - two.x, one.y - two.y) < 0.2 * one.diameter and 0.67 < a / b < 1.5
 
 
-def _without(track: BallTrack, reason: NDArray[Any]) -> BallTrack:
+def _without(track: BallTrack, reason: Image) -> BallTrack:
     """The track with these flags, and no numbers where there is one."""
     flag: NDArray[np.str_] = reason.astype(np.str_)
     x, y, sigma, size, chi2 = (

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from jumpvision.films.frames.base import Frames, Image
 from jumpvision.films.parameters import PivParams
 
 BACKGROUND_FRAMES = 64  # frames that a background is made from, of either exposure
-
-
-class Frames(Protocol):
-    """A film, or a list of pictures."""
-
-    def __len__(self) -> int: ...
-
-    def __getitem__(self, i: int, /) -> NDArray[Any]: ...
 
 
 class Light(NamedTuple):
@@ -26,7 +19,7 @@ class Light(NamedTuple):
     common: tuple[NDArray[np.float32], ...]
     tile: int
 
-    def __call__(self, image: NDArray[Any], i: int) -> NDArray[Any]:
+    def __call__(self, image: Image, i: int) -> Image:
         if self.common:
             image = image.astype(np.float32) - self.common[i % len(self.common)]
         return equalised(image, self.tile) if self.tile else image
@@ -50,7 +43,7 @@ def common(frames: Frames, how: str, first: int, stride: int) -> NDArray[np.floa
     return np.asarray(out if how == "minimum" else out / shown.size, np.float32)
 
 
-def equalised(image: NDArray[Any], tile: int) -> NDArray[np.float32]:
+def equalised(image: Image, tile: int) -> NDArray[np.float32]:
     """A frame (H, W) by contrast-limited adaptive histogram equalisation in tiles of that side [px]; 0 to 255."""
     import cv2
 

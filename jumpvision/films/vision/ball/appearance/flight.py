@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 
 from jumpvision.base.arrays import MAD, Float32
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import HOLE, MOST_FRAMES, Frames, Path, Spot, at, extent, paths, still_scene
+from jumpvision.films.vision.ball.moving import HOLE, MOST_FRAMES, Path, Spot, at, extent, paths, still_scene
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallTrack, as_track
 

@@ -21,8 +21,8 @@ from scipy.sparse import csr_array
 
 from jumpvision.base.arrays import FROM_MAD, Array, Float32
 from jumpvision.films.calibration import OUTLINE_RADIUS
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import Frames
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 from .layer import Layer, Place, shifted

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import FROM_MAD, Float32
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import Frames, Path
+from jumpvision.films.vision.ball.moving import Path
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 
 TURNS = np.deg2rad(np.arange(-40.0, 41.0, 20.0))  # from the frame before, that are tried

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jumpvision.base.arrays import Array, Float32
+from jumpvision.films.frames.base import Frames
 from jumpvision.films.vision.ball.measure import Found
-from jumpvision.films.vision.ball.moving import Frames, still_scene
+from jumpvision.films.vision.ball.moving import still_scene
 from jumpvision.films.vision.ball.reasons import GOOD, Flag, Reason
 from jumpvision.films.vision.ball.track import BallSettings, BallTrack, as_track
 
