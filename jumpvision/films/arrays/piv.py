@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
 from jumpvision.base.parameters import of_keywords
 from jumpvision.films.parameters import PivParams
@@ -18,13 +16,7 @@ from .velocities import Places, fields_of, header, matching, velocities
 
 
 def piv(
-    a: Iterable[ArrayLike],
-    b: ArrayLike | None = None,
-    *,
-    frame_rate: float = 1.0,
-    scale: float | None = None,
-    mask: ArrayLike | None = None,
-    **parameters: Any,
+    a: Any, b: Any = None, *, frame_rate: float = 1.0, scale: float | None = None, mask: Any = None, **parameters: Any
 ) -> xr.Dataset:
     """Velocity field from frame a to frame b, or of every neighbouring pair of the frames a (n, H, W) or a sequence.
 
@@ -54,7 +46,7 @@ def piv(
     return whole if len(frames) > 2 else whole.isel(t=0)
 
 
-def usable_of(mask: ArrayLike | None, n: int) -> Usable | None:
+def usable_of(mask: Any, n: int) -> Usable | None:
     """Usable pixels of frame k by one mask (H, W), or by one of each of n frames."""
     if mask is None:
         return None

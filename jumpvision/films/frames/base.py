@@ -12,14 +12,9 @@ from typing import Any, NamedTuple, Protocol, Required, Self, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[Any]  # (rows, columns) of grey levels, whole or not
+Image = NDArray[Any]
 
-
-class Frames(Protocol):
-    """A film, or a list of pictures: frames by number."""
-
-    def __len__(self) -> int: ...
-    def __getitem__(self, i: int, /) -> Image: ...
+RATE_MISMATCH = 1e-3  # relative difference of declared and recorded frame rate that is worth a warning
 
 
 class FrameError(ValueError):
@@ -28,6 +23,13 @@ class FrameError(ValueError):
 
 class Truncated(str):
     """A warning that says that the end of the film is missing."""
+
+
+class Frames(Protocol):
+    """A film, or a list of pictures: frames by number."""
+
+    def __len__(self) -> int: ...
+    def __getitem__(self, i: int, /) -> Image: ...
 
 
 class Clock(NamedTuple):
@@ -162,8 +164,7 @@ def differs(rate: float, stamps: NDArray[np.float64]) -> bool:
     """Whether a rate [Hz] disagrees with (n >= 2,) stamps [s]. Their mean step is exact where stamps are coarse or
     jitter, their median step where frames are lost; a rate that fits either agrees."""
     step = np.diff(stamps)
-    # a declared rate that is off by less is the recorded one, rounded
-    return all(not abs(rate * typical - 1) <= 1e-3 for typical in (float(step.mean()), float(np.median(step))))
+    return all(not abs(rate * typical - 1) <= RATE_MISMATCH for typical in (float(step.mean()), float(np.median(step))))
 
 
 def lost(path: Path, whole: int, promised: int) -> list[str]:
@@ -181,7 +182,7 @@ def check_image(path: Path, height: int, width: int) -> None:
         raise FrameError(f"{path}: frames of {height} x {width} pixels; allowed: 1 to 65536 each way (damaged header?)")
 
 
-def native(image: Image, where: Path | str) -> Image:
+def native(image: NDArray[Any], where: Path | str) -> Image:
     """The image (or stack) as uint8, uint16 or float32 in machine byte order; bool becomes 0 and 1.
 
     Other floats become float32. Raises FrameError for wider or signed integers: no value may change unseen.
@@ -200,7 +201,7 @@ def native_type(dtype: np.dtype[Any], where: Path | str) -> np.dtype[Any]:
     raise FrameError(f"{where}: pixels of type {dtype}; allowed: uint8, uint16, float; convert them before")
 
 
-def luma(red: Image, green: Image, blue: Image) -> Image:
+def luma(red: NDArray[Any], green: NDArray[Any], blue: NDArray[Any]) -> Image:
     """Grey of a colour image by Rec. 601, 0.299 R + 0.587 G + 0.114 B, at its own depth; exact where R = G = B."""
     if red.dtype.kind == "f":
         grey = 0.299 * red.astype(np.float64) + 0.587 * green + 0.114 * blue
@@ -209,7 +210,7 @@ def luma(red: Image, green: Image, blue: Image) -> Image:
     return ((wide + 500) // 1000).astype(red.dtype)
 
 
-def single_channel(image: Image, where: Path | str, *, order: str = "rgb") -> Image:
+def single_channel(image: NDArray[Any], where: Path | str, *, order: str = "rgb") -> Image:
     """Grey (height, width) from (height, width) or (height, width, 1 | 3 | 4), the fourth (opacity) left out."""
     if image.ndim == 2:
         return native(image, where)

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from .base import Film, FrameError, Image, check_image, clock, single_channel
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff")
+TAIL = 2**16  # bytes at the end of a file where a JPEG's end marker is looked for; cameras append notes after it
+MAX_COMPRESSION = 2000  # pixels a byte; deflate reaches 1032, JPEG fewer: a larger claim is a damaged header
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -34,15 +36,13 @@ def image_size(path: Path) -> tuple[int, int]:
             return film.shape
     with path.open("rb") as file:
         head = file.read(2**20)
-        # cameras append notes after a JPEG's end marker: it is looked for in the last bytes
-        file.seek(max(nbytes - 2**16, 0))
+        file.seek(max(nbytes - TAIL, 0))
         tail = file.read()
     size = {".png": png_size, ".bmp": bmp_size, ".pgm": pnm_size, ".ppm": pnm_size}.get(suffix, jpeg_size)(head, tail)
     if size is None:
         raise FrameError(f"{path}: the image is torn or no {suffix} image; copy it again or leave it out")
     check_image(path, *size)
-    # pixels a byte: deflate reaches 1032, JPEG fewer; a larger claim is a damaged header
-    if size[0] * size[1] > 2000 * nbytes:
+    if size[0] * size[1] > MAX_COMPRESSION * nbytes:
         raise FrameError(f"{path}: {size[0]} x {size[1]} pixels in {nbytes} bytes (damaged header?); copy it again")
     return size
 

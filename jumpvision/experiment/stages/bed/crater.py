@@ -62,7 +62,7 @@ def crater(
     )
 
 
-class LineInPicture(NamedTuple):
+class SeenLine(NamedTuple):
     """Where the laser line was seen, arrays over the columns [px], under the names of the file."""
 
     column_px: Array
@@ -72,7 +72,7 @@ class LineInPicture(NamedTuple):
 
 def from_line(
     section: CraterImage, calibration: Calibration | None, p: CraterParams
-) -> tuple[Crater, float, LineInPicture | None]:
+) -> tuple[Crater, float, SeenLine | None]:
     """The crater along the laser line, the relative uncertainty of its volume that others share, and where the line
     was seen. The one scale gives height and radius."""
     with open_pictures(section) as frames:
@@ -97,7 +97,7 @@ def from_line(
     found = line_crater(
         even, np.interp(even, x, height), np.interp(even, x, seen.sigma * view.scale * rise), axis=axis, radius=p.radius
     )
-    return found, 3.0 * view.scale_share, LineInPicture(seen.column, seen.row, seen.sigma)
+    return found, 3.0 * view.scale_share, SeenLine(seen.column, seen.row, seen.sigma)
 
 
 def from_map(section: CraterDepth, p: CraterParams) -> tuple[Crater, float, None]:
