@@ -38,6 +38,14 @@ def test_a_function_of_arrays_loads_what_it_needs(door):
     assert files <= 45 and lines <= 10_000
 
 
+def test_the_door_of_the_films_opens():
+    from jumpvision import films
+
+    assert all(getattr(films, name).__doc__ for name in films.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'pvi'"):
+        films.pvi  # noqa: B018
+
+
 @pytest.mark.parametrize("name", LABORATORY)
 def test_the_laboratory_shares_nothing_with_the_analysis(name):
     """An error in both would cancel: what draws recordings imports `base` alone, only the command line imports it."""
