@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -73,10 +74,19 @@ class Node:
         put(self, "depth", 1 + max((n.depth for n in self.of), default=0))
         own = {self.name} if self.step is Step.SYMBOL else set()
         put(self, "symbols", frozenset(own.union(*(n.symbols for n in self.of))))
-        put(self, "digest", hash((self.step.value, self.number, self.name, *(n.digest for n in self.of))))
+        put(
+            self,
+            "digest",
+            hash((*map(_whole, (self.step.value, self.name)), self.number, *(n.digest for n in self.of))),
+        )
 
     def __hash__(self) -> int:
         return self.digest
+
+
+def _whole(text: str) -> int:
+    """A number of a text that is the same in every process, as a tree may come from another one."""
+    return zlib.crc32(text.encode())
 
 
 def number(value: float) -> Node:
