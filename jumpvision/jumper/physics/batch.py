@@ -17,19 +17,19 @@ from jumpvision.jumper.mechanisms.record import Body
 from jumpvision.jumper.mechanisms.registry import PARAMETERS
 from jumpvision.jumper.physics.hard.analysis import half_cycle_rows
 from jumpvision.jumper.physics.hard.jump import RESULTS, hard_sweep, sine_rows
-from jumpvision.jumper.physics.sand.events import CANNOT_CARRY
 from jumpvision.jumper.physics.sand.jump import Motion, pack, simulate
+from jumpvision.jumper.physics.sand.run import CANNOT_CARRY
 
 from .energy import acceleration
 from .forcing import Forcing
 from .model import BED, ROBOT, Model
 from .oscillator import amplitude_of, damping_of, gravity_of
-from .sand import compiled, events
+from .sand import compiled, run
 
 FAILURE = {
-    events.TOO_MANY_EVENTS: "more events than a jump can have",
-    events.STEP_TOO_SMALL: "the step became too small",
-    events.CANNOT_CARRY: "the bed cannot carry the robot",
+    run.TOO_MANY_EVENTS: "more events than a jump can have",
+    run.STEP_TOO_SMALL: "the step became too small",
+    run.CANNOT_CARRY: "the bed cannot carry the robot",
 }
 
 

@@ -34,8 +34,9 @@ RAIL = ("v_m", "x_m", "x_r", "time_s", "u")
 SPRING = ("stretch", "stretch_rate", "u")
 MOTOR = ("X_c", "V_c", "A_c", "X", "time_s")
 ALL = ("z", "v", "z_g", "z_stop", "z_left", "contact_s", "v_m", "x_m", "x_r", "stretch", "stretch_rate", "time_s", "u")
-WHEN = ("intrudes", "slides", "pulls")
-"""What the energy ledger asks for behind ALL: 1.0 while the laws of ground, rail, spring act."""
+WHEN = ("intrudes", "sliding", "pulling")
+"""What the energy ledger asks for behind ALL: 1.0 while the laws of the ground act; v_m [m/s] and the rate of extension
+[m/s] while those of rail and spring do, else 0. A law that jumps at v_m = 0 is asked on the side that it is on."""
 NUMBERS = 96  # constants of a model's laws with what is made of them: all built-in laws together have 52
 BENDS = 4  # depths at which laws of the ground bend, of those that act together
 LOSSES = 24  # laws of a model that take energy
@@ -111,19 +112,17 @@ def _losses(mechanisms: Sequence[Mechanism]) -> dict[str, Node]:
     """Power [W] that each law takes out of the jumper; grains that join at the foot's speed bring half their energy."""
     speed, half = negative(symbol("v")), number(0.5)
     cube = mul(mul(symbol("v"), symbol("v")), symbol("v"))
-    found: dict[str, tuple[str, Node]] = {}
+    ground: dict[str, Node] = {}
     for m in _on(mechanisms, Body.STATIC):
-        found[m.name] = "intrudes", mul(static(mechanisms), speed)
+        ground[m.name] = mul(static(mechanisms), speed)
     for m in _on(mechanisms, *_OF_GROUND[1:]):
-        found[m.name] = "intrudes", mul(tree(m), speed)
+        ground[m.name] = mul(tree(m), speed)
     for m in _on(mechanisms, Body.INERTIA):
-        found[m.name] = "intrudes", mul(mul(half, derivative(tree(m), "z")), cube)
-    for m in _on(mechanisms, *_OF_RAIL):
-        found[m.name] = "slides", negative(mul(tree(m), symbol("v_m")))
-    for m in _on(mechanisms, Body.SPRING):
-        if not elastic(m):
-            found[m.name] = "pulls", negative(mul(tree(m), symbol("stretch_rate")))
-    return {n: where(Node(Step.GT, (symbol(when), ZERO)), power, ZERO) for n, (when, power) in found.items()}
+        ground[m.name] = mul(mul(half, derivative(tree(m), "z")), cube)
+    out = {n: where(Node(Step.GT, (symbol("intrudes"), ZERO)), power, ZERO) for n, power in ground.items()}
+    out |= {m.name: negative(mul(tree(m), symbol("sliding"))) for m in _on(mechanisms, *_OF_RAIL)}
+    springs = [m for m in _on(mechanisms, Body.SPRING) if not elastic(m)]
+    return out | {m.name: negative(mul(tree(m), symbol("pulling"))) for m in springs}
 
 
 def motor_of(mechanisms: Sequence[Mechanism]) -> tuple[Node, Node]:
