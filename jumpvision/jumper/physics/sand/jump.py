@@ -158,6 +158,7 @@ def arguments(motion: Motion, body: Body) -> dict[str, Array]:
             "stretch_rate": motion.rod_velocity - motion.foot_velocity,
         },
         Body.HEIGHT: {"h": motion.rod - motion.rest},
+        Body.MOTOR: {"X": motion.motor - motion.rod},
         Body.TIME: {"time_s": t},
     }
     return table[body]

@@ -37,7 +37,7 @@ ALL = ("z", "v", "z_g", "z_stop", "z_left", "contact_s", "v_m", "x_m", "x_r", "s
 WHEN = ("intrudes", "sliding", "pulling")
 """What the energy ledger asks for behind ALL: 1.0 while the laws of the ground act; v_m [m/s] and the rate of extension
 [m/s] while those of rail and spring do, else 0. A law that jumps at v_m = 0 is asked on the side that it is on."""
-NUMBERS = 96  # constants of a model's laws with what is made of them: all built-in laws together have 52
+NUMBERS = 96  # constants of a model's laws with what is made of them: all built-in laws together have 32
 BENDS = 4  # depths at which laws of the ground bend, of those that act together
 LOSSES = 24  # laws of a model that take energy
 REST = 1e-30  # m/s, of a direction without a speed
@@ -61,15 +61,15 @@ class Laws:
     ages: bool
 
 
-_known: dict[Any, Laws] = {}
+_compiled_laws: dict[Any, Laws] = {}
 
 
 def laws_of(mechanisms: Sequence[Mechanism], sand: bool) -> Laws:
     """Of a model with these mechanisms, on a bed or on hard ground. ValueError where there are too many."""
     key = sand, tuple(m.key for m in mechanisms)
-    if key not in _known:
-        _known[key] = _compiled(mechanisms, sand)
-    return _known[key]
+    if key not in _compiled_laws:
+        _compiled_laws[key] = _compiled(mechanisms, sand)
+    return _compiled_laws[key]
 
 
 def tree(m: Mechanism) -> Node:
@@ -168,11 +168,11 @@ def _compiled(mechanisms: Sequence[Mechanism], sand: bool) -> Laws:
     lost = tuple(_losses(mechanisms))
     if len(lost) > LOSSES:
         raise ValueError(f"{len(lost)} laws act in this model; at most {LOSSES}: take some out")
-    made = module(constants, _routines(mechanisms, sand, constants))
-    if made.size > NUMBERS:
+    code = module(constants, _routines(mechanisms, sand, constants))
+    if code.size > NUMBERS:
         raise ValueError(f"the laws of this model hold more than {NUMBERS} numbers; write shorter ones")
     ages = any({*m.symbols} & {"contact_s", "time_s", "u"} for m in _on(mechanisms, Body.FOOT))
-    return Laws(made, {n: made.address.get(n, 0) for n in ROUTINES}, lost, ages)
+    return Laws(code, {n: code.address.get(n, 0) for n in ROUTINES}, lost, ages)
 
 
 def dry(m: Mechanism) -> bool:
