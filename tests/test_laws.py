@@ -270,6 +270,10 @@ def test_named_parts_of_a_law():
     assert law(np, z=0.1, own_a=0.2, own_q=2.0) == 0.0
     with pytest.raises(LawError, match="made of itself"):
         parse("a", {}, {"a": "b + 1", "b": "a"})
+    with pytest.raises(LawError, match="let z: is no new name"):
+        parse("z", {"z": "z"}, {"z": "1"})
+    with pytest.raises(LawError, match=r"let depth = 'z \+': not a formula"):
+        parse("depth", {"z": "z"}, {"depth": "z +"})
     with pytest.raises(LawError, match="steps with its parts"):
         parse("a19", {"z": "z"}, {"a0": "z + z"} | {f"a{k + 1}": f"a{k} * a{k}" for k in range(19)})
 

@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 
 
 class LawError(ValueError):
@@ -167,6 +168,7 @@ def with_symbols(root: Node, by: Mapping[str, Node]) -> Node:
     return replaced(root, lambda n: by.get(n.name) if n.step is Step.SYMBOL else None)
 
 
+@lru_cache(1024)  # asked for at every point of a plan
 def smooth(root: Node, size: float, width: float) -> Node:
     """The tree with abs(x) as sqrt(x^2 + size^2), sign(x) as x / sqrt(x^2 + width^2): both have derivatives at 0."""
 
