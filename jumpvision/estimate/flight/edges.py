@@ -165,6 +165,8 @@ def corner(motion: Motion, k: int, side: int, reach: tuple[int, int], how: Setti
     at = motion.corners.get(k + min(side, 0))
     if at is not None and other.kind == FLIGHT:
         return Beside(k + side, motion.lines[k + side], at, "impact")
+    if at is not None and other.kind == REST and len(other) > len(motion.parts[k]):  # longer than any turn on a spring
+        return Beside(k + side, motion.lines[k + side], at, "rest")
     if side < 0 and other.kind == REST and (let := released(motion, k)) is not None:
         return let
     kind = "rest" if other.kind == REST else "support"
@@ -197,9 +199,8 @@ def _cost(motion: Motion, part: Part, lo: int, hi: int) -> float:
 def released(motion: Motion, k: int) -> Beside | None:
     """The rest from which the flight k is let go: it begins at its apex, as high as the rest."""
     line, level, at = motion.lines[k], motion.lines[k - 1], float(motion.piece.t[motion.parts[k].i])
-    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(
-        motion, k
-    ):
+    slow = 2.0 * POWER * line.slope_sigma(at) + SOON * _fall(motion, k)
+    if len(motion.parts[k - 1]) < FEWEST or abs(line.slope(at)) > slow:
         return None
     apex = line.origin - float(line.p[1]) / (2.0 * line.bend)
     sigma = math.hypot(math.sqrt(float(line.row(apex) @ line.cov @ line.row(apex))), math.sqrt(float(level.cov[0, 0])))

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-
 from .corner import crossing
 from .piece import Line, Piece, polynomial
 from .segments import CURVED, FLIGHT, NUMBERS, REST, STRAIGHT, segmented
