@@ -10,6 +10,7 @@ import numpy as np
 from jumpvision.base.arrays import Array
 
 from .corner import crossing, moves
+from .ground import Ground
 from .motion import POWER, Motion, Part, curvature, price, pushed, turning
 from .piece import Line, polynomial
 from .segments import FLIGHT, NUMBERS, REST
@@ -18,6 +19,7 @@ from .spring import Settings, Sprung, sprung, swings
 UNLIKE = 3.0  # sigmas by which a flight's own curvature may differ before it is fitted with it
 FEWEST = 6  # samples of a smooth motion that a flight may meet at an angle
 SOON = 0.1  # of a fall's speed that it may have after its release, where it was told from the rest
+GROUND = -9  # name of the ground among curves
 FREE = 0.3  # of gravity: what is known of a curvature that is fitted freely
 
 
@@ -51,7 +53,7 @@ class Flight:
         if first is None or second is None:
             return 0.0
         cov = self.covariances
-        both = [k for k in first.by if k in second.by and (k >= 0 or self is other)]
+        both = [k for k in first.by if k in second.by and (k >= 0 or k == GROUND or self is other)]
         return sum(float(first.by[k] @ cov[k] @ second.by[k]) for k in both if first.by[k].size == second.by[k].size)
 
 
@@ -65,8 +67,8 @@ class Beside:
     kind: str
 
 
-def flight(motion: Motion, k: int, how: Settings) -> Flight:
-    """The flight that is part k of a motion."""
+def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -> Flight:
+    """The flight that is part k of a motion. under: the ground that its bounces have in common, where they last."""
     part, line, piece = motion.parts[k], motion.lines[k], motion.piece
     sides = [side for side in (-1, 1) if 0 <= k + side < len(motion.parts)]
     reach = turning(motion, k, -1), turning(motion, k, 1)
@@ -74,6 +76,9 @@ def flight(motion: Motion, k: int, how: Settings) -> Flight:
     if unlike(own, how):
         line = polynomial(piece.part(part.i, part.j), 3)
     beside = {side: met for side in sides if (met := corner(motion, k, side, reach, how)) is not None}
+    if under is not None:
+        on_it = [side for side in sides if (k, side) in under.bounces]
+        beside |= {side: Beside(GROUND, under.line, _border(motion, k, side), "bounce") for side in on_it}
     gradual = tuple(side for side in sides if side not in beside)
     fit = sprung(piece, (part.i, part.j), reach, gradual, how) if gradual else None
     swing = False
@@ -89,6 +94,12 @@ def flight(motion: Motion, k: int, how: Settings) -> Flight:
     covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
     edges = tuple(_edge(motion, k, s, line, cov, beside, fit, gradual) if s in sides else None for s in (-1, 1))
     return Flight(part.i, part.j, (edges[0], edges[1]), own, covariances, swing)
+
+
+def _border(motion: Motion, k: int, side: int) -> float:
+    """Where a part ends [s]."""
+    part, t = motion.parts[k], motion.piece.t
+    return float(t[part.i] if side < 0 else t[part.j - 1])
 
 
 def unlike(own: tuple[float, float], how: Settings) -> bool:

@@ -20,8 +20,8 @@ ALLOWED = 1e-3  # chance that a stretch of one parabola is looked into further
 
 
 def segmented(t: Array, y: Array, w: Array, gravity: float) -> tuple[Index, Index]:
-    """(first sample of every segment and n, kind of each) of least cost: chi^2, and log n for every number that they are
-    fitted with and for every change.
+    """(first sample of every segment and n, kind of each) of least cost: chi^2, and log n for every number that they
+    are fitted with and for every change.
 
     t (n,) [s] increasing, y (n,) [m], w (n,) [1/m^2]: weights of white noise. Costs of n samples: BIC (Schwarz 1978),
     a change point counted as a number; its place is one of n. Exact over the change points up to LOOK_BACK of them back
