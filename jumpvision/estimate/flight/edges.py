@@ -45,7 +45,7 @@ class Flight:
     edges: tuple[Edge | None, Edge | None]
     curvature: tuple[float, float]
     covariances: dict[int, Array]
-    swing: bool  # whether one swing on a spring explains it and what is about it as well
+    swing: bool  # whether one swing on a spring, or a smooth motion, explains it and what is about it as well
 
     def covariance(self, a: int, other: Flight, b: int) -> float:
         """Of edge a (0 lift-off, 1 landing) with edge b of another flight [s^2]."""
@@ -92,8 +92,23 @@ def flight(motion: Motion, k: int, how: Settings, under: Ground | None = None) -
         swing = len(gradual) == len(sides) and swings(piece.part(*fit.window)) <= worth
     cov = line.cov if fit is None else fit.cov
     covariances = {k: cov} | {b.name: b.line.cov for b in beside.values()}
+    swing = swing or not all(pushed_up(motion, k, side) for side in gradual if fit is None or not fit.good)
     edges = tuple(_edge(motion, k, s, line, cov, beside, fit, gradual) if s in sides else None for s in (-1, 1))
     return Flight(part.i, part.j, (edges[0], edges[1]), own, covariances, swing)
+
+
+def pushed_up(motion: Motion, k: int, side: int) -> bool:
+    """Whether the motion beyond a side of flight k leaves its parabola upwards, as a ground makes it do, by POWER
+    sigmas in the mean of as many samples as half the flight has."""
+    part, line, piece = motion.parts[k], motion.lines[k], motion.piece
+    many = max(len(part) // 2, 2)
+    lo, hi = (max(part.i - many, 0), part.i) if side < 0 else (part.j, min(part.j + many, piece.t.size))
+    tau = piece.t[lo:hi] - line.origin
+    rows = tau[:, None] ** np.arange(line.p.size)
+    above = float(np.mean(piece.y[lo:hi] - rows @ line.p - line.bend * tau**2))
+    row = rows.mean(axis=0)
+    white = (1.0 + piece.rho) / (1.0 - piece.rho) / (hi - lo)
+    return above > POWER * math.sqrt(float(row @ line.cov @ row) + white * float(np.mean(piece.sigma[lo:hi] ** 2)))
 
 
 def _border(motion: Motion, k: int, side: int) -> float:
