@@ -112,10 +112,9 @@ class Chart(TypedDict):
 
 
 MOST = 3000  # points of a series in a page: two a pixel
-DIGITS = 5  # significant figures
 
 
-def numbers(values: Any, factor: float = 1.0, digits: int = DIGITS) -> Numbers:
+def numbers(values: Any, factor: float = 1.0, digits: int = 5) -> Numbers:  # significant figures
     """Values times factor with so many significant figures; None where they are not finite."""
     array = np.asarray(values, float) * factor
     return [float(f"{v:.{digits}g}") if np.isfinite(v) else None for v in array]

@@ -22,7 +22,6 @@ from .charts import numbered
 from .quantities import HALF, WHOLE
 
 Numbers = list[tuple[str, str, str]]  # value, unit, what it is
-SHOWN = 3
 
 
 def campaign_words(
@@ -104,7 +103,7 @@ def experiment_words(kind: Any, summary: Summary, fits: Fits, *, whole: bool = F
     if not text and facts:
         value, unit, label = facts[0]
         text = f"{label[0].upper()}{label[1:]}: {value} {unit}".rstrip() + "."
-    return text, facts[:SHOWN]
+    return text, facts[:3]
 
 
 OTHERS = (  # name in fits.json or intrusion.json, what it is, unit, factor
@@ -124,7 +123,6 @@ def probability(p: float) -> str:
     return f"{p:.2g}" if p >= 1e-4 else "< 0.0001"
 
 
-LARGEST = 6_000_000  # bytes of a film inside a page; the films made here stay under 3 MB
 PREVIEW = 640  # px wide
 
 
@@ -135,7 +133,8 @@ def inline(data: bytes, kind: str = "image/png") -> str:
 
 def film(file: Path) -> str:
     """Source of a film: inside the page, or the file's name where it is longer than a page should hold."""
-    return inline(file.read_bytes(), "video/webm") if file.stat().st_size <= LARGEST else file.name
+    # the films made here stay under 3 MB
+    return inline(file.read_bytes(), "video/webm") if file.stat().st_size <= 6_000_000 else file.name
 
 
 def poster(file: Path) -> str:

@@ -46,7 +46,6 @@ from .study import Found, Measured, Row, study
 LEVEL = 0.05  # corrected p of a condition that stands out
 COORDS = ("frequency", "phase", "amplitude", "cycles", "delay")
 DRAWN = 80  # points an axis of the simulated map behind the measured points
-MARGIN = 0.08  # of the range of the points, around that map
 
 
 @dataclass(frozen=True)
@@ -282,7 +281,7 @@ def simulated_map(robot: Setup, jumps: list[Jump]) -> tuple[dict[str, xr.Variabl
     axes = []
     for n in COORDS[:2]:
         x = np.array([j.law[n] for j in jumps])
-        margin = MARGIN * np.ptp(x) or 0.1 * x[0] or 0.3
+        margin = 0.08 * np.ptp(x) or 0.1 * x[0] or 0.3  # around the range of the points
         axes.append(np.linspace(max(x.min() - margin, 0.05 * x.min()), x.max() + margin, DRAWN))
     given = {n: np.asarray(v.pop()) for n, v in rest.items()}
     grid = resolve(robot.values, given | {"frequency": axes[0][:, None], "phase": axes[1]})

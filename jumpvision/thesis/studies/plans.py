@@ -28,7 +28,6 @@ HEIGHTS = np.linspace(0.02, 0.06, 9)  # m
 PLAYED = 8  # robots and beds that a plan is played on
 # relative standard deviation between the model planned with and the robot and bed that jump
 UNKNOWN = {"k1": 0.03, "k2": 0.03, "b": 0.05, "C": 0.07, "motor_mass": 0.004, "spring_stiffness": 0.01}
-TIMES = 401  # about the take-off, that trajectories are shown at
 THESIS_ERROR = {  # Fig 64
     "rigid plan, rigid ground": "3.4 ± 1.5 mm",
     "granular plan, sand": "3.9 ± 2.1 mm, 6.6 %",
@@ -187,7 +186,7 @@ def plan_strategies(s: Sweep) -> Found:
     apex = np.array([p.apex for p in plans["sand"]])
     off = np.array([[take_off(p) for p in f] for f in plans.values()])
     length = np.array([[p.command.stop for p in f] for f in plans.values()])
-    time = np.linspace(-off.max(), (length - off).max(), TIMES)
+    time = np.linspace(-off.max(), (length - off).max(), 401)  # about the take-off, that trajectories are shown at
     motor = np.array(
         [
             [np.interp(t + time, p.motion.t, motor_of(p.motion)) for p, t in zip(f, row)]
