@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jumpvision.base.arrays import Numbers
+from jumpvision.base.arrays import AnyArray
 from jumpvision.base.schema import InputError
 
 from .results import Results, each_file
@@ -43,7 +43,7 @@ def _write_values(file: Path, folder: Path) -> None:
     _save(folder / f"{file.stem}.mat", {k: _plain(v) for k, v in values.items()})
 
 
-def _column(values: pd.Series) -> Numbers:
+def _column(values: pd.Series) -> AnyArray:
     """A column (n, 1): numbers as they are, text as a cell array."""
     if values.dtype.kind in "fiub":
         return values.to_numpy().reshape(-1, 1)

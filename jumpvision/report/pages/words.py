@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from jumpvision.base.arrays import measured
+from jumpvision.base.arrays import Image, measured
 from jumpvision.estimate.crater import ZeroCrossing
+from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.results.diagnosis import Diagnosis
 from jumpvision.experiment.results.findings import Noise
 from jumpvision.experiment.results.summary import JumpRow, Summary
@@ -75,7 +76,9 @@ def noise_words(noise: Noise) -> str:
 SOURCES = {"stated": "stated", "rest": "at rest", "flight": "in flight", "repeats": "between repeats"}
 
 
-def experiment_words(kind: Any, summary: Summary, fits: Fits, *, whole: bool = False) -> tuple[str, Numbers]:
+def experiment_words(
+    kind: Actuation | None, summary: Summary, fits: Fits, *, whole: bool = False
+) -> tuple[str, Numbers]:
     """(sentence, numbers) of one experiment. kind: its [actuation], or None; whole: the film shows a whole foot."""
     (h, sigma, _), model = summary.jump_height, summary.simulated_height
     facts: Numbers = []
@@ -163,7 +166,7 @@ def preview(file: Path) -> str:
     return small(picture)
 
 
-def small(picture: Any) -> str:
+def small(picture: Image) -> str:
     """A picture (row, column, BGR) as WebP."""
     import cv2
 

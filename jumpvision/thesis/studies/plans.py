@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from jumpvision.base.arrays import Array
+from jumpvision.base.arrays import AnyArray, Array
 from jumpvision.base.progress import watch
 from jumpvision.base.schema import InputError
 from jumpvision.jumper.physics.model import Model
@@ -110,7 +109,7 @@ def results_of(plan: Plan, m: Motion) -> dict[str, float]:
     }
 
 
-def _stacked(rows: list[list[dict[str, float]]]) -> dict[str, NDArray[Any]]:
+def _stacked(rows: list[list[dict[str, float]]]) -> dict[str, AnyArray]:
     return {n: np.array([[r[n] for r in row] for row in rows]) for n in rows[0][0]}
 
 
