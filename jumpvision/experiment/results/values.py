@@ -178,7 +178,7 @@ class Fits(Record):
         return self.estimates.get(name)
 
     def determined(self, name: str) -> Estimate | None:
-        """The same; None too where the data do not allow it."""
+        """The fit of this name; None too where the data do not allow it."""
         found = self.estimates.get(name)
         return found if found is not None and found.known else None
 
