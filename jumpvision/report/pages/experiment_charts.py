@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.results.fields import Column
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import Intrusion
@@ -15,13 +15,13 @@ from .charts import MOST, Chart, Rule, Series, axis, chart, fits_of, panel, seri
 from .quantities import HALF, WHOLE
 
 
-def experiment_charts(results: Path, law: Any = None) -> list[Chart]:
+def experiment_charts(results: Path, law: Actuation | None = None) -> list[Chart]:
     """Figures of one experiment from its result files. law: its [actuation]."""
     made = (jump_chart(results, law), grains_chart(results), intrusion_chart(results))
     return [c for c in made if c is not None]
 
 
-def jump_chart(results: Path, law: Any = None) -> Chart | None:
+def jump_chart(results: Path, law: Actuation | None = None) -> Chart | None:
     """Height of the rod, measured and simulated, and their difference, against time."""
     if not (results / RodMotion.file).exists():
         return None

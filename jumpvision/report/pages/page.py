@@ -26,6 +26,7 @@ from jumpvision.experiment.campaign.truth import (
     overview,
 )
 from jumpvision.experiment.inputs.experiment import Campaign
+from jumpvision.experiment.inputs.sections import Actuation
 from jumpvision.experiment.results.summary import JumpRow
 from jumpvision.experiment.results.values import Fits, Intrusion
 from jumpvision.experiment.workflow.run import Outcome
@@ -157,7 +158,7 @@ def filmed_foot(rows: list[dict[str, str]], outcomes: list[Outcome]) -> list[dic
     ]
 
 
-def write_experiment(outcome: Outcome, law: Any, back: str, receipt: str, key: str) -> None:
+def write_experiment(outcome: Outcome, law: Actuation | None, back: str, receipt: str, key: str) -> None:
     """The page of one experiment. back: address of the campaign's; receipt: its provenance.json."""
     folder = outcome.results
     fits = dict(fits_of(folder).estimates)
