@@ -318,22 +318,20 @@ def cut(event: int, theta: float, trial: float, known: bool, rtol: float, space:
 
 
 @inlined
-def along(
-    reached: float, stop: float, wide: float, clear: bool, known: bool, t_out: Array, out: Array, modes: Any,
-    peaks: Array, space: Any, p: Any,
-) -> None:  # fmt: skip
-    """Greatest heights and efforts, and rows of output, along a step that stands, p.taken from p.t to s1."""
-    s, s1, work, q, slopes = space.s, space.s1, space.work, space.q, space.slopes
-    t, taken, mode, slip, exact = p.t, p.taken, p.mode, p.slip, p.exact == 1
+def rises(wide: float, clear: bool, known: bool, asked: bool, stop: float, space: Any, p: Any) -> bool:
+    """Raises the greatest heights to those along a step that stands, p.taken from p.t to s1; whether its dense output
+    is written then. asked: it is needed anyway."""
+    s, s1, work, q = space.s, space.s1, space.work, space.q
+    t, taken, mode, exact = p.t, p.taken, p.mode, p.exact == 1
     a = (p.here[0], p.here[1], p.here[2], p.here[3])
     b = heights(t + taken, s1, p)
     p.here[0], p.here[1], p.here[2], p.here[3] = b
     best = p.rod_after if t >= stop else p.rod_before  # an arch lies below its tangents: can it be the highest?
     rod_turns = not clear and a[1] > 0.0 >= b[1] and min(a[0] + a[1] * taken, b[0] - b[1] * taken) > best
     com_turns = a[3] > 0.0 >= b[3] and min(a[2] + a[3] * taken, b[2] - b[3] * taken) > p.com
-    if not known and (rod_turns or com_turns or (p.sampled < t_out.size and t_out[p.sampled] <= reached)):
+    if not known and (rod_turns or com_turns or asked):
         known = True
-        dense(t, s, taken, mode, slip, p, slopes, s1, work, q)
+        dense(t, s, taken, mode, p.slip, p, space.slopes, s1, work, q)
     top = max(a[0], b[0])
     if rod_turns:
         top = max(top, peak(number(0), t, s, taken, wide, b, exact, q, work, mode, p))
@@ -346,23 +344,33 @@ def along(
         p.com = max(p.com, p.arc[Z] + 0.5 * p.arc[U] * p.arc[U] / p.arc[PULL])
     elif com_turns:
         p.com = max(p.com, peak(number(2), t, s, taken, wide, b, exact, q, work, mode, p))
-    effort = p.watched == 1 and peaks.size > 0 and t < stop
-    while effort:
-        f0, pace = (p.force[0], p.force[1], p.force[2]), (p.pace[0], p.pace[1])
-        f1, done = efforts(
-            t, s, taken, wide, s1, f0, pace, exact, known, q, work, mode, slip, p, slopes, peaks
-        )  # fmt: skip
+    return known
+
+
+@inlined
+def strains(wide: float, known: bool, peaks: Array, space: Any, p: Any) -> None:
+    """Raises the motor's peaks to those along the step."""
+    s, s1, work, q, slopes = space.s, space.s1, space.work, space.q, space.slopes
+    t, h, mode, slip, exact = p.t, p.taken, p.mode, p.slip, p.exact == 1
+    f, pace = (p.force[0], p.force[1], p.force[2]), (p.pace[0], p.pace[1])
+    while True:
+        end, done = efforts(t, s, h, wide, s1, f, pace, exact, known, q, work, mode, slip, p, slopes, peaks)
         if done:
-            p.force[0], p.force[1], p.force[2] = f1
-            effort = False
-        else:
-            dense(t, s, taken, mode, slip, p, slopes, s1, work, q)
-            known = True
+            p.force[0], p.force[1], p.force[2] = end
+            return
+        dense(t, s, h, mode, slip, p, slopes, s1, work, q)
+        known = True
+
+
+@inlined
+def write(reached: float, wide: float, t_out: Array, out: Array, modes: Any, space: Any, p: Any) -> None:
+    """Rows of output along the step."""
     while p.sampled < t_out.size and t_out[p.sampled] <= reached:
-        at = t_out[p.sampled]
-        inside((at - t) / taken if taken > 0.0 else 0.0, t, s, taken, wide, exact, q, mode, p, work)
-        sample(at, work, mode, slip, p, space.spare, out[p.sampled])
-        modes[p.sampled] = mode
+        at, exact = t_out[p.sampled], p.exact == 1
+        share = (at - p.t) / p.taken if p.taken > 0.0 else 0.0
+        inside(share, p.t, space.s, p.taken, wide, exact, space.q, p.mode, p, space.work)
+        sample(at, space.work, p.mode, p.slip, p, space.spare, out[p.sampled])
+        modes[p.sampled] = p.mode
         p.sampled += 1
 
 
@@ -444,7 +452,11 @@ def compiled_run(key: str) -> Callable[..., Any]:
                         p.now[i] = final[i]
                         space.armed[i] = space.armed[i] or final[i] > 0.0
                 reached = end if last and event < 0 else p.t + p.taken
-                along(reached, stop, wide, clear, known, t_out, out, modes, peaks, space, p)
+                asked = p.sampled < t_out.size and t_out[p.sampled] <= reached
+                known = rises(wide, clear, known, asked, stop, space, p)
+                if p.watched == 1 and peaks.size > 0 and p.t < stop:
+                    strains(wide, known, peaks, space, p)
+                write(reached, wide, t_out, out, modes, space, p)
                 p.t = reached
                 for j in range(s.size):
                     s[j] = space.s1[j]
