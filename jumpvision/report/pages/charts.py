@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, NotRequired, TypedDict, Unpack
+from typing import NamedTuple, NotRequired, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -156,11 +155,6 @@ def chart(title: str, panels: Sequence[Panel], note: str = "", *, stacked: bool 
 def numbered(values: Sequence[float | None]) -> Array:
     """An array (n,), NaN where unknown."""
     return np.array(values, float)
-
-
-def json_of(file: Path) -> dict[str, Any]:
-    """A JSON object; {} where the file is not there."""
-    return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
 
 
 def fits_of(results: Path) -> Fits:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jumpvision.experiment.inputs.sections import Actuation
-from jumpvision.experiment.results.fields import Column
+from jumpvision.experiment.results.fields import Column, Flow
 from jumpvision.experiment.results.tables import RodMotion, Simulation
 from jumpvision.experiment.results.values import Intrusion
 
@@ -65,9 +65,9 @@ def whole_disc(results: Path) -> bool:
     """Whether the grain film shows a whole foot and not half of one at the wall."""
     import xarray as xr
 
-    if not (results / "flow.nc").exists():
+    if not (results / Flow.file).exists():
         return False
-    with xr.open_dataset(results / "flow.nc", decode_times=False) as f:
+    with xr.open_dataset(results / Flow.file, decode_times=False) as f:
         return f.attrs.get("disc") == "full"
 
 
@@ -77,10 +77,10 @@ def grains_chart(results: Path) -> Chart | None:
 
     from jumpvision.films.grains.cone import mass_curve
 
-    if not (results / "flow.nc").exists():
+    if not (results / Flow.file).exists():
         return None
     fits = fits_of(results)
-    with xr.open_dataset(results / "flow.nc", decode_times=False) as f:
+    with xr.open_dataset(results / Flow.file, decode_times=False) as f:
         t, depth = f.t.values, f.foot_depth.values * 1e3
         p, p_sigma, mass, mass_sigma = (
             f[k].values for k in ("momentum", "momentum_sigma", "added_mass", "added_mass_sigma")
@@ -103,7 +103,7 @@ def grains_chart(results: Path) -> Chart | None:
         if np.isfinite(mass[which]).any()
     ]
     radius = float("nan")
-    if (results / "column.nc").exists():
+    if (results / Column.file).exists():
         column = Column.load(results)
         radius, c = column.geometry.foot_radius_m, column.field
         front, front_sigma = c.jammed_thickness.values * 1e3, c.jammed_thickness_sigma.values * 1e3
