@@ -310,6 +310,16 @@ def test_the_chance_of_a_measurement_is_that_of_the_prior_prediction():
     assert both == pytest.approx(together)
 
 
+def test_a_range_alone_says_of_a_measurement_what_its_mean_and_variance_say():
+    """A parameter without a prior may lie anywhere in its range: numbers drawn there have the mean and the variance of
+    the normal distribution that foretells its measurement."""
+    q, drawn = Parameter("q", 3.0, 2.0, 10.0, 1.0), np.random.default_rng(4).uniform(2.0, 10.0, 1_000_000)
+    m, s = 7.0, 0.5
+    expected = -0.5 * (m - drawn.mean()) ** 2 / (s**2 + drawn.var()) - 0.5 * math.log((s**2 + drawn.var()) / s**2)
+    measured = Measured(("q",), np.array([m]), np.array([[s**2]]), "film")
+    assert known((q,), [measured]).log_chance == pytest.approx(expected, abs=2e-3)
+
+
 def test_a_measurement_sharpens_the_fit_and_stands_in_its_residuals(clean):
     jumps, fit, priors = clean
     learned = learn_noise(Jumper(jumps, fit, priors, workers=1))

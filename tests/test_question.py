@@ -13,11 +13,12 @@ from diagnosis_sample import diagnosis
 
 from benchmarks import delayed, stop_go
 from benchmarks.diagnosis import Case, run
-from jumpvision.cli import main
+from jumpvision.cli import main, terminal
 from jumpvision.experiment.campaign.document import sentence
+from jumpvision.experiment.inputs.experiment import open_campaign
 from jumpvision.experiment.results import RecordError
 from jumpvision.experiment.results.diagnosis import Diagnosis
-from jumpvision.experiment.results.findings import Height, LeftOver, Unexplained
+from jumpvision.experiment.results.findings import Gain, Height, LeftOver, Unexplained
 
 
 def test_too_little_to_ask_is_said(tmp_path, capsys):
@@ -133,6 +134,15 @@ def test_the_sentence_gives_no_zero_for_heights_that_agree():
     assert text.startswith(
         "The simulation meets the measured heights to 0.05 mm but not the tracks because it lacks dry"
     )
+
+
+def test_the_errors_of_jumps_held_out_are_told_before_and_after(capsys):
+    """Heights off by 9.9 mm as filed and 0.3 mm with the extended model, tracks by 8 mm and 0.2 mm."""
+    gain = Gain(("a", "b"), 9.9e-3, 0.3e-3, 8e-3, 0.2e-3, 40.0, (30.0, 50.0), True)
+    told = diagnosis(named=("coulomb_friction",), gain=gain)
+    terminal.diagnosis(told, open_campaign(SAMPLES / "loose_sand"), [], as_json=False)
+    said = capsys.readouterr().err
+    assert "track 8.000 -> 0.200 mm" in said and "heights 9.90 -> 0.30 mm rms" in said
 
 
 def test_a_file_without_a_key_is_refused_by_its_name():
