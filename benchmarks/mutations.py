@@ -795,7 +795,7 @@ FAULTS = (
         "tail = LEVEL / (4.0 * max(len(self.strengths), 1))",
         "tail = LEVEL / (2.0 * max(len(self.strengths), 1))",
         "test_explore.py",
-        "detectable or shortest",
+        "detectable or shortest or looked_for",
     ),
     Fault(
         "a range as wide as its own standard deviation",
@@ -805,7 +805,7 @@ FAULTS = (
         "(p.high - p.low) ** 2 / 12.0",
         "(p.high - p.low) ** 2 / 3.0",
         "test_learning.py",
-        "priors or chance",
+        "priors or chance or range_alone",
     ),
     Fault(
         "share of the rod in place of the motor's",
@@ -883,7 +883,7 @@ FAULTS = (
         '(-y + v["radius_m"] * np.sin(turn)) / scale',
         '(y + v["radius_m"] * np.sin(turn)) / scale',
         "test_crater.py test_figures.py",
-        "format or grains or depth",
+        "format or grains or depth or drawn_disc",
     ),
     Fault(
         "a model called lower where it is higher",
@@ -893,7 +893,7 @@ FAULTS = (
         "off = float(np.nanmean(model - h))",
         "off = float(np.nanmean(h - model))",
         "test_report.py",
-        "first_screen or units or truth",
+        "first_screen or units or truth or which_side",
     ),
     Fault(
         "a catch holds the spring without the weight on it",

@@ -10,14 +10,19 @@ import pandas as pd
 import pytest
 import tifffile
 from conftest import later
+from matplotlib.figure import Figure
 from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from jumpvision.cli import main
 from jumpvision.estimate.crater import critical_fraction, line_crater
 from jumpvision.estimate.crater_map import map_crater
+from jumpvision.experiment.inputs.parameters import CraterParams
+from jumpvision.experiment.inputs.sections import CraterDepth
+from jumpvision.experiment.stages.bed.crater import crater
 from jumpvision.laboratory import write
 from jumpvision.laboratory.films.bed import crater_profile, laser_picture
 from jumpvision.laboratory.films.optics import record
+from jumpvision.report.figures.bed import draw_map
 
 SHAPE = {"depth": 5e-3, "radius": 10e-3, "rim_height": 1.3e-3, "rim_width": 3e-3}
 PITCH = 2e-4
@@ -157,6 +162,14 @@ def write_line(folder, phi, volume, seed):
     )
 
 
+def test_a_laser_line_has_the_volume_that_it_was_drawn_with(tmp_path):
+    """A line from 0.9 rad above the ground shows heights by the sine of it; the volume to a tenth."""
+    write_line(tmp_path / "one", 0.59, -6e-7, 3)
+    assert main(["crater", str(tmp_path / "one"), "--results", str(tmp_path / "r"), "--no-pictures"]) == 0
+    d = json.loads((tmp_path / "r" / "crater.json").read_text())
+    assert d["volume_m3"] == pytest.approx(-6e-7, abs=4 * d["sigma_m3"] + 1e-8) and d["sigma_m3"] < 6e-8
+
+
 @pytest.mark.long
 def test_a_campaign_of_craters_gives_the_critical_packing(tmp_path):
     phis = (0.575, 0.59, 0.6, 0.61, 0.62, 0.63)
@@ -193,6 +206,21 @@ def test_a_depth_map_in_every_format(name, tmp_path):
     assert d["volume_m3"] == pytest.approx(volume, abs=4 * d["sigma_m3"])
     assert d["sigma_m3"] < 0.05 * abs(volume)
     assert d["volume_fraction"] is None
+
+
+def test_the_drawn_disc_lies_about_the_crater_of_its_map(tmp_path):
+    """Deepest at column 72, row 30 of 100 x 90 pixels, which nobody states: the circle's middle, to 1 pixel."""
+    y, x = np.mgrid[:90, :100] * 1e-3
+    h, _ = crater_profile(np.hypot(x - 0.072, y - 0.030), **(SHAPE | {"radius": 8e-3}))
+    np.save(tmp_path / "map.npy", h + 2e-5 * np.random.default_rng(0).normal(size=h.shape))
+    depth = CraterDepth("map.npy", tmp_path / "map.npy", scale=1e-3)
+    axis = Figure().subplots()
+    draw_map(axis.figure, axis, crater(None, depth, None, None, None, p=CraterParams()).shape, depth)
+    (circle,) = axis.lines
+    column, row = (np.mean([np.min(v), np.max(v)]) for v in circle.get_data())
+    assert (column, row) == pytest.approx((72.0, 30.0), abs=1.0)
+    shown = np.asarray(axis.images[0].get_array())
+    assert shown[round(row), round(column)] < 0.5 * shown.min()  # negative: deep
 
 
 LINE = '[crater_image]\nfile = "c.png"\nscale = 2e-4\n'

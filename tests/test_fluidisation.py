@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 
 import numpy as np
 import pytest
 
 from jumpvision.cli import main
+from jumpvision.experiment.inputs.sections import Actuation, Robot
+from jumpvision.experiment.stages.bed.geometry import reach
 from jumpvision.jumper.physics.air import (
     bed_weight,
     bottom_force,
@@ -76,6 +79,16 @@ def test_the_fan_works_where_its_curve_crosses():
     duct = operating_point(drop, 1.0, 2000.0, speed, 0.5 * pressure, loss=1000.0)
     assert duct[0] == pytest.approx((-1500 + np.sqrt(1500**2 + 4 * 2000 * 1500)) / 4000)
     assert np.isnan(operating_point(drop, 1.0, 2000.0, [0.0, 0.2], [3000.0, 2900.0])[0])
+
+
+def test_a_foot_goes_as_deep_as_weight_and_motor_press_it():
+    """On 4,000 N/m: the weight, and the motor's mass times the greatest acceleration of its law, by differences."""
+    robot, law = Robot(motor_mass=1.1, rod_mass=0.2, foot_mass=0.04), Actuation(frequency=7.0, amplitude=0.01)
+    t = np.linspace(0.0, 1.0, 100_001)
+    push = np.abs(np.diff(0.01 * np.sin(2.0 * math.pi * 7.0 * t), 2)).max() / 1e-10
+    depth = (1.34 * robot.gravity + 1.1 * push) / 4000.0
+    assert reach(robot, law, lambda z: 4000.0 * z) == pytest.approx(depth, rel=1e-5)
+    assert reach(robot, None, lambda z: 4000.0 * z) == pytest.approx(1.34 * robot.gravity / 4000.0, rel=1e-9)
 
 
 def test_walls_and_floor_of_the_thesis():

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import later
-from jumpvision.engine.noise.sources import of_stretches
 
 from benchmarks.diagnosis import jumps_of
 from jumpvision.engine.detect import Span, detect, directions
@@ -26,6 +25,7 @@ from jumpvision.jumper.question import jumps as apparatus
 from jumpvision.jumper.question.jumper import Jumper
 from jumpvision.jumper.question.jumps import Shared
 from jumpvision.jumper.question.learning import learn_noise
+from jumpvision.jumper.question.sources import of_stretches
 from jumpvision.laboratory.blind import Nuisance, campaign, draw
 
 FRAME = 0.005
@@ -325,6 +325,16 @@ def test_the_chance_of_a_measurement_is_that_of_the_prior_prediction():
         np.linalg.det(covariance) / (0.3 * 0.2) ** 2
     )
     assert both == pytest.approx(together)
+
+
+def test_a_range_alone_says_of_a_measurement_what_its_mean_and_variance_say():
+    """A parameter without a prior may lie anywhere in its range: numbers drawn there have the mean and the variance of
+    the normal distribution that foretells its measurement."""
+    q, drawn = Parameter("q", 3.0, 2.0, 10.0, 1.0), np.random.default_rng(4).uniform(2.0, 10.0, 1_000_000)
+    m, s = 7.0, 0.5
+    expected = -0.5 * (m - drawn.mean()) ** 2 / (s**2 + drawn.var()) - 0.5 * math.log((s**2 + drawn.var()) / s**2)
+    measured = Measured(("q",), np.array([m]), np.array([[s**2]]), "film")
+    assert prior_of((q,), [measured]).log_chance == pytest.approx(expected, abs=2e-3)
 
 
 def test_a_measurement_sharpens_the_fit_and_stands_in_its_residuals(clean):

@@ -15,10 +15,11 @@ from diagnosis_sample import diagnosis
 from benchmarks import delayed, stop_go
 from benchmarks.diagnosis import Case, run
 from jumpvision.base.record import RecordError
-from jumpvision.cli import main
+from jumpvision.cli import main, terminal
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Closest, Discovered, Estimated, Gain, Height, LeftOver, Unexplained
 from jumpvision.jumper.question.words import sentence
+from jumpvision.experiment.inputs.experiment import open_campaign
 
 
 def test_too_little_to_ask_is_said(tmp_path, capsys):
@@ -160,6 +161,15 @@ def test_a_number_that_is_not_known_reaches_no_sentence(x, named):
     told = {"named": named, "heights": (height,), "gain": gain, "closest": near, "left_over": LeftOver(x, x, x)}
     text = sentence(diagnosis(**told, status="partial" if named else "undetermined", discovered=None))
     assert not re.search(r"\b(nan|inf|None)\b", text)
+
+
+def test_the_errors_of_jumps_held_out_are_told_before_and_after(capsys):
+    """Heights off by 9.9 mm as filed and 0.3 mm with the extended model, tracks by 8 mm and 0.2 mm."""
+    gain = Gain(("a", "b"), 9.9e-3, 0.3e-3, 8e-3, 0.2e-3, 40.0, (30.0, 50.0), True)
+    told = diagnosis(named=("coulomb_friction",), gain=gain)
+    terminal.diagnosis(told, open_campaign(SAMPLES / "loose_sand"), [], as_json=False)
+    said = capsys.readouterr().err
+    assert "track 8.000 -> 0.200 mm" in said and "heights 9.90 -> 0.30 mm rms" in said
 
 
 def test_a_file_without_a_key_is_refused_by_its_name():

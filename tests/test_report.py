@@ -39,7 +39,7 @@ from jumpvision.report.pages.charts import heights_chart, marked
 from jumpvision.report.pages.quantities import UNITS, fit_rows, shown_in, small, typeset
 from jumpvision.report.pages.report import write_report
 from jumpvision.report.pages.words import INK as PEN
-from jumpvision.report.pages.words import OTHERS, drawing, experiment_words
+from jumpvision.report.pages.words import OTHERS, campaign_words, drawing, experiment_words
 from jumpvision.report.style import MEASURED
 
 FILED = {  # units in fits.json and intrusion.json
@@ -408,6 +408,16 @@ def test_fits_stand_in_words_units_and_digits():
         ("jump height above rest", "39.996 ± 0.023", "mm"),
     ]  # fmt: skip
     assert "(whole foot)" in fit_rows(given, whole=True)[1].name
+
+
+def test_a_campaigns_sentence_says_on_which_side_the_model_lies():
+    """3 mm above the measured heights at every jump, then 2 mm below them."""
+    for off, said in ((3e-3, "the model is 3 mm higher on average"), (-2e-3, "the model is 2 mm lower on average")):
+        rows = [
+            {"experiment": str(h), "jump_height_m": h, "simulated_height_m": h + off} for h in (0.030, 0.035, 0.041)
+        ]
+        text, facts = campaign_words(rows, None, None, 0)
+        assert said in text and facts[-1] == (f"{1e3 * abs(off):.3g}", "mm", "model against measured, rms")
 
 
 def test_a_pages_units_are_those_of_the_files_times_their_factors():

@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import types
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from jumpvision.thesis.figures.sweeps import picture
 from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
 from jumpvision.thesis.studies.compute import write
 from jumpvision.thesis.studies.setup import setup_of
+from jumpvision.thesis.studies.sand.shared import with_alpha
 from jumpvision.thesis.studies.study import Call, run, studies
 
 SMALL = {  # fewer points where the defaults are for a figure
@@ -230,6 +232,16 @@ def test_a_drag_is_fitted_back():
     assert fitted_drag(alpha, heights, [0.2, np.nan])[0] == pytest.approx(100.0, abs=1e-3)
     with pytest.raises(ValueError, match="no jump is finite"):
         fitted_drag(alpha, heights, [np.nan, np.nan])
+
+
+def test_a_constant_drag_is_that_of_the_machines_own_foot():
+    """Laws of another foot are scaled with its area: a drag tried on a wider foot is not, whatever foot they are of."""
+    for own in (0.0381, 0.0762):
+        wide = dataclasses.replace(
+            SAND, laws=read_laws(EXAMPLE), model=dataclasses.replace(SAND.model, foot_radius=own)
+        )
+        laws = with_alpha(types.SimpleNamespace(machine=wide), np.array([0.58, 0.60]), 50.0)
+        np.testing.assert_allclose(laws.points([0.58, 0.60], own)["model.alpha"], 50.0, rtol=1e-12)
 
 
 SINGLE = Path(__file__).parents[1] / "data_samples" / "loose_sand" / "single-6.5Hz-1"

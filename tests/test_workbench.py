@@ -204,6 +204,8 @@ def test_the_vectors_of_a_pair_are_those_of_the_matcher(tmp_path):
     there = np.isfinite(direct.u_raw.to_numpy().ravel()) | np.isfinite(u)
     assert np.allclose(np.array(found.u, float), u[there], atol=1e-9, equal_nan=True)
     assert np.allclose(np.array(found.v, float), v[there], atol=1e-9, equal_nan=True)
+    length = np.hypot(direct.u_sigma, direct.v_sigma).to_numpy().ravel()[there]  # of both axes together
+    assert np.allclose(np.array(found.sigma, float), length, atol=1e-9, equal_nan=True)
     assert min(found.x) >= roi[0] and max(found.y) <= roi[3] and found.measured == (direct.chc > 0).sum()
     with pytest.raises(InputError, match="for a pair"):
         b.bench.pair(draft, len(film) - 1)
