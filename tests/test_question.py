@@ -18,8 +18,8 @@ from jumpvision.base.record import RecordError
 from jumpvision.cli import main, terminal
 from jumpvision.engine.document.diagnosis import Diagnosis
 from jumpvision.engine.document.values import Closest, Discovered, Estimated, Gain, Height, LeftOver, Unexplained
-from jumpvision.jumper.question.words import sentence
 from jumpvision.experiment.inputs.experiment import open_campaign
+from jumpvision.jumper.question.words import sentence
 
 
 def test_too_little_to_ask_is_said(tmp_path, capsys):

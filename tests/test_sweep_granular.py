@@ -33,8 +33,8 @@ from jumpvision.laboratory.jumper import Law, motion_of
 from jumpvision.thesis.figures.sweeps import picture
 from jumpvision.thesis.studies.axes import EXAMPLE, read_laws
 from jumpvision.thesis.studies.compute import write
-from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.sand.shared import with_alpha
+from jumpvision.thesis.studies.setup import setup_of
 from jumpvision.thesis.studies.study import Call, run, studies
 
 SMALL = {  # fewer points where the defaults are for a figure
