@@ -25,7 +25,7 @@ GROUNDS = ("hard", "granular")
 
 OF_BED = {"R": "foot_radius", "phi": "volume_fraction", "rho": "grain_density"}
 """Symbol of a law -> field of a Model."""
-SURFACE = 1e-6  # m: a power of depth below 1 has no slope at 0
+SURFACE = 1e-6  # m: where it is looked at what has no slope at 0, as a root of depth
 
 
 @dataclass(frozen=True)
@@ -188,9 +188,15 @@ class Model:
     @property
     def _at_surface(self) -> tuple[Any, Any]:
         """Drag over v^2, and growth of the mass with depth [kg/m], where the foot enters the bed."""
-        drag = sum((self.force(m, z=SURFACE, v=1.0) for m in self.acting(Body.DRAG)), 0.0)
+        drags = [m.expression.root for m in self.acting(Body.DRAG) if m.expression]
         masses = [m.expression.root for m in self.acting(Body.INERTIA) if m.expression]
-        return drag, sum((self.value(derivative(x, "z"), z=SURFACE) for x in masses), 0.0)
+        for z in (0.0, SURFACE):
+            with np.errstate(all="ignore"):
+                drag = sum((self.value(x, z=z, v=1.0) for x in drags), 0.0)
+                grown = sum((self.value(derivative(x, "z"), z=z) for x in masses), 0.0)
+            if np.isfinite(grown).all():
+                break
+        return drag, grown
 
     def acting(self, *bodies: Body) -> tuple[Mechanism, ...]:
         """Its mechanisms that act on these, in the order of its terms."""
